@@ -207,13 +207,13 @@ class Log(Protocol):
         """Position of the last pass in the source [bytes]."""
 
     def topics(self) -> list[Topic] | None:
-        """All topics where the log has an index of them, else None (a pipe, a log that lost its summary)."""
+        """Return all topics where the log has an index of them, else None (a pipe, a log that lost its summary)."""
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Blocks of sweeps in log order within each topic; `topics` None means every LaserScan topic."""
+        """Yield blocks of sweeps in log order within each topic; `topics` None means every LaserScan topic."""
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """Raw messages of the given types in log order (poses)."""
+        """Yield raw messages of the given types in log order (poses)."""
 
     def close(self) -> None: ...
 

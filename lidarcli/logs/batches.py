@@ -66,7 +66,7 @@ def _in_order(start: float | Instant | None, end: float | Instant | None) -> boo
 def read_batches(
     log: Log, options: ReadOptions, report: ReadReport, choice: TopicChoice | None = None
 ) -> Iterator[SweepBatch]:
-    """Batches of `batch_size` sweeps per topic or of `BATCH_VALUES` ranges, in log order; the last has what is left.
+    """Yield batches of `batch_size` sweeps per topic or of `BATCH_VALUES` ranges, in log order; the last has what is left.
 
     A sweep's index counts all sweeps of its topic, also those that are left out.
 
@@ -134,11 +134,11 @@ class _Span:
         self._most = [*map(max, self._most or most, most)]
 
     def moments(self) -> str:
-        """The first and the last by date."""
+        """Return the first and the last by date."""
         return f"{Instant(self._least[0])} and {Instant(self._most[0])}"
 
     def seconds(self) -> str:
-        """The first and the last in seconds."""
+        """Return the first and the last in seconds."""
         return f"{self._least[1] / 1e9:.1f} and {self._most[1] / 1e9:.1f} s, counted from the first one"
 
 

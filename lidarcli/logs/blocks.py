@@ -85,7 +85,7 @@ def pad_rows(rows: list[Float32]) -> Float32:
 
 
 def pad_intensities(rows: list[Float32], width: int) -> Float32 | None:
-    """(S, `width`) rows of intensities, padded with NaN where there are fewer than ranges; None where there are none."""
+    """Return rows of intensities as (S, `width`), padded with NaN; None if there are none."""
     if not any(map(len, rows)):
         return None
     padded = np.full((len(rows), width), np.nan, np.float32)
@@ -95,7 +95,7 @@ def pad_intensities(rows: list[Float32], width: int) -> Float32 | None:
 
 
 def pad(flat: NDArray[np.floating], beams: Int64, scale: float) -> Float32:
-    """(S, B) rows of `beams` values in metres, short ones padded with NaN; `flat` holds them one after the other."""
+    """Return (S, B) rows of `beams` values in metres, short ones padded with NaN; `flat` holds them one after the other."""
     values = as_singles(flat * scale if scale != 1.0 else flat)
     width = int(beams.max(initial=0))
     if (beams == width).all():
@@ -106,7 +106,7 @@ def pad(flat: NDArray[np.floating], beams: Int64, scale: float) -> Float32:
 
 
 def pad_cells(cells: Cells, rows: Int64, first: Int64, count: Int64, width: int) -> Float32 | None:
-    """(S, `width`) the intensities of `rows` of text: `count` cells of each from its cell `first` on, padded with NaN.
+    """Return (S, `width`) intensities: `count` cells of each of `rows` from its cell `first` on, padded with NaN.
 
     None where no row has any. A cell that is no number leaves its row without them: it costs no sweep.
     """

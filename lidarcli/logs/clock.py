@@ -192,7 +192,7 @@ class Sample:
             self._stride *= 2
 
     def median(self) -> float | None:
-        """Median of the sample; None when it is empty."""
+        """Return the median of the sample; None when it is empty."""
         return float(np.median(np.concatenate(self._parts))) if self._count else None
 
 
@@ -281,7 +281,7 @@ class Clock:
             self._runs.append(run)
 
     def info(self) -> ClockInfo:
-        """The state of the clocks so far."""
+        """Return the state of the clocks so far."""
         step = self._steps.median()
         offset = self._offsets.median()
         copies = self._copies or 0

@@ -74,7 +74,7 @@ class Layout:
         fields: Mapping[str, PointField],
         size: int,
     ) -> Layout:
-        """The layout that a message declares, as far as it can be believed of `size` bytes of points.
+        """Check the declared layout against `size` bytes of points, and return it.
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ _KINDS = ("", "i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 
 
 def decode_pointcloud2(data: bytes, encoding: str) -> Cloud:
-    """One message, `cdr` or `ros1`.
+    """Decode a PointCloud2 message, `cdr` or `ros1`.
 
     Raises
     ------
@@ -197,7 +197,7 @@ NOT_FINITE = "its pose is not finite"
 
 
 def decode_foxglove(data: bytes, encoding: str) -> Cloud:
-    """One message, `json` or `protobuf`.
+    """Decode a foxglove.PointCloud message, `json` or `protobuf`.
 
     Raises
     ------
@@ -268,7 +268,7 @@ def _cloud(
 
 
 def _pose(numbers: list[float]) -> Float64 | None:
-    """The pose with a quaternion of length 1; None where it changes nothing. A turn of zeros is none."""
+    """Return the pose with a unit quaternion; None for the identity. A quaternion of zeros counts as no rotation."""
     pose = np.array(numbers)
     length = math.hypot(*numbers[3:])
     if not np.isfinite(pose).all() or not np.isfinite(length):

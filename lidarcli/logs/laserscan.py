@@ -111,13 +111,13 @@ def decode(
     report: ReadReport,
     echo: str | None = None,
 ) -> RawSweeps | None:
-    """`decode_blocks` as one block, None without a sweep: for callers that know their messages to be few."""
+    """Return the blocks of `decode_blocks` as one, None without a sweep; for few messages."""
     blocks = list(decode_blocks(topic, buffer, offsets, lengths, record_ns, encoding, report, echo))
     return concatenate(blocks) if blocks else None
 
 
 def _windows(buffer: UInt8, at: Int64, width: int) -> UInt8:
-    """(K, width) the bytes from each of `at` on, by one gather of whole rows."""
+    """Return (K, width) the bytes from each of `at` on, by one gather of whole rows."""
     if not len(at) or not width:
         return np.empty((len(at), width), np.uint8)
     views = np.ndarray((len(buffer) - width + 1,), f"V{width}", buffer, strides=(1,))
@@ -126,7 +126,7 @@ def _windows(buffer: UInt8, at: Int64, width: int) -> UInt8:
 
 
 def _words(rows: UInt8, big: Bool) -> NDArray[np.uint32]:
-    """Bytes as 32-bit words, each row in its own byte order."""
+    """Return bytes as 32-bit words, each row in its own byte order."""
     words: NDArray[np.uint32] = rows.view("<u4").astype(np.uint32, copy=False)
     if big.any():
         words[big] = words[big].byteswap()
@@ -196,7 +196,7 @@ def _read_heads(
 
 
 def _gather_intensities(buffer: UInt8, heads: _Heads) -> Float32 | None:
-    """(K, B) the intensities, NaN where a sweep has fewer of them than ranges; None where no sweep has any.
+    """Return (K, B) the intensities, NaN where a sweep has fewer of them than ranges; None where no sweep has any.
 
     A count that passes the end of its message is none.
     """
@@ -220,7 +220,7 @@ def _gather_intensities(buffer: UInt8, heads: _Heads) -> Float32 | None:
 
 
 def _gather(buffer: UInt8, at: Int64, count: Int64, big: Bool) -> Float32:
-    """(K, B) `count` floats from each of `at` on, short rows padded with NaN."""
+    """Return (K, B) `count` floats from each of `at` on, short rows padded with NaN."""
     width = int(count.max(initial=0))
     # A window as wide as the widest sweep reads past a short message's end, which does no harm inside the
     # buffer; the few rows for which it would not fit are copied one by one.
@@ -308,7 +308,7 @@ def _echoes(
 
 
 def _padded(echoes: list[Echoes]) -> tuple[Float32, Float32 | None]:
-    """(K, B) ranges and intensities, the latter None where no sweep has any."""
+    """Return (K, B) ranges and intensities, the latter None where no sweep has any."""
     ranges = pad_rows([each.ranges for each in echoes])
     return ranges, pad_intensities([each.intensities for each in echoes], ranges.shape[1])
 

@@ -80,7 +80,7 @@ class Settling:
     _topics: dict[str, _Topic] = field(default_factory=dict)
 
     def blocks(self, blocks: Iterable[RawSweeps]) -> Iterator[tuple[RawSweeps, RangeRules]]:
-        """The sweeps of a log in its order within each topic, and the rules for them."""
+        """Yield the sweeps of a log in its order within each topic, and the rules for them."""
         for block in blocks:
             topic = self._topics.get(block.topic)
             if topic is None and len(self._topics) == MAX_TOPICS:
@@ -244,7 +244,7 @@ class _Topic:
 
 
 def _every(blocks: list[RawSweeps], step: int) -> list[RawSweeps]:
-    """Each `step`-th sweep of blocks that follow each other, the first one too."""
+    """Return each `step`-th sweep of blocks that follow each other, the first one too."""
     found, first = [], 0
     for block in blocks:
         rows = block.rows(slice(-first % step, None, step))
@@ -263,7 +263,7 @@ def _millimetres(values: Float32) -> np.ndarray:
 
 
 def _pile(ranges: Float32, beams: int, steps: Float64) -> tuple[float, float] | None:
-    """The least and the greatest value of the farthest pile of (S, B) ranges, NaN where there is none [m]."""
+    """Return the least and the greatest value of the farthest pile of (S, B) ranges, NaN where there is none [m]."""
     # The farthest values that are together the share of the beams that could be a pile: no less than the last of them.
     share = max(math.ceil(LEAST_SHARE * beams), 1)
     if share > ranges.size:

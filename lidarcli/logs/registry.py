@@ -54,7 +54,7 @@ class Format:
     """True if the reader accepts a list of files that make one log."""
 
     def load(self) -> Any:
-        """The reader's class; imported only now, so that a log costs the libraries of its own container alone."""
+        """Return the reader's class; imported only now, so that a log costs the libraries of its own container alone."""
         return getattr(import_module(self.module), self.reader)
 
 

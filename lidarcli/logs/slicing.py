@@ -39,7 +39,7 @@ class Bins:
         return cls(first if options.angle_min is None else options.angle_min, step, count)
 
     def nearest(self, x: Floats, y: Floats, near: float, far: float) -> tuple[Int64, Int64]:
-        """The bins that have a point, and of each the nearest of the points (N,) at x, y [m] from `near` to `far`."""
+        """Return bins with a point, and the nearest of the points (N,) at x, y [m] from `near` to `far` in each."""
         square = x * x + y * y
         # NaN and what overflows is no point.
         kept = np.flatnonzero((square >= near * near) & (square <= far * far))
@@ -169,14 +169,14 @@ class Levels(Protocol):
     """Interface to what is level."""
 
     def of(self, frame_id: str, stamp_ns: Int64) -> Levelled | None:
-        """For the clouds of one frame at times (K,); None where they are seen as they are."""
+        """Return the level view of the clouds of one frame at times (K,); None if they are level."""
 
     def words(self, frame_id: str) -> str:
         """Return what heights are counted from, for people: `above base_link`."""
 
 
 def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Float64) -> Seen:
-    """The nearest point of each bin.
+    """Return the nearest point of each bin.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def _along(row: Float64, move: float, axes: Iterable[Floats | None]) -> Floats:
 
 
 def _matrix(turn: Float64) -> Float64:
-    """(3, 3) the rotation of a unit quaternion x, y, z, w."""
+    """Return (3, 3) the rotation of a unit quaternion x, y, z, w."""
     x, y, z, w = turn.tolist()
     return np.array(
         [
@@ -274,7 +274,7 @@ class Slicer:
             yield from self.flush()
 
     def flush(self) -> Iterator[RawSweeps]:
-        """The sweeps of the clouds that wait, a block for each frame that follows another."""
+        """Yield the sweeps of the clouds that wait, a block for each frame that follows another."""
         waiting, self._waiting, self._bytes = self._waiting, [], 0
         first = 0
         for last in range(1, len(waiting) + 1):

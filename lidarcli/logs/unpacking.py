@@ -80,7 +80,7 @@ def unpack_file(source: Path, target: Path) -> str:
 
 
 def unpack_message(data: bytes, unpacking: Unpacking) -> bytes | None:
-    """One zstd message, None where it is broken or too long, or where the bag has unpacked to too much."""
+    """Decompress a zstd message; None if it is broken or too long, or the bag has unpacked to too much."""
     if unpacking.room(len(data)) < MAX_MESSAGE:
         return None
     message = _unpacked(data)

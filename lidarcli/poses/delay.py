@@ -78,7 +78,7 @@ class DelaySample:
             self._keep(normalise(block.rows(kept), kept, rules))
 
     def _wanted(self, stamp_ns: Int64) -> Int64:
-        """The sweeps that belong to the sample."""
+        """Return the sweeps that belong to the sample."""
         if self.full:
             return np.zeros(0, np.int64)
         return self._far_enough(planar(self.way.at(stamp_ns)))[: SWEEPS - self._count]
@@ -97,7 +97,7 @@ class DelaySample:
         self._count += len(rows)
 
     def best(self) -> tuple[float, float] | None:
-        """The delay [s] whose poses draw the sharpest world, and the share of filled cells that it saves.
+        """Return the delay [s] whose poses draw the sharpest world, and the share of filled cells that it saves.
 
         None where the sensor did not move enough, or no delay is clearly better than none.
         """
@@ -145,7 +145,7 @@ class DelaySample:
         return self.way.going(planar(self.way.at(stamps)), stamps, lasts if lasts.any() else None)
 
     def _far_enough(self, poses: SweepPoses) -> Int64:
-        """The sweeps that are the first in their step of the way."""
+        """Return the sweeps that are the first in their step of the way."""
         known = np.flatnonzero(~np.isnan(poses.x))
         if not len(known):
             return known

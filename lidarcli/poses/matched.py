@@ -70,7 +70,7 @@ class _Planar(NamedTuple):
     yaw: float
 
     def then(self, step: _Planar) -> _Planar:
-        """The pose after a step in its own frame."""
+        """Return the pose after a step in its own frame."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return _Planar(
             self.x + cos * step.x - sin * step.y,
@@ -79,13 +79,13 @@ class _Planar(NamedTuple):
         )
 
     def to(self, other: _Planar) -> _Planar:
-        """The step from this pose to another, in its own frame."""
+        """Return the step from this pose to another, in its own frame."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         x, y = other.x - self.x, other.y - self.y
         return _Planar(cos * x + sin * y, cos * y - sin * x, _wrapped(other.yaw - self.yaw))
 
     def matrix(self) -> Float64:
-        """(4, 4) as the library wants it."""
+        """Return the (4, 4) matrix that the library takes."""
         found = np.eye(4)
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         found[:2, :2] = (cos, -sin), (sin, cos)
@@ -112,7 +112,7 @@ class _Points(NamedTuple):
     """Points that lie on one wall with the next one."""
 
     def moved(self, velocity: _Planar) -> tuple[Float64, Float64]:
-        """(K,) x, y as seen from where the sensor was at the header stamp."""
+        """Return (K,) x, y as seen from where the sensor was at the header stamp."""
         if not velocity or not self.late.any():
             return self.x, self.y
         turn = velocity.yaw * self.late
@@ -197,7 +197,7 @@ class Matching:
             self._found.append((batch.stamp_ns[kept], batch.record_ns[kept], np.array(poses, np.float64)))
 
     def track(self, topic: str, frame: str) -> Track | None:
-        """The way so far, from the frame of the first sweep; None where no sweep has a pose."""
+        """Return the way so far, from the frame of the first sweep; None where no sweep has a pose."""
         if not self._found:
             return None
         stamps, record_ns, poses = (np.concatenate(parts) for parts in zip(*self._found, strict=True))
@@ -236,7 +236,7 @@ class Matching:
         self._map = self._new_map(self._cell, self._reach, POINTS)
 
     def _place(self, points: _Points, stamp_ns: int) -> _Planar | None:
-        """The pose of a sweep; it enters the map. None where it has none."""
+        """Match a sweep, add it to the map and return its pose; None without one."""
         if len(points.x) < LEAST or self._map is None:
             return None
         if self._map.empty():
@@ -268,7 +268,7 @@ class Matching:
         return pose
 
     def _begin(self, points: _Points, stamp_ns: int) -> _Planar:
-        """A map that holds one sweep, at the last known pose."""
+        """Begin a map with one sweep, at the last known pose."""
         self._enter(points, _HERE, self._pose)
         self._first, self._velocity, self._pose_ns, self._misses = points, None, stamp_ns, 0
         return self._pose
@@ -276,7 +276,7 @@ class Matching:
     def _aligned(
         self, points: _Points, guess: _Planar, reach: float, velocity: _Planar, seconds: float
     ) -> tuple[_Planar, _Planar]:
-        """The pose of a sweep on the map and its velocity, where `seconds` since the last one are told.
+        """Return the pose of a sweep on the map and its velocity, where `seconds` since the last one are told.
 
         First the scale of the weights is that of `reach`; then, with the velocity that comes of it, that of
         `REACH_FINE`, and once more for sweeps that take time.
@@ -317,7 +317,7 @@ class Matching:
         self._known = _around(*_turned(filled[:, 0], filled[:, 1], pose), self._cell)
 
     def _thinned(self, x: Float64, y: Float64) -> Float64:
-        """(K, 3) one of the points for each square of a grain's side."""
+        """Return (K, 3) one of the points for each square of a grain's side."""
         points: Float64 = self._thin(np.column_stack([x, y, np.zeros(len(x))]), GRAIN * self._cell)
         return points
 
@@ -328,7 +328,7 @@ def _wrapped(angle: float) -> float:
 
 
 def _driven(velocity: _Planar, seconds: float) -> _Planar:
-    """The step that a constant velocity makes: along an arc."""
+    """Return the step that a constant velocity makes: along an arc."""
     turn = velocity.yaw * seconds
     ahead, aside = 1.0, 0.0
     if abs(turn) > _SMALL:
@@ -338,7 +338,7 @@ def _driven(velocity: _Planar, seconds: float) -> _Planar:
 
 
 def _velocity(step: _Planar, seconds: float) -> _Planar:
-    """The constant velocity that makes a step: the inverse of `_driven`."""
+    """Return the constant velocity that makes a step: the inverse of `_driven`."""
     half = 0.5 * step.yaw
     along = half / math.tan(half) if abs(half) > _SMALL else 1.0
     x, y = along * step.x + half * step.y, along * step.y - half * step.x
@@ -346,13 +346,13 @@ def _velocity(step: _Planar, seconds: float) -> _Planar:
 
 
 def _turned(x: Float64, y: Float64, pose: _Planar) -> tuple[Float64, Float64]:
-    """Points (K,) of the frame at a pose in the world."""
+    """Return points (K,) of the frame at a pose in the world."""
     cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
     return pose.x + cos * x - sin * y, pose.y + sin * x + cos * y
 
 
 def _filled(x: Float64, y: Float64, wall: Int64, step: float) -> tuple[Float64, Float64]:
-    """The points, and more in between on the walls, `step` [m] apart."""
+    """Return the points, and more in between on the walls, `step` [m] apart."""
     across, along = x[wall + 1] - x[wall], y[wall + 1] - y[wall]
     gap = np.hypot(across, along)
     more = np.where(gap <= LONGEST_FILL, np.ceil(gap / step) - 1.0, 0.0).clip(0.0).astype(np.int64)
@@ -366,14 +366,14 @@ def _filled(x: Float64, y: Float64, wall: Int64, step: float) -> tuple[Float64, 
 
 
 def _cells(x: Float64, y: Float64, side: float) -> Int64:
-    """A number for the square of half a cell in which each point lies."""
+    """Return a number for the square of half a cell in which each point lies."""
     column, line = (np.floor(value / (0.5 * side)).astype(np.int64) for value in (x, y))
     numbers: Int64 = column * np.int64(1 << 32) + line
     return numbers
 
 
 def _around(x: Float64, y: Float64, side: float) -> Int64:
-    """The squares of the points and the eight around each."""
+    """Return the squares of the points and the eight around each."""
     cells = np.unique(_cells(x, y, side))
     beside = [column * (1 << 32) + line for column in (-1, 0, 1) for line in (-1, 0, 1)]
     return np.unique(cells[:, None] + np.array(beside, np.int64))

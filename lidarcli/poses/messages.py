@@ -46,7 +46,7 @@ class PoseRows:
 
 
 def frame_name(name: str) -> str:
-    """One spelling for a frame: `/odom` and `odom` are one.
+    """Return a frame in one spelling: `/odom` and `odom` are one.
 
     >>> frame_name("/robot_0/odom")
     'robot_0/odom'

@@ -65,11 +65,11 @@ class Way:
         return max(track.record_ns[0] for track in moving), min(track.record_ns[1] for track in moving)
 
     def at(self, stamp_ns: Int64) -> Motion:
-        """The pose of the sensor in the world at each time (S,), NaN outside the span of any moving link."""
+        """Return the pose of the sensor in the world at each time (S,), NaN outside the span of any moving link."""
         return along(self.steps, stamp_ns)
 
     def going(self, here: SweepPoses, at_ns: Int64, lasts_ns: Int64 | None) -> SweepPoses:
-        """Poses `here`, which are those at `at_ns` (S,), with the way that the sensor goes in the time after each.
+        """Return the poses `here` at `at_ns` (S,) with the motion of the sensor in the time after each.
 
         `lasts_ns`: (S,) how long, None for no time. Where nobody knows how it goes on, it stands.
         """
@@ -85,14 +85,14 @@ class Way:
 
 
 def _between(start: SweepPoses, end: SweepPoses) -> Float64:
-    """(S, 3) the way from one pose to another in x, y [m] and, by the shorter arc, in yaw [rad]."""
+    """Return (S, 3) the way from one pose to another in x, y [m] and, by the shorter arc, in yaw [rad]."""
     turn = (end.yaw - start.yaw + np.pi) % TURN - np.pi
     return np.column_stack([end.x - start.x, end.y - start.y, turn])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Told:
-    """Paths of sensors that stand for all that a log tells; each knows its sensor's frame, or none for any."""
+class GivenPaths:
+    """Given paths of sensors, instead of all poses of a log; each names the frame of its sensor, or none for any."""
 
     tracks: tuple[Track, ...]
 
@@ -102,7 +102,7 @@ class Told:
         return tuple(dict.fromkeys(track.topic for track in self.tracks))
 
     def way(self, frame_id: str) -> Way | None:
-        """The path of a sensor frame."""
+        """Return the path of a sensor frame."""
         frame = frame_name(frame_id)
         for track in self.tracks:
             if frame_name(track.child) in ("", frame):
@@ -110,11 +110,11 @@ class Told:
         return None
 
     def alternatives(self, frame_id: str) -> tuple[str, ...]:
-        """None: what was asked for is taken."""
+        """Return nothing: what was asked for is taken."""
         return ()
 
     def alike(self, frame_id: str) -> tuple[str, ...]:
-        """None."""
+        """Return nothing."""
         return ()
 
 
@@ -138,7 +138,7 @@ class PoseSources:
         return tuple(dict.fromkeys(track.topic for track in self.tracks))
 
     def way(self, frame_id: str) -> Way | None:
-        """The chosen way for a sensor frame; None where no source tells."""
+        """Return the chosen way for a sensor frame; None where no source tells."""
         return self._choice(frame_id)[0]
 
     def alternatives(self, frame_id: str) -> tuple[str, ...]:
@@ -209,7 +209,7 @@ class PoseSources:
         return Way(topics, frame, steps[-1].target, steps)
 
     def _by_track(self, frame: str, track: Track) -> Way:
-        """Poses of the robot, with the sensor where the tree says it is mounted, else where the robot is."""
+        """Return poses of the robot, with the sensor where the tree says it is mounted, else where the robot is."""
         last = Step(track, down=False)
         if track.child:
             mount = self._tree.path(frame, track.child, avoid={track.parent})

@@ -33,20 +33,20 @@ class Motion(NamedTuple):
 
 
 def compose(outer: Motion, inner: Motion) -> Motion:
-    """The pose of c in a from that of b in a and that of c in b."""
+    """Return the pose of c in a from that of b in a and that of c in b."""
     return Motion(
         outer.position + rotate(outer.rotation, inner.position), multiply(outer.rotation, inner.rotation)
     )
 
 
 def inverse(motion: Motion) -> Motion:
-    """The pose of a in b from that of b in a."""
+    """Return the pose of a in b from that of b in a."""
     back = motion.rotation * np.array([-1.0, -1.0, -1.0, 1.0])
     return Motion(-rotate(back, motion.position), back)
 
 
 def multiply(first: Float64, second: Float64) -> Float64:
-    """(N, 4) products of quaternions: the second rotation, then the first."""
+    """Return (N, 4) products of quaternions: the second rotation, then the first."""
     a, b = first[:, :3], second[:, :3]
     v, w = first[:, 3:], second[:, 3:]
     vector = v * b + w * a + np.cross(a, b)
@@ -55,7 +55,7 @@ def multiply(first: Float64, second: Float64) -> Float64:
 
 
 def rotate(rotation: Float64, vectors: Float64) -> Float64:
-    """(N, 3) vectors turned by (N, 4) quaternions."""
+    """Return (N, 3) vectors turned by (N, 4) quaternions."""
     axis = rotation[:, :3]
     twice = 2.0 * np.cross(axis, vectors)
     turned: Float64 = vectors + rotation[:, 3:] * twice + np.cross(axis, twice)
@@ -63,7 +63,7 @@ def rotate(rotation: Float64, vectors: Float64) -> Float64:
 
 
 def interpolate(at_ns: Int64, stamp_ns: Int64, motion: Motion, hold_ns: int = 0) -> Motion:
-    """Poses at the times `at_ns` (S,) between those at `stamp_ns` (N, increasing), NaN outside their span.
+    """Return poses at the times `at_ns` (S,) between those at `stamp_ns` (N, increasing), NaN outside their span.
 
     The first and the last pose hold for `hold_ns` before and after it: what stands there is no motion made up.
 
@@ -87,7 +87,7 @@ def interpolate(at_ns: Int64, stamp_ns: Int64, motion: Motion, hold_ns: int = 0)
 
 
 def _arc(start: Float64, end: Float64, share: Float64) -> Float64:
-    """(N, 4) rotations a share (N, 1) of the way from start to end."""
+    """Return (N, 4) rotations a share (N, 1) of the way from start to end."""
     cosine = np.sum(start * end, axis=1, keepdims=True)
     # A quaternion and its negative are one rotation; the nearer of the two is the shorter way.
     end = np.where(cosine < 0, -end, end)
@@ -102,7 +102,7 @@ def _arc(start: Float64, end: Float64, share: Float64) -> Float64:
 
 
 def planar(motion: Motion) -> SweepPoses:
-    """The poses seen from above: the direction of the frame's x axis is the yaw."""
+    """Return the poses seen from above: the direction of the frame's x axis is the yaw."""
     x, y, z, w = motion.rotation.T
     up = 1.0 - 2.0 * (x * x + y * y)
     yaw = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
@@ -112,7 +112,7 @@ def planar(motion: Motion) -> SweepPoses:
 
 
 def tilt(motion: Motion) -> float:
-    """Largest angle between the frame's plane and the ground, upside down or not [rad]; 0 without a pose."""
+    """Return the largest angle between the plane of the frame and the ground [rad], either way up; 0 without a pose."""
     x, y = motion.rotation[:, 0], motion.rotation[:, 1]
     flat = np.abs(1.0 - 2.0 * (x * x + y * y))
     known = flat[~np.isnan(flat)]
@@ -201,7 +201,7 @@ class Track:
         return min(round(HOLD_STEPS * SECOND_NS / self.rate), HOLD_NS) if self.rate else 0
 
     def at(self, stamp_ns: Int64) -> Motion:
-        """The pose at each time, NaN where the track does not reach."""
+        """Return the pose at each time, NaN where the track does not reach."""
         if self.static:
             last = np.full(len(stamp_ns), len(self.stamp_ns) - 1)
             return Motion(self.motion.position[last], self.motion.rotation[last])
@@ -288,7 +288,7 @@ class Tracks:
                 self._flush_all()
 
     def finish(self) -> list[Track]:
-        """All tracks, in the order in which they first appear."""
+        """Return all tracks, in the order in which they first appear."""
         self._flush_all()
         return [growing.finish(key) for key, growing in self._growing.items()]
 
@@ -397,7 +397,7 @@ MOST_DIGITS = 11
 
 
 def read_trajectory(path: Path) -> Track:
-    """The path of a sensor from a file of TUM lines; empty lines and those that begin with `#` are left out.
+    """Read the path of a sensor from a file of TUM lines; empty lines and those that begin with `#` are left out.
 
     Raises
     ------
@@ -440,7 +440,7 @@ def _lines(file: TextIO) -> Iterator[tuple[int, str]]:
 
 
 def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
-    """Stamp [ns], and x, y, z [m] and quaternion x, y, z, w of a line."""
+    """Return stamp [ns], and x, y, z [m] and quaternion x, y, z, w of a line."""
     words = text.replace(",", " ").split()
     try:
         if len(words) != COLUMNS:
@@ -461,7 +461,7 @@ def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
 
 
 def trajectory_lines(stamp_ns: Int64, motion: Motion) -> str:
-    """The lines of N poses; those that are not known are left out."""
+    """Return N poses as TUM lines, without unknown ones."""
     known = ~np.isnan(motion.position).any(axis=1)
     rows = zip(
         stamp_ns[known].tolist(),

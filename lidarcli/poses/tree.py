@@ -41,7 +41,7 @@ class Step(NamedTuple):
 
 
 def along(steps: Sequence[Step], stamp_ns: Int64, *, held: bool = False) -> Motion:
-    """The pose of the frame that the steps begin at in the one that they lead to, at each time (S,).
+    """Return the pose of the frame that the steps begin at in the one that they lead to, at each time (S,).
 
     NaN outside the span of any link that moves; `held`: there its first or last pose, as a mount stays where it is.
     """
@@ -68,12 +68,12 @@ class FrameTree:
             self._parent.setdefault(track.child, track)
 
     def path(self, start: str, target: str, avoid: Collection[str] = ()) -> tuple[Step, ...] | None:
-        """The shortest way between two frames, empty if they are one; None if there is none."""
+        """Return the shortest way between two frames, empty if they are one; None if there is none."""
         reached = self._reached(start, avoid)
         return _way(reached, target) if target in reached else None
 
     def to_world(self, start: str) -> tuple[Step, ...] | None:
-        """The way to the best fixed frame: `WORLDS` in their order, else the root of the tree; None without one.
+        """Return the way to the best fixed frame: `WORLDS` in their order, else the root of the tree; None without one.
 
         The root counts only if something on the way to it moves and it is not the robot itself (base_link): a tree that
         ends at the robot says nothing of the world.
@@ -94,7 +94,7 @@ class FrameTree:
         return tuple(climbed) if moves and not _last(frame).startswith("base") else None
 
     def to_base(self, start: str) -> tuple[Step, ...]:
-        """The way to the robot itself: to the best of `BASES`, else to the last frame that is fixed to `start`.
+        """Return the way to the robot itself: to the best of `BASES`, else to the last frame that is fixed to `start`.
 
         From a fixed frame without one of these it is the way to what moves there, unless several do.
         """
@@ -117,7 +117,7 @@ class FrameTree:
         return {frame for frame in self._near if _last(frame) in WORLDS}
 
     def _reached(self, start: str, avoid: Collection[str] = ()) -> dict[str, Step | None]:
-        """Every frame that can be reached, the nearest first, with the step that leads to it."""
+        """Return every frame that can be reached, the nearest first, with the step that leads to it."""
         found: dict[str, Step | None] = {start: None}
         waiting = deque([start])
         while waiting:
@@ -129,7 +129,7 @@ class FrameTree:
 
 
 def _way(reached: Mapping[str, Step | None], target: str) -> tuple[Step, ...]:
-    """The steps to a frame that can be reached, from the start on."""
+    """Return the steps to a frame that can be reached, from the start on."""
     steps: list[Step] = []
     while (step := reached[target]) is not None:
         steps.append(step)
@@ -138,7 +138,7 @@ def _way(reached: Mapping[str, Step | None], target: str) -> tuple[Step, ...]:
 
 
 def _moving(reached: Mapping[str, Step | None]) -> list[str]:
-    """The frames that move in a fixed one and that no other moving thing carries; the nearest frames come first."""
+    """Return the frames that move in a fixed one and that no other moving thing carries; the nearest frames come first."""
     carried: set[str] = set()
     found = []
     for frame, step in reached.items():
@@ -153,7 +153,7 @@ def _moving(reached: Mapping[str, Step | None]) -> list[str]:
 
 
 def _named(frames: Iterable[str], names: Sequence[str]) -> str | None:
-    """The frame that has the best of some names, whatever its prefix; the first of several."""
+    """Return the frame that has the best of some names, whatever its prefix; the first of several."""
     known = [frame for frame in frames if _last(frame) in names]
     return min(known, key=lambda frame: names.index(_last(frame)), default=None)
 
@@ -275,7 +275,7 @@ def _is_optical(frame: str) -> bool:
 
 
 def _upward(pose: Motion) -> float:
-    """The cosine between a frame's z axis and the vertical."""
+    """Return the cosine between a frame's z axis and the vertical."""
     up = rotate(pose.rotation[:1], np.array([[0.0, 0.0, 1.0]]))
     return float(up[0, 2])
 
@@ -298,7 +298,7 @@ def _seen_from_above(rotation: Float64) -> Float64:
 
 
 def _matrices(rotation: Float64) -> Float64:
-    """(K, 3, 3) rotations as matrices; of those that hardly turn nothing is left of rounding."""
+    """Return (K, 3, 3) rotations as matrices; of those that hardly turn nothing is left of rounding."""
     axes = [rotate(rotation, np.tile(axis, (len(rotation), 1))) for axis in np.eye(3)]
     found: Float64 = np.stack(axes, axis=2)
     found[np.abs(found) < _NOTHING] = 0.0

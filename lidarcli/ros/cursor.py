@@ -56,17 +56,17 @@ class Cursor:
         return start
 
     def byte(self) -> int:
-        """One byte."""
+        """Read one byte."""
         return self.data[self.skip(1)]
 
     def word(self) -> int:
-        """Four bytes as an unsigned integer."""
+        """Read four bytes as an unsigned integer."""
         self.align(4)
         (value,) = struct.unpack_from(f"{self.order}I", self.data, self.skip(4))
         return int(value)
 
     def text(self) -> str:
-        """A string of at most `MAX_NAME` bytes."""
+        """Read a string of at most `MAX_NAME` bytes."""
         length = self.word()
         if length > MAX_NAME:
             raise BadMessageError(NAME_LONG)
@@ -74,7 +74,7 @@ class Cursor:
         return self.data[start : self.at].split(b"\0")[0].decode("utf-8", "replace")
 
     def stamp_ns(self) -> int:
-        """The stamp of a header, whose sequence number in ROS 1 is passed over [ns]."""
+        """Read the stamp of a header [ns]; its sequence number in ROS 1 is passed over."""
         if self.encoding == "ros1":
             self.skip(4)
         seconds, nanoseconds = self.word(), self.word()

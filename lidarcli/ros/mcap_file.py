@@ -12,7 +12,7 @@ ALL = 0
 
 
 def start_ros2(file: BinaryIO) -> Writer:
-    """A writer of profile `ros2`, packed by zstd, whose bytes depend on what is written alone."""
+    """Return a writer of profile `ros2`, packed by zstd, whose bytes depend on what is written alone."""
     writer = Writer(file, compression=CompressionType.ZSTD)
     # The library names its version here by default, and the bytes would change with it.
     writer.start(profile="ros2", library="lidarcli")
@@ -23,7 +23,7 @@ def start_ros2(file: BinaryIO) -> Writer:
 
 
 def add_channel(writer: Writer, topic: str, kind: str, definition: str, offered: str) -> int:
-    """The number of a new channel of CDR messages of a type."""
+    """Register a channel of CDR messages of a type, and return its number."""
     schema = writer.register_schema(kind, SchemaEncoding.ROS2, definition.encode())
     return writer.register_channel(topic, MessageEncoding.CDR, schema, {"offered_qos_profiles": offered})
 

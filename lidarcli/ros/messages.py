@@ -46,7 +46,7 @@ _GEOMETRY = (
 
 
 def cdr_scans(raw: RawSweeps) -> list[bytes]:
-    """LaserScan messages as ROS 2 serialises them (little endian), one per sweep."""
+    """Return LaserScan messages as ROS 2 serialises them (little endian), one per sweep."""
 
     def layout(frame: bytes) -> list[tuple[str, str]]:
         text = len(frame) + 1
@@ -63,7 +63,7 @@ def cdr_scans(raw: RawSweeps) -> list[bytes]:
 
 
 def ros1_scans(raw: RawSweeps) -> list[bytes]:
-    """LaserScan messages as ROS 1 serialises them, one per sweep."""
+    """Return LaserScan messages as ROS 1 serialises them, one per sweep."""
 
     def layout(frame: bytes) -> list[tuple[str, str]]:
         named = [("seq", "<u4"), ("seconds", "<u4"), ("nanoseconds", "<u4"), ("text", "<u4")]
@@ -133,7 +133,7 @@ BAG_COMPRESSIONS = {
 
 
 def bag_writer(path: Path, compression: str) -> rosbag1.Writer:
-    """A writer of a new bag, packed by one of `BAG_COMPRESSIONS`; it is still to be opened."""
+    """Return a writer of a new bag, packed by one of `BAG_COMPRESSIONS`; it is still to be opened."""
     writer = rosbag1.Writer(path)
     if (form := BAG_COMPRESSIONS[compression]) is not None:
         writer.set_compression(form)
@@ -143,7 +143,7 @@ def bag_writer(path: Path, compression: str) -> rosbag1.Writer:
 
 
 def _lz4_frame(data: bytes) -> bytes:
-    """A frame of independent blocks, a checksum at its end and no size at its start: roslz4 reads no other."""
+    """Return a frame of independent blocks, a checksum at its end and no size at its start: roslz4 reads no other."""
     frame: bytes = compress(
         data, compression_level=0, block_linked=False, content_checksum=True, store_size=False
     )

@@ -152,7 +152,7 @@ def _list(blocks: Iterable[RawSweeps]) -> Iterator[str]:
 
 
 def _quoted(block: RawSweeps, row: int, ranges: list[str]) -> list[str]:
-    """Ranges and intensities as lists in quotes."""
+    """Return ranges and intensities as lists in quotes."""
     return [f'"[{", ".join(values)}]"' for values in (ranges, intensity_texts(block, row))]
 
 
@@ -223,5 +223,5 @@ def _frame(block: RawSweeps, row: int) -> str:
 
 
 def _stamp(block: RawSweeps, row: int) -> list[str]:
-    """Seconds and nanoseconds of the stamp of a sweep."""
+    """Return seconds and nanoseconds of the stamp of a sweep."""
     return [str(part) for part in divmod(int(block.stamp_ns[row]), _S)]

@@ -13,18 +13,18 @@ from lidarcli.sweeps import TURN, Float64
 
 
 def closed(points: Float64) -> Float64:
-    """(P, 4) the sides of a polygon with the corners (P, 2)."""
+    """Return (P, 4) the sides of a polygon with the corners (P, 2)."""
     return np.hstack([points, np.roll(points, -1, axis=0)])
 
 
 def rectangle(length: float, width: float, x: float = 0.0, y: float = 0.0) -> Float64:
-    """(4, 4) the sides of an upright rectangle around (x, y)."""
+    """Return (4, 4) the sides of an upright rectangle around (x, y)."""
     half = np.array([length / 2, width / 2])
     return closed(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half + [x, y])
 
 
 def wall(points: Sequence[Sequence[float]] | Float64) -> Entity:
-    """A polyline of the building, fixed in the world."""
+    """Return a polyline of the building, fixed in the world."""
     corners = np.asarray(points, float)
     low, high = corners.min(axis=0), corners.max(axis=0)
     centre = (low + high) / 2
@@ -37,12 +37,12 @@ def wall(points: Sequence[Sequence[float]] | Float64) -> Entity:
 
 
 def box(x: float, y: float, length: float, width: float, yaw: float = 0.0, motion: Motion = STILL) -> Entity:
-    """A closed rectangular box."""
+    """Return a closed rectangular box."""
     return Entity("box", x, y, yaw, length, width, segments=rectangle(length, width), motion=motion)
 
 
 def cylinder(x: float, y: float, radius: float, motion: Motion = STILL) -> Entity:
-    """A round thing: a pillar, a bin, a pole."""
+    """Return a round thing: a pillar, a bin, a pole."""
     return Entity(
         "cylinder", x, y, 0.0, 2 * radius, 2 * radius, circles=np.array([[0, 0, radius]]), motion=motion
     )
@@ -58,7 +58,7 @@ def legged(
     yaw: float = 0.0,
     motion: Motion = STILL,
 ) -> Entity:
-    """A thing on four legs of the thickness `leg`, in the corners of length × width.
+    """Return a thing on four legs of the thickness `leg`, in the corners of length × width.
 
     A ladder's legs are rails, twice as deep as thick; a chair's are round, a table's square.
     """
@@ -75,7 +75,7 @@ def legged(
 def person(
     x: float, y: float, yaw: float = 0.0, gap: float = 0.25, leg: float = 0.12, motion: Motion = STILL
 ) -> Entity:
-    """Two round legs of the diameter `leg`, their axes `gap` apart, facing `yaw`.
+    """Return two round legs of the diameter `leg`, their axes `gap` apart, facing `yaw`.
 
     A stride swings them; on a route they step.
     """
@@ -88,7 +88,7 @@ def person(
 def plant(
     x: float, y: float, radius: float, seed: int = 0, yaw: float = 0.0, motion: Motion = STILL
 ) -> Entity:
-    """Leaves around a stem: a ragged star polygon whose tips lie between half and all of the radius."""
+    """Return a plant: a ragged star polygon whose tips lie between half and all of the radius."""
     rng = np.random.Generator(np.random.PCG64(seed))
     leaves = int(rng.integers(9, 16))
     angle = (np.arange(2 * leaves) + rng.uniform(-0.3, 0.3, 2 * leaves)) * (TURN / (2 * leaves))

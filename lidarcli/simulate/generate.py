@@ -72,21 +72,21 @@ def place(entities: tuple[Entity, ...], sensor_poses: Float64, seconds: Float64)
 
 
 def _seen_from(points: Float64, origin: Float64) -> list[Float64]:
-    """(S, C) x and y of (S, C, 2) world points as seen from the (S, 3) poses `origin`."""
+    """Return (S, C) x and y of (S, C, 2) world points as seen from the (S, 3) poses `origin`."""
     dx, dy = points[..., 0] - origin[:, :1], points[..., 1] - origin[:, 1:2]
     cos, sin = np.cos(origin[:, 2:]), np.sin(origin[:, 2:])
     return [cos * dx + sin * dy, cos * dy - sin * dx]
 
 
 def relative(poses: Float64, origin: Float64) -> Float64:
-    """(S, 3) world poses as seen from the (S, 3) poses `origin`."""
+    """Return (S, 3) world poses as seen from the (S, 3) poses `origin`."""
     dx, dy = poses[:, 0] - origin[:, 0], poses[:, 1] - origin[:, 1]
     cos, sin = np.cos(origin[:, 2]), np.sin(origin[:, 2])
     return np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, poses[:, 2] - origin[:, 2]])
 
 
 def cast(primitives: Primitives, bearings: Float64) -> tuple[Float64, Int32]:
-    """The nearest hit of every beam: (S, B) range [m], inf for none, and (S, B) entity, -1 for none.
+    """Return the nearest hit of every beam: (S, B) range [m], inf for none, and (S, B) entity, -1 for none.
 
     `bearings` is (B,) or (S, B).
     """
@@ -118,7 +118,7 @@ def cast(primitives: Primitives, bearings: Float64) -> tuple[Float64, Int32]:
 
 
 def _hit_segments(segments: Float64, cos: Float64, sin: Float64) -> Float64:
-    """(S, K, B) distance along each beam to each segment, inf where it misses."""
+    """Return (S, K, B) distance along each beam to each segment, inf where it misses."""
     x0, y0, x1, y1 = (segments[:, :, i, None] for i in range(4))
     cos, sin = cos[:, None, :], sin[:, None, :]
     dx, dy = x1 - x0, y1 - y0
@@ -131,7 +131,7 @@ def _hit_segments(segments: Float64, cos: Float64, sin: Float64) -> Float64:
 
 
 def _hit_circles(circles: Float64, cos: Float64, sin: Float64) -> Float64:
-    """(S, C, B) distance along each beam to the near side of each circle, inf where it misses."""
+    """Return (S, C, B) distance along each beam to the near side of each circle, inf where it misses."""
     x, y, radius = (circles[:, :, i, None] for i in range(3))
     cos, sin = cos[:, None, :], sin[:, None, :]
     with np.errstate(invalid="ignore", over="ignore"):
@@ -158,7 +158,7 @@ _ROUNDS = 12
 
 
 def _depth_behind(ideal: Float64, padding: Bool) -> Float64:
-    """(S, B) how far behind each hit the surface of a neighbouring beam lies, 0 where none does."""
+    """Return (S, B) how far behind each hit the surface of a neighbouring beam lies, 0 where none does."""
     surface = np.where(np.isfinite(ideal) & ~padding, ideal, -np.inf)
     neighbour = np.full_like(surface, -np.inf)
     neighbour[:, 1:] = surface[:, :-1]
@@ -182,14 +182,14 @@ class Faults:
         self.swallows = np.append([entity.lost for entity in entities], 0.0)
 
     def beam_counts(self, sweeps: int) -> Int32:
-        """(S,) beams of the next sweeps."""
+        """Return (S,) beams of the next sweeps."""
         if not self.sensor.beams_jitter:
             return np.full(sweeps, self.sensor.beams, np.int32)
         jitter = self.sensor.beams_jitter
         return (self.sensor.beams + self.count.integers(-jitter, jitter + 1, sweeps)).astype(np.int32)
 
     def apply(self, ideal: Float64, entity: Int32, padding: Bool, bearings: Float64) -> Float32:
-        """(S, B) measured ranges; clears `entity` wherever a beam comes back without a range of its own."""
+        """Return (S, B) measured ranges; clears `entity` wherever a beam comes back without a range of its own."""
         sensor = self.sensor
         measured, hit = ideal, entity.copy()
         if sensor.mixed_pixels:
@@ -238,7 +238,7 @@ class Faults:
         return measured
 
     def _flickers(self, measured: Float32, entity: Int32, nothing: Bool, bearings: Float64) -> Bool:
-        """(S, B) True for beams that return nothing in this sweep: in runs, most where it is far or dark."""
+        """Return (S, B) True for beams that return nothing in this sweep: in runs, most where it is far or dark."""
         far = np.where(nothing, 0.0, measured / np.float64(self.sensor.range_max))
         glare = np.exp(
             sum(
@@ -267,7 +267,7 @@ class Faults:
         return values[self.sensor.lost_as]
 
     def _full(self, shape: tuple[int, ...]) -> tuple[int, int]:
-        """Draws are made for the widest possible sweep, so that block boundaries do not shift the streams."""
+        """Return the shape of draws: that of the widest sweep, so that blocks do not shift the streams."""
         return shape[0], self.sensor.beams + self.sensor.beams_jitter
 
     def _normal(self, shape: tuple[int, ...]) -> Float64:
@@ -301,7 +301,7 @@ class SimulatedBlock:
 
 
 def simulate_blocks(scene: Scene, sweeps: int, seed: int = 0, size: int = 512) -> Iterator[SimulatedBlock]:
-    """Sweeps of a scene in blocks of at most `size`."""
+    """Yield sweeps of a scene in blocks of at most `size`."""
     faults = Faults(scene.sensor, seed, scene.entities)
     still = None
     for first in range(0, sweeps, size):
@@ -330,7 +330,7 @@ def simulate_blocks(scene: Scene, sweeps: int, seed: int = 0, size: int = 512) -
 def simulate_sweep_arrays(
     scene: Scene, n_sweeps: int, seed: int = 0
 ) -> tuple[RawSweeps, Int32, tuple[Entity, ...]]:
-    """All sweeps at once: the sweeps, the (S, B) entity of every beam (-1: none), and the entities."""
+    """Return all sweeps, the (S, B) entity of every beam (-1: none), and the entities."""
     blocks = list(simulate_blocks(scene, n_sweeps, seed))
     raw = concatenate([block.raw for block in blocks])
     entity = np.full(raw.ranges.shape, -1, np.int32)
@@ -370,7 +370,7 @@ def _cast_in_turn(
 
 
 def _intensities(entities: Sequence[Entity], entity: Int32, padding: Bool) -> Float32 | None:
-    """(S, B) the intensity of what each beam hit, 0 where nothing tells; None where the scene tells of none."""
+    """Return (S, B) the intensity of what each beam hit, 0 where nothing tells; None where the scene tells of none."""
     if all(each.intensity is None for each in entities):
         return None
     # One more for what is no entity's own surface: its index is -1.
@@ -419,14 +419,14 @@ class SimulatedPoses:
         return len(self.stamp_ns)
 
     def at(self, stamp_ns: Int64) -> Float64:
-        """(K, 3) x, y, yaw of the robot at other times, between the poses that are told."""
+        """Return (K, 3) x, y, yaw of the robot at other times, between the poses that are told."""
         since = (self.stamp_ns - self.stamp_ns[0]).astype(np.float64)
         wanted = (stamp_ns - self.stamp_ns[0]).astype(np.float64)
         return np.column_stack([np.interp(wanted, since, self.poses[:, column]) for column in range(3)])
 
 
 def simulate_odometry(scene: Scene, sweeps: int, seed: int = 0) -> SimulatedPoses | None:
-    """The odometry of a run, None for a scene without any. Without noise it is the true pose.
+    """Simulate the odometry of a run; None for a scene without any. Without noise it is the true pose.
 
     Where stamps are late or early, further poses from before or after the run make up for it.
     """

@@ -36,7 +36,7 @@ LEAST_COURSE = 1e-6
 
 
 def load_robot(fields: Fields) -> tuple[Course | Route, Odometry | None, Mount]:
-    """The table [robot]: parked at a pose, driving a closed course, or on a route through waypoints."""
+    """Read the table [robot]: parked at a pose, driving a closed course, or on a route through waypoints."""
     path = _route_of(fields, ("x", "y", "yaw", "speed", "waypoints", "super_ellipse")) or _course(fields)
     odometry = None
     if fields.has("odometry"):
@@ -76,7 +76,7 @@ def refuse_beside_route(fields: Fields, keys: tuple[str, ...]) -> None:
 
 
 def _course(fields: Fields) -> Course:
-    """A parked robot, or one that drives a closed course at constant speed."""
+    """Read a parked robot, or a closed course driven at constant speed."""
     x, y = fields.number("x", 0.0), fields.number("y", 0.0)
     yaw = radians(fields.number("yaw", 0.0))
     speed = fields.number("speed", 0.0, low=0)
@@ -99,7 +99,7 @@ def _course(fields: Fields) -> Course:
 
 
 def load_motion(fields: Fields) -> Motion:
-    """The keys of whatever moves, appears or disappears."""
+    """Read the motion of an entity, and when it appears and disappears."""
     route = _route_of(fields, ("x", "y", "velocity"))
     return Motion(
         velocity=(0.0, 0.0) if route else fields.pair("velocity", (0.0, 0.0)),
@@ -112,7 +112,7 @@ def load_motion(fields: Fields) -> Motion:
 
 
 def load_route(table: Fields) -> Route:
-    """The table `route` of a robot or of anything that moves."""
+    """Read the table `route` of a robot or of anything that moves."""
     speed = table.number("speed", low=LEAST)
     loop = table.flag("loop", False)
     found = []
@@ -199,7 +199,7 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def _sensor(fields: Fields) -> Sensor:
-    """The table [sensor]; the view is given by its two ends, or by `fov` around straight ahead."""
+    """Read the table [sensor]; the view is given by its two ends, or by `fov` around straight ahead."""
     default = Sensor()
     beams = fields.whole("beams", default.beams, low=1, high=MAX_BEAMS)
     if fields.has("fov"):
@@ -280,7 +280,7 @@ def _cylinder(fields: Fields) -> Entity:
 
 
 def _legged(kind: str, length: float, width: float, leg: float) -> Callable[[Fields], Entity]:
-    """A loader of legged things with these default sizes."""
+    """Return a loader of legged things with these default sizes."""
 
     def load(fields: Fields) -> Entity:
         sizes = [fields.number(key, value, above=0) for key, value in (("length", length), ("width", width))]
@@ -296,7 +296,7 @@ def _plant(fields: Fields) -> Entity:
 
 
 def _person(fields: Fields) -> Entity:
-    """Two legs; a walker looks ahead and swings them in step with its speed unless told otherwise."""
+    """Read a person: two legs; a walker looks ahead and swings them in step with its speed unless told otherwise."""
     motion = load_motion(fields)
     gap, leg = fields.number("gap", 0.25, above=0), fields.number("leg", 0.12, above=0)
     if motion.route:

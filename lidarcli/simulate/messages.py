@@ -44,7 +44,7 @@ class Encoding:
 
 
 def _ros(name: str, store: Any, serialize: Callable[[Any, str], Any], ros1: bool) -> Encoding:
-    """The encoding of one generation of ROS."""
+    """Return the encoding of one generation of ROS."""
     types = store.types
 
     def header(stamp_ns: int, frame: str) -> Any:
@@ -83,7 +83,7 @@ ROS1_BYTES = _ros("ros1", ROS1, ROS1.serialize_ros1, ros1=True)
 
 
 def json_bytes(_: str, message: dict[str, Any]) -> bytes:
-    """A message as JSON, in which numbers that are not finite are words."""
+    """Encode a message as JSON; numbers that are not finite become words."""
     for name in ("ranges", "intensities"):
         if name in message:
             message[name] = [number_or_word(value) for value in message[name]]
@@ -91,7 +91,7 @@ def json_bytes(_: str, message: dict[str, Any]) -> bytes:
 
 
 def protobuf_bytes(name: str, message: dict[str, Any]) -> bytes:
-    """A message of the published schemas."""
+    """Encode a message of the published schemas as protobuf."""
     stamp = message.pop("timestamp")
     filled = foxglove.classes()[name](**message)
     filled.timestamp.seconds, filled.timestamp.nanos = stamp["sec"], stamp["nsec"]
@@ -118,7 +118,7 @@ def standing() -> dict[str, dict[str, float]]:
 
 
 def _foxglove(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encoding:
-    """The encoding that packs messages, given as plain dictionaries, in one way."""
+    """Return the encoding that packs messages, given as plain dictionaries, in one way."""
 
     def scans(raw: RawSweeps) -> list[bytes]:
         last = raw.angle_min + (raw.beams - 1) * raw.angle_increment
@@ -166,7 +166,7 @@ _FLOAT32, _UINT16 = 7, 4
 
 
 def as_clouds(encoding: Encoding) -> Encoding:
-    """The encoding that writes a point cloud for each sweep."""
+    """Return the encoding that writes a point cloud for each sweep."""
     if encoding in (CDR, ROS1_BYTES):
         is_ros1 = encoding is ROS1_BYTES
         serialize = ROS1.serialize_ros1 if is_ros1 else ROS2.serialize_cdr
@@ -179,7 +179,7 @@ def as_clouds(encoding: Encoding) -> Encoding:
 
 
 def _points(raw: RawSweeps, row: int) -> np.ndarray[tuple[int, int], np.dtype[Any]]:
-    """(3, B) points of one sweep: on the floor, at the height of the sensor, at the ceiling; NaN without a range."""
+    """Return (3, B) points of one sweep: on the floor, at the height of the sensor, at the ceiling; NaN without a range."""
     beams = int(raw.beams[row])
     bearing = raw.angle_min[row] + raw.angle_increment[row] * np.arange(beams)
     ranges = raw.ranges[row, :beams].astype(np.float64)
@@ -196,7 +196,7 @@ def _points(raw: RawSweeps, row: int) -> np.ndarray[tuple[int, int], np.dtype[An
 
 
 def _fields(floats: int, integers: int) -> list[tuple[str, int, int]]:
-    """Name, offset and type of the fields of a point."""
+    """Return name, offset and type of the fields of a point."""
     kinds = (("x", floats), ("y", floats), ("z", floats), ("intensity", floats), ("ring", integers))
     offsets = {name: int(place[1]) for name, place in (_POINT.fields or {}).items()}
     return [(name, offsets[name], kind) for name, kind in kinds]

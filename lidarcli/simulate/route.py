@@ -53,7 +53,7 @@ class Pieces:
     """(G + 1,) length of the way up to each piece [m]."""
 
     def at(self, piece: _Index, along: Float64) -> tuple[Float64, Float64]:
-        """(S, 2) points and (S,) headings `along` metres from the starts of the pieces."""
+        """Return (S, 2) points and (S,) headings `along` metres from the starts of the pieces."""
         heading, curvature = self.heading[piece], self.curvature[piece]
         turned = heading + curvature * along
         bent = curvature != 0
@@ -98,7 +98,7 @@ class RouteState:
     """Length of the way so far [m], counted from the start of the round."""
 
     def velocities(self) -> Float64:
-        """(S, 3) vx, vy [m/s] and the rate of the heading [rad/s]."""
+        """Return (S, 3) vx, vy [m/s] and the rate of the heading [rad/s]."""
         cos, sin = np.cos(self.heading), np.sin(self.heading)
         return np.column_stack([self.speed * cos, self.speed * sin, self.yaw_rate])
 
@@ -142,12 +142,12 @@ class Route:
         )
 
     def poses(self, seconds: Float64) -> Float64:
-        """(S, 3) world x, y, heading at the given times."""
+        """Return (S, 3) world x, y, heading at the given times."""
         state = self.state(seconds)
         return np.column_stack([state.x, state.y, state.heading])
 
     def speeds(self, seconds: Float64) -> Float64:
-        """(S,) speed ahead at the given times [m/s]."""
+        """Return (S,) speed ahead at the given times [m/s]."""
         return self.state(seconds).speed
 
 
@@ -178,7 +178,7 @@ def plan_route(
     corner_radius: float = 0.5,
     loop: bool = False,
 ) -> Route:
-    """The fastest journey through the waypoints within the limits, from rest to rest.
+    """Plan the fastest journey through the waypoints within the limits, from rest to rest.
 
     `acceleration` [m/s²] bounds speeding up, slowing down, and the pull to the side on an arc; `turn_rate` [rad/s] turns on
     the spot. Arcs have `corner_radius` [m], less where the way to a neighbour is short. A `loop` comes back to its first
@@ -200,7 +200,7 @@ def plan_route(
 
 
 def _pieces(waypoints: list[Waypoint], radius: float, acceleration: float, loop: bool) -> list[_Piece]:
-    """The way as straight pieces with arcs between them."""
+    """Return the way as straight pieces with arcs between them."""
     if loop:
         waypoints = [*waypoints, waypoints[0]]
     points = np.array([[point.x, point.y] for point in waypoints])
@@ -242,7 +242,7 @@ def _pieces(waypoints: list[Waypoint], radius: float, acceleration: float, loop:
 def _phases(
     pieces: list[_Piece], first_wait: float, acceleration: float, turn_rate: float
 ) -> tuple[Phases, float]:
-    """The journey over the pieces, as fast as the limits let it be."""
+    """Return the journey over the pieces, as fast as the limits let it be."""
     # Squared speeds at the ends of the pieces, first what the pieces allow, then what can be reached and left again.
     squared = [0.0] * (len(pieces) + 1)
     for number in range(1, len(pieces)):
@@ -315,12 +315,12 @@ _TURN = np.radians(60)
 
 
 def step_length(speed: Float64) -> Float64:
-    """Length of the steps [m] at a speed [m/s]; the cadence is the speed over it."""
+    """Return the length of steps [m] at a speed [m/s]; the cadence is the speed over it."""
     return np.interp(speed, SPEEDS, STEPS)
 
 
 def feet(route: Route, gap: float, seconds: Float64) -> Float64:
-    """(S, 2, 2) where the left and the right leg stand in the world at each of the (S,) times.
+    """Return (S, 2, 2) positions of the left and right leg in the world at (S,) times.
 
     Each run from stop to stop has a whole number of like steps, begins and ends with both legs beside each other, `gap`
     metres apart. A leg that stands does not move at all.
@@ -343,7 +343,7 @@ def feet(route: Route, gap: float, seconds: Float64) -> Float64:
 
 
 def _walking(route: Route, gap: float, run: _Index, way: Float64) -> Float64:
-    """(S, 2, 2) the legs of a body that is `way` metres on its round, in the given runs."""
+    """Return (S, 2, 2) the legs of a body that is `way` metres on its round, in the given runs."""
     phases, pieces = route.phases, route.pieces
     moving = (phases.speed != 0) | (phases.acceleration != 0)
     first, last, begin, step, count = (np.empty(int(run.max()) + 1) for _ in range(5))
@@ -382,7 +382,7 @@ def _walking(route: Route, gap: float, run: _Index, way: Float64) -> Float64:
 
 
 def _turning(share: Float64, turn: Float64) -> tuple[Float64, Float64]:
-    """(S,) how far each leg of a body has turned on the spot [rad]: one goes ahead, the other follows."""
+    """Return (S,) how far each leg of a body has turned on the spot [rad]: one goes ahead, the other follows."""
     parts = np.maximum(np.ceil(np.abs(turn) / _TURN), 1.0)
     part = np.minimum(np.floor(share * parts), parts - 1)
     rest = 2 * (share * parts - part)
@@ -393,6 +393,6 @@ def _turning(share: Float64, turn: Float64) -> tuple[Float64, Float64]:
 
 
 def _beside(points: Float64, heading: Float64, gap: float, side: _Index | int) -> Float64:
-    """Half the gap to the left (side 0) or to the right (1) of the points."""
+    """Return points half the gap to the left (side 0) or to the right (1)."""
     out = (gap / 2) * (1 - 2 * np.asarray(side))
     return points + np.column_stack([-np.sin(heading) * out, np.cos(heading) * out])

@@ -151,7 +151,7 @@ def simulate(
 
 
 def _map_files(path: Path, others: Sequence[Path]) -> tuple[Path, Path]:
-    """The two files of a map, which must not be, hold or stand in another file of the run."""
+    """Return the two files of a map, which must not be, hold or stand in another file of the run."""
     if path.suffix.lower() != ".yaml":
         raise OptionError(f"{path}: the suffix of a true map has to be .yaml; it comes with a .pgm")
     files = path, path.with_suffix(".pgm")
@@ -165,7 +165,7 @@ def _map_files(path: Path, others: Sequence[Path]) -> tuple[Path, Path]:
 
 
 def _map_data(scene: Scene, sweeps: int, resolution: float, image: str) -> tuple[bytes, bytes]:
-    """The true map as YAML and PGM."""
+    """Return the true map as YAML and PGM."""
     from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
     from lidarcli.simulate.truth import true_map
 
@@ -185,7 +185,7 @@ def truth_paths(log: Path) -> tuple[Path, Path]:
 
 
 def _is_bag(folder: Path) -> bool:
-    """True for an empty folder and for one that holds one ROS 2 bag alone: several logs are somebody's recordings."""
+    """Return True for an empty folder, or one that holds one ROS 2 bag alone: several logs are recordings."""
     names = [entry.name for entry in folder.iterdir()]
     storage = [name for name in names if name.endswith((".db3", ".mcap", ".zstd"))]
     return not names or ("metadata.yaml" in names and len(storage) == len(names) - 1)

@@ -52,7 +52,7 @@ class Sensor:
     """From beam to beam [s]; 0 for a sweep that is taken in an instant."""
 
     def bearings(self) -> Float64:
-        """(B,) bearings of an undisturbed sweep."""
+        """Return (B,) bearings of an undisturbed sweep."""
         bearings: Float64 = self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
         return bearings
 
@@ -110,7 +110,7 @@ class Entity:
         return self.kind == "wall"
 
     def poses(self, seconds: Float64) -> Float64:
-        """(S, 3) world x, y, yaw at the given times."""
+        """Return (S, 3) world x, y, yaw at the given times."""
         velocity, route = self.motion.velocity, self.motion.route
         if route is not None:
             poses = route.poses(seconds)
@@ -126,7 +126,7 @@ class Entity:
         )
 
     def velocities(self, seconds: Float64) -> Float64:
-        """(S, 3) world vx, vy [m/s] and rate of the yaw [rad/s] at the given times; of a person, of its body."""
+        """Return (S, 3) world vx, vy [m/s] and rate of the yaw [rad/s] at the given times; of a person, of its body."""
         motion = self.motion
         if motion.route is None:
             return np.tile([*motion.velocity, motion.yaw_rate], (len(seconds), 1))
@@ -136,13 +136,13 @@ class Entity:
         return velocities
 
     def feet(self, seconds: Float64) -> Float64 | None:
-        """(S, 2, 2) world x, y of the legs of a person who walks a route; None for anything else."""
+        """Return (S, 2, 2) world x, y of the legs of a person who walks a route; None for anything else."""
         if self.kind != "person" or self.motion.route is None:
             return None
         return feet(self.motion.route, 2 * float(self.circles[0, 1]), seconds)
 
     def present(self, seconds: Float64) -> Bool:
-        """(S,) True while the entity is there."""
+        """Return (S,) True while the entity is there."""
         there: Bool = (seconds >= self.motion.appears) & (seconds < self.motion.disappears)
         return there
 
@@ -163,7 +163,7 @@ class Course:
         return len(self.points) < 2 or self.speed == 0
 
     def poses(self, seconds: Float64) -> Float64:
-        """(S, 3) world x, y, yaw at the given times."""
+        """Return (S, 3) world x, y, yaw at the given times."""
         if self.parked:
             return np.tile([self.points[0, 0], self.points[0, 1], self.yaw], (len(seconds), 1))
         loop = np.vstack([self.points, self.points[:1]])
@@ -180,12 +180,12 @@ class Course:
         )
 
     def speeds(self, seconds: Float64) -> Float64:
-        """(S,) speed ahead at the given times [m/s]."""
+        """Return (S,) speed ahead at the given times [m/s]."""
         return np.full(len(seconds), 0.0 if self.parked else self.speed)
 
 
 def super_ellipse(a: float, b: float, exponent: float, points: int = 720) -> Float64:
-    """(points, 2) of |x/a|^n + |y/b|^n = 1, counter-clockwise from (a, 0): the course of the paper's robot.
+    """Return (points, 2) of |x/a|^n + |y/b|^n = 1, counter-clockwise from (a, 0): the course of the paper's robot.
 
     >>> super_ellipse(2.0, 1.0, 4.0, points=4).round(6).tolist()
     [[2.0, 0.0], [0.0, 1.0], [-2.0, 0.0], [0.0, -1.0]]
@@ -245,7 +245,7 @@ class Scene:
         return self.path.parked and all(entity.motion.still for entity in self.entities)
 
     def sensor_poses(self, seconds: Float64) -> Float64:
-        """(S, 3) world x, y, yaw of the laser at the given times."""
+        """Return (S, 3) world x, y, yaw of the laser at the given times."""
         poses = self.path.poses(seconds)
         x, y, yaw = self.mount.pose
         if x or y or yaw:

@@ -23,7 +23,7 @@ _S = 1_000_000_000
 
 @contextmanager
 def opened(path: Path) -> Iterator[IO[str]]:
-    """A text file with bare newlines; the gzip header carries neither time nor name, so equal input gives equal bytes."""
+    """Open a text file with bare newlines; the gzip header has neither time nor name: equal input, equal bytes."""
     if path.suffix != ".gz":
         with path.open("w", encoding="utf-8", newline="") as out:
             yield out
@@ -45,7 +45,7 @@ def write_lines(path: Path, lines: Iterable[str]) -> None:
 
 
 def only_topic(blocks: Iterable[RawSweeps], what: str, instead: str = "") -> Iterator[RawSweeps]:
-    """The blocks of a log that has one topic; OptionError at the first one of a second topic, with what to do `instead`."""
+    """Yield the blocks of a log of one topic; OptionError, with what to do `instead`, at a second topic."""
     topic = None
     for block in blocks:
         if topic not in (None, block.topic):
@@ -61,13 +61,13 @@ def finite(block: RawSweeps) -> RawSweeps:
 
 
 def texts(block: RawSweeps) -> Iterator[list[str]]:
-    """The ranges of each sweep as shortest decimals."""
+    """Yield the ranges of each sweep as shortest decimals."""
     for row, beams in zip(block.ranges, block.beams.tolist(), strict=True):
         yield shortest(row[:beams])
 
 
 def intensity_texts(block: RawSweeps, row: int, otherwise: str | None = None) -> list[str]:
-    """The intensities of a sweep as shortest decimals; where there are none, `otherwise` for each beam, or nothing."""
+    """Return the intensities of a sweep as shortest decimals; without any, `otherwise` for each beam, or nothing."""
     beams = int(block.beams[row])
     if block.intensities is None:
         return [] if otherwise is None else [otherwise] * beams
@@ -75,13 +75,13 @@ def intensity_texts(block: RawSweeps, row: int, otherwise: str | None = None) ->
 
 
 def shortest(values: Float32) -> list[str]:
-    """The shortest decimals that read back as the same float32."""
+    """Return the shortest decimals that read back as the same float32."""
     numbers: list[str] = values.astype("U").tolist()
     return numbers
 
 
 def seconds(stamp_ns: int) -> str:
-    """Nanoseconds as seconds with nine decimals.
+    """Return nanoseconds as seconds with nine decimals.
 
     >>> seconds(-1_500_000_000)
     '-1.500000000'
@@ -91,7 +91,7 @@ def seconds(stamp_ns: int) -> str:
 
 
 def number_or_word(value: float) -> float | str:
-    """A float as JSON has it: a word, as in the JSON mapping of protobuf, for what is no number there."""
+    """Return a float as JSON has it: a word, as in the JSON mapping of protobuf, for what is no number there."""
     if math.isfinite(value):
         return value
     return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
@@ -162,7 +162,7 @@ def _tail(stamp: int, begin: int) -> str:
 
 
 def _carmen_head(block: RawSweeps, row: int) -> str:
-    """The geometry of a sweep, as RAWLASER and ROBOTLASER have it in their lines."""
+    """Return the geometry of a sweep, as RAWLASER and ROBOTLASER have it in their lines."""
     first, step = float(block.angle_min[row]), float(block.angle_increment[row])
     view = (int(block.beams[row]) - 1) * step
     most = shortest(block.range_max[row : row + 1])[0]
@@ -170,7 +170,7 @@ def _carmen_head(block: RawSweeps, row: int) -> str:
 
 
 def _carmen_view(block: RawSweeps, row: int) -> dict[str, float] | None:
-    """The geometry of a sweep as parameters, which know only views that begin at minus their half; None for others."""
+    """Return the geometry of a sweep as parameters; None unless the view begins at minus its half."""
     first, step = float(block.angle_min[row]), float(block.angle_increment[row])
     view, gaps = -2.0 * first, int(block.beams[row]) - 1
     if not (step > 0 and abs(view / step - gaps - 0.5) < 0.75):
@@ -199,7 +199,7 @@ def _odom(poses: SimulatedPoses, row: int, begin: int) -> str:
 
 
 def _placed(poses: SimulatedPoses, stamp_ns: Int64) -> Float64:
-    """(S, 6) the pose of the laser at each stamp, then that of the robot."""
+    """Return (S, 6) the pose of the laser at each stamp, then that of the robot."""
     robot = poses.at(stamp_ns)
     x, y, yaw = robot.T
     ahead, left, turn = poses.mount
@@ -247,19 +247,19 @@ def _aria(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None) -> Iterator
 
 
 def _lengths(pose: Float64) -> list[str]:
-    """x, y [m] and heading [rad] as mm and degrees."""
+    """Return x, y [m] and heading [rad] as mm and degrees."""
     return [repr(float(number)) for number in (pose[0] * _MM, pose[1] * _MM, np.degrees(pose[2]))]
 
 
 def _aria_view(block: RawSweeps, row: int) -> str:
-    """First and last angle and the number of samples."""
+    """Return first and last angle and the number of samples."""
     first, beams = float(block.angle_min[row]), int(block.beams[row])
     last = first + (beams - 1) * float(block.angle_increment[row])
     return f"{float(np.degrees(first))!r} {float(np.degrees(last))!r} {beams}"
 
 
 def _points(block: RawSweeps, row: int) -> str:
-    """The ends of the beams [mm], with blanks as ARIA sets them."""
+    """Return the ends of the beams [mm], with blanks as ARIA sets them."""
     beams = int(block.beams[row])
     ranges = block.ranges[row, :beams].astype(np.float64)
     ranges = np.where(np.isposinf(ranges), 0.0, ranges) * _MM
@@ -316,7 +316,7 @@ def _player_head(stamp: int, interface: str) -> str:
 
 
 def _player_geometry(block: RawSweeps, row: int) -> str:
-    """First and last bearing, step, greatest range, and the number of ranges."""
+    """Return first and last bearing, step, greatest range, and the number of ranges."""
     first, step, beams = (
         float(block.angle_min[row]),
         float(block.angle_increment[row]),

@@ -114,7 +114,7 @@ class TruthWriter:
 
 
 def truth_rows(block: SimulatedBlock, scene: Scene) -> pa.RecordBatch:
-    """One row per sweep and visible entity."""
+    """Make a row per sweep and visible entity."""
     entities = scene.entities
     sweeps, count = len(block.raw), len(entities)
     sweep, beam = np.nonzero(block.entity >= 0)
@@ -163,7 +163,7 @@ def truth_rows(block: SimulatedBlock, scene: Scene) -> pa.RecordBatch:
 
 
 def beam_rows(block: SimulatedBlock) -> pa.RecordBatch:
-    """One row per beam."""
+    """Make a row per beam."""
     sweep, beam = np.nonzero(np.arange(block.entity.shape[1]) < block.raw.beams[:, None])
     columns = [block.first + sweep, beam.astype(np.int32), block.entity[sweep, beam]]
     return pa.RecordBatch.from_arrays([pa.array(values) for values in columns], schema=TRUTH_BEAMS)
@@ -172,7 +172,7 @@ def beam_rows(block: SimulatedBlock) -> pa.RecordBatch:
 def _extent(
     block: SimulatedBlock, sweep: _Index, beam: _Index, cell: _Index, centre: Float64, seen: _Index
 ) -> tuple[Float64, Float64]:
-    """First and last bearing of each visible entity, measured from its centre: no seam comes between."""
+    """Return first and last bearing of each visible entity, measured from its centre: no seam comes between."""
     bearing = block.raw.angle_min[sweep] + block.raw.angle_increment[sweep] * beam
     rank = np.searchsorted(seen, cell)
     offset = _wrap(bearing - centre[rank])
@@ -198,7 +198,7 @@ _BLOCK, _BLOCK_BEAMS = 512, 1 << 18
 
 
 def true_map(scene: Scene, sweeps: int, resolution: float) -> Occupancy:
-    """The map of `sweeps` sweeps of a scene, without any fault of the sensor and without what moves, appears or disappears.
+    """Return the map of `sweeps` sweeps of a scene without faults of the sensor and without moving or passing entities.
 
     Every sweep counts, and each beam is seen from where the laser is at the very time of this beam. A cell is occupied
     where any beam ends in it, free where beams only pass, else unknown; a beam without a return says nothing.
@@ -244,7 +244,7 @@ def true_map(scene: Scene, sweeps: int, resolution: float) -> Occupancy:
 
 
 def _undisturbed(scene: Scene) -> Scene:
-    """The scene without the faults of its sensor, of what stands still alone."""
+    """Return the scene with the still entities only, and without faults of the sensor."""
     sensor = replace(
         scene.sensor,
         noise=0.0,
@@ -261,7 +261,7 @@ def _undisturbed(scene: Scene) -> Scene:
 
 
 def _placed(scene: Scene, block: SimulatedBlock) -> Beams:
-    """The beams of a block in the world, exactly.
+    """Return the beams of a block in the world, exactly.
 
     Beams that take time are a sweep each: within a sweep the way of a sensor is straight and even for `Beams`, but not on
     a course that turns at once, where a laser that is not mounted on the axis leaps. With one hit to make an occupied cell

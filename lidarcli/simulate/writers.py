@@ -219,7 +219,7 @@ _WITHOUT_POSES = {"rplidar": write_rplidar, "jsonl": write_jsonlines}
 
 
 def container_of(path: Path) -> str:
-    """The container that a path's suffix asks for; a name without a suffix is a ROS 2 bag folder."""
+    """Return the container that a path's suffix asks for; a name without a suffix is a ROS 2 bag folder."""
     name = path.name.lower()
     for suffix, container in CONTAINER_BY_SUFFIX.items():
         if name.endswith(suffix) or (container in TEXT_CONTAINERS and name.endswith(f"{suffix}.gz")):

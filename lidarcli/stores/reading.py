@@ -56,7 +56,7 @@ class StoreFile(io.RawIOBase):
         return True
 
     def tell(self) -> int:
-        """Position of the next bytes."""
+        """Return the position of the next bytes."""
         return self._position
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
@@ -90,7 +90,7 @@ class StoreFile(io.RawIOBase):
         super().close()
 
     def _piece(self, number: int) -> bytes:
-        """A piece that is not kept."""
+        """Return a piece, from the last one, from ahead or fetched."""
         if self._last[0] == number:
             return self._last[1]
         in_order = number == self._last[0] + 1

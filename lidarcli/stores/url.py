@@ -157,7 +157,7 @@ def _refuse_scheme(text: str) -> None:
 
 
 def place(text: str | PathLike[str] | Url) -> Place:
-    """The path or the URL that a name stands for.
+    """Return the path or the URL that a name stands for.
 
     >>> place("s3://logs/2026/run.mcap").name
     'run.mcap'
@@ -246,7 +246,7 @@ def head(url: Url) -> State | None:
 
 
 def listing(folder: Url) -> Iterator[tuple[Url, State]]:
-    """All objects below a folder, by name."""
+    """Yield all objects below a folder, by name."""
     from pyarrow import fs
 
     with _errors(folder, UnreadableError):
@@ -284,7 +284,7 @@ def is_folder(url: Url) -> bool:
 
 
 def open_object(url: Url) -> pa.NativeFile:
-    """An object to be read anywhere; nothing of it is kept in memory."""
+    """Open an object for random access; nothing of it is kept in memory."""
     with _errors(url, UnreadableError):
         try:
             return _system(url).open_input_file(_path(url))
@@ -293,7 +293,7 @@ def open_object(url: Url) -> pa.NativeFile:
 
 
 def read_object(url: Url) -> bytes:
-    """A small object, in memory."""
+    """Read a small object into memory."""
     with open_object(url) as file, _errors(url, UnreadableError):
         return bytes(file.read_at(file.size(), 0))
 
@@ -319,7 +319,7 @@ def remove(url: Url) -> None:
 
 
 def _mapped(path: Path) -> pa.Buffer:
-    """The bytes of a file; one write of all of them is sent in parts, of which few are in memory."""
+    """Return the bytes of a file; one write of all of them is sent in parts, of which few are in memory."""
     import pyarrow as pa
 
     if not path.stat().st_size:
@@ -339,7 +339,7 @@ def _system(url: Url) -> fs.FileSystem:
 
 @cache
 def _made(scheme: str, bucket: str, options: str) -> fs.FileSystem:
-    """The file system of a bucket; what it is told comes from the URL and from the stores' own environment variables."""
+    """Return the file system of a bucket, set up by the URL and the environment variables of the stores."""
     asked = dict(parse_qsl(options))
     if scheme == "s3":
         return _s3(bucket, asked)
@@ -439,7 +439,7 @@ def _mtime(info: fs.FileInfo) -> int:
 
 
 def _http_date(about: dict[Any, Any]) -> int:
-    """The time of the last change among what a store says of an object; 0 where it does not."""
+    """Return the time of the last change by the metadata of a store; 0 if unknown."""
     import datetime
 
     value = about.get(b"last-modified", about.get("last-modified", b""))

@@ -181,7 +181,7 @@ class McapLog:
         return self._source.position
 
     def topics(self) -> list[Topic] | None:
-        """All topics: from the summary, or by a pass over a file that has none; None for a stream."""
+        """Return all topics: from the summary, or by a pass over a file that has none; None for a stream."""
         if self._topics is None and self.size is not None:
             summary = self._summary
             if summary is not None and summary.sane:
@@ -191,7 +191,7 @@ class McapLog:
         return None if self._topics is None else list(self._topics)
 
     def _listed(self, counts: Mapping[int, int] | None) -> list[Topic]:
-        """The topics of the catalogue; several channels (publishers) of one topic are one."""
+        """Return the topics of the catalogue; several channels (publishers) of one topic are one."""
         known = self._catalogue
         messages: dict[tuple[str, str, str], int] = {}
         for key, channel in known.channels.items():
@@ -215,7 +215,7 @@ class McapLog:
         return counts
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Blocks of sweeps in file order within each topic."""
+        """Yield blocks of sweeps in file order within each topic."""
         decoders: list[_Columns | _OneByOne] = []
         numbers: dict[tuple[str, str, str, int], int] = {}
 
@@ -240,7 +240,7 @@ class McapLog:
             yield from decoder.flush()
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """Raw messages of the given types in file order."""
+        """Yield raw messages of the given types in file order."""
         known = self._catalogue
         for _, rows in self._pass(lambda key: 0 if known.type(key) in types else _UNWANTED, report):
             kinds = {

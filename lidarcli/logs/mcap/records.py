@@ -100,7 +100,7 @@ def chunk_head(head: bytes) -> ChunkHead | None:
 
 
 def index_entries(record: bytes) -> tuple[int, Int64] | None:
-    """Channel and offsets of a MessageIndex record's content; None where it contradicts itself."""
+    """Return the channel and offsets of a MessageIndex record; None if it contradicts itself."""
     if len(record) < 6:
         return None
     channel, size = struct.unpack_from("<HI", record)
@@ -117,7 +117,7 @@ def _rows(data: UInt8, at: Int64, width: int) -> UInt8:
 
 
 def messages_at(data: UInt8, at: Int64) -> Messages:
-    """The messages whose records begin at `at`, which must be in bounds."""
+    """Return the messages whose records begin at `at`, which must be in bounds."""
     if not len(at):
         empty = np.empty(0, np.int64)
         return Messages(data, np.empty(0, np.uint16), empty, empty, empty)
@@ -176,7 +176,7 @@ class Stretch:
 
 
 def stretches(data: bytes, offsets: Int64 | None) -> Iterator[Stretch]:
-    """All records of a chunk's bytes.
+    """Yield all records of a chunk's bytes.
 
     `offsets` are where its message index says that messages begin. What the index says is only used as far as the
     records prove it: from each message's length follows where the next record begins, gaps are walked, and if any of
@@ -228,7 +228,7 @@ def _proved(data: bytes, view: UInt8, offsets: Int64) -> tuple[Int64, list[tuple
 
 
 def find_record(data: bytes, channels: Collection[int]) -> int | None:
-    """First place after byte 0 where a chunk begins for certain, or a message of one of `channels` with a successor.
+    """Return the first place after byte 0 of a certain chunk, or of a message of one of `channels` with a successor.
 
     A chunk proves itself: two of its lengths and the name of its compression agree.
     """
@@ -369,7 +369,7 @@ class Cursor:
         self._ahead = b""
 
     def read_at(self, offset: int, length: int) -> bytes:
-        """Bytes of a file, fewer at its end."""
+        """Return bytes of a file, fewer at its end."""
         if self.size is None:
             raise ValueError("a pipe has no offsets")
         self.stream.seek(offset)
@@ -377,7 +377,7 @@ class Cursor:
         return _read(self.stream, wanted, wanted)
 
     def peek(self, length: int) -> bytes:
-        """The next bytes without passing them; fewer only at the end. May return more."""
+        """Return the next bytes without passing them; fewer only at the end. May return more."""
         missing = length - len(self._ahead)
         if missing > 0:
             if self.size is None:
@@ -423,7 +423,7 @@ class Cursor:
 
 
 def _read(stream: BinaryIO, length: int, piece: int) -> bytes:
-    """Exactly `length` bytes unless the stream ends."""
+    """Return exactly `length` bytes unless the stream ends."""
     pieces = []
     while length > 0:
         data = stream.read(min(length, piece))

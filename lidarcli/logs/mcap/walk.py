@@ -78,7 +78,7 @@ class Catalogue:
         return True
 
     def schema(self, channel: int) -> Schema | None:
-        """The schema of a channel, where both are known."""
+        """Return the schema of a channel, where both are known."""
         known = self.channels.get(channel)
         return None if known is None else self.schemas.get(known.schema_id)
 
@@ -88,7 +88,7 @@ class Catalogue:
         return known is not None and (known.schema_id == 0 or known.schema_id in self.schemas)
 
     def type(self, channel: int) -> str:
-        """The type as `ros_type` spells it, empty where unknown."""
+        """Return the type as `ros_type` spells it, empty where unknown."""
         schema = self.schema(channel)
         return "" if schema is None else ros_type(schema.name)
 
@@ -127,7 +127,7 @@ def parse(read: Callable[[ReadDataStream], T], content: bytes) -> T | None:
 
 
 def read_summary(source: Cursor, report: ReadReport) -> Summary | None:
-    """The summary of a file; None where the log was not closed, or where its summary is damaged.
+    """Return the summary of a file; None where the log was not closed, or where its summary is damaged.
 
     Nothing in it is needed to read the log: it saves time, it names what can be skipped, and it leads past damage.
     """
@@ -253,7 +253,7 @@ class Walker:
     _unknown: int = 0
 
     def parts(self) -> Iterator[Messages]:
-        """All messages, in file order."""
+        """Yield all messages, in file order."""
         if not self.source.position:
             self.source.skip(len(MAGIC))
         try:
@@ -291,7 +291,7 @@ class Walker:
             yield from self._read(chunk)
 
     def _heads(self) -> Iterator[tuple[int, int, int]]:
-        """Place, opcode and length of each record that can be one, which the caller passes; leads past damage."""
+        """Yield place, opcode and length of each record that can be one, which the caller passes; leads past damage."""
         while not self._cut:
             place = self.source.position
             head = self.source.peek(RECORD.size)
@@ -440,7 +440,7 @@ class Walker:
             chunk.sound = chunk.entries <= MAX_ENTRIES
 
     def _read(self, chunk: _Chunk) -> Iterator[Messages]:
-        """The messages of a chunk, unless it may be passed over."""
+        """Yield the messages of a chunk, unless it may be passed over."""
         head, counts = chunk.head, {channel: len(offsets) for channel, offsets in chunk.offsets.items()}
         if chunk.sound and counts and not self._cut and self.skip(chunk.place, counts):
             return

@@ -107,14 +107,14 @@ class RecordRun:
         self._window = min(max(expected, OVERLAP), MAX_WINDOW) + BEHIND
 
     def blocks(self) -> Iterator[MessageBlock]:
-        """The messages, window by window."""
+        """Yield the messages, window by window."""
         self._slide(0)
         while not self._done and (self._lost is None or self._find()):
             walked = walk(self._data, self._at)
             yield from self._step(walked, judge(self._data, walked))
 
     def _step(self, walked: Walk, judged: Judged) -> Iterator[MessageBlock]:
-        """The messages of what has been walked of a window, and on to where the next step begins."""
+        """Yield the messages walked in a window, and go to where the next step begins."""
         whole = judged.good == len(walked.starts)
         self._at = walked.stop if whole else int(walked.starts[judged.good])
         record = parse(self._data, self._at) if whole else judged.foreign
@@ -138,7 +138,7 @@ class RecordRun:
             yield from self._end(record)
 
     def _broken(self, walked: Walk, judged: Judged) -> MessageBlock:
-        """The messages before a broken record, which the last of them may have swallowed."""
+        """Return the messages before a broken record, which the last of them may have swallowed."""
         cut = self._end_of_last(walked, judged.good, self._at)
         block = self._block(walked, judged, cut=cut)
         if cut is None:
@@ -148,7 +148,7 @@ class RecordRun:
         return block
 
     def _large(self, record: Record) -> Iterator[MessageBlock]:
-        """A record too large for memory: where it ends behind the feed, its length is wrong."""
+        """Pass over a record too large for memory; if it ends behind the feed, its length is wrong."""
         if record.end - len(self._data) <= self._feed.left:
             if self._others_end:
                 self._finish(Stop.LARGE, self._at)
@@ -162,7 +162,7 @@ class RecordRun:
             yield from self._shorten(record, after)
 
     def _end(self, record: Record | None) -> Iterator[MessageBlock]:
-        """The feed has ended: what is left is no whole record, but others may stand in it."""
+        """Yield what can be read at the end of the feed: no whole record is left, but others may stand in it."""
         at = self._at
         if at == len(self._data):
             self._finish(Stop.END, at)
@@ -177,7 +177,7 @@ class RecordRun:
             yield from self._shorten(record, after)
 
     def _shorten(self, record: Record, end: int) -> Iterator[MessageBlock]:
-        """Yield a record whose declared length is too large, up to the start of the next one."""
+        """Report a record whose declared length is too large; it ends where the next one begins."""
         self._damaged(self._base + record.start, "a record has a wrong length")
         self._at = end
         if record.op == Op.MESSAGE:
@@ -238,7 +238,7 @@ class RecordRun:
     def _block(
         self, walked: Walk, judged: Judged, cut: int | None = None, rows: int | None = None
     ) -> MessageBlock:
-        """The first rows of a walk; `cut` is where the last of them really ends."""
+        """Return the first rows of a walk; `cut` is where the last of them really ends."""
         rows = judged.good if rows is None else rows
         starts = walked.starts[:rows] + 8 + walked.header_lengths[:rows]
         lengths = walked.data_lengths[:rows].copy()
@@ -256,7 +256,7 @@ class RecordRun:
 
 
 def _single(data: bytes, record: Record, end: int) -> MessageBlock:
-    """One message, whose own length is wrong: it ends where the next record begins."""
+    """Return one message of wrong length: it ends where the next record begins."""
     seconds, nanoseconds = np.frombuffer(record.value(b"time"), "<u4").tolist()
     return MessageBlock(
         np.frombuffer(data, np.uint8),
@@ -298,7 +298,7 @@ class Pass:
         return sum(count for connection, count in self.counts.items() if self._is_wanted(connection))
 
     def blocks(self) -> Iterator[MessageBlock]:
-        """Every message of the bag, in file order."""
+        """Yield every message of the bag, in file order."""
         while self.at < self._size and not self._cut:
             record = self._record(self.at)
             if record is None or record.op in (Op.MESSAGE, Op.CONNECTION):
@@ -339,7 +339,7 @@ class Pass:
             self._cut_off(record.start, "inside a record that holds no messages")
 
     def _run(self, start: int, lost: bool = False, expected: int = WINDOW) -> Iterator[MessageBlock]:
-        """Messages and connections that stand in the file itself: those of an uncompressed chunk, too."""
+        """Yield messages and connections that stand in the file itself: those of an uncompressed chunk, too."""
         feed = FileFeed(self._file, start, self._size)
         run = RecordRun(
             feed,
@@ -359,7 +359,7 @@ class Pass:
             yield from self._large(self._record(self.at))
 
     def _large(self, record: Record | None) -> Iterator[MessageBlock]:
-        """A message too large for memory, such as a dense point cloud: a LaserScan cannot be."""
+        """Pass over a message too large for memory, such as a dense point cloud: a LaserScan cannot be."""
         if record is None:
             return
         if record.op == Op.MESSAGE and self._is_wanted(record.number(b"conn")) and self._sane(record.end):
@@ -386,7 +386,7 @@ class Pass:
             yield from self._pass_over(record, record.end)
 
     def _codec(self, record: Record) -> str:
-        """The chunk's compression; where its name is broken, what its first bytes look like."""
+        """Return the chunk's compression; where its name is broken, what its first bytes look like."""
         codec = record.value(b"compression").decode("utf-8", "replace")[:40]
         if codec != "none" and codec not in CODECS:
             head = read_at(self._file, record.data_start, 4)
@@ -396,7 +396,7 @@ class Pass:
         return codec
 
     def _unpack(self, record: Record, codec: str) -> Iterator[MessageBlock]:
-        """Messages of a compressed chunk."""
+        """Yield messages of a compressed chunk."""
         place = f"chunk at byte {record.start}"
         sane = self._sane(record.end)
         size = record.number(b"size")
@@ -524,7 +524,7 @@ class Rosbag1Log:
         return "+".join(sorted(self._codecs)) or "none"
 
     def topics(self) -> list[Topic]:
-        """All topics: from the index, or where there is none by reading the whole bag once."""
+        """Return all topics: from the index, or where there is none by reading the whole bag once."""
         if self._index.state is State.GOOD:
             return _topics(self._index.connections, self._index.counts())
         if self._scanned is None:
@@ -535,7 +535,7 @@ class Rosbag1Log:
         return self._scanned
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Blocks of sweeps in log order within each topic."""
+        """Yield blocks of sweeps in log order within each topic."""
 
         def wanted(connection: Connection) -> bool:
             return connection.type in (LASERSCAN, MULTI_ECHO) and (
@@ -557,7 +557,7 @@ class Rosbag1Log:
         self._progress(reading)
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """Raw messages of the given types in log order."""
+        """Yield raw messages of the given types in log order."""
         reading = self._pass(lambda connection: connection.type in types, report)
         for block in reading.blocks():
             known = {
@@ -597,7 +597,7 @@ class Rosbag1Log:
 
 
 def _open(path: str, source: str | Path | BinaryIO) -> BinaryIO:
-    """The bag as a file that can be positioned in."""
+    """Open the bag as a file with random access."""
     try:
         if isinstance(source, str | Path):
             return Path(source).open("rb")
@@ -623,7 +623,7 @@ def _check_magic(path: str, head: bytes) -> None:
 
 
 def _first_codec(file: BinaryIO) -> dict[str, None]:
-    """Compression of the first chunk."""
+    """Return the compression of the first chunk."""
     bag = parse(read_at(file, len(MAGIC), 8 + MAX_HEADER), 0, len(MAGIC))
     chunk = parse(read_at(file, bag.end, 8 + MAX_HEADER), 0) if bag else None
     if chunk is None or chunk.op != Op.CHUNK:

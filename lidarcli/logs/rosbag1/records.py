@@ -85,7 +85,7 @@ class Record(NamedTuple):
 
 
 def parse_fields(header: bytes) -> dict[bytes, Field] | None:
-    """Fields of a header by name, or None where the lengths do not chain to its very end."""
+    """Return the fields of a header by name; None if their lengths do not add up to it."""
     fields: dict[bytes, Field] = {}
     at, end = 0, len(header)
     while at < end:
@@ -102,7 +102,7 @@ def parse_fields(header: bytes) -> dict[bytes, Field] | None:
 
 
 def parse(data: bytes, at: int, origin: int = 0) -> Record | None:
-    """The record at `data[at:]`, if a plausible header and its data length stand there.
+    """Return the record at `data[at:]`, if a plausible header and its data length stand there.
 
     Its data may be cut off. `origin` is added to the record's position.
     """
@@ -170,7 +170,7 @@ class Walk:
 
 
 def walk(data: bytes, at: int = 0) -> Walk:
-    """Hop from record to record; runs of equal size, as one scan topic makes them, are taken in one step."""
+    """Walk from record to record; runs of equal size, as one scan topic makes them, are taken in one step."""
     end = len(data)
     starts: list[int] = []
     headers: list[int] = []
@@ -270,7 +270,7 @@ def judge(data: bytes, walked: Walk) -> Judged:
 
 
 def _column(headers: UInt8, at: int) -> Int64:
-    """A little-endian u32 of every header."""
+    """Return a little-endian u32 of every header."""
     value: Int64 = headers[:, at : at + 4].copy().view("<u4")[:, 0].astype(np.int64)
     return value
 
@@ -284,7 +284,7 @@ CODECS = {"bz2": b"BZh", "lz4": b"\x04\x22\x4d\x18"}
 
 
 def read_at(file: BinaryIO, at: int, size: int) -> bytes:
-    """Bytes of the file at a position, fewer at its end."""
+    """Return bytes of the file at a position, fewer at its end."""
     file.seek(at)
     return file.read(size)
 
@@ -370,7 +370,7 @@ class ChunkFeed:
         return data
 
     def _unpack(self, size: int) -> bytes:
-        """The next `size` bytes at most, of bz2 the next whole blocks."""
+        """Return the next `size` bytes at most, of bz2 the next whole blocks."""
         compressed = b""
         if self._codec_state.needs_input:
             compressed = read_at(self._file, self._at, max(0, min(self._step, self._end - self._at)))
@@ -449,12 +449,12 @@ class Index:
     """Position of each chunk → its (connection, count) pairs of u32."""
 
     def chunk_counts(self, position: int) -> dict[int, int] | None:
-        """Connection → messages of the chunk at a position; None where the index does not know it."""
+        """Return the messages by connection of the chunk at a position; None if the index does not know it."""
         pairs = self.chunks.get(position)
         return None if pairs is None else dict(np.frombuffer(pairs, "<u4").reshape(-1, 2).tolist())
 
     def counts(self) -> dict[int, int]:
-        """Connection → messages of the whole bag."""
+        """Return the messages by connection of the whole bag."""
         pairs = np.frombuffer(b"".join(self.chunks.values()), "<u4").reshape(-1, 2)
         connections, inverse = np.unique(pairs[:, 0], return_inverse=True)
         totals = np.zeros(len(connections), np.int64)
@@ -463,7 +463,7 @@ class Index:
 
 
 def connection_of(record: Record, data: bytes) -> Connection:
-    """Topic and type of a connection record; the type is empty where its data is broken."""
+    """Return the topic and type of a connection record; the type is empty where its data is broken."""
     fields = parse_fields(data) or {}
     kind = fields.get(b"type")
     name = data[kind.start : kind.end].decode("utf-8", "replace") if kind else ""

@@ -126,7 +126,7 @@ def _pages(journal: BinaryIO, first: _Head) -> Iterator[tuple[int, bytes]]:
 
 
 def _head(journal: BinaryIO, place: int) -> _Head | None:
-    """The head at a byte of the journal; None where there is none: the journal ends, or was never in force."""
+    """Return the head at a byte of the journal; None where there is none: the journal ends, or was never in force."""
     journal.seek(place)
     data = journal.read(_HEAD.size)
     if len(data) < _HEAD.size or not data.startswith(JOURNAL_MAGIC):
@@ -247,7 +247,7 @@ class SqliteBag:
         return max(0.0, self._last / self._newest) if self._newest > 0 else 0.0
 
     def counts(self) -> Counter[int]:
-        """Topic id → messages."""
+        """Return the number of messages by topic id."""
         known = self._known
         if known.counts is None and self._database is not None:
             try:
@@ -269,7 +269,7 @@ class SqliteBag:
             self._report.add_damage("topics table", lost)
 
     def batches(self, topics: Collection[int]) -> Iterator[list[Row]]:
-        """Messages of the given topic ids in the order they were recorded, a few at a time."""
+        """Yield messages of the given topic ids in the order they were recorded, a few at a time."""
         self._last = BEFORE_ALL
         if self._database is not None:
             try:
@@ -327,7 +327,7 @@ class SqliteBag:
             self._open_damaged()
 
     def _connect(self, path: Path) -> sqlite3.Connection:
-        """A connection that can do nothing but read rows of plain tables, in bounded time.
+        """Connect to the database for reading rows of plain tables in bounded time, and nothing else.
 
         Raises
         ------
@@ -366,7 +366,7 @@ class SqliteBag:
         return self._steps > STEPS + STEPS_PER_BYTE * self._size
 
     def _merged(self, path: Path) -> Path:
-        """The storage file, or a copy of it with what stands beside it."""
+        """Return the storage file, or a copy of it with what stands beside it."""
         sidecars = [Path(f"{path}{suffix}") for suffix in SIDECARS if is_needed(path, suffix)]
         copy = self._copy(path, sidecars) if sidecars else None
         if copy is None:
@@ -394,7 +394,7 @@ class SqliteBag:
             raise UnreadableError(f"{self._shown}: holds no ROS 2 messages ({self._cause})")
 
     def _copy(self, path: Path, sidecars: list[Path]) -> Path | None:
-        """A copy in a temporary folder, as nothing may be changed beside the log; None where there is no room for it."""
+        """Return a copy in a temporary folder, as nothing is changed beside the log; None if it has no room."""
         self._folder = tempfile.TemporaryDirectory(prefix="lidarcli-")
         target = Path(self._folder.name) / "bag.db3"
         needed = 2 * sum(file.stat().st_size for file in [path, *sidecars])
@@ -416,7 +416,7 @@ class SqliteBag:
         return salvage, known.found
 
     def _salvaged(self, topics: Collection[int], last: int) -> Iterator[list[Row]]:
-        """Messages behind row `last`, page by page."""
+        """Yield messages behind row `last`, page by page."""
         salvage, found = self._salvage()
         self._newest = max(found.rowids, default=0)
         lost = 0
@@ -466,7 +466,7 @@ def _authorize(
 
 
 def _bounded(rows: Iterable[tuple[int, str, str, str]], most: int) -> Iterator[tuple[int, str, str, str]]:
-    """Rows whose texts together are no longer than the file that they come from [bytes]."""
+    """Yield rows whose texts together are no longer than the file that they come from [bytes]."""
     for row in rows:
         most -= sum(map(len, row[1:]))
         if most < 0:
@@ -489,7 +489,7 @@ def _cause(err: Exception) -> str:
 
 
 def _fetch(cursor: sqlite3.Cursor) -> list[Row]:
-    """The next messages, as many as are held at a time; none at the end."""
+    """Return the next messages, as many as are held at a time; none at the end."""
     rows: list[Row] = []
     size = 0
     while len(rows) < BATCH and size < BATCH_BYTES and (row := cursor.fetchone()) is not None:

@@ -89,7 +89,7 @@ def natural(name: str) -> list[tuple[int, str]]:
 
 
 def _listed(text: str) -> list[str]:
-    """The items of the list of files: within brackets, or one in a line each."""
+    """Return the items of the list of files: within brackets, or one in a line each."""
     lines = iter(text.split("\n"))
     for line in lines:
         if line.strip().startswith(_PATHS):
@@ -136,7 +136,7 @@ def _content(name: str) -> str:
 
 
 def _named_files(path: Path) -> tuple[list[str], str]:
-    """File names of a metadata.yaml, and what is wrong with it.
+    """Return file names of a metadata.yaml, and what is wrong with it.
 
     The names are all that is wanted of it: they are taken from their lines, which neither a broken part elsewhere nor
     a hostile YAML can spoil.

@@ -66,13 +66,13 @@ class Rosbag2Log:
         return "+".join(sorted(codecs))
 
     def topics(self) -> list[Topic] | None:
-        """Topics of all files, with the sum of their messages; None where a file has no index of them."""
+        """Return topics of all files, with the sum of their messages; None where a file has no index of them."""
         if self._topics is None:
             self._topics = self._counted()
         return None if self._topics is None else list(self._topics)
 
     def _counted(self) -> list[Topic] | None:
-        """The topics from a look at every file; reading meets the damage."""
+        """Return the topics from a look at every file; reading meets the damage."""
         totals: dict[tuple[str, str, str], int | None] = {}
         for number in range(len(self._files)):
             with self._storage(number, ReadReport()) as (storage, _):
@@ -89,7 +89,7 @@ class Rosbag2Log:
         return [Topic(*key, messages) for key, messages in totals.items()]
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Blocks of sweeps in log order within each topic, file after file."""
+        """Yield blocks of sweeps in log order within each topic, file after file."""
         for number, storage, own in self._storages(report):
             if isinstance(storage, SqliteBag):
                 storage.report_orphans()
@@ -100,7 +100,7 @@ class Rosbag2Log:
                     yield block
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """Raw messages of the given types in log order."""
+        """Yield raw messages of the given types in log order."""
         for _, storage, own in self._storages(report):
             if isinstance(storage, SqliteBag):
                 yield from self._sqlite_messages(storage, types, own)
@@ -131,7 +131,7 @@ class Rosbag2Log:
             raise first
 
     def _storages(self, report: ReadReport) -> Iterator[tuple[int, SqliteBag | McapLog, ReadReport]]:
-        """The storage files that can be opened, each with a report of its own: one pass over the log."""
+        """Yield the storage files that can be opened, each with a report of its own: one pass over the log."""
         report.add(self._opening)
         self._unpacking = Unpacking()
         for number in range(len(self._files)):
@@ -144,7 +144,7 @@ class Rosbag2Log:
     def _storage(
         self, number: int, report: ReadReport
     ) -> Iterator[tuple[SqliteBag | McapLog | None, ReadReport]]:
-        """One storage file, open, and the report of what is met in it; None where it cannot be read."""
+        """Open one storage file, with a report of its own; None if it cannot be read."""
         file, own = self._files[number], ReadReport()
         try:
             storage = self._open(number, report, own)
@@ -174,7 +174,7 @@ class Rosbag2Log:
         return storage
 
     def _plain(self, file: Path, report: ReadReport) -> Path:
-        """The file itself, or what it unpacks to; the last one unpacked is kept until the log is closed."""
+        """Return the file itself, or what it unpacks to; the last one unpacked is kept until the log is closed."""
         try:
             if not is_zstd(file):
                 return file
@@ -225,7 +225,7 @@ class Rosbag2Log:
     def _usable(
         self, topic: str, times: Sequence[int | None], messages: Sequence[bytes | None], report: ReadReport
     ) -> tuple[Sequence[bytes], Sequence[int]]:
-        """The messages that there are and their times, unpacked if they are packed.
+        """Return the messages that there are and their times, unpacked if they are packed.
 
         A bag packs all its messages or none; plain CDR never begins as zstd does.
         """
@@ -269,7 +269,7 @@ def _sqlite_topics(bag: SqliteBag) -> list[Topic]:
 
 
 def _by_topic(batch: list[Row]) -> Iterator[tuple[int, Sequence[int | None], Sequence[bytes | None]]]:
-    """Topic id, times and messages of a batch, for each of its topics."""
+    """Yield topic id, times and messages of a batch, for each of its topics."""
     _, topic_ids, times, messages = zip(*batch, strict=True)
     present = set(topic_ids)
     if len(present) == 1:

@@ -73,7 +73,7 @@ class Found:
     """Byte position of each message's cell in the file."""
 
     def order(self) -> list[int]:
-        """Indices of the messages by row id, each id once."""
+        """Return indices of the messages by row id, each id once."""
         _, first = np.unique(np.array(self.rowids, np.int64), return_index=True)
         return [int(index) for index in first]
 
@@ -110,7 +110,7 @@ class Salvage:
         return found
 
     def messages(self, found: Found, topics: Collection[int], after: int) -> Iterator[MessageRow | int]:
-        """Messages of the topics with a row id above `after`, in order; the id alone where one is not whole.
+        """Yield messages of the topics with a row id above `after`, in order; the id alone where one is not whole.
 
         No byte of a sound file stands in two messages: once they are longer than the file, none is believed.
         """
@@ -124,7 +124,7 @@ class Salvage:
             yield row or rowid
 
     def _page_size(self) -> tuple[int, int]:
-        """Page size and its usable part; 4096, which ROS writes, where the header is broken."""
+        """Return page size and its usable part; 4096, which ROS writes, where the header is broken."""
         head = self._at(0, HEADER)
         size = int.from_bytes(head[16:18], "big")
         size = 65536 if size == 1 else size
@@ -148,7 +148,7 @@ class Salvage:
                 self._row(page, cell, base + place, found)
 
     def _cell(self, page: bytes, at: int) -> _Cell | None:
-        """The cell at a position of a page, None where it cannot be one."""
+        """Return the cell at a position of a page, None where it cannot be one."""
         size, at = _varint(page, at)
         rowid, at = _varint(page, at)
         rowid = rowid - (1 << 64) if rowid >> 63 else rowid
@@ -181,7 +181,7 @@ class Salvage:
                 found.topics.setdefault(cell.rowid, topic)
 
     def _message(self, place: int) -> MessageRow | None:
-        """The message whose cell stands at a byte of the file, None where a part of it is lost."""
+        """Return the message whose cell stands at a byte of the file, None where a part of it is lost."""
         at = place % self._page
         page = self._at(place - at, self._page)
         cell = self._cell(page, at)
@@ -234,12 +234,12 @@ class Salvage:
 
 
 def _width(serial: int) -> int:
-    """Bytes of a value of this serial type."""
+    """Return bytes of a value of this serial type."""
     return _INT_BYTES.get(serial, 8 if serial == 7 else max(0, (serial - 12) // 2))
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """A big-endian number of 7 bits per byte, and where it ends; an end of -1 where it is not whole."""
+    """Return a big-endian number of 7 bits per byte, and where it ends; an end of -1 where it is not whole."""
     value = 0
     for index in range(9):
         if not 0 <= at + index < len(data):
@@ -254,7 +254,7 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 def _serial_types(row: bytes) -> list[int] | None:
-    """The types of a row's columns, None where its header cannot be one. Bags have at most 8 columns."""
+    """Return the types of a row's columns, None where its header cannot be one. Bags have at most 8 columns."""
     head, at = _varint(row, 0)
     if not 2 <= head <= len(row) or head > 64:
         return None
@@ -266,7 +266,7 @@ def _serial_types(row: bytes) -> list[int] | None:
 
 
 def _number(row: bytes, at: int, serial: int) -> int:
-    """The integer of this serial type at a byte of a row; 8 and 9 stand for 0 and 1."""
+    """Return the integer of this serial type at a byte of a row; 8 and 9 stand for 0 and 1."""
     return (
         serial - 8
         if serial > 6
@@ -275,7 +275,7 @@ def _number(row: bytes, at: int, serial: int) -> int:
 
 
 def _topic_row(row: bytes, rowid: int, types: list[int]) -> TopicRow | None:
-    """A row of three texts behind its id as a topic; None where it is none."""
+    """Return a row of three texts behind its id as a topic; None where it is none."""
     at, texts = _varint(row, 0)[0], []
     for serial in types[1:4]:
         texts.append(row[at : at + (serial - 13) // 2].decode("utf-8", "replace"))
@@ -287,7 +287,7 @@ def _topic_row(row: bytes, rowid: int, types: list[int]) -> TopicRow | None:
 
 
 def guess_topics(salvage: Salvage, found: Found) -> dict[int, TopicRow]:
-    """LaserScan topics of a bag that lost its topics table: those whose first messages make sane sweeps."""
+    """Return LaserScan topics of a bag that lost its topics table: those whose first messages make sane sweeps."""
     guessed = {}
     for topic in sorted(set(found.topic_ids)):
         sample = [

@@ -12,7 +12,7 @@ import pyarrow as pa
 from lidarcli.formalism import Parameters
 from lidarcli.pipeline.api.keywords import Detecting, Paths, Reading, Tracking, defaults_of
 from lidarcli.pipeline.api.options import (
-    Told,
+    GivenPaths,
     background_options,
     catalogue_of,
     opening_options,
@@ -89,7 +89,7 @@ def track(
     return TrackTables(**found(log, TrackTables._fields, parameters, options, tracking_of(options)))
 
 
-def tracking_of(told: Told) -> TrackOptions:
+def tracking_of(told: GivenPaths) -> TrackOptions:
     """How things are followed."""
     # Who does not track does not wait for these imports.
     from lidarcli.formalism.parameters import TrackParameters
@@ -99,7 +99,11 @@ def tracking_of(told: Told) -> TrackOptions:
 
 
 def found(
-    log: Any, tables: Sequence[str], parameters: Parameters | None, told: Told, tracking: TrackOptions | None
+    log: Any,
+    tables: Sequence[str],
+    parameters: Parameters | None,
+    told: GivenPaths,
+    tracking: TrackOptions | None,
 ) -> dict[str, pa.Table]:
     """Some tables of logs or of batches, by their names."""
     background = background_options(told)

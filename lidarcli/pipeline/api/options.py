@@ -19,7 +19,7 @@ from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.range_rules import RangeRules, parse_no_return
 
-Told = Mapping[str, Any]
+GivenPaths = Mapping[str, Any]
 """Keywords with their values; all those of a group are there."""
 OBJECTS = tuple(Objects.__annotations__)
 """Names of the keywords that say what an object is."""
@@ -46,7 +46,7 @@ def path_text(value: Any) -> str:
     return fspath(value)
 
 
-def read_options(told: Told) -> ReadOptions:
+def read_options(told: GivenPaths) -> ReadOptions:
     """Which sweeps to read, and how ranges are judged."""
     return ReadOptions(topics(told["topic"]), told["start"], told["end"], told["every"], rules=rules(told))
 
@@ -57,14 +57,14 @@ def topics(names: str | Iterable[str] | None) -> frozenset[str] | None:
     return frozenset(name for name in named if name) or None
 
 
-def rules(told: Told) -> RangeRules:
+def rules(told: GivenPaths) -> RangeRules:
     """How ranges are judged."""
     no_return = told["no_return"]
     text = no_return if isinstance(no_return, str) else ",".join(map(str, no_return))
     return range_rules(told["range"], parse_no_return(text))
 
 
-def opening_options(told: Told) -> OpenOptions:
+def opening_options(told: GivenPaths) -> OpenOptions:
     """What a log may need to be told."""
     return open_options(
         **{name: told[name] for name in OPENING},
@@ -74,13 +74,13 @@ def opening_options(told: Told) -> OpenOptions:
     )
 
 
-def pose_options(told: Told) -> PoseOptions:
+def pose_options(told: GivenPaths) -> PoseOptions:
     """Where poses come from, and how they are used."""
     file = None if told["poses"] is None else fspath(told["poses"])
     return PoseOptions(told["pose"], file, told.get("pose_delay"), told["deskew"])
 
 
-def background_options(told: Told) -> BackgroundOptions | None:
+def background_options(told: GivenPaths) -> BackgroundOptions | None:
     """What to compare sweeps with, and how."""
     background, angle = told["background"], told["station_angle"]
     how = {
@@ -105,7 +105,7 @@ def catalogue_of(catalogue: AnyPath | Catalogue | None) -> Catalogue | None:
     return read_catalogue(catalogue) if isinstance(catalogue, str | PathLike) else catalogue
 
 
-def parameters_of(parameters: Parameters | None, told: Told, *, subtracted: bool = False) -> Parameters:
+def parameters_of(parameters: Parameters | None, told: GivenPaths, *, subtracted: bool = False) -> Parameters:
     """The parameters as such, or from their keywords."""
     given = {name: told[name] for name in OBJECTS}
     if parameters is not None:

@@ -11,7 +11,14 @@ from lidarcli.choices import VIEWS, Look
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism import Parameters
 from lidarcli.pipeline.api.keywords import AnyPath, Delay, Plotting, Poses, Ranges, defaults_of
-from lidarcli.pipeline.api.options import Told, opening_options, parameters_of, path_text, pose_options, rules
+from lidarcli.pipeline.api.options import (
+    GivenPaths,
+    opening_options,
+    parameters_of,
+    path_text,
+    pose_options,
+    rules,
+)
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import path_of
 from lidarcli.pipeline.inputs.search import one_log
@@ -72,7 +79,9 @@ def plot(
     return figure_of(picture, options["view"], [axes] if isinstance(axes, Axes) else axes, look)
 
 
-def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | None, told: Told) -> Picture:
+def _picture(
+    log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | None, told: GivenPaths
+) -> Picture:
     wanted = PlotOptions(
         sweeps=(sweep,),
         topic=told["topic"],

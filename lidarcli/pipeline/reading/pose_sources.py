@@ -20,7 +20,7 @@ from lidarcli.sweeps import Int64, RawSweeps
 
 if TYPE_CHECKING:
     from lidarcli.poses.delay import DelaySample
-    from lidarcli.poses.sources import PoseSources, Told
+    from lidarcli.poses.sources import GivenPaths, PoseSources
 
 NONE = "none"
 """Value of `--pose` for no poses at all."""
@@ -122,7 +122,7 @@ class Delay:
 class DelaySearch:
     """Looks for the delays of the first topics and frames of a log, block by block."""
 
-    def __init__(self, sources: PoseSources | Told, deskew: bool = True) -> None:
+    def __init__(self, sources: PoseSources | GivenPaths, deskew: bool = True) -> None:
         self._sources = sources
         self._deskew = deskew
         self._samples: dict[tuple[str, str], DelaySample | None] = {}
@@ -168,7 +168,7 @@ def later(stamp_ns: Int64, delay: float) -> Int64:
 
 
 def first_delays(
-    log: Log, sources: PoseSources | Told, choice: TopicChoice, rules: RangeRules, deskew: bool = True
+    log: Log, sources: PoseSources | GivenPaths, choice: TopicChoice, rules: RangeRules, deskew: bool = True
 ) -> Mapping[tuple[str, str], Delay]:
     """Return the delay of the poses of each topic and frame, by the first sweeps of a log that can be read twice.
 
@@ -195,7 +195,7 @@ MOST_MATCHED = 16
 class FoundPoses:
     """Pose sources of a log, with the notes and the report of reading them."""
 
-    sources: PoseSources | Told
+    sources: PoseSources | GivenPaths
     notes: tuple[str, ...] = ()
     report: ReadReport = field(default_factory=ReadReport)
     """Damage and refused messages of the pass over their messages."""
@@ -233,10 +233,10 @@ def find_poses(
     if options.source == NONE:
         return None
     if options.file is not None:
-        from lidarcli.poses.sources import Told
+        from lidarcli.poses.sources import GivenPaths
         from lidarcli.poses.tracks import read_trajectory
 
-        return FoundPoses(Told((read_trajectory(Path(options.file)),)))
+        return FoundPoses(GivenPaths((read_trajectory(Path(options.file)),)))
     if options.source == MATCH:
         return _matched(log, topics, rules or RangeRules())
     wanted = options.source
@@ -259,7 +259,7 @@ def _matched(log: Log, topics: Collection[str] | None, rules: RangeRules) -> Fou
     """Match the path of every sensor of a log from its own sweeps: of each frame, from the first topic that has it."""
     from lidarcli.logs.batches import ReadOptions, read_batches
     from lidarcli.poses.matched import Matching
-    from lidarcli.poses.sources import Told
+    from lidarcli.poses.sources import GivenPaths
 
     if log.size is None:
         raise OptionError(
@@ -296,7 +296,9 @@ def _matched(log: Log, topics: Collection[str] | None, rules: RangeRules) -> Fou
         notes.append(
             f"the paths of {len(paths)} sensors are matched each by itself: every frame has a world of its own"
         )
-    return FoundPoses(Told(tuple(track for *_, track in found if track is not None)), tuple(notes), report)
+    return FoundPoses(
+        GivenPaths(tuple(track for *_, track in found if track is not None)), tuple(notes), report
+    )
 
 
 @dataclass(frozen=True, slots=True)

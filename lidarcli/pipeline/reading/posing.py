@@ -25,7 +25,7 @@ from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
-    from lidarcli.poses.sources import PoseSources, Told, Way
+    from lidarcli.poses.sources import GivenPaths, PoseSources, Way
     from lidarcli.poses.tracks import Motion
 
 TILTED = np.deg2rad(10.0)
@@ -198,7 +198,7 @@ class Posing:
         mine = {topic: best.seconds for (topic, name), best in sorted(self.delays.items()) if name == frame}
         return {"track_delay" if self.purpose == TRACKS else "map_delay": mine} if mine else {}
 
-    def _frame_notes(self, frame: str, sources: PoseSources | Told) -> list[str]:
+    def _frame_notes(self, frame: str, sources: PoseSources | GivenPaths) -> list[str]:
         way, seen, others = sources.way(frame), self.seen[frame], sources.alternatives(frame)
         name = frame or "without a name"
         if way is None and (alike := sources.alike(frame)):

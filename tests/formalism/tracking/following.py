@@ -30,7 +30,7 @@ PER_SWEEP = ("objects", "agents", "object_beams", "agent_beams")
 
 
 @dataclass(frozen=True)
-class Told:
+class GivenPaths:
     """What the tracker says of a whole log of S sweeps and K objects."""
 
     row: Any
@@ -74,7 +74,7 @@ def follow(
     log: SweepBatch | Sequence[SweepBatch],
     parameters: Parameters | None = None,
     track: TrackParameters | None = None,
-) -> Told:
+) -> GivenPaths:
     """Detect and follow what is in the batches of a log; each answer comes in its turn and fits its batch."""
     pieces = [log] if isinstance(log, SweepBatch) else list(log)
     tracker = Tracker(track)
@@ -90,7 +90,7 @@ def follow(
         assert all(len(getattr(one, name)) == len(detection) for name in PER_OBJECT)
         assert all(len(getattr(one, name)) == len(piece) for name in PER_SWEEP)
     first = np.cumsum([0, *map(len, pieces)])
-    return Told(
+    return GivenPaths(
         np.concatenate([detection.row + begin for detection, begin in zip(found, first[:-1], strict=True)]),
         {name: np.concatenate([getattr(one, name) for one in followed]) for name in PER_OBJECT + PER_SWEEP},
         tracks,
@@ -102,7 +102,7 @@ def follow(
     )
 
 
-def assert_same(one: Told, other: Told) -> None:
+def assert_same(one: GivenPaths, other: GivenPaths) -> None:
     """Every bit of what is told of two logs is the same."""
     for name, values in one.columns.items():
         np.testing.assert_array_equal(values, other.columns[name], err_msg=name, strict=True)
@@ -111,7 +111,7 @@ def assert_same(one: Told, other: Told) -> None:
         np.testing.assert_array_equal(values, getattr(other.tracks, field.name), err_msg=field.name)
 
 
-def assert_sums(told: Told, found: Detection) -> None:
+def assert_sums(told: GivenPaths, found: Detection) -> None:
     """Definition 4 sums as before: U = A ∪ S ∪ O, in objects and in beams."""
     np.testing.assert_array_equal(told.columns["objects"] + told.columns["agents"], found.objects)
     np.testing.assert_array_equal(

@@ -17,7 +17,7 @@ from lidarcli.simulate.scene import Course, Entity, Motion, super_ellipse
 from lidarcli.sweeps import TURN, SweepBatch
 from tests.formalism.tracking.following import (
     SENSOR,
-    Told,
+    GivenPaths,
     assert_sums,
     follow,
     scene_of,
@@ -47,7 +47,7 @@ def on_route(*waypoints: tuple[float, float, float]) -> Motion:
     return Motion(route=plan_route(points, turn_rate=TURN, corner_radius=0.5), ahead=False)
 
 
-def rows_of(told: Told, number: int) -> dict[str, np.ndarray]:
+def rows_of(told: GivenPaths, number: int) -> dict[str, np.ndarray]:
     """The rows of a track."""
     at = told.of(number)
     return {name: values[at] for name, values in told.columns.items() if len(values) == len(at)} | {
@@ -55,7 +55,7 @@ def rows_of(told: Told, number: int) -> dict[str, np.ndarray]:
     }
 
 
-def main_agent(told: Told) -> int:
+def main_agent(told: GivenPaths) -> int:
     """The only thing that moves."""
     assert len(told.agents) == 1, told.agents
     return int(told.agents[0])
@@ -244,7 +244,7 @@ def test_a_person_on_two_legs_is_one_track() -> None:
     assert np.median(rows["vx"][middle]) == pytest.approx(0.8, abs=0.1)
 
 
-def passing_persons() -> Told:
+def passing_persons() -> GivenPaths:
     """Two persons who pass each other."""
     one = make.person(-3.0, 2.6, motion=on_route((-3.0, 2.6, 0.0), (3.0, 2.6, 0.0)))
     other = make.person(3.0, 1.4, motion=on_route((3.0, 1.4, 0.0), (-3.0, 1.4, 0.0)))

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.scenes.random import KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.simulate.scene import Course, Scene, super_ellipse
-from tests.formalism.tracking.following import Told, follow, simulated
+from tests.formalism.tracking.following import GivenPaths, follow, simulated
 
 SWEEPS = 300
 
@@ -22,7 +22,7 @@ def driven(scene: Scene) -> Scene:
 
 def told_of(
     kind: str, seed: int, sensor: str, noise: float, *, drive: bool = False, log_seed: int = 0
-) -> Told:
+) -> GivenPaths:
     """What is told of a standing scene."""
     lost = {0.003: 0.0, 0.01: 0.003, 0.03: 0.01}[noise]
     scene = random_scene(kind, seed, sensor_with(SENSORS[sensor], noise, lost))  # type: ignore[arg-type]

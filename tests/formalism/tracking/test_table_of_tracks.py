@@ -11,20 +11,20 @@ from benchmarks.scenes.moving import moving_scene
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, ENDS
 from lidarcli.simulate.scene import Sensor
-from tests.formalism.tracking.following import Told, follow, moving_log, repeated, simulated
+from tests.formalism.tracking.following import GivenPaths, follow, moving_log, repeated, simulated
 
 LOGS = (("room", False), ("hall", True), ("crossing", False), ("people", False))
 PARTIAL = Sensor(beams=541, angle_min=-2.35, angle_increment=4.7 / 540, noise=0.01, mixed_pixels=0.2)
 
 
 @cache
-def told_of(kind: str, driving: bool) -> Told:
+def told_of(kind: str, driving: bool) -> GivenPaths:
     """A log of four windows."""
     return follow(repeated(moving_log(kind, 5, driving=driving), 3))  # type: ignore[arg-type]
 
 
 @cache
-def told_in_part(seed: int) -> Told:
+def told_in_part(seed: int) -> GivenPaths:
     """Who goes in and out of a partial view."""
     return follow(simulated(moving_scene("room", seed, PARTIAL), seed=seed))
 

@@ -11,7 +11,7 @@ from lidarcli.formalism.tracking import fold, tracker
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.scene import Course, Mount, super_ellipse
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
-from tests.formalism.tracking.following import SENSOR, Told, follow, scene_of, simulated
+from tests.formalism.tracking.following import SENSOR, GivenPaths, follow, scene_of, simulated
 
 PARKED_WORLD = (
     make.box(1.5, 0.3, 0.6, 0.4, 0.4),
@@ -37,7 +37,7 @@ def driven(mount: Mount, delay: float) -> SweepBatch:
     )
 
 
-def value_of(told: Told) -> list[float]:
+def value_of(told: GivenPaths) -> list[float]:
     return list(told.tracker._fold.correction.value)
 
 
