@@ -42,7 +42,7 @@ def main(log: str, picture: str) -> None:
                 markeredgewidth=0,
                 rasterized=True,
             )
-            panels.sensor(axes)
+            panels.draw_sensor(axes)
             axes.set_aspect("equal")
             axes.set_xlabel("x [m]")
             axes.set_ylabel("y [m]")

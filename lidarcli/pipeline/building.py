@@ -151,9 +151,9 @@ def scene_notes(sensors: Sequence[Background]) -> list[str]:
 
 def draw_background(path: Place, sensors: Sequence[Background], overwrite: bool) -> list[str]:
     """Write a picture of a background, of the kind of the suffix; notes as of `NewFiles.publish`."""
-    from lidarcli.reports.background_figure import draw
+    from lidarcli.reports.map_picture import draw_backgrounds
 
-    return write_whole(path, draw(sensors, path.suffix.lower()), overwrite)
+    return write_whole(path, draw_backgrounds(sensors, path.suffix.lower()), overwrite)
 
 
 def refuse_nothing(sensors: Sequence[Background]) -> None:

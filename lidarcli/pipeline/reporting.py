@@ -26,12 +26,12 @@ from lidarcli.reports.streams import streams_of
 from lidarcli.reports.summary import (
     OBJECT_COLUMNS,
     SWEEP_COLUMNS,
+    TRACK_COLUMNS,
     TRACKED_COLUMNS,
     edges_of,
     summarise,
     values_of,
 )
-from lidarcli.reports.tracks import TRACK_COLUMNS
 from lidarcli.reports.wording import counted
 from lidarcli.stores.url import Place, absolute, place
 from lidarcli.tabular.runs import Entry, read_run

@@ -13,16 +13,14 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.ticker import MaxNLocator
 
 from lidarcli.choices import beams_on
 from lidarcli.reports import palette
-from lidarcli.reports.distributions import Density, Histogram
-from lidarcli.reports.drawing import project_style
-from lidarcli.reports.figures import Spread
+from lidarcli.reports.drawing import new_figure, project_style
+from lidarcli.reports.figures import Density, Histogram, Spread
 from lidarcli.reports.ground import Walls
 from lidarcli.reports.map_picture import WALLS, MapPicture, draw_walls, map_figure, squares
 from lidarcli.reports.palette import HEAT, themed
@@ -176,8 +174,7 @@ def overview_chart(picture: MapPicture) -> Chart:
 
 def _chart(title: str, draw: Callable[[Axes], None], wide: bool = False) -> Chart:
     with project_style(SVG_STYLE):
-        figure = Figure(figsize=WIDE_SIZE if wide else CHART_SIZE, layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure(*(WIDE_SIZE if wide else CHART_SIZE))
         draw(figure.add_subplot())
         return _as_chart(title, figure, wide)
 

@@ -310,16 +310,7 @@ def _all_of(conditions: Sequence[Condition]) -> Condition:
 
 def _any_of(conditions: Sequence[Condition]) -> Condition:
     """Join conditions by `or`: known to be true where one is, known to be false where all are."""
-
-    def judge(rows: Rows) -> Truths:
-        true, false = np.zeros(len(rows), bool), np.ones(len(rows), bool)
-        for condition in conditions:
-            value, known = condition.judge(rows)
-            true |= value & known
-            false &= ~value & known
-        return true, true | false
-
-    return Condition(_columns(conditions), judge)
+    return _negated(_all_of([*map(_negated, conditions)]))
 
 
 def _columns(conditions: Sequence[Condition]) -> frozenset[str]:

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from lidarcli.choices import ANIMATED_DPI, AS_IT_COMES, FRAMES_PER_SECOND, Look
+from lidarcli.display import counted
 from lidarcli.errors import OptionError
 from lidarcli.reports import palette, panels
 from lidarcli.reports.panels import scene
@@ -172,7 +173,7 @@ def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], a
 def draw(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
     """Return the picture as a file of the kind of `suffix`."""
     with project_style():
-        figure = _figure(width_of(view, look))
+        figure = new_figure(width_of(view, look))
         draw_whole(figure, picture, view, limits_of([picture.batch]), look)
         return file_bytes(figure, suffix, look.dpi)
 
@@ -190,7 +191,7 @@ def animate(
         raise OptionError(f"{path.suffix} needs ffmpeg, which is not there; write .gif instead")
     fps = look.fps or FRAMES_PER_SECOND
     with project_style():
-        figure = _figure(width_of(view, look))
+        figure = new_figure(width_of(view, look))
         figure.set_dpi(look.dpi or ANIMATED_DPI)
         frames = _frames(figure, pictures, view, look, report)
         if not is_film:
@@ -227,7 +228,8 @@ def _frames(
         for axes, place in zip(_fill(figure, picture, view, limits, look), places, strict=True):
             axes.set_position(place)
         _title(figure, picture, look)
-        _legend(figure, entries, look, "lower left", columns)
+        if look.legend:
+            draw_legend(figure, entries, "lower left", columns)
         yield figure
         if report is not None:
             report(number)
@@ -251,8 +253,9 @@ def project_style(other: dict[str, Any] | None = None) -> Iterator[None]:
         yield
 
 
-def _figure(width: float) -> Figure:
-    figure = Figure(figsize=(width, 4.0), layout="constrained")
+def new_figure(width: float, height: float = 4.0, kind: type[Figure] = Figure) -> Figure:
+    """Return an empty figure of this size [inch] without a window."""
+    figure = kind(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
@@ -263,7 +266,8 @@ def draw_whole(
     """Draw everything, and make the figure as high as it has to be; the axes."""
     drawn = _fill(figure, picture, view, limits, look)
     _title(figure, picture, look)
-    _legend(figure, entries_of(drawn) if entries is None else entries, look, "outside lower left")
+    if look.legend:
+        draw_legend(figure, entries_of(drawn) if entries is None else entries, "outside lower left")
     heights = [place.height for place in places_of(picture, view, limits, look)]
     fit_height(figure, drawn, heights, limits.aspect)
     return drawn
@@ -310,12 +314,6 @@ def entries_of(drawn: Sequence[Axes]) -> Entries:
         for label, handle in zip(labels, handles, strict=True):
             entries.setdefault(label, handle)
     return entries
-
-
-def _legend(figure: Figure, entries: Entries, look: Look, place: str, columns: int = 0) -> None:
-    """Draw the legend where that is asked for."""
-    if look.legend:
-        draw_legend(figure, entries, place, columns)
 
 
 def draw_legend(figure: Figure, entries: Entries, place: str, columns: int = 0) -> None:
@@ -386,8 +384,7 @@ def figure_of(
     if axes is not None:
         return _on(axes, picture, view, look)
     with project_style():
-        figure = _Shown(figsize=(width_of(view, look), 4.0), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure(width_of(view, look), kind=_Shown)
         draw_whole(figure, picture, view, limits_of([picture.batch]), look)
     return figure
 
@@ -398,7 +395,7 @@ def _on(axes: Sequence[Axes], picture: Picture, view: str, look: Look) -> Figure
     places = places_of(picture, view, limits, look)
     if len(axes) != len(places):
         raise OptionError(
-            f"view {view} has {len(places)} panel{'s' if len(places) != 1 else ''}, and there are {len(axes)} axes for it"
+            f"view {view} has {counted(len(places), 'panel')}, and there are {len(axes)} axes for it"
         )
     for mine, place in zip(axes, places, strict=True):
         if place.polar and mine.name != "polar":

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.reports.columns import Rows, Run
-from lidarcli.reports.distributions import round_up
+from lidarcli.reports.figures import round_up
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, UInt8, record
 
 CELLS = 160

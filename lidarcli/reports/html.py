@@ -20,12 +20,11 @@ from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.reports.charts import charts, constants, overview_chart
 from lidarcli.reports.ci import clean
 from lidarcli.reports.columns import Origin, Run
-from lidarcli.reports.contents import TRACK_CELLS_RIGHT, track_cells
 from lidarcli.reports.document import PAGE, Code, Document
 from lidarcli.reports.ground import Ground, Raw, Walls, ground_of
 from lidarcli.reports.map_picture import MapPicture
 from lidarcli.reports.palette import page_style
-from lidarcli.reports.report import Report
+from lidarcli.reports.report import TRACK_CELLS_RIGHT, Report, track_cells
 from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.streams import KINDS, Stream
 from lidarcli.reports.summary import Summary

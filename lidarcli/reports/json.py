@@ -12,8 +12,8 @@ import numpy as np
 
 from lidarcli._version import __version__
 from lidarcli.reports.compare import Comparison
-from lidarcli.reports.distributions import Histogram
 from lidarcli.reports.document import Document
+from lidarcli.reports.figures import Histogram
 from lidarcli.reports.report import Report
 from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.streams import Standing, Stream

@@ -57,7 +57,7 @@ def scene(axes: Axes, picture: Picture, limits: Limits | None = None, vertices: 
     axes.set_aspect("equal", adjustable="box", anchor="N")
     axes.set(xlim=limits.x, ylim=limits.y, xlabel="x [m]", ylabel="y [m]")
     scatter_beams(axes, picture, x, y, _dot(axes, limits))
-    sensor(axes)
+    draw_sensor(axes)
     found = picture.detection
     for k in range(len(found)):
         if picture.is_wall(k):
@@ -70,7 +70,7 @@ def scene(axes: Axes, picture: Picture, limits: Limits | None = None, vertices: 
     _label(axes, picture, _numbers(picture) if picture.tracks is None else _tracks(axes, picture.tracks))
 
 
-def sensor(axes: Axes, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, size: float = 6.0) -> None:
+def draw_sensor(axes: Axes, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, size: float = 6.0) -> None:
     """Draw the sensor as a triangle that points along its x axis [m, rad]."""
     turn = float(np.degrees(yaw)) - 90.0
     axes.plot(

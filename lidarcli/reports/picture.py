@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lidarcli.display import counted
 from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import OBJECT, SHAPES, WALL
 from lidarcli.reports.ground import TrackPath
@@ -42,12 +43,12 @@ class Picture:
     def title(self) -> tuple[str, str]:
         """Two lines: names of log, topic and sweep; settings and counts."""
         found = self.detection
-        things = int(np.count_nonzero(found.set == OBJECT))
+        things = counted(int(np.count_nonzero(found.set == OBJECT)), "object")
         first = f"{printable(self.log)}  {printable(self.batch.topic)}  sweep {self.sweep}"
         d_th = float(found.sweep_d_th[0])
         second = (
             f"{stamp(int(self.batch.stamp_ns[0]))}{self._tracks_words}, profile {self.profile}, "
-            f"$d_{{th}}$ = {d_th:.3g} m ({self.threshold}), {things} object{'' if things == 1 else 's'}"
+            f"$d_{{th}}$ = {d_th:.3g} m ({self.threshold}), {things}"
         )
         return first, second
 
@@ -56,8 +57,8 @@ class Picture:
         """Number of tracks that are drawn, and of agents among them, in words."""
         if self.tracks is None:
             return ""
-        count, agents = len(self.tracks), sum(path.is_agent for path in self.tracks)
-        return f", {count} track{'' if count == 1 else 's'} ({agents} agent{'' if agents == 1 else 's'})"
+        agents = sum(path.is_agent for path in self.tracks)
+        return f", {counted(len(self.tracks), 'track')} ({counted(agents, 'agent')})"
 
     @property
     def theta(self) -> Float64:

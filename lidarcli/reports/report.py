@@ -1,16 +1,483 @@
-"""A report on tables: the figures of a run, the verdicts of its checks, the comparison with a baseline."""
+"""A report on tables: the figures of a run, and the sections that say them once for every format."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
+import numpy as np
+
+from lidarcli.reports.columns import Origin
 from lidarcli.reports.compare import Comparison
-from lidarcli.reports.contents import cards_of, damage_cards, sections_of
-from lidarcli.reports.document import Card, Document, Section
-from lidarcli.reports.streams import unlike_of
-from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import counted, differences, number, quantity, rate
+from lidarcli.reports.document import (
+    MARKDOWN,
+    PAGE,
+    TEXT,
+    Block,
+    Card,
+    Code,
+    Document,
+    Drawing,
+    Facts,
+    Notes,
+    Section,
+    Share,
+    Shares,
+    Table,
+)
+from lidarcli.reports.figures import CATEGORIES, DELTA, SPREADS, TRACK_SPREADS, unit_of
+from lidarcli.reports.streams import KINDS, Stream, unlike_of
+from lidarcli.reports.summary import Summary, Track, Tracked
+from lidarcli.reports.wording import (
+    NONE,
+    beams_by_set,
+    counted,
+    differences,
+    has_agents,
+    kind_counts,
+    number,
+    percent,
+    quantity,
+    rate,
+    resample,
+    shade,
+    spark,
+    stamp,
+    track_kinds,
+)
+from lidarcli.sweeps import Float64
+
+STREAMS, STREAMS_OF_PAGE = 12, 100
+"""Most logs and topics that tables show; the JSON holds all."""
+TRACKS = 12
+"""Most tracks that are shown one by one."""
+SPARK, SPARK_OF_TABLE = 54, 60
+"""Widths of a course over time [characters]."""
+MAP_WIDTH, MAP_HEIGHT = 76, 20
+"""Size of a map at most [characters]."""
+LONGEST_LABEL = 11
+"""Characters of a label in a table of tracks."""
+SHOWN_STATISTICS = ("mean", "min", "p05", "p50", "p95", "max")
+SHOWN_SPREADS = (
+    *("objects_per_sweep", "nearest", "range", "width", "box_length", "box_width", "beams_per_object"),
+    *("intensity", "difference", "d_th", "noise", "lost_share", "step"),
+)
+COMPARED = (
+    *("sweeps", "valid_share", "no_return_share", "gaps", "longest_gap", "rate"),
+    *("objects_per_sweep.mean", "objects_per_sweep.p95", "agents_per_sweep.mean", "nearest.min"),
+    *("range.min", "range.p50", "width.p50", "width.p95", "d_th.mean", "noise.p50"),
+    *("tracks", "tracks.agents", "agents_at_once.mean", "agents_at_once.max"),
+    *("tracks.duration.p50", "tracks.distance.p50"),
+)
+"""Figures that a comparison shows where either run has them, beside the objects by kind."""
+TRACK_CELLS = ("track", "kind", "shape", "label", "duration", "distance", "top speed", "end")
+"""Columns of a table of tracks; `track_cells` has more."""
+TRACK_CELLS_RIGHT = frozenset(
+    {"track", "first seen", "duration", "sweeps", "hidden", "size", "distance", "mean speed", "top speed"}
+)
+"""Columns of a table of tracks that are flush right."""
+
+
+def sections_of(summary: Summary, comparison: Comparison | None) -> dict[str, Section]:
+    """Return the sections of a report by name, in their order."""
+    parts = [
+        *(_comparison(summary, comparison) if comparison is not None else ()),
+        ("logs", _logs(summary)),
+        ("overview", Section("Overview", [_overview(summary)], (TEXT,))),
+        ("key figures", Section("", [_key_figures(summary)], (MARKDOWN,))),
+        ("courses", Section("Over time", [*_courses(summary)], (TEXT,))),
+        *_figures(summary),
+        *_kinds(summary),
+        *(_tracks(summary.tracked) if summary.tracked is not None else ()),
+        *_labels(summary),
+        *_distributions(summary),
+        *_standing(summary),
+        *_streams(summary),
+        *_sources(summary),
+    ]
+    return dict(parts)
+
+
+def cards_of(summary: Summary) -> list[Card]:
+    """Return the key figures of a page."""
+    figures, per = summary.figures, summary.spreads["objects_per_sweep"]
+    logs = f"{counted(figures['logs'], 'log')}, {counted(figures['topics'], 'topic')}"
+    lost = quantity("no_return_share", figures["no_return_share"])
+    cards = [
+        Card("sweeps", number(figures["sweeps"]), logs),
+        Card("duration", quantity("duration", figures["duration"]), rate(summary)),
+        Card(
+            "objects", number(figures["objects"]), f"{number(per.mean, 3)} per sweep, most {number(per.max)}"
+        ),
+        Card(
+            "beams with a range",
+            quantity("valid_share", figures["valid_share"]),
+            f"of {number(figures['beams'])}; {lost} no return",
+        ),
+    ]
+    tracked = summary.tracked
+    if tracked is not None:
+        facts = _track_facts(tracked)
+        agents = f"{number(figures['tracks.agents'])} agents; at once {facts['agents at once']}"
+        cards.append(Card("tracks", number(figures["tracks"]), agents))
+        if tracked.scene is not None:
+            cards.append(Card("scene", tracked.scene, facts["scene"].removeprefix(f"{tracked.scene}: ")))
+    longest = quantity("longest_gap", figures["longest_gap"])
+    missing = f"{number(figures['missing_sweeps'])} sweeps missing, longest {longest}"
+    faults = f"{number(figures['backward'])} backward, {number(figures['repeated'])} repeated"
+    cards += [
+        Card("gaps", number(figures["gaps"]), missing),
+        Card("clock faults", number((figures["backward"] or 0) + (figures["repeated"] or 0)), faults),
+    ]
+    return cards
+
+
+def damage_cards(summary: Summary) -> list[Card]:
+    """Return the card of the damage; none where the logs are whole."""
+    damage = summary.figures["damage"]
+    if not damage:
+        return []
+    return [Card("damage", number(damage), f"{'part' if damage == 1 else 'parts'} of the logs not read")]
+
+
+def _comparison(summary: Summary, comparison: Comparison) -> Iterator[tuple[str, Section]]:
+    here, there = summary.figures, comparison.baseline.figures
+    kinds = [name for name in here if name.split(".")[0] in CATEGORIES and name not in SPREADS]
+    rows = []
+    for name in (*COMPARED, *kinds):
+        before, now = there.get(name), here.get(name)
+        # Agents, and objects of a kind, are left out where neither run has any.
+        is_kind = name.split(".")[0] in ("agents_per_sweep", *CATEGORIES)
+        if (before or now) if is_kind else (before is not None or now is not None):
+            change = quantity(name, comparison.figures.get(DELTA + name), sign=True)
+            rows.append((Code(name), quantity(name, before), quantity(name, now), change))
+    notes = [
+        (f"parameter {name}: ", Code(other), " in the baseline, ", Code(mine), " here")
+        for name, mine, other in comparison.parameters
+    ]
+    table = Table(("figure", "baseline", "here", "difference"), rows, (1, 2, 3))
+    yield "comparison", Section("Compared with the baseline", [table, Notes([*notes, (comparison.words,)])])
+    if comparison.changes:
+        changes = [
+            (one.log, one.topic, str(one.sweep), str(one.before), str(one.now), f"{one.difference:+d}")
+            for one in comparison.changes
+        ]
+        table = Table(("log", "topic", "sweep", "before", "now", "change"), changes, (2, 3, 4, 5))
+        yield "changes", Section("Sweeps whose number of objects changed most", [table])
+
+
+def _logs(summary: Summary) -> Section:
+    sources, streams = summary.sources, summary.streams.all
+    blocks: list[Block] = []
+    if len(streams) > 1:
+        cells = ("log and topic", "sweeps", "duration", "rate", "beams", "gaps", "objects")
+        blocks.append(_table_of_streams(streams, cells, 1, STREAMS, "more, all of them in --format json"))
+    if len(sources) > 1:
+        formats = Counter(source.format or "unknown format" for source in sources)
+        size = sum(source.size or 0 for source in sources)
+        words = f"{', '.join(f'{count:,} {name}' for name, count in formats.items())}; {size:,} bytes"
+        blocks.append(Facts([("formats", words)]))
+    else:
+        blocks += [Facts([(source.log, _origin(source))]) for source in sources]
+    blocks += [Facts([("parameters", text)]) for text in dict.fromkeys(map(_settings, sources))]
+    blocks += [Facts([("damage", f"{one.log}: {line}")]) for one in sources for line in one.damage]
+    return Section("Logs" if len(sources) > 1 else "Log", blocks, (TEXT,))
+
+
+def _overview(summary: Summary) -> Facts:
+    figures, total = summary.figures, sum(summary.status.values())
+    objects = (
+        f"{number(figures['objects'])}, on average {number(figures['objects_per_sweep.mean'], 3)} per sweep"
+    )
+    rows: list[tuple[str, str | Share]] = [
+        ("sweeps", f"{number(figures['sweeps'])} in {quantity('duration', figures['duration'])}"),
+        ("objects", objects),
+    ]
+    if has_agents(summary):
+        things = "" if summary.tracked is None else f", of {counted(figures['tracks.agents'], 'thing')}"
+        rows.append(("agents", f"{number(figures['agents'])} of these objects{things}"))
+    rows += [("clock", _clock(summary)), ("beams", f"{total:,}")]
+    rows += [(f"  {name}", Share(count, total)) for name, count in _beams(summary).items()]
+    return Facts(rows)
+
+
+def _key_figures(summary: Summary) -> Table:
+    names = {
+        **{name: name for name in ("sweeps", "duration", "rate", "gaps", "objects")},
+        "objects_per_sweep.mean": "objects per sweep",
+        "valid_share": "beams with a range",
+    }
+    cells = [rate(summary) if name == "rate" else quantity(name, summary.figures[name]) for name in names]
+    return Table([*names.values()], [cells], range(len(names)))
+
+
+def _courses(summary: Summary) -> Iterator[Block]:
+    streams = summary.streams.all
+    for stream in streams[:STREAMS]:
+        course = stream.course
+        yield Notes([(f"{stream.name}, {stream.sweeps:,} sweeps from {stamp(stream.start_ns)}",)])
+        lines = []
+        for name, values, unit in (
+            ("objects", course.objects_mean, ""),
+            ("d_th", course.d_th, " m"),
+            ("noise", course.noise, " m"),
+            ("lost", course.lost_share, ""),
+            *([("agents", course.agents_mean, "")] if np.nansum(course.agents_max) else []),
+        ):
+            top = _most(values)
+            most = percent(top) if name == "lost" and top is not None else f"{number(top, 3)}{unit}"
+            lines.append(f"{name:<8}{spark(resample(values, SPARK)):<{SPARK}}  max {most}")
+        yield Drawing(lines)
+    if len(streams) > STREAMS:
+        yield Notes([(f"and {len(streams) - STREAMS:,} more topics",)])
+
+
+def _figures(summary: Summary) -> Iterator[tuple[str, Section]]:
+    """Yield the table of spreads, without those that mean nothing of unlike sensors together."""
+    unlike, tracked = summary.unlike, summary.tracked
+    left_out = {*(["step"] if unlike.rates else []), *(["beams_per_object"] if unlike.beams else [])}
+    spreads = {name: summary.spreads[name] for name in SHOWN_SPREADS if name not in left_out}
+    if tracked is not None:
+        spreads |= {name: tracked.spreads[name] for name in TRACK_SPREADS}
+    rows = []
+    for name, spread in spreads.items():
+        if spread.count:
+            unit = unit_of(name)
+            cells = (_statistic(name, getattr(spread, part)) for part in SHOWN_STATISTICS)
+            rows.append((Code(name if unit == "1" else f"{name} [{unit}]"), *cells))
+    if rows:
+        table = Table(("", *SHOWN_STATISTICS), rows, range(1, 7))
+        yield "figures", Section("Figures", [table], fold="Figures")
+
+
+def _statistic(name: str, value: float | None) -> str:
+    return quantity("lost_share.", value) if name == "lost_share" else number(value)
+
+
+def _kinds(summary: Summary) -> Iterator[tuple[str, Section]]:
+    fold = "Objects and beams by kind"
+    for name in ("shape", "visibility", "change"):
+        if counts := kind_counts(summary, name):
+            shares = Shares(name, "objects", counts, sum(counts.values()))
+            yield name, Section(f"Objects by {name}", [shares], (TEXT, MARKDOWN), fold)
+    beams = Shares("beams", "number", _beams(summary), sum(summary.status.values()))
+    yield "beams", Section("Beams", [beams], (MARKDOWN,), fold)
+
+
+def _beams(summary: Summary) -> dict[str, int]:
+    """Return the beams by status and then by set."""
+    status = {name.replace("_", " "): count for name, count in summary.status.items()}
+    return status | beams_by_set(summary)
+
+
+def _tracks(tracked: Tracked) -> Iterator[tuple[str, Section]]:
+    formats = (TEXT, MARKDOWN)
+    yield "tracks", Section("Tracks", [Facts([*_track_facts(tracked).items()])], formats)
+    for name in tracked.kinds:
+        if counts := track_kinds(tracked, name):
+            shares = Shares(name.removeprefix("tracks."), "tracks", counts, sum(counts.values()))
+            title = name.replace(".", " by ").capitalize()
+            yield name, Section(title, [shares], formats, "Tracks")
+    shown = tracked.most(TRACKS)
+    if not shown:
+        return
+    blocks: list[Block] = []
+    groups = {name: [*group] for name, group in groupby(shown, lambda one: f"{one.log} {one.topic}")}
+    for name, group in groups.items():
+        if len(groups) > 1:
+            blocks.append(Notes([(name,)]))
+        rows = [track_cells(one) | {"label": _short(one.label)} for one in group]
+        # Columns without a single entry are left out.
+        head = [column for column in TRACK_CELLS if any(cells[column] for cells in rows)]
+        right = [k for k, column in enumerate(head) if column in TRACK_CELLS_RIGHT]
+        blocks.append(Table(head, [[cells[column] for column in head] for cells in rows], right))
+    total = int(tracked.figures["tracks"] or 0)
+    title = "Track by track" + (f", {len(shown)} of {total:,}" if total > len(shown) else "")
+    yield "track by track", Section(title, blocks, formats, title if total > len(shown) else "Tracks")
+
+
+def _track_facts(tracked: Tracked) -> dict[str, str]:
+    """Return the number of tracks, of agents at once, and the kind of scene, in words."""
+    count, agents = tracked.figures["tracks"], tracked.figures["tracks.agents"]
+    at_once = tracked.spreads["agents_at_once"]
+    facts = {
+        "things": f"{number(count)}, {number(agents)} of them {'an agent' if agents == 1 else 'agents'}",
+        "agents at once": f"{number(at_once.mean, 3)} on average, at most {number(at_once.max)}",
+    }
+    if tracked.scene is not None:
+        part = number(100 * (tracked.agent_share or 0.0), 2)
+        facts["scene"] = f"{tracked.scene}: {part} % of the beams on agents"
+    return facts
+
+
+def track_cells(one: Track) -> dict[str, str]:
+    """Return heading → cell of a track in a table."""
+    sizes = [number(value, 3) for value in (one.length, one.width) if math.isfinite(value)]
+    return {
+        "track": str(one.number),
+        "kind": "agent" if one.is_agent else "object",
+        "shape": one.shape,
+        "label": one.label,
+        "first seen": f"{number(one.start)} s",
+        "duration": f"{number(one.duration)} s",
+        "sweeps": number(one.sweeps),
+        "hidden": f"{number(one.hidden)} s",
+        "size": f"{' x '.join(sizes)} m" if sizes else NONE,
+        "distance": f"{number(one.distance, 3)} m",
+        "mean speed": f"{number(one.speed_mean, 2)} m/s",
+        "top speed": f"{number(one.speed_max, 2)} m/s",
+        "end": one.end,
+    }
+
+
+def _short(label: str) -> str:
+    """Return a label that leaves room for the other columns.
+
+    >>> _short("a pallet of the long kind")
+    'a pallet...'
+    """
+    return label if len(label) <= LONGEST_LABEL else f"{label[: LONGEST_LABEL - 3].rstrip()}..."
+
+
+def _labels(summary: Summary) -> Iterator[tuple[str, Section]]:
+    if summary.labels:
+        rows = [(one.name, number(one.tracks), number(one.objects)) for one in summary.labels]
+        yield "labels", Section("By label", [Table(("label", "tracks", "objects"), rows, (1, 2))])
+
+
+def _distributions(summary: Summary) -> Iterator[tuple[str, Section]]:
+    """Yield histograms and maps in block characters; a page has charts."""
+    lines = []
+    for one in summary.histograms.values():
+        if not one.counts.sum():
+            continue
+        factor, unit = (180 / math.pi, "deg") if one.unit == "rad" else (1.0, one.unit)
+        unit = "" if unit == "1" else f" {unit}"
+        # The edges of whole numbers lie between them.
+        half = 0.5 if one.name == "objects_per_sweep" else 0.0
+        low, high = one.edges[0] * factor + half, one.edges[-1] * factor - half
+        marks = (mark if count else "·" for mark, count in zip(spark(one.counts), one.counts, strict=True))
+        lines.append(f"{one.name:<18}{number(low):>6} {''.join(marks)} {number(high)}{unit}")
+    if lines:
+        yield "distributions", Section("Distributions", [Drawing(lines)], (TEXT,))
+    logs = len(summary.sources)
+    several = f", {logs:,} logs over each other" if logs > 1 else ""
+    for found in summary.densities:
+        nx, ny = found.counts.shape
+        x = f"x {number(found.x0)} to {number(found.x0 + nx * found.cell)} m"
+        y = f"y {number(found.y0)} to {number(found.y0 + ny * found.cell)} m"
+        title = f"Where objects were{several} ({found.frame} frame, {x}, {y}, y up)"
+        drawing = Drawing(shade(found, MAP_WIDTH, MAP_HEIGHT))
+        yield f"map {found.frame}", Section(title, [drawing], (TEXT,))
+
+
+def _standing(summary: Summary) -> Iterator[tuple[str, Section]]:
+    if not summary.standing:
+        return
+    several = len(summary.sources) > 1
+    rows = []
+    for one in summary.standing:
+        log = [one.log] if several else []
+        rows.append([KINDS[one.kind], one.words, str(one.sweep), *log, one.topic, stamp(one.stamp_ns)])
+    head = ("", "value", "sweep", *(["log"] if several else []), "topic", "stamp")
+    note = Notes([("To see one: ", Code("lidarcli plot LOG --topic TOPIC --sweep N -o sweep.png"))])
+    yield "standing", Section("Sweeps that stand out", [Table(head, rows, (1, 2)), note], (TEXT, MARKDOWN))
+
+
+def _streams(summary: Summary) -> Iterator[tuple[str, Section]]:
+    cells = ("log, topic (frame)", "sweeps", "rate", "beams", "gaps", "backward", "objects per sweep", "most")
+    table = _table_of_streams(summary.streams.all, cells, 1, STREAMS, "more topics")
+    if table.rows:
+        yield "streams", Section("Over time", [table], (MARKDOWN,), "Over time")
+
+
+STREAM_CELLS: dict[str, Callable[[Stream], str]] = {
+    "log and topic": lambda one: f"{one.log} {one.topic}",
+    "log, topic (frame)": lambda one: one.name,
+    "log": lambda one: one.log,
+    "topic": lambda one: one.topic,
+    "frame": lambda one: one.frame_id,
+    "sweeps": lambda one: f"{one.sweeps:,}",
+    "duration": lambda one: quantity("duration", one.duration),
+    "rate": lambda one: quantity("rate", one.rate),
+    "beams": lambda one: number(one.beams),
+    "gaps": lambda one: number(one.gaps),
+    "backward": lambda one: number(one.backward),
+    "objects": lambda one: number(one.objects),
+    "objects per sweep": lambda one: Code(spark(resample(one.course.objects_mean, SPARK_OF_TABLE))),
+    "most": lambda one: number(_most(one.course.objects_mean), 3),
+}
+"""Columns of tables of logs and topics."""
+
+
+def _table_of_streams(
+    streams: Sequence[Stream], cells: Sequence[str], right: int, most: int, more: str
+) -> Table:
+    """Return a table of the first `most` streams; columns from `right` on are flush right."""
+    rows = [[STREAM_CELLS[name](one) for name in cells] for one in streams[:most]]
+    left = f"and {len(streams) - most:,} {more}" if len(streams) > most else ""
+    return Table(cells, rows, range(right, len(cells)), left)
+
+
+def _most(values: Float64) -> float | None:
+    return max((value for value in values.tolist() if math.isfinite(value)), default=None)
+
+
+def _sources(summary: Summary) -> Iterator[tuple[str, Section]]:
+    sources = summary.sources
+    lines = [(f"damage in {one.log}: {line}",) for one in sources for line in one.damage]
+    damage = [Notes(lines, alarming=True)] if lines else []
+    for name, most, formats in (
+        ("sources", STREAMS, (MARKDOWN,)),
+        ("page of sources", STREAMS_OF_PAGE, (PAGE,)),
+    ):
+        rows = [(one.log, _origin(one), _settings(one)) for one in sources[:most]]
+        more = f"and {len(sources) - most:,} more logs" if len(sources) > most else ""
+        blocks: list[Block] = [Table(("log", "format", "parameters of detect"), rows, (), more), *damage]
+        if formats == (PAGE,):
+            cells = ("log", "topic", "frame", "sweeps", "duration", "rate", "gaps", "backward", "objects")
+            blocks.insert(0, _table_of_streams(summary.streams.all, cells, 3, most, "more topics"))
+        yield name, Section("Logs", blocks, formats, "Logs and parameters")
+
+
+def _clock(summary: Summary) -> str:
+    """Return the rate and the faults of the stamps, in words."""
+    figures = summary.figures
+    faults = []
+    if figures["gaps"]:
+        longest = quantity("longest_gap", figures["longest_gap"])
+        missing = counted(figures["missing_sweeps"], "sweep")
+        faults.append(f"{counted(figures['gaps'], 'gap')} ({missing} missing, the longest gap {longest})")
+    if figures["backward"]:
+        faults.append(f"{counted(figures['backward'], 'stamp')} before the previous one")
+    if figures["repeated"]:
+        faults.append(f"{counted(figures['repeated'], 'stamp')} repeated")
+    if figures["rate"] is None:
+        return ", ".join(faults) or "too few sweeps to tell"
+    return ", ".join([rate(summary), *(faults or ["no gaps", "all stamps increasing"])])
+
+
+def _settings(source: Origin) -> str:
+    """Return the parameters of a run that are set, in words."""
+    found = {name: value for name, value in source.parameters.items() if value not in (None, False, [], 0.0)}
+    return ", ".join(f"{name} {_plain(value)}" for name, value in found.items()) or "not recorded"
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, list):
+        return "[" + " ".join(map(str, value)) + "]"
+    if isinstance(value, dict):
+        return "{" + " ".join(f"{key}={item}" for key, item in value.items()) + "}"
+    return str(value)
+
+
+def _origin(source: Origin) -> str:
+    """Return format and size of a log."""
+    size = f", {source.size:,} bytes" if source.size is not None else ""
+    return f"{source.format or 'unknown format'}{size}"
 
 
 @dataclass(frozen=True, slots=True)

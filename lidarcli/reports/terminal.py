@@ -9,7 +9,6 @@ from rich.console import Console, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from lidarcli.reports.bars import bar
 from lidarcli.reports.document import (
     TEXT,
     Block,
@@ -22,7 +21,7 @@ from lidarcli.reports.document import (
     Shares,
     Table,
 )
-from lidarcli.reports.wording import share, visible
+from lidarcli.reports.wording import bar, share, visible
 
 WIDTH = 80
 BAR = 28

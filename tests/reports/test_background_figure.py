@@ -11,8 +11,8 @@ from matplotlib.markers import MarkerStyle
 import lidarcli
 from lidarcli.formalism.background.model import Background
 from lidarcli.reports import palette
-from lidarcli.reports.background_figure import background_figure, draw
 from lidarcli.reports.drawing import project_style
+from lidarcli.reports.map_picture import background_figure, draw_backgrounds
 from tests.places import SAMPLES
 
 
@@ -59,4 +59,4 @@ def test_one_support_everywhere_is_one_end_of_the_colours() -> None:
 
 
 def test_no_sensor_at_all_is_an_empty_picture() -> None:
-    assert draw([], ".png").startswith(b"\x89PNG")
+    assert draw_backgrounds([], ".png").startswith(b"\x89PNG")

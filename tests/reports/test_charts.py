@@ -10,7 +10,7 @@ import pytest
 
 from lidarcli.reports.charts import charts, constants
 from lidarcli.reports.compare import compare
-from lidarcli.reports.distributions import Density
+from lidarcli.reports.figures import Density
 from lidarcli.reports.palette import COLOURS, HEAT, page_style, themed
 from lidarcli.reports.report import Report
 from lidarcli.reports.summary import summarise

@@ -10,7 +10,7 @@ import pytest
 
 from lidarcli.reports import figures
 from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.reports.distributions import density, nice_edges
+from lidarcli.reports.figures import density, nice_edges
 from lidarcli.reports.summary import summarise
 from tests.reports.runs import START, TENTH, run_of, sweep, thing
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidarcli.reports import figures, tracks
+from lidarcli.reports import figures, summary
 from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.reports.summary import summarise
-from lidarcli.reports.tracks import Label, scene_of
+from lidarcli.reports.summary import Label, scene_of, summarise
 from tests.reports.runs import crossing, run_of, sweep, thing, track
 
 
@@ -142,7 +141,7 @@ def test_topics_have_tracks_of_their_own() -> None:
 
 
 def test_of_many_tracks_agents_and_the_longest_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracks, "KEPT", 4)
+    monkeypatch.setattr(summary, "KEPT", 4)
     rows = [track(k, 0, k, set="A" if k == 3 else "O") for k in range(1, 10)]
     found = summarise(run_of([sweep(k) for k in range(10)], [], rows)).tracked
     assert found is not None
