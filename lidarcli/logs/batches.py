@@ -1,4 +1,4 @@
-"""From the blocks of a log to batches of equal size: numbering, `--start/--end/--every`, normalising."""
+"""Batches of equal size from the blocks of a log: numbering, `--start/--end/--every`, normalising."""
 
 from __future__ import annotations
 

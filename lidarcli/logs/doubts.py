@@ -27,9 +27,9 @@ CERTAINLY_MM = 1000.0
 UNUSABLE = 0.95
 """Share of beams without a range above which something may be wrong."""
 FIRST, THIN = 32, 11
-"""All of the first sweeps are examined, then one of so many. THIN is odd, so that each of two sensors is met."""
+"""The first sweeps are all examined, then one in every THIN; THIN is odd, so that each of two sensors is met."""
 TOGETHER, PERIOD = 16, 256
-"""Number of consecutive sweeps compared with each other, out of each period of so many sweeps."""
+"""Number of consecutive sweeps compared with each other, out of each period of sweeps."""
 BEAMS = 60
 """Number of beams compared per sweep."""
 REPEATS = 256

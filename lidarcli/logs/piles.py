@@ -20,7 +20,7 @@ WINDOW = 256
 WINDOW_VALUES = 1 << 17
 """Most ranges of such a window: they wait in memory."""
 THIN = 4
-"""One sweep of so many is examined; all counts below refer to these."""
+"""One sweep in this many is examined; all counts below refer to these."""
 LEAST_SWEEPS = 5
 """Fewest sweeps that hold the value of a pile."""
 LEAST_BEAMS = 10
@@ -103,7 +103,7 @@ class _Topic:
     _sweeps: int = 0
     _values: int = 0
     _seen: int = 0
-    """Sweeps of the windows before this one."""
+    """Sweeps of earlier windows."""
     _beams: int = 0
     _looked: int = 0
     """Beams of examined sweeps."""

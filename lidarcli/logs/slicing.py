@@ -29,7 +29,7 @@ class Bins:
     first: float
     """Bearing of the first one [rad]."""
     step: float
-    """From one to the next [rad]."""
+    """Step between bearings [rad]."""
     count: int
 
     @classmethod
@@ -139,7 +139,7 @@ class Fill:
 
 ROWS = 64
 WAITING_BYTES = 16 << 20
-"""Clouds are sliced when so many, or so many bytes of them, have come together."""
+"""Clouds are sliced when this many, or this many bytes of them, have been gathered."""
 
 _MOST_FRAMES = 4
 """Frames of one topic of which notes speak."""
@@ -151,7 +151,7 @@ class Levelled(NamedTuple):
     frame_id: str
     """Frame of the sweeps: x and y are seen from its origin."""
     rotation: Float64
-    """(K, 3, 3); NaN where nobody knows where points of a fixed frame are seen from."""
+    """(K, 3, 3); NaN where the position of the robot in a fixed frame is unknown."""
     offset: Float64
     """(K, 3) [m]; the third is the height that heights count from."""
 
@@ -160,7 +160,7 @@ class Seen(NamedTuple):
     """Ranges and intensities of the bins of a cloud."""
 
     ranges: Float32
-    """(B,) of the nearest point [m]; +inf where there is none."""
+    """(B,) range of the nearest point [m]; +inf without one."""
     intensities: Float32 | None
     """(B,) how strong its return was, NaN without a point; None where the cloud does not tell."""
 

@@ -13,7 +13,7 @@ from lidarcli.logs.base import MAX_MESSAGE
 SMALL = 64 << 20
 """Decompressed bytes that are always allowed."""
 MAX_RATIO = 1000
-"""And of a whole log so many times what went in. Most logs stay below 50; 1,081 beams without any return, and as many
+"""Largest ratio of a whole log beyond these. Most logs stay below 50; 1,081 beams without any return, and as many
 intensities, reach 530 as MCAP and 690 as bz2."""
 CHUNK_RATIO = 64
 """Largest ratio of a part that is held in memory as a whole."""

@@ -25,7 +25,7 @@ _OF_OTHERS = re.compile(
 """Words in the name of a topic that make its poses those of something else."""
 
 _FARTHEST_NS = np.iinfo(np.int64).max - 2_000_000_000
-"""The end of a sweep is told of no later stamp, and of none before its negative."""
+"""Farthest start of a sweep for which the end fits into a stamp, either side of 0 [ns]."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -39,7 +39,7 @@ class Way:
     world: str
     """The fixed frame."""
     steps: tuple[Step, ...]
-    """From the sensor to the world."""
+    """Steps from the sensor to the world."""
     assumption: str = ""
     """Assumption in words; empty without one."""
 

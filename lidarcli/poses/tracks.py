@@ -18,7 +18,7 @@ from lidarcli.poses.messages import TRANSFORMS, PoseRows, decode_foxglove, decod
 from lidarcli.sweeps import Bool, Float64, Int64, SweepPoses
 
 SMALL_TURN = 1e-4
-"""Below this angle [rad] the arc between two rotations is as good as the straight line."""
+"""Largest angle [rad] at which a straight line replaces the arc between two rotations."""
 
 _STAMPS = np.iinfo(np.int64)
 

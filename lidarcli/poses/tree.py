@@ -27,7 +27,7 @@ class Step(NamedTuple):
 
     track: Track
     down: bool
-    """From the parent to the child, against the direction in which the link speaks."""
+    """True for a step from the parent to the child, against the direction of the link."""
 
     @property
     def target(self) -> str:
@@ -176,7 +176,7 @@ class _Level:
     frame: str
     """Frame of the sweeps."""
     inward: tuple[Step, ...]
-    """From the frame of the points to that of the sweeps."""
+    """Steps from the frame of the points to that of the sweeps."""
     base: tuple[Step, ...]
     """Steps from there to the robot."""
     world: tuple[Step, ...] | None

@@ -48,7 +48,7 @@ class Cursor:
         self.at += -(self.at - self._base) % min(size, self._align)
 
     def skip(self, size: int) -> int:
-        """Pass so many bytes; where they begin."""
+        """Pass bytes, and return where they begin."""
         start = self.at
         self.at += size
         if self.at > len(self.data):

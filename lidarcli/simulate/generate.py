@@ -154,7 +154,7 @@ _SURE = 0.95
 _TOGETHER = 0.6
 """Probability that a beam shares the luck of the one before it."""
 _ROUNDS = 12
-"""Times that the shares are scaled, until those that are held at the most make no difference."""
+"""Number of times that the shares are scaled; further ones make no difference."""
 
 
 def _depth_behind(ideal: Float64, padding: Bool) -> Float64:
@@ -419,7 +419,7 @@ class SimulatedPoses:
         return len(self.stamp_ns)
 
     def at(self, stamp_ns: Int64) -> Float64:
-        """Return (K, 3) x, y, yaw of the robot at other times, between the poses that are told."""
+        """Return (K, 3) x, y, yaw of the robot at other times, interpolated."""
         since = (self.stamp_ns - self.stamp_ns[0]).astype(np.float64)
         wanted = (stamp_ns - self.stamp_ns[0]).astype(np.float64)
         return np.column_stack([np.interp(wanted, since, self.poses[:, column]) for column in range(3)])

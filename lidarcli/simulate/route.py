@@ -112,7 +112,7 @@ class Route:
     pieces: Pieces
     phases: Phases
     duration: float
-    """Of the journey, or of a round of a loop [s]."""
+    """Duration of the journey, or of a round of a loop [s]."""
     parked = False
 
     def state(self, seconds: Float64) -> RouteState:

@@ -1,4 +1,4 @@
-"""From a scene file to a log and its truth tables."""
+"""Simulation of a scene file: the log and its truth tables."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class Sensor:
     flicker: float = 0.0
     """Share of the beams that would hit something and return nothing, in runs, where it is far or dark."""
     time_increment: float = 0.0
-    """From beam to beam [s]; 0 for a sweep that is taken in an instant."""
+    """Time from beam to beam [s]; 0 for a sweep taken in an instant."""
 
     def bearings(self) -> Float64:
         """Return (B,) bearings of an undisturbed sweep."""
@@ -71,7 +71,7 @@ class Motion:
     cadence: float = 0.0
     """Full swings per second."""
     route: Route | None = None
-    """Instead of a velocity: the way through waypoints."""
+    """Way through waypoints, instead of a velocity."""
     ahead: bool = True
     """On a route: whether the body turns with its heading, or at its own `yaw_rate`."""
 
@@ -102,7 +102,7 @@ class Entity:
     lost: float = 0.0
     """Share of lost beams among those that hit it: it is black, or of glass."""
     intensity: float | None = None
-    """Of the returns from it, in the sensor's own unit; None: the scene does not tell."""
+    """Intensity of returns from it, in the unit of the sensor; None if unknown."""
 
     @property
     def wall(self) -> bool:
@@ -211,7 +211,7 @@ class Odometry:
     yaw_noise: float = 0.0
     """Standard deviation of the heading's drift after one metre [rad]."""
     tf: bool = True
-    """Also write /tf and /tf_static."""
+    """True: /tf and /tf_static are written, too."""
     delay: float = 0.0
     """Delay of the stamps of poses [s]; negative for early ones."""
 

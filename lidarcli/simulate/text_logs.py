@@ -332,7 +332,7 @@ def _player_odometry(poses: SimulatedPoses, row: int) -> str:
 
 
 _QUALITY = 47
-"""That of every return; no return has 0."""
+"""Quality of every return; no return has 0."""
 
 
 def write_rplidar(path: Path, blocks: Iterable[RawSweeps]) -> None:

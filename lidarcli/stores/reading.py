@@ -40,8 +40,10 @@ class StoreFile(io.RawIOBase):
         self._ahead: tuple[int, Future[bytes]] | None = None
 
     def keep(self) -> None:
-        """From now on pieces stay in a temporary file without a name: a log that is read twice, for its poses and for its
-        sweeps, is fetched once. Where there is no room for it on the disk they are fetched again.
+        """Keep pieces in a temporary file from now on.
+
+        A log that is read twice, for its poses and for its sweeps, is then fetched once. Pieces for which the disk has no
+        room are fetched again.
         """
         self._copy = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
         if self._last[0] >= 0:

@@ -5,7 +5,6 @@ The file systems are those of pyarrow, so are the ways in which they find creden
 
 from __future__ import annotations
 
-import base64
 import os
 import re
 from collections.abc import Iterator
@@ -15,7 +14,6 @@ from functools import cache
 from os import PathLike, fspath
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qsl
 
 from lidarcli.errors import LidarcliError, OptionError, OutputError, UnreadableError
 
@@ -340,6 +338,8 @@ def _system(url: Url) -> fs.FileSystem:
 @cache
 def _made(scheme: str, bucket: str, options: str) -> fs.FileSystem:
     """Return the file system of a bucket, set up by the URL and the environment variables of the stores."""
+    from urllib.parse import parse_qsl
+
     asked = dict(parse_qsl(options))
     if scheme == "s3":
         return _s3(bucket, asked)
@@ -413,6 +413,8 @@ def _azure(bucket: str) -> Any:
         )
     key = told.get("AccountKey") or _env("AZURE_STORAGE_KEY", "AZURE_STORAGE_ACCOUNT_KEY")
     if key:
+        import base64
+
         try:
             base64.b64decode(key, validate=True)
         except ValueError as err:
@@ -452,7 +454,7 @@ def _http_date(about: dict[Any, Any]) -> int:
 
 @contextmanager
 def _errors(url: Url, kind: type[LidarcliError], before: str = "") -> Iterator[None]:
-    """Make one line of what a store says, without what nobody should read."""
+    """Turn an error of a store into one line without secrets."""
     import pyarrow as pa
 
     try:

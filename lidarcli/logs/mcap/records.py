@@ -80,12 +80,12 @@ class ChunkHead:
     crc: int
     compression: str
     data_at: int
-    """Counted from the record's first byte."""
+    """Offset of the data from the first byte of the record."""
     data_length: int
 
 
 def chunk_head(head: bytes) -> ChunkHead | None:
-    """Read the beginning of a chunk record; None where its lengths contradict each other, so that it is none."""
+    """Read the beginning of a chunk record; None if its lengths contradict each other."""
     if len(head) < _CHUNK.size:
         return None
     _, length, _, _, size, crc, name_length = _CHUNK.unpack_from(head)

@@ -23,7 +23,7 @@ MAX_HEADER = 8192
 """Longest record header [bytes]: real ones hold a topic name and a few numbers."""
 MAX_FIELDS = 32
 MAX_LAYOUTS = 8
-"""Layouts of message headers told apart by column; a bag is written by one program, hence with one."""
+"""Most layouts of message headers read by column; a bag is written by one program, hence has one."""
 OVERLAP = 4096
 """Bytes that two searched windows share, so that a header across their border is found."""
 

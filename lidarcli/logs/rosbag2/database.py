@@ -126,7 +126,7 @@ def _pages(journal: BinaryIO, first: _Head) -> Iterator[tuple[int, bytes]]:
 
 
 def _head(journal: BinaryIO, place: int) -> _Head | None:
-    """Return the head at a byte of the journal; None where there is none: the journal ends, or was never in force."""
+    """Return the head at a byte of the journal; None at its end, or if it was never in force."""
     journal.seek(place)
     data = journal.read(_HEAD.size)
     if len(data) < _HEAD.size or not data.startswith(JOURNAL_MAGIC):

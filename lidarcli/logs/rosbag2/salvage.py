@@ -25,7 +25,7 @@ PIECE = 4 << 20
 """Bytes read at a time while looking for rows."""
 
 BEFORE_ALL = -(1 << 63) - 1
-"""Below every row id."""
+"""A row id below all others."""
 
 _INT_BYTES = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 8: 0, 9: 0}
 """Serial types of integers → bytes; 8 and 9 are the constants 0 and 1."""
@@ -275,7 +275,7 @@ def _number(row: bytes, at: int, serial: int) -> int:
 
 
 def _topic_row(row: bytes, rowid: int, types: list[int]) -> TopicRow | None:
-    """Return a row of three texts behind its id as a topic; None where it is none."""
+    """Return a row of three texts behind its id as a topic; None if it is no topic."""
     at, texts = _varint(row, 0)[0], []
     for serial in types[1:4]:
         texts.append(row[at : at + (serial - 13) // 2].decode("utf-8", "replace"))
