@@ -241,7 +241,7 @@ def memory(counts: list[int]) -> dict[str, Any]:
 
 def drive(count: int) -> dict[str, float]:
     """The driver's part of a run, with a manifest, over a cluster whose tasks do nothing."""
-    from lidarcli.cli.summary import Total
+    from lidarcli.cli.messages import Total
     from lidarcli.pipeline.inputs.sources import Source
     from lidarcli.pipeline.objects.options import DetectOptions
     from lidarcli.pipeline.runs.cluster import Cluster

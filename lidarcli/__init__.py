@@ -29,14 +29,9 @@ if TYPE_CHECKING:
     from lidarcli.formalism.mapping.occupancy import Occupancy
     from lidarcli.formalism.matching.catalogue import Catalogue
     from lidarcli.formalism.parameters import Parameters
-    from lidarcli.pipeline.api.finding import detect, track
-    from lidarcli.pipeline.api.inspecting import info
-    from lidarcli.pipeline.api.learning import learn
-    from lidarcli.pipeline.api.mapping import map
-    from lidarcli.pipeline.api.plotting import plot
-    from lidarcli.pipeline.api.reading import read
-    from lidarcli.pipeline.api.reporting import RunReport, report
-    from lidarcli.pipeline.api.tabling import Tables, tables
+    from lidarcli.pipeline.api.finding import Tables, detect, tables, track
+    from lidarcli.pipeline.api.logs import info, learn, map, read
+    from lidarcli.pipeline.api.showing import RunReport, plot, report
     from lidarcli.pipeline.detecting import TrackTables
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
     from lidarcli.sweeps import Status, SweepBatch, SweepPoses
@@ -53,14 +48,9 @@ _HOMES = {
     "lidarcli.formalism.matching.catalogue": ("Catalogue",),
     "lidarcli.formalism.mapping.occupancy": ("Occupancy",),
     "lidarcli.formalism.parameters": ("Parameters",),
-    "lidarcli.pipeline.api.finding": ("detect", "track"),
-    "lidarcli.pipeline.api.inspecting": ("info",),
-    "lidarcli.pipeline.api.learning": ("learn",),
-    "lidarcli.pipeline.api.mapping": ("map",),
-    "lidarcli.pipeline.api.plotting": ("plot",),
-    "lidarcli.pipeline.api.reading": ("read",),
-    "lidarcli.pipeline.api.reporting": ("RunReport", "report"),
-    "lidarcli.pipeline.api.tabling": ("Tables", "tables"),
+    "lidarcli.pipeline.api.finding": ("Tables", "detect", "tables", "track"),
+    "lidarcli.pipeline.api.logs": ("info", "learn", "map", "read"),
+    "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
     "lidarcli.pipeline.detecting": ("TrackTables",),
     "lidarcli.pipeline.inputs.catalogue": ("read_catalogue",),
     "lidarcli.sweeps": ("Status", "SweepBatch", "SweepPoses"),

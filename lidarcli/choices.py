@@ -15,8 +15,16 @@ IMAGES = (".png", ".svg", ".pdf")
 """Suffixes of pictures."""
 ANIMATIONS = (".gif", ".mp4")
 """Suffixes of moving pictures."""
+LAST_SWEEP = 1_000_000_000
+"""The number of a sweep in an option is no larger: three years at 10 Hz."""
+MOST_SHARDS = 1_000_000
+"""Greatest number of shares of a run (`--shard`)."""
+PROFILES = ("robust", "paper")
+"""Sets of defaults for the detection; the first by default."""
 SIGNIFICANCE = 1e-5
-"""Share of the standing things that may pass for moving by chance (`track`)."""
+"""Share of standing things that may be taken for moving by chance (`track`)."""
+SIGNIFICANCES = (1e-12, 0.1)
+"""Least and greatest value of it."""
 MIN_THING = 0.3
 """What is less likely a thing, and not a piece of building, is wall."""
 STATION_DISTANCE = 0.25

@@ -12,12 +12,15 @@ PACKAGE = Path(lidarcli.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 
 GROUND = {"_version", "choices", "columns", "errors", "native"}
+OPTIONS = {"option_forms", "options"}
 CORE = GROUND | {"display", "range_rules", "sweeps", "times"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
     "choices": set[str](),
     "columns": set[str](),
+    "option_forms": {"choices", "errors"},
+    "options": {"choices", "errors", "formalism", "range_rules", "option_forms", "times"},
     "interrupts": set[str](),
     "newfiles": {"errors", "machine", "stores"},
     "stores": {"errors", "machine"},
@@ -41,9 +44,11 @@ MAY_IMPORT = {
     "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
     "overlays": CORE | {"maps", "ros"},
     "pipeline": CORE
+    | OPTIONS
     | {"logs", "poses", "formalism", "tabular", "reports", "maps", "overlays", "ros"}
     | {"compiled", "machine", "newfiles", "stores", "tomlfiles"},
     "cli": CORE
+    | OPTIONS
     | {
         "compiled",
         "interrupts",

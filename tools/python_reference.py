@@ -9,29 +9,31 @@ from pathlib import Path
 from typing import Any
 
 import lidarcli
-from lidarcli.pipeline.api import keywords
+from lidarcli import options
+from lidarcli.option_forms import options_of, python_words
+from lidarcli.pipeline.api.options import keyword_types
 from tools.reference import as_page, as_table
 
 PAGE = Path(__file__).parent.parent / "docs" / "python.md"
 MARK = "<!-- Below this line written by `make docs` from the docstrings; a test fails when it is stale. -->"
 FUNCTIONS: dict[str, Any] = {
-    "read": keywords.Reading,
-    "detect": keywords.Detecting,
-    "track": keywords.Tracking,
-    "tables": keywords.Tabling,
-    "learn": keywords.Learning,
-    "map": keywords.Mapping,
-    "plot": keywords.Plotting,
-    "info": keywords.Inspecting,
-    "report": keywords.Reporting,
+    "read": options.Reading,
+    "detect": options.Detecting,
+    "track": options.Tracking,
+    "tables": options.Tabling,
+    "learn": options.Learning,
+    "map": options.Mapping,
+    "plot": options.Plotting,
+    "info": options.Inspecting,
+    "report": options.Reporting,
 }
 GROUPS: dict[str, Any] = {
-    "Sweeps to read": keywords.Topics,
-    "Poses": keywords.Poses,
-    "Delay of the poses": keywords.Delay,
-    "Ranges and geometry": keywords.Ranges,
-    "Objects": keywords.Objects,
-    "Comparison with a background": keywords.Comparing,
+    "Sweeps to read": options.Topics,
+    "Poses": options.Poses,
+    "Delay of the poses": options.Delay,
+    "Ranges and geometry": options.Ranges,
+    "Objects": options.Objects,
+    "Comparison with a background": options.Comparing,
 }
 """Keywords that several functions share, under the title that they are listed by."""
 CLASSES = (
@@ -61,7 +63,7 @@ def python_page() -> str:
             "",
             inspect.cleandoc(group.__doc__),
             "",
-            *_keywords(group, {*group.__annotations__}),
+            *_keywords(group, {*options_of(group)}),
         ]
     lines += ["## Classes", ""]
     for name in CLASSES:
@@ -81,13 +83,10 @@ def _function(name: str, told: Any) -> list[str]:
     function = getattr(lidarcli, name)
     signature = inspect.signature(function)
     words, sections = _parsed(inspect.getdoc(function) or "")
-    own = [
-        one
-        for one in signature.parameters.values()
-        if one.name not in told.__annotations__ and one.name not in _all(told)
-    ]
-    shared = {title: group for title, group in GROUPS.items() if _all(group) <= _all(told)}
-    rest = _all(told) - {key for group in shared.values() for key in _all(group)}
+    own = [one for one in signature.parameters.values() if one.name not in options_of(told)]
+    known = options_of(told).keys()
+    shared = {title: group for title, group in GROUPS.items() if options_of(group).keys() <= known}
+    rest = {*known} - {key for group in shared.values() for key in options_of(group)}
     heads = [one.name if one.default is one.empty else f"{one.name}={one.default!r}" for one in own]
     lines = [
         f"### {name}",
@@ -108,18 +107,14 @@ def _function(name: str, told: Any) -> list[str]:
     return lines
 
 
-def _keywords(told: Any, names: set[str]) -> list[str]:
-    hints = keywords.keywords_of(told)
+def _keywords(group: Any, names: set[str]) -> list[str]:
+    types = keyword_types(group)
     rows = (
-        (f"`{name}`", f"`{keyword.default!r}`", f"`{_type(kind)}`", keyword.meaning)
-        for name, (kind, keyword) in hints.items()
+        (f"`{name}`", f"`{option.default!r}`", f"`{_type(types[name])}`", python_words(name, option))
+        for name, option in options_of(group).items()
         if name in names
     )
     return as_table(("keyword", "default", "type", "meaning"), rows) if names else []
-
-
-def _all(told: Any) -> set[str]:
-    return {*keywords.keywords_of(told)}
 
 
 def _class(kind: Any) -> list[str]:

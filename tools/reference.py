@@ -49,7 +49,8 @@ def cli_page() -> str:
         "",
         _prose(cli.help or ""),
         "",
-        "Standard output carries data only; messages go to standard error.",
+        "Standard output carries data only; messages go to standard error. `--help` leaves out the options that only some",
+        "logs need; `lidarcli detect --help-all` shows them, as does this page.",
         "",
         "```",
         "lidarcli [OPTIONS] COMMAND [ARGS]...",
@@ -234,12 +235,7 @@ def _metavar(option: click.Option) -> str:
 
 
 def _meaning(option: click.Option) -> str:
-    text = " ".join((option.help or "").split()).replace("<", "&lt;")
-    if isinstance(option.show_default, str):
-        return f"{text} [default: {option.show_default}]"
-    if option.show_default and option.default is not None:
-        return f"{text} [default: {option.default}]"
-    return text
+    return " ".join((option.help or "").split()).replace("<", "&lt;")
 
 
 def _schema(schema: pa.Schema) -> list[str]:

@@ -11,19 +11,21 @@ from importlib import import_module
 
 import click
 
-from lidarcli.cli.grouped import Commands, option
+from lidarcli.cli.commands import Commands
 from lidarcli.cli.messages import Messages
+from lidarcli.cli.options import DeclaredOption
 from lidarcli.cli.settings import PREFIX
-from lidarcli.cli.version import print_version
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OutputError, UnreadableError, is_short_of_memory
 from lidarcli.interrupts import Terminated
+from lidarcli.option_forms import Option
 from lidarcli.stores.url import blotted
 
 COMMANDS = (
     *("info", "detect", "track", "background", "match", "map", "overlay"),
     *("poses", "report", "plot", "export", "simulate", "config", "completion"),
 )
-"""Each is a file of this package with a command of its name."""
+"""Names of the commands; each has a file of its name, unless `HOMES` tells another."""
+HOMES = {"config": "about", "completion": "about"}
 
 INTERRUPTED = 130
 
@@ -39,12 +41,39 @@ class LazyCommands(Commands):
         """The command from the file of its name."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = getattr(import_module(f"lidarcli.cli.{cmd_name}"), cmd_name)
+        command: click.Command = getattr(
+            import_module(f"lidarcli.cli.{HOMES.get(cmd_name, cmd_name)}"), cmd_name
+        )
         return command
+
+
+def _print_version(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
+    """Print the version and end."""
+    if value and not ctx.resilient_parsing:
+        from lidarcli.cli.about import version_text
+
+        click.echo(version_text())
+        ctx.exit()
 
 
 @click.group(
     cls=LazyCommands,
+    params=[
+        DeclaredOption(
+            "version",
+            Option(
+                "Options",
+                None,
+                False,
+                short="-V",
+                help="Show the version of lidarcli and of its dependencies, and exit.",
+            ),
+            is_eager=True,
+            expose_value=False,
+            allow_from_autoenv=False,
+            callback=_print_version,
+        )
+    ],
     context_settings={
         "help_option_names": ["-h", "--help"],
         "max_content_width": 80,
@@ -52,16 +81,6 @@ class LazyCommands(Commands):
     },
     epilog="Exit codes: 0 done, 1 a check fails, 2 usage, 3 some input unreadable, 4 no LaserScan, "
     "5 output refused, 70 internal error, 130 interrupted.",
-)
-@option(
-    "-V",
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    allow_from_autoenv=False,
-    callback=print_version,
-    help="Show the version of lidarcli and of its dependencies, and exit.",
 )
 def cli() -> None:
     """From a 2D LiDAR log to a table of objects, without a running ROS system.

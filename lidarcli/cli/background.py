@@ -1,34 +1,25 @@
 """`lidarcli background`: learn a scene, show what was learned, find what differs from it."""
 
-from __future__ import annotations
-
-import copy
+import json
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from lidarcli.choices import IMAGES, STATION_DEGREES, STATION_DISTANCE
-from lidarcli.cli.detect import detect
-from lidarcli.cli.grouped import OUTPUT, Commands, GroupedCommand, option, own_parameters
-from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
-from lidarcli.cli.messages import Messages, one_line
-from lidarcli.cli.options import (
-    Number,
-    Selection,
-    opening_options,
-    range_options,
-    reading_options,
-    text_or_json,
-)
+from lidarcli.choices import IMAGES
+from lidarcli.cli.commands import Commands, command
+from lidarcli.cli.detect import DetectCommand, find_to_tables
+from lidarcli.cli.messages import Messages, one_line, progress_bar, show_reading
+from lidarcli.cli.options import log_options
+from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
+from lidarcli.display import counted
+from lidarcli.option_forms import Argument, File, Option
+from lidarcli.options import OUTPUT, Learning, ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.logs.base import OpenOptions
-    from lidarcli.pipeline.reading.pose_sources import PoseOptions
-    from lidarcli.range_rules import RangeRules
-
-STATIONS = "Viewpoints (stations) of a moving sensor"
+    from lidarcli.formalism.background.model import Background
 
 
 @click.group(cls=Commands)
@@ -39,85 +30,36 @@ def background() -> None:
     """
 
 
-@background.command(
-    cls=GroupedCommand,
-    epilog="""Examples:
+class BuildCommand(ManyLogs, Overwrite, Learning, total=False):
+    """Options of `background build`."""
 
-\b
+    output: Annotated[str, output("FILE"), "Background table to write (Parquet)."]
+    plot: Annotated[
+        str | None, Option(OUTPUT, File("FIG", is_output=True)), "Also draw it: .png, .svg or .pdf."
+    ]
+
+
+@command(
+    BuildCommand,
+    examples="""\
   lidarcli background build empty.mcap -o empty.background.parquet
   lidarcli background build mon.bag tue.bag -o hall.parquet --plot hall.png
   lidarcli background build lap.mcap -o route.parquet --pose /odom \\
     --station-distance 0.5 --station-angle 10""",
 )
-@many_logs
-@option(
-    "-o",
-    "--output",
-    heading=OUTPUT,
-    metavar="FILE",
-    required=True,
-    type=click.Path(),
-    help="Background table to write (Parquet).",
-)
-@option(
-    "--plot",
-    "figure",
-    is_output=True,
-    heading=OUTPUT,
-    metavar="FIG",
-    type=click.Path(),
-    help="Also draw it: .png, .svg or .pdf.",
-)
-@option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace files that exist.")
-@reading_options
-@option(
-    "--station-distance",
-    "distance",
-    heading=STATIONS,
-    type=Number("METRES", above=0),
-    default=STATION_DISTANCE,
-    show_default=True,
-    help="Sweeps up to this far from a viewpoint belong to it.",
-)
-@option(
-    "--station-angle",
-    "angle",
-    heading=STATIONS,
-    type=Number("DEGREES", above=0),
-    default=STATION_DEGREES,
-    show_default=True,
-    help="Sweeps belong to a viewpoint if their heading differs by no more than this.",
-)
-@range_options
-@opening_options
-@click.pass_obj
-def build(
-    say: Messages,
-    /,
-    chosen: Chosen,
-    dry_run: bool,
-    output: str,
-    figure: str | None,
-    overwrite: bool,
-    selection: Selection,
-    poses: PoseOptions,
-    distance: float,
-    angle: float,
-    rules: RangeRules,
-    opening: OpenOptions,
-) -> int:
+def build(say: Messages, told: BuildCommand) -> int:
     """Learn r_e, the range of the background, from logs of the scene.
 
     For every beam this is the farthest surface that enough sweeps agree on: people may
     walk through the scene in up to 30 % of the sweeps. Several logs make one background.
     Where a log has poses, every viewpoint gets a background of its own.
     """
+    refuse_no_logs(told)
+    figure, overwrite = told["plot"], told["overwrite"]
     if figure and place(figure).suffix.lower() not in IMAGES:
         raise click.BadParameter(f"'{figure}' is none of {', '.join(IMAGES)}.", param_hint="'--plot'")
+    logs = log_options(told)
 
-    from lidarcli.cli.background_text import learned_lines
-    from lidarcli.cli.progress import progress_bar
-    from lidarcli.cli.summary import show_reading
     from lidarcli.pipeline.building import (
         Building,
         BuildOptions,
@@ -128,22 +70,13 @@ def build(
     )
     from lidarcli.pipeline.runs.over_logs import exit_code
 
-    path = place(output)
-    sources = chosen.sources()
+    path = place(told["output"])
+    sources = chosen_logs(told)
     refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
-    if dry_run:
-        code = print_reads(sources)
-        for target in (output, figure) if figure else (output,):
-            click.echo(f"write  {target}")
-        return code
+    if told["dry_run"]:
+        return print_reads(sources, [told["output"], figure] if figure else [told["output"]])
     building = Building(
-        BuildOptions(
-            read=selection.read(rules),
-            opening=opening,
-            poses=poses,
-            distance=distance,
-            angle=math.radians(angle),
-        )
+        BuildOptions(*logs, distance=told["station_distance"], angle=math.radians(told["station_angle"]))
     )
     codes = []
     with progress_bar(sources, say) as report:
@@ -168,23 +101,25 @@ def build(
     return exit_code(codes)
 
 
-@background.command(
-    cls=GroupedCommand,
-    epilog="""Examples:
+class InfoCommand(TextOrJson, total=False):
+    """Options of `background info`."""
 
-\b
+    file: Annotated[str, Argument("FILE", File("FILE"))]
+
+
+@command(
+    InfoCommand,
+    examples="""\
   lidarcli background info empty.background.parquet
   lidarcli background info lap.parquet --format json | jq .sensors""",
 )
-@click.argument("file", metavar="FILE", type=click.Path())
-@text_or_json("For people, or JSON.")
-def info(file: str, kind: str) -> int:
+def info(say: Messages, told: InfoCommand) -> int:
     """Show what a background knows: sensors, stations, beams, where it comes from."""
-    from lidarcli.cli.background_text import as_json, as_text
     from lidarcli.pipeline.building import load
 
+    file = told["file"]
     sensors, metadata = load(place(file))
-    if kind == "json":
+    if told["format"] == "json":
         words = as_json(file, sensors, metadata)
     else:
         # Names come from a log and may hold anything.
@@ -193,30 +128,147 @@ def info(file: str, kind: str) -> int:
     return 0
 
 
-def _subtract() -> click.Command:
-    """`detect` with a background that has to be there: the same options, the same work."""
-    params = [copy.copy(parameter) for parameter in own_parameters(detect)]
-    for parameter in params:
-        if parameter.name == "background":
-            parameter.required = True
-    return GroupedCommand(
-        "subtract",
-        callback=detect.callback,
-        params=params,
-        help="""Find what differs from a background: r_w - r_e, sweep by sweep.
-
-        The same as `lidarcli detect --background FILE`, and the same tables, with `difference` and
-        `change` filled in. Everything else counts as walls and rest (set S).""",
-        epilog="""Examples:
-
-\b
+@command(
+    DetectCommand,
+    changed={"background": {"required": True, "shown": ""}},
+    examples="""\
   lidarcli background subtract run.mcap --background empty.background.parquet
   lidarcli background subtract run.mcap --background empty.parquet --removed
   lidarcli background subtract lap2.mcap --background lap.parquet \\
     --station-distance 0.4
   lidarcli background subtract run.bag --background hall.parquet --any-frame \\
     --threshold 0.3""",
+)
+def subtract(say: Messages, told: DetectCommand) -> int:
+    """Find what differs from a background: r_w - r_e, sweep by sweep.
+
+    The same as `lidarcli detect --background FILE`, and the same tables, with `difference` and
+    `change` filled in. Everything else counts as walls and rest (set S).
+    """
+    return find_to_tables(say, told)
+
+
+for each in (build, info, subtract):
+    background.add_command(each)
+
+
+def learned_lines(sensors: Sequence["Background"]) -> list[str]:
+    """Two lines per sensor, after it was learned."""
+    from lidarcli.pipeline.building import figures_of
+
+    lines = []
+    for sensor in sensors:
+        figures = figures_of(sensor)
+        lines += [
+            f"  {sensor.topic} ({_frame(sensor)}): {counted(len(sensor), 'station')} of {sensor.grid.beams} beams, "
+            f"{counted(figures['sweeps'], 'sweep')}",
+            f"  beams    {_shares(figures)}{_quality(figures)}",
+        ]
+    return lines
+
+
+def as_text(file: str, sensors: Sequence["Background"], metadata: Mapping[str, Any]) -> str:
+    """Everything for people."""
+    from lidarcli.pipeline.building import figures_of, scene_notes
+
+    lines = [file, _line("version", metadata.get("lidarcli.version", ""))]
+    for origin in _origins(metadata):
+        lines.append(_line("from", f"{origin.get('name', '')} ({origin.get('format', 'unknown format')})"))
+    for damage in metadata.get("lidarcli.damage", []):
+        lines.append(_line("damage", damage))
+    lines += [_line("note", note) for note in scene_notes(sensors)]
+    for sensor in sensors:
+        figures = figures_of(sensor)
+        view = sensor.grid.bearings()
+        low, high = math.degrees(view.min(initial=0.0)), math.degrees(view.max(initial=0.0))
+        lines += [
+            f"  {sensor.topic} ({_frame(sensor)})",
+            _line("beams", f"{sensor.grid.beams} from {low:.2f} to {high:.2f} deg", 4),
+            _line("stations", _stations(sensor), 4),
+            _line("sweeps", f"{figures['sweeps']:,}" + _each(sensor), 4),
+            _line("background", _shares(figures), 4),
+        ]
+        if figures["r_e_min"] is not None:
+            lines += [
+                _line("r_e", f"{figures['r_e_min']:.2f} to {figures['r_e_max']:.2f} m", 4),
+                _line("spread", f"{figures['spread']:.3f} m (median)", 4),
+                _line(
+                    "support", f"{figures['support']:.1%} (median), least {figures['least_support']:.1%}", 4
+                ),
+            ]
+    return "\n".join(lines)
+
+
+def as_json(file: str, sensors: Sequence["Background"], metadata: Mapping[str, Any]) -> str:
+    """One object; angles in radians, ranges in metres."""
+    found = {
+        "path": file,
+        "version": metadata.get("lidarcli.version"),
+        "source": _origins(metadata),
+        "parameters": metadata.get("lidarcli.parameters"),
+        "damage": metadata.get("lidarcli.damage", []),
+        "sensors": [_sensor_json(sensor) for sensor in sensors],
+    }
+    return json.dumps(found, indent=2, ensure_ascii=False)
+
+
+def _sensor_json(sensor: "Background") -> dict[str, Any]:
+    from lidarcli.pipeline.building import figures_of
+
+    grid = sensor.grid
+    return {
+        "topic": sensor.topic,
+        "frame_id": sensor.frame_id,
+        "angle_min": grid.angle_min,
+        "angle_increment": grid.angle_increment,
+        "beams": grid.beams,
+        "range_max": sensor.range_max if math.isfinite(sensor.range_max) else None,
+        "seems_moved": sensor.seems_moved,
+        "stations": len(sensor),
+        "posed": bool(sensor.posed.any()),
+        "station_distance": sensor.distance,
+        "station_angle": sensor.angle,
+        **figures_of(sensor),
+    }
+
+
+def _shares(figures: Mapping[str, Any]) -> str:
+    total = max(figures["surface"] + figures["open"] + figures["unknown"], 1)
+    return ", ".join(
+        f"{name} {figures[name]:,} ({figures[name] / total:.1%})" for name in ("surface", "open", "unknown")
     )
 
 
-background.add_command(_subtract())
+def _quality(figures: Mapping[str, Any]) -> str:
+    return (
+        ""
+        if figures["spread"] is None
+        else f"; spread {figures['spread']:.3f} m, support {figures['support']:.1%}"
+    )
+
+
+def _stations(sensor: "Background") -> str:
+    if not sensor.posed.any():
+        return f"{len(sensor)}, pose unknown"
+    x, y = sensor.poses.x, sensor.poses.y
+    reach = f"within {sensor.distance:g} m and {math.degrees(sensor.angle):g} deg"
+    return f"{len(sensor):,}, x {x.min():.2f} to {x.max():.2f} m, y {y.min():.2f} to {y.max():.2f} m, sweeps {reach}"
+
+
+def _each(sensor: "Background") -> str:
+    if len(sensor) < 2:
+        return ""
+    return f", {sensor.sweeps.min():,} to {sensor.sweeps.max():,} at a station"
+
+
+def _origins(metadata: Mapping[str, Any]) -> list[dict[str, Any]]:
+    origin = metadata.get("lidarcli.source") or []
+    return origin if isinstance(origin, list) else [origin]
+
+
+def _frame(sensor: "Background") -> str:
+    return f"frame {sensor.frame_id}" if sensor.frame_id else "no frame"
+
+
+def _line(name: str, value: str, indent: int = 2) -> str:
+    return f"{' ' * indent}{name:<{16 - indent}}{value}"

@@ -1,25 +1,67 @@
-"""`lidarcli detect`: objects of every sweep as tables, or as a stream on stdout."""
+"""`lidarcli detect`: objects of every sweep as tables, or as a stream on stdout; `track` and `subtract` use its parts."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+import os
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from lidarcli.cli.detecting import detection_options, find
-from lidarcli.cli.grouped import GroupedCommand
-from lidarcli.cli.many_logs import many_logs
+from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages
+from lidarcli.cli.options import log_options
+from lidarcli.cli.runs import into_folder, into_one, refuse_no_logs
+from lidarcli.option_forms import Option, Text
+from lidarcli.options import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Overwrite, output
+from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
 
+FILES = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow"}
+"""Suffix of an output that is a file → its format."""
+OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db", ".sqlite", ".html", ".png")
+"""Suffixes of files that nobody means as the name of a folder."""
 
-@click.command(
-    cls=GroupedCommand,
-    epilog="""Examples:
 
-\b
+class Tables(ManyLogs, Overwrite, Beams, total=False):
+    """The logs and the tables of `detect` and `track`."""
+
+    output: Annotated[
+        str,
+        output("DIR", default=".", shown="the current directory"),
+        "Folder for the tables, <log>.objects.parquet and so on; or one file for the objects of all logs: .parquet, .csv, "
+        ".ndjson or .arrow; - streams the objects to stdout.",
+    ]
+    format: Annotated[
+        str | None,
+        Option(OUTPUT, ("ndjson", "csv", "arrow", "parquet"), shown="ndjson"),
+        "Format of the stream of -o -.",
+    ]
+    resume: Annotated[
+        bool,
+        Option(MANY, None, False),
+        "Skip logs that were done with the same parameters and version; repeat what failed or has changed (docs/fleet.md).",
+    ]
+    partition: Annotated[
+        str | None,
+        Option(MANY, ("table", "date"), shown="DIR/<log>.objects.parquet"),
+        "A folder for each table, DIR/objects/<log>.parquet; date: and for each day, DIR/objects/date=YYYY-MM-DD/.",
+    ]
+    cluster: Annotated[
+        str | None,
+        Option(MANY, Text("ADDRESS"), shown="this machine"),
+        "Send the logs to the workers of this Dask cluster, such as tls://host:8786; local:N starts N workers here "
+        "(docs/fleet.md).",
+    ]
+
+
+class DetectCommand(Tables, Detecting, total=False):
+    """Options of `detect`."""
+
+
+@command(
+    DetectCommand,
+    examples="""\
   lidarcli detect run.mcap
   lidarcli detect bags/ -o tables --jobs 4 --overwrite
   lidarcli detect run.bag --topic /front_scan --start 10 --end 20 --beams
@@ -36,19 +78,71 @@ if TYPE_CHECKING:
   lidarcli detect bags/ -o tables --cluster local:4 --partition date
   cat run.mcap | lidarcli detect - -o - --format csv | head""",
 )
-@many_logs
-@detection_options(tables="<log>.objects.parquet and <log>.sweeps.parquet", memory=False)
-@click.pass_obj
-def detect(say: Messages, /, memory: bool, **asked: Any) -> int:
+def detect(say: Messages, told: DetectCommand) -> int:
     """Find the objects of every sweep of every LaserScan topic.
 
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
     DIR/<log>.sweeps.parquet. Sub-folders of LOG are mirrored below DIR.
     """
+    return find_to_tables(say, told)
 
-    def remembering() -> TrackOptions:
-        from lidarcli.pipeline.objects.following import TrackOptions
 
-        return TrackOptions(tracks=False)
+def find_to_tables(say: Messages, told: Mapping[str, Any]) -> int:
+    """Find objects without tracking; return the exit code."""
 
-    return find(say, tracking=remembering if memory else None, **asked)
+    def tracking() -> "TrackOptions | None":
+        from lidarcli.pipeline.api.options import memory_of
+
+        return memory_of(told)
+
+    return find(say, told, tracking)
+
+
+def find(say: Messages, told: Mapping[str, Any], tracking: "Callable[[], TrackOptions | None]") -> int:
+    """Find objects as `detect` and `track` do, and write them; return the exit code.
+
+    Parameters
+    ----------
+    told : values of `Tables` and of `Finding`
+    tracking : returns how things are followed; called once all options are found in order
+    """
+    output = told["output"]
+    one_file = _one_file(output)
+    is_one = output == STDOUT or one_file
+    refuse_no_logs(told)
+    if is_one and told["beams"]:
+        raise click.UsageError("--beams writes a file: give -o DIR")
+    if output != STDOUT and told["format"] is not None:
+        raise click.UsageError("--format is for the stream of -o -; tables are Parquet")
+    if is_one and (told["resume"] or told["partition"] or told["cluster"] is not None):
+        raise click.UsageError("--resume, --partition and --cluster are for tables in a folder: give -o DIR")
+    if told["cluster"] is not None and told["jobs"]:
+        raise click.UsageError("--jobs is for this machine, --cluster for others")
+    stations = (told["station_distance"], told["station_angle"])
+    if told["background"] is None and (told["removed"] or told["any_frame"] or stations != (None, None)):
+        raise click.UsageError("--removed, --any-frame and --station-... are for --background FILE")
+
+    from lidarcli.pipeline.api.options import detect_options
+
+    options = detect_options(
+        told,
+        log_options(told),
+        tracking(),
+        beams=told["beams"],
+        overwrite=told["overwrite"] or told["resume"],
+        layout=told["partition"],
+    )
+    kind = told["format"] or one_file or ("ndjson" if output == STDOUT else None)
+    return into_folder(say, told, options) if kind is None else into_one(say, told, kind, options)
+
+
+def _one_file(output: str) -> str | None:
+    """The format of an output that is a file; None for a folder or standard output."""
+    if os.path.isdir(output) or output.endswith(os.sep):  # noqa: PTH112 (never raises)
+        return None
+    suffix = place(output).suffix.lower()
+    if suffix in OTHER_FILES:
+        raise click.UsageError(
+            f"{output}: objects are written as {', '.join(FILES)}; a folder of such a name ends with {os.sep}"
+        )
+    return FILES.get(suffix)

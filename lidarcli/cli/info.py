@@ -1,76 +1,68 @@
-"""`lidarcli info`: what is in a log."""
+"""`lidarcli info`: what is in a log, as text for people, and as the JSON that programs read."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+import json
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
-from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
-from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import opening_options, pose_options, range_options, text_or_json
+from lidarcli.cli.commands import command
+from lidarcli.cli.messages import Messages, one_line, progress_bar
+from lidarcli.cli.options import log_options
+from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
+from lidarcli.display import counted, moment
+from lidarcli.option_forms import Option
+from lidarcli.options import OUTPUT, Inspecting, ManyLogs, TextOrJson
 
 if TYPE_CHECKING:
-    from lidarcli.logs.base import OpenOptions
-    from lidarcli.pipeline.reading.pose_sources import PoseOptions
-    from lidarcli.range_rules import RangeRules
+    from lidarcli.logs.base import Topic
+    from lidarcli.logs.clock import ClockInfo
+    from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
 
 
-@click.command(
-    cls=GroupedCommand,
-    epilog="""Examples:
+class InfoCommand(ManyLogs, TextOrJson, Inspecting, total=False):
+    """Options of `info`."""
 
-\b
+    brief: Annotated[
+        bool,
+        Option(OUTPUT, None, False),
+        "One line per log: format, time span, and each topic with its sweeps, beams and rate.",
+    ]
+
+
+@command(
+    InfoCommand,
+    examples="""\
   lidarcli info run.mcap
   lidarcli info bags/ --brief
   lidarcli info bags/ --format json | jq '.[].scans[].rate'
-  lidarcli info ranges.csv --fov 270 --degrees --range-unit mm""",
+  lidarcli info ranges.csv --fov 270 --degrees --range-unit mm
+  lidarcli info --help-all""",
 )
-@many_logs
-@text_or_json("Text for people, or JSON for programs: a list with one object per log.")
-@option(
-    "--brief",
-    heading=OUTPUT,
-    is_flag=True,
-    help="One line per log: format, time span, and each topic with its sweeps, beams and rate.",
-)
-@pose_options(delay=False)
-@range_options
-@opening_options
-@click.pass_obj
-def info(
-    say: Messages,
-    /,
-    chosen: Chosen,
-    dry_run: bool,
-    kind: str,
-    brief: bool,
-    poses: PoseOptions,
-    rules: RangeRules,
-    opening: OpenOptions,
-) -> int:
+def info(say: Messages, told: InfoCommand) -> int:
     """Show what is in a log: topics, sweeps, geometry, time, poses, damage.
 
-    Reads every log from end to end.
+    Reads every log from end to end. JSON is a list with one object per log.
     """
+    refuse_no_logs(told)
+    kind, brief = told["format"], told["brief"]
     if brief and kind != "text":
         raise click.UsageError(f"--brief is for text; leave it out for {kind}")
+    read, opening, poses = log_options(told)
 
-    from lidarcli.cli.info_text import as_json, as_line, as_text
-    from lidarcli.cli.progress import progress_bar
     from lidarcli.errors import NoScanError
     from lidarcli.logs.options import clouds_hint, no_scan_topic
     from lidarcli.pipeline.inspecting import LogInfo, inspect_logs
     from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 
-    sources = chosen.sources()
-    if dry_run:
+    sources = chosen_logs(told)
+    if told["dry_run"]:
         return print_reads(sources)
     found: list[LogInfo] = []
     codes = []
     with progress_bar(sources, say) as report:
-        for source, result in inspect_logs(sources, opening, rules, poses, report):
+        for source, result in inspect_logs(sources, opening, read.rules, poses, report):
             codes.append(result.exit_code)
             if isinstance(result, Failure):
                 if result.trace:
@@ -89,3 +81,173 @@ def info(
     if kind == "json":
         click.echo(as_json(found))
     return exit_code(codes)
+
+
+_OTHERS = 10
+"""Topics without sweeps or poses that are shown."""
+_BRIEF = 4
+"""Topics with sweeps that one line shows."""
+_FRAMES = 2
+"""Pairs of frames shown of one topic."""
+_CLOSURES = {
+    "open": "partial view",
+    "closed": "full turn",
+    "shared": "full turn; first and last beam point the same way",
+}
+
+
+def as_text(info: "LogInfo") -> str:
+    """Lines of at most 80 columns, but for names that are longer."""
+    lines = [
+        info.path,
+        _line("format", f"{info.format}, compression {info.compression}"),
+        _line("size", "unknown" if info.size is None else f"{info.size:,} bytes"),
+    ]
+    lines += [_line("" if index else "topics", text) for index, text in enumerate(_topics(info.topics))]
+    lines += _pose_lines(info)
+    lines += [_line("note", note) for note in info.notes]
+    lines += [_line("damage", damage) for damage in info.damage]
+    for scan in info.scans:
+        lines += _scan_lines(scan)
+    return "\n".join(_no_command(one_line(line)) for line in lines)
+
+
+def as_line(info: "LogInfo") -> str:
+    """One line: the log, its format, how long it takes, the sweeps of its topics, and what else there is to read."""
+    parts = [info.format]
+    if info.scans:
+        parts.append(f"{max(scan.clock.span for scan in info.scans):.1f} s")
+    for scan in info.scans[:_BRIEF]:
+        rate = "" if scan.clock.rate is None else f" at {scan.clock.rate:.2f} Hz"
+        parts.append(f"{scan.topic} {scan.sweeps:,} x {_span(scan.beams, '{:,.0f}')} beams{rate}")
+    if (more := len(info.scans) - _BRIEF) > 0:
+        parts.append(f"{more:,} more")
+    if not info.scans:
+        parts.append("no sweeps")
+    else:
+        parts.append("poses" if any(scan.pose for scan in info.scans) else "no poses")
+    if info.notes:
+        parts.append(counted(len(info.notes), "note"))
+    if info.damage:
+        parts.append("damaged")
+    return _no_command(one_line(f"{info.path}: {', '.join(parts)}"))
+
+
+def _no_command(line: str) -> str:
+    r"""A line of which CI servers read no command, whatever a log or a topic is called.
+
+    >>> _no_command("  ::error file=x"), _no_command("  ##[error]x"), _no_command("  /scan::x")
+    ('  \\x3a:error file=x', '  \\x23#[error]x', '  /scan::x')
+    """
+    text = line.lstrip()
+    return line if text[:2] not in ("::", "##") else line.replace(text[0], f"\\x{ord(text[0]):x}", 1)
+
+
+def _topics(topics: Sequence["Topic"]) -> list[str]:
+    """The topics that matter here, and the first few of the others: some logs have hundreds."""
+    from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES
+
+    lines = []
+    others = 0
+    for topic in topics:
+        known = topic.is_scan or topic.type in POSE_TYPES | CLOUD_TYPES
+        others += not known
+        if known or others <= _OTHERS:
+            count = "" if topic.messages is None else f"  {topic.messages:,}"
+            lines.append(f"{topic.name}  {topic.type}{count}")
+    if (more := others - _OTHERS) > 0:
+        lines.append(f"and {more:,} other topic{'' if more == 1 else 's'} (--format json lists all)")
+    return lines or ["none"]
+
+
+def as_json(infos: Sequence["LogInfo"]) -> str:
+    """A list with one object per log; angles in radians, ranges in metres, times in seconds."""
+    from lidarcli.pipeline.inspecting import info_dict
+
+    text = json.dumps([info_dict(info) for info in infos], indent=2, ensure_ascii=False)
+    # File names need not be UTF-8; what is not has its escape in JSON too.
+    return text.encode(errors="backslashreplace").decode()
+
+
+def _pose_lines(info: "LogInfo") -> list[str]:
+    """One line per pose topic with what it holds, and one with its frames."""
+    told = {source.topic: source for source in info.pose_sources}
+    lines = []
+    for name in info.pose_topics:
+        if (source := told.get(name)) is None:
+            lines.append(_line("poses", name))
+            continue
+        rate = "" if source.rate is None else f", {source.rate:.2f} Hz, {source.span:.3f} s"
+        lines.append(_line("poses", f"{name}  {source.poses:,} pose{'' if source.poses == 1 else 's'}{rate}"))
+        frames = [" > ".join(part for part in pair if part) for pair in source.frames]
+        more = f" and {len(frames) - _FRAMES} more" if len(frames) > _FRAMES else ""
+        lines.append(_line("", f"  {', '.join(frames[:_FRAMES])}{more}"))
+    return lines
+
+
+def _scan_lines(scan: "ScanInfo") -> list[str]:
+    frame = f"frame {scan.frame_id}" if scan.frame_id else "no frame"
+    clock = scan.clock
+    total = sum(scan.by_status.values())
+    lines = [
+        f"  {scan.topic} ({frame})",
+        _line("sweeps", f"{scan.sweeps:,}", 4),
+        _line("beams", _span(scan.beams, "{:,.0f}"), 4),
+        _line(
+            "view",
+            f"{_span(scan.view, '{:.2f}', math.degrees)} deg from {_span(scan.angle_min, '{:.2f}', math.degrees)} "
+            f"deg, step {_span(scan.increment, '{:.4f}', math.degrees)} deg",
+            4,
+        ),
+        _line("coverage", ", ".join(_CLOSURES[name] for name in scan.closure), 4),
+        _line("limits", _limits(scan.range_min, scan.range_max), 4),
+        _line("rate", "unknown" if clock.rate is None else f"{clock.rate:.2f} Hz (median step)", 4),
+    ]
+    if clock.start_ns is not None and clock.end_ns is not None:
+        lines.append(_line("time", f"{moment(clock.start_ns)} to {moment(clock.end_ns)}", 4))
+        lines.append(_line("span", f"{clock.span:.3f} s", 4))
+    lines.append(_line("stamps", _stamps(clock, scan.sweeps), 4))
+    if scan.made_of:
+        lines.append(_line("made of", f"point clouds ({scan.made_of})", 4))
+    if scan.pose:
+        lines.append(_line("pose", scan.pose, 4))
+    for name, count in scan.by_status.items():
+        share = f"{count / total:.2%}" if total else "-"
+        lines.append(_line(name.replace("_", " "), f"{count:,} beams ({share})", 4))
+    return lines
+
+
+def _limits(least: "Span", greatest: "Span") -> str:
+    """The ranges that the sensor declares; one that has no greatest range writes 0, inf or 3.4e38."""
+    from lidarcli.range_rules import FARTHEST
+
+    told = f"{_span(least, '{:g}')} m"
+    if not max(least.low, 0) < greatest.high <= FARTHEST:
+        return f"from {told}; the log tells no greatest range"
+    return f"{told} to {_span(greatest, '{:g}')} m"
+
+
+def _stamps(clock: "ClockInfo", sweeps: int) -> str:
+    if clock.zero_stamps == sweeps:
+        return f"all are zero{'; the times of the recording are taken' if clock.recorded else ''}"
+    parts = ["increasing"]
+    if clock.repeated:
+        parts = [f"{clock.repeated:,} of {sweeps:,} are those of the sweep before"]
+    if not clock.monotonic:
+        back = f"go back {clock.times_back(f'{clock.largest_backward:.3f} s')}"
+        parts = [back, *parts] if clock.repeated else [back]
+    if clock.zero_stamps:
+        parts.append(f"{clock.zero_stamps:,} of {sweeps:,} are zero")
+    if clock.offset is not None:
+        side = "before" if clock.offset < 0 else "after"
+        parts.append(f"recorded {abs(clock.offset):.3f} s {side} the header stamp")
+    return "; ".join(parts)
+
+
+def _line(name: str, value: str, indent: int = 2) -> str:
+    return f"{' ' * indent}{name:<{14 - indent}}{value}"
+
+
+def _span(span: "Span", form: str, convert: Any = float) -> str:
+    low, high = form.format(convert(span.low)), form.format(convert(span.high))
+    return low if low == high else f"{low} .. {high}"

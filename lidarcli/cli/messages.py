@@ -1,19 +1,28 @@
-"""Words for the user on stderr, one line per message; stdout carries data only."""
+"""Messages, progress bars and summaries on stderr; stdout carries data only."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Protocol, TextIO
+from typing import TYPE_CHECKING, Protocol, TextIO
 
 import click
 
 from lidarcli import compiled
+from lidarcli.choices import beams_on
 from lidarcli.errors import OutputError
 from lidarcli.stores.url import blotted
+
+if TYPE_CHECKING:
+    from rich.progress import ProgressColumn
+
+    from lidarcli.pipeline.inputs.sources import Nothing, Source
+    from lidarcli.pipeline.reading.one_log import RunSummary
+    from lidarcli.pipeline.runs.over_logs import Outcome
 
 
 def _to_stderr(line: str) -> None:
@@ -123,3 +132,270 @@ class Messages:
         """The traceback of a bug, and the request to report it."""
         self.write(trace.rstrip())
         self.write("lidarcli: this is a bug in lidarcli; please report it with the lines above")
+
+
+# Progress bars: only on a terminal, only for work that takes long, gone when it is done.
+
+PATIENCE = 0.5
+"""Work shorter than this [s] shows no bar: one that comes and goes at once only disturbs."""
+LONGEST_NAME = 18
+"""Characters of a name in front of a bar, of the 80 of a line."""
+
+
+class Count(Protocol):
+    """What work calls with the number of things done, and of all things once that is known."""
+
+    def __call__(self, done: int, total: int | None = None, /) -> None: ...
+
+
+@contextmanager
+def progress_bar(
+    sources: Sequence[Source | Nothing], say: Messages
+) -> Iterator[Callable[[Source, int], None] | None]:
+    """A bar by bytes read: yields what the pipeline calls with a log and the position in it, None where nobody looks."""
+    if not _is_seen(say):
+        yield None
+        return
+    from rich.progress import DownloadColumn, TransferSpeedColumn
+
+    from lidarcli.pipeline.inputs.sources import Source
+
+    sizes = {source: source.size for source in sources if isinstance(source, Source)}
+    total = sum(sizes.values()) if all(sizes.values()) else None
+    read: dict[Source, int] = {}
+    with _bar("", total, (DownloadColumn(), TransferSpeedColumn()), say) as show:
+
+        def report(source: Source, position: int) -> None:
+            read[source] = position
+            show(sum(read.values()), total, source.name)
+
+        yield report
+
+
+@contextmanager
+def counted_bar(description: str, total: int | None, unit: str, say: Messages) -> Iterator[Count | None]:
+    """A bar by things done, such as sweeps: yields what the work calls with their number, None where nobody looks.
+
+    Parameters
+    ----------
+    description : what is worked on
+    total : number of all things, None where the work will tell
+    unit : what is counted, in the plural
+    """
+    if not _is_seen(say):
+        yield None
+        return
+    from rich.progress import MofNCompleteColumn, ProgressColumn, Task
+    from rich.text import Text
+
+    class Speed(ProgressColumn):
+        """Things per second."""
+
+        def render(self, task: Task) -> Text:
+            if not task.speed:
+                return Text(unit)
+            return Text(f"{task.speed:,.{0 if task.speed >= 10 else 1}f} {unit}/s")
+
+    with _bar(description, total, (MofNCompleteColumn(), Speed()), say) as show:
+        known = total
+
+        def report(done: int, total: int | None = None, /) -> None:
+            nonlocal known
+            known = known if total is None else total
+            show(done, known, description)
+
+        yield report
+
+
+def _is_seen(say: Messages) -> bool:
+    """Whether somebody looks at a terminal that can take a line back."""
+    on_terminal = sys.stderr is not None and sys.stderr.isatty()
+    return on_terminal and not say.quiet and os.environ.get("TERM") != "dumb"
+
+
+@contextmanager
+def _bar(
+    description: str, total: int | None, columns: Sequence[ProgressColumn], say: Messages
+) -> Iterator[Callable[[int, int | None, str], None]]:
+    """A bar that comes up after `PATIENCE`: yields what is called with things done, of how many, and the name beside it."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    bar = Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=10),
+        TaskProgressColumn(text_format_no_percentage=""),
+        *columns,
+        TimeRemainingColumn(),
+        TextColumn("left"),
+        console=console,
+        transient=True,
+    )
+    task = bar.add_task(_short(description), total=total)
+    begun = time.monotonic()
+    quiet_write = say.write
+
+    def show(done: int, total: int | None, name: str) -> None:
+        bar.update(task, completed=done, total=total, description=_short(name))
+        if say.bar is None and time.monotonic() - begun >= PATIENCE:
+            say.write = lambda line: console.print(line, markup=False, highlight=False, soft_wrap=True)
+            say.bar = bar
+            bar.start()
+
+    try:
+        yield show
+    finally:
+        if say.bar is bar:
+            bar.stop()
+        say.write, say.bar = quiet_write, None
+
+
+def _short(name: str) -> str:
+    """A name that leaves room for the bar: its end, which tells logs apart.
+
+    >>> _short("2026-01-31/robot-7/run.mcap")
+    '...obot-7/run.mcap'
+    """
+    line = one_line(name)
+    return line if len(line) <= LONGEST_NAME else f"...{line[3 - LONGEST_NAME :]}"
+
+
+# Summaries.
+
+_WORDS = {"no_return": "no return", "too_close": "too close"}
+_COLUMNS = 80
+TELLING_SECONDS = 1.0
+"""What took less time [s] tells how long a program takes to start, not how fast it reads."""
+
+
+def show(outcome: Outcome, say: Messages) -> None:
+    """What became of one log: errors always, the rest unless quiet."""
+    if outcome.trace:
+        say.bug(outcome.trace)
+    if outcome.remark:
+        say.error(outcome.label, outcome.remark)
+    if outcome.error:
+        say.error(outcome.label, outcome.error)
+    if outcome.summary is not None:
+        _show_run(outcome.label, outcome.summary, say)
+
+
+def show_reading(outcome: Outcome, say: Messages) -> None:
+    """What became of one log that was only read."""
+    if outcome.trace:
+        say.bug(outcome.trace)
+    if outcome.error:
+        say.error(outcome.label, outcome.error)
+    if (run := outcome.summary) is not None:
+        _show_losses(outcome.label, run, say)
+        say.info(f"{outcome.label}: {_count(run.sweeps, 'sweep')}{_damaged(run)}")
+        for note in run.notes:
+            say.info(f"  note     {note}")
+
+
+class Total:
+    """What a run over several logs has found, added up log by log: of a hundred thousand none is kept."""
+
+    def __init__(self) -> None:
+        from lidarcli.pipeline.reading.one_log import RunSummary
+
+        self._found = RunSummary()
+        self._logs = 0
+        self._failed = 0
+        self._skipped = 0
+        self._codes: dict[Source | Nothing | None, int] = {}
+
+    def add(self, outcome: Outcome) -> None:
+        """Take what became of one log."""
+        self._logs += 1
+        self._skipped += outcome.skipped
+        if outcome.exit_code:
+            self._failed += 1
+            self._codes[outcome.source] = outcome.exit_code
+        if outcome.summary is not None:
+            self._found.sweeps += outcome.summary.sweeps
+            self._found.add_found(outcome.summary)
+
+    def show(self, say: Messages) -> None:
+        """One line over several logs."""
+        if self._logs < 2:
+            if self._skipped or not self._logs:
+                say.info("1 log, done before" if self._skipped else "0 logs")
+            return
+        failures = f", {self._failed} with errors" if self._failed else ""
+        skipped = f", {self._skipped} done before" if self._skipped else ""
+        say.info(f"{self._logs} logs{failures}{skipped}: {_counts(self._found)}")
+
+    def exit_code(self, sources: Sequence[Source | Nothing]) -> int:
+        """The first exit code that is not zero, in the order of the logs."""
+        return next((code for source in sources if (code := self._codes.get(source, 0))), 0)
+
+
+def _show_run(label: str, run: RunSummary, say: Messages) -> None:
+    _show_losses(label, run, say)
+    say.info(f"{label}: {_counts(run)}{_damaged(run)}")
+    if run.sweeps:
+        _say_parts(say, f"  beams    {run.beams:,}: ", run.by_status, run.beams, ("valid",))
+        # Agents are there only where things are followed.
+        words = beams_on(run.things is not None)
+        on = {name: run.by_set[letter] for letter, name in words.items()}
+        _say_parts(say, "  on       ", on, run.beams, (*on,))
+    say.detail(f"  topics   {', '.join(sorted(run.topics)) or 'none'}")
+    say.detail(f"  time     {run.seconds:.3f} s{_speed(run)}")
+    for note in run.notes:
+        say.info(f"  note     {note}")
+    for path in run.outputs:
+        say.info(f"  wrote    {path}")
+
+
+def _show_losses(label: str, run: RunSummary, say: Messages) -> None:
+    from lidarcli.logs.options import no_scan_topic
+
+    for line in run.damage:
+        say.error(label, line)
+    for topic in run.missing_topics:
+        say.error(label, no_scan_topic([topic]))
+
+
+def _counts(run: RunSummary) -> str:
+    """What was found: objects of sweeps, and the things that they belong to where these were followed."""
+    sweeps = _count(run.sweeps, "sweep")
+    if run.things is None:
+        return f"{sweeps}, {_count(run.objects, 'object')}"
+    objects = f"{_count(run.objects + run.agents, 'object')} ({run.agents:,} of agents)"
+    return f"{sweeps}, {objects}, {_count(run.things, 'thing')} ({_count(run.moved, 'agent')})"
+
+
+def _speed(run: RunSummary) -> str:
+    is_told = run.seconds >= TELLING_SECONDS and run.sweeps
+    return f", {run.sweeps / run.seconds:,.0f} sweeps/s" if is_told else ""
+
+
+def _damaged(run: RunSummary) -> str:
+    return ", source damaged" if run.damage else ""
+
+
+def _say_parts(
+    say: Messages, head: str, counts: Mapping[str, int], total: int, always: Sequence[str]
+) -> None:
+    """How many beams are of each kind; kinds that do not occur are left out but for those that `always` matter."""
+    parts = [
+        f"{_WORDS.get(name, name)} {count:,} ({count / total:.1%})"
+        if total
+        else f"{_WORDS.get(name, name)} 0"
+        for name, count in counts.items()
+        if count or name in always
+    ]
+    line = head + parts[0]
+    for part in parts[1:]:
+        if len(line) + 2 + len(part) > _COLUMNS - 1:
+            say.info(f"{line},")
+            line = " " * 11 + part
+        else:
+            line += f", {part}"
+    say.info(line)
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}" + ("" if number == 1 else "s")

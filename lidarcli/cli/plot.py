@@ -1,45 +1,108 @@
 """`lidarcli plot`: sweeps as pictures."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from lidarcli.choices import VIEWS, Look
-from lidarcli.cli.grouped import GroupedCommand, option
-from lidarcli.cli.messages import Messages, standard_output
-from lidarcli.cli.object_options import object_options
-from lidarcli.cli.options import INPUTS, STDOUT, TIME, opening_options, pose_options, range_options
-from lidarcli.cli.plot_options import (
-    LAST,
-    Sweeps,
-    look_options,
-    outputs,
-    refuse_look,
-    refuse_suffix,
-    wanted_sweeps,
+from lidarcli.choices import (
+    ANIMATED_DPI,
+    ANIMATIONS,
+    FRAMES_PER_SECOND,
+    GREATEST_COUNT,
+    IMAGES,
+    LAST_SWEEP,
+    VIEWS,
+    Look,
 )
-from lidarcli.stores.url import Place
+from lidarcli.cli.commands import command
+from lidarcli.cli.messages import Messages, counted_bar, standard_output
+from lidarcli.cli.options import log_options
+from lidarcli.errors import OptionError
+from lidarcli.option_forms import Number, Option, Text, options_of
+from lidarcli.options import LOOK, PICTURE, STDOUT, SWEEP, OneLog, Overwrite, Plotting, Window, output
+from lidarcli.stores.url import Place, place
 
 if TYPE_CHECKING:
-    from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.inputs.sources import Source
     from lidarcli.pipeline.mapping import MapOptions
-    from lidarcli.pipeline.reading.pose_sources import PoseOptions
-    from lidarcli.range_rules import RangeRules
-    from lidarcli.times import Instant
 
-PICTURE = "Picture"
+MAP = "map"
+"""View of the whole run in the world."""
 WITH_TRACKS = ("all", "scene")
 """Views with the scene, in which tracks are drawn."""
+MOST_FRAMES = 50.0
+"""Greatest number of frames per second: viewers of GIF files show no more."""
 
 
-@click.command(
-    cls=GroupedCommand,
-    epilog="""Examples:
+def _indices(text: str) -> tuple[int, ...]:
+    """Indices of sweeps, `0,50,100`, or `0:100:10` as Python counts: each once, in the order given."""
+    found: dict[int, None] = {}
+    for part in text.split(","):
+        try:
+            numbers = [int(number) for number in part.split(":")]
+        except ValueError:
+            raise OptionError(f"'{part}' is neither a number nor START:STOP nor START:STOP:STEP") from None
+        if min(numbers) < 0 or len(numbers) > 3 or (len(numbers) == 3 and not numbers[2]):
+            raise OptionError(f"'{part}' is no number of a sweep, nor a range of them")
+        more = range(*numbers) if len(numbers) > 1 else numbers
+        if max(numbers) > LAST_SWEEP:
+            raise OptionError(f"'{part[:40]}' goes beyond {LAST_SWEEP:,}")
+        if len(found) + len(more) > GREATEST_COUNT:
+            raise OptionError(f"'{part}' is too many sweeps")
+        found |= dict.fromkeys(more)
+    if not found:
+        raise OptionError(f"'{text}' holds no sweep")
+    return tuple(found)
 
-\b
+
+class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
+    """Options of `plot`."""
+
+    sweep: Annotated[int | None, Option(PICTURE, SWEEP, shown="0", unless=("sweeps", "at")), "Sweep to draw."]
+    sweeps: Annotated[
+        tuple[int, ...] | None,
+        Option(
+            PICTURE,
+            Text("LIST", _indices),
+            shown="with --animate all, else --sweep",
+            unless=("sweep", "at"),
+        ),
+        "Sweeps to draw, 0,50,100 or 0:100:10; each gets a file, FIG-N.png.",
+    ]
+    output: Annotated[
+        str | None,
+        output("FIG", shown="LOG-N.png, LOG-map.png or LOG.gif in the current directory"),
+        "File to write: .png, .svg, .pdf, with --animate .gif or .mp4; - for a PNG on standard output.",
+    ]
+    animate: Annotated[
+        bool,
+        Option(PICTURE, None, False),
+        "One moving picture of the sweeps: of --sweeps, or of those from --start to --end.",
+    ]
+    fps: Annotated[
+        float | None,
+        Option(LOOK, Number("NUMBER", 0.1, MOST_FRAMES), shown=f"{FRAMES_PER_SECOND:g}"),
+        "Sweeps per second of --animate.",
+    ]
+
+
+@command(
+    PlotCommand,
+    changed={
+        "view": {
+            "value": (*VIEWS, MAP),
+            "help": f"{options_of(Plotting)['view'].help} map: the run from above in the world, map and path of the "
+            "sensor, with --sweep its points and boxes, with --tracks what stands and what moved.",
+        },
+        "max_width": {"shown": "2; paper: no limit"},
+        "dpi": {
+            "shown": f"200; with --animate {ANIMATED_DPI}",
+            "help": "Pixels per inch of PNG and of animations.",
+        },
+    },
+    superseded={"--map": "give --view map"},
+    examples="""\
   lidarcli plot run.mcap
   lidarcli plot run.mcap --sweep 50 -o sweep.png
   lidarcli plot run.mcap --at 2026-11-22T10:00:00Z
@@ -48,155 +111,53 @@ WITH_TRACKS = ("all", "scene")
   lidarcli plot run.mcap --sweep 50 --profile paper --view difference -o s.png
   lidarcli plot run.mcap --sweep 9 --background empty.parquet -o change.png
   lidarcli plot run.mcap --sweep 80 --tracks run.tracks.parquet -o paths.png
-  lidarcli plot run.mcap --map --tracks run.tracks.parquet -o map.png
+  lidarcli plot run.mcap --view map --tracks run.tracks.parquet -o map.png
   lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 --overwrite""",
 )
-@click.argument("log", metavar="LOG", type=INPUTS)
-@option(
-    "--sweep",
-    unless=("sweeps", "at"),
-    heading=PICTURE,
-    type=click.IntRange(min=0, max=LAST),
-    metavar="N",
-    help="Sweep to draw.  [default: 0]",
-)
-@option(
-    "--sweeps",
-    unless=("sweep", "at"),
-    heading=PICTURE,
-    type=Sweeps(),
-    metavar="LIST",
-    help="Sweeps to draw, 0,50,100 or 0:100:10; each gets a file, FIG-N.png.  "
-    "[default: with --animate all, else --sweep]",
-)
-@option(
-    "--at",
-    unless=("sweep", "sweeps", "animate"),
-    heading=PICTURE,
-    type=TIME,
-    help="Draw the sweep nearest to this time: seconds after the first sweep (10, 2min), or date and time "
-    "(2026-11-22T10:00:00Z).  [default: none]",
-)
-@option(
-    "-o",
-    "--output",
-    heading=PICTURE,
-    metavar="FIG",
-    type=click.Path(),
-    help="File to write: .png, .svg, .pdf, with --animate .gif or .mp4; - for a PNG on standard output.  "
-    "[default: LOG-N.png, LOG-map.png or LOG.gif in the current directory]",
-)
-@option(
-    "--view",
-    heading=PICTURE,
-    type=click.Choice(VIEWS),
-    default="all",
-    show_default=True,
-    help="The scene from above, r(theta) with s(theta), the difference, polar, or scene and curves.",
-)
-@option(
-    "--map",
-    "in_world",
-    heading=PICTURE,
-    is_flag=True,
-    help="The run from above in the world instead: map and path of the sensor; with --sweep its points and boxes, with "
-    "--tracks what stands and what moved.",
-)
-@option("--animate", heading=PICTURE, is_flag=True, help="One moving picture of the sweeps.")
-@option(
-    "--start",
-    heading=PICTURE,
-    type=TIME,
-    help="With --animate and without --sweeps: start at this time, given like --at.  [default: 0]",
-)
-@option("--end", heading=PICTURE, type=TIME, help="With --start: end before this time.  [default: the end]")
-@option("--overwrite", heading=PICTURE, is_flag=True, help="Replace files that exist.")
-@option(
-    "--topic",
-    heading=PICTURE,
-    metavar="NAME",
-    help="LaserScan topic to draw.  [default: the first by name]",
-)
-@option(
-    "--background",
-    heading=PICTURE,
-    metavar="FILE",
-    type=click.Path(),
-    help="Background to compare with (docs/background.md): also r_w, r_e and their difference.  [default: none]",
-)
-@option(
-    "--tracks",
-    heading=PICTURE,
-    metavar="FILE",
-    type=click.Path(),
-    help="Tracks table (its objects table in the same folder): paths up to the sweep, numbers, velocities.  "
-    "[default: none]",
-)
-@look_options
-@pose_options(delay=True)
-@object_options(walls="Also draw walls, with the corners of the room.", no_limit="paper")
-@range_options
-@opening_options
-@click.pass_obj
-def plot(
-    say: Messages,
-    /,
-    log: str,
-    sweep: int | None,
-    sweeps: tuple[int, ...] | None,
-    output: str | None,
-    view: str,
-    in_world: bool,
-    animate: bool,
-    start: float | Instant | None,
-    end: float | Instant | None,
-    at: float | Instant | None,
-    overwrite: bool,
-    topic: str | None,
-    background: str | None,
-    tracks: str | None,
-    look: Look,
-    poses: PoseOptions,
-    rules: RangeRules,
-    opening: OpenOptions,
-    **parameters: Any,
-) -> int:
+def plot(say: Messages, told: Mapping[str, Any]) -> int:
     """Draw sweeps as in the paper: scene with boxes, r(theta), s(theta).
 
     Without -o the picture is LOG-0.png in the current directory, and so on. Only the log
-    up to the last of these sweeps is read; with --map, all of it.
+    up to the last of these sweeps is read; with --view map, all of it.
     """
-    if at is not None and (sweep is not None or sweeps is not None or animate):
+    output, view, animate, at = told["output"], told["view"], told["animate"], told["at"]
+    background, tracks, window = told["background"], told["tracks"], (told["start"], told["end"])
+    read, opening, poses = log_options({**told, "start": None, "end": None})
+    in_world = view == MAP
+    if at is not None and (told["sweep"] is not None or told["sweeps"] is not None or animate):
         raise click.UsageError("--at names one sweep: it excludes --sweep, --sweeps and --animate")
-    wanted = wanted_sweeps(sweep, sweeps, animate)
-    refuse_suffix(output, animate)
-    if (start, end) != (None, None) and (not animate or wanted is not None):
+    wanted = _wanted_sweeps(told)
+    _refuse_suffix(output, animate)
+    if window != (None, None) and (not animate or wanted is not None):
         raise click.UsageError("--start and --end are for --animate without --sweep and --sweeps")
     if output == STDOUT and (animate or len(wanted or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
-
     if not in_world and background is None and poses != type(poses)():
-        raise click.UsageError("--pose, --poses, --pose-delay and --no-deskew are for --map and --background")
+        raise click.UsageError(
+            "--pose, --poses, --pose-delay and --no-deskew are for --view map and --background"
+        )
     if in_world:
-        _refuse_beside_map(view, animate, background)
-        wanted = None if sweep is None and sweeps is None and at is None else wanted
-    if tracks is not None and view not in WITH_TRACKS:
-        raise click.UsageError(f"--tracks are drawn in the scene; give --view {' or '.join(WITH_TRACKS)}")
+        if animate or background is not None:
+            raise click.UsageError("--view map is a picture of its own, without --animate and --background")
+        wanted = None if told["sweep"] is None and told["sweeps"] is None and at is None else wanted
+    elif tracks is not None and view not in WITH_TRACKS:
+        views = " or ".join((*WITH_TRACKS, MAP))
+        raise click.UsageError(f"--tracks are drawn in the scene; give --view {views}")
 
     from lidarcli.pipeline.inputs.search import files_of, one_log
 
-    source = one_log(log)
+    source = one_log(told["log"])
     if at is not None:
         from lidarcli.pipeline.plotting import sweep_at
 
-        wanted = (sweep_at(source, at, topic, opening),)
-    paths = outputs(output, source, wanted, animate, in_world)
-    refuse_look(look, paths, view, animate, in_world)
+        wanted = (sweep_at(source, at, told["topic"], opening),)
+    paths = _outputs(output, source, wanted, animate, in_world)
+    look = Look(*(told[field] for field in ("width", "dpi", "title", "legend", "vertices", "fps")))
+    _refuse_look(look, paths, view, animate)
 
-    from lidarcli.cli.progress import counted_bar
     from lidarcli.errors import UnreadableError
-    from lidarcli.formalism import Parameters
     from lidarcli.newfiles import refuse
+    from lidarcli.pipeline.api.options import parameters_of
     from lidarcli.pipeline.inputs.tables import table_files
     from lidarcli.pipeline.plotting import (
         PlotOptions,
@@ -206,20 +167,22 @@ def plot(
         write_pictures,
     )
 
+    overwrite = told["overwrite"]
     if output != STDOUT:
         others = [str(table) for table in table_files([tracks] if tracks else [])]
         others += [file for file in (background, poses.file) if file]
         refuse(paths, overwrite, [*files_of([source]), *others])
-    found_with = Parameters.for_profile(**parameters)
+    found_with = parameters_of(None, told)
     if in_world:
-        from lidarcli.logs.batches import ReadOptions
         from lidarcli.pipeline.mapping import MapOptions
 
-        read = ReadOptions(topics=frozenset({topic}) if topic else None, rules=rules)
         options = MapOptions(read, opening, poses, parameters=found_with, overwrite=overwrite)
         return _draw_map(say, source, paths, wanted, tracks, options, look)
     drawn = take_pictures(
-        source, PlotOptions(wanted, topic, found_with, rules, opening, background, tracks, poses, start, end)
+        source,
+        PlotOptions(
+            wanted, told["topic"], found_with, read.rules, opening, background, tracks, poses, *window
+        ),
     )
     for note in drawn.notes:
         say.info(f"  note     {note}")
@@ -236,23 +199,17 @@ def plot(
         for note in notes:
             say.info(f"  note     {note}")
     for line in drawn.damage:
-        say.error(log, line)
+        say.error(told["log"], line)
     return UnreadableError.exit_code if drawn.damage else 0
-
-
-def _refuse_beside_map(view: str, animate: bool, background: str | None) -> None:
-    """Refuse what --map has no place for."""
-    if view != VIEWS[0] or animate or background is not None:
-        raise click.UsageError("--map is a picture of its own, without --view, --animate and --background")
 
 
 def _draw_map(
     say: Messages,
-    source: Source,
+    source: "Source",
     paths: list[Place],
     sweeps: tuple[int, ...] | None,
     tracks: str | None,
-    options: MapOptions,
+    options: "MapOptions",
     look: Look,
 ) -> int:
     """Draw the run from above; the exit code."""
@@ -276,3 +233,53 @@ def _draw_map(
     for line in drawn.damage:
         say.error(source.label, line)
     return UnreadableError.exit_code if drawn.damage else 0
+
+
+def _refuse_look(look: Look, paths: list[Place], view: str, animate: bool) -> None:
+    """Refuse what this picture has no use for."""
+    if look.fps is not None and not animate:
+        raise click.UsageError("--fps is for --animate")
+    if look.vertices and view not in ("all", "scene", "polar"):
+        raise click.UsageError("--vertices are marked in the scene; give --view all, scene or polar")
+    if look.dpi is not None and str(paths[0]) != STDOUT and paths[0].suffix.lower() in (".svg", ".pdf"):
+        raise click.UsageError("--dpi is for .png and animations; .svg and .pdf have no pixels")
+
+
+def _wanted_sweeps(told: Mapping[str, Any]) -> tuple[int, ...] | None:
+    """The sweeps to draw; None for all."""
+    sweep, sweeps = told["sweep"], told["sweeps"]
+    if sweep is not None and sweeps is not None:
+        raise click.UsageError("--sweep and --sweeps exclude each other")
+    if sweep is not None:
+        return (sweep,)
+    return (0,) if sweeps is None and not told["animate"] else sweeps
+
+
+def _outputs(
+    output: str | None, source: "Source", wanted: tuple[int, ...] | None, animate: bool, in_world: bool
+) -> list[Place]:
+    """The files to write: by default named after the log, in the current directory."""
+    log = source.name.rpartition("/")[2]
+    one = animate or wanted is None or len(wanted) == 1
+    if output is not None:
+        path = place(output)
+        return [path] if one else _numbered(path, wanted or ())
+    if animate:
+        return [place(f"{log}.gif")]
+    name = place(f"{log}-map.png" if in_world else f"{log}.png")
+    return [name] if wanted is None else _numbered(name, wanted)
+
+
+def _refuse_suffix(output: str | None, animate: bool) -> None:
+    """Refuse a name that says no format, or the wrong one."""
+    if output is None or output == STDOUT:
+        return
+    known = ANIMATIONS if animate else IMAGES
+    if place(output).suffix.lower() not in known:
+        still = " or --animate" if place(output).suffix.lower() in ANIMATIONS else ""
+        raise click.UsageError(f"{output}: the suffix has to be one of {', '.join(known)}{still}")
+
+
+def _numbered(path: Place, sweeps: tuple[int, ...]) -> list[Place]:
+    """One name for each of several sweeps."""
+    return [path.with_name(f"{path.stem}-{index}{path.suffix}") for index in sweeps]

@@ -1,24 +1,41 @@
 """`lidarcli report`: figures of one or many runs for people, programs and CI."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
 
 import click
 
-from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
-from lidarcli.cli.messages import Messages, are_shown_together, coloured, standard_output
-from lidarcli.cli.options import INPUTS, STDOUT, Line
+from lidarcli.cli.commands import command
+from lidarcli.cli.messages import Messages, are_shown_together, coloured, counted_bar, standard_output
+from lidarcli.option_forms import Argument, File, Option
+from lidarcli.options import OUTPUT, STDOUT, Overwrite, Reporting, output
 from lidarcli.stores.url import place
 
-GATES = "Gates"
+
+class ReportCommand(Overwrite, Reporting, total=False):
+    """Options of `report`."""
+
+    tables: Annotated[tuple[str, ...], Argument("TABLE...", File("TABLE"), several=True)]
+    output: Annotated[
+        tuple[str, ...],
+        output("FILE", shown="standard output", several=True),
+        "File to write, may be repeated: .txt, .md, .html, .json or .xml (JUnit).",
+    ]
+    format: Annotated[
+        str | None,
+        Option(OUTPUT, ("text", "markdown", "html", "json", "junit", "github"), shown="by suffix, else text"),
+        "Format, where the suffix does not say it.",
+    ]
+    brief: Annotated[
+        bool,
+        Option(OUTPUT, None, False),
+        "Only the checks and a summary in a line: text, markdown or github.",
+    ]
 
 
-@click.command(
-    cls=GroupedCommand,
-    epilog="""Examples:
-
-\b
+@command(
+    ReportCommand,
+    examples="""\
   lidarcli report tables/
   lidarcli report run.objects.parquet -o run.html --log run.mcap
   lidarcli report tables/ -o out.md -o out.xml --check "sweeps >= 100"
@@ -31,78 +48,16 @@ GATES = "Gates"
   lidarcli report tables/ --check "sweeps >= 100" --format github
   lidarcli report tables/ --format junit -o report.xml --overwrite""",
 )
-@click.argument("tables", metavar="TABLE...", nargs=-1, required=True, type=click.Path())
-@option(
-    "-o",
-    "--output",
-    "outputs",
-    heading=OUTPUT,
-    metavar="FILE",
-    multiple=True,
-    help="File to write, may be repeated: .txt, .md, .html, .json or .xml (JUnit).  [default: standard output]",
-)
-@option(
-    "--format",
-    "kind",
-    heading=OUTPUT,
-    type=click.Choice(["text", "markdown", "html", "json", "junit", "github"]),
-    help="Format, where the suffix does not say it.  [default: by suffix, else text]",
-)
-@option(
-    "--brief",
-    heading=OUTPUT,
-    is_flag=True,
-    help="Only the checks and a summary in a line: text, markdown or github.",
-)
-@option(
-    "--log",
-    "logs",
-    heading=OUTPUT,
-    metavar="LOG",
-    multiple=True,
-    type=INPUTS,
-    help="Log of the tables, may be repeated: HTML then shows its raw sweeps.  "
-    "[default: the beams tables, where they are]",
-)
-@option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace files that exist.")
-@option(
-    "--check",
-    "checks",
-    heading=GATES,
-    metavar="EXPR",
-    multiple=True,
-    type=Line(),
-    help="Condition that must hold, else the exit code is 1; may be repeated (docs/reports.md).  [default: none]",
-)
-@option(
-    "--baseline",
-    "baseline",
-    heading=GATES,
-    metavar="TABLE",
-    multiple=True,
-    type=click.Path(),
-    help="Tables to compare with, may be repeated; checks may then name delta.FIGURE.  [default: none]",
-)
-@click.pass_obj
-def report(
-    say: Messages,
-    /,
-    tables: tuple[str, ...],
-    outputs: tuple[str, ...],
-    kind: str | None,
-    brief: bool,
-    logs: tuple[str, ...],
-    overwrite: bool,
-    checks: tuple[str, ...],
-    baseline: tuple[str, ...],
-) -> int:
+def report(say: Messages, told: Mapping[str, Any]) -> int:
     """Summarise one or many runs, and test them against thresholds.
 
     TABLE is an objects, sweeps or tracks table of detect or track (the others are
     found beside it), a folder to search, or a pattern. The folder TABLES/_lidarcli of a
     run over many logs, or manifests in it, record the outcome of each log.
     """
-    from lidarcli.cli.progress import counted_bar
+    tables, checks, baseline, logs = told["tables"], told["check"], told["baseline"], told["log"]
+    outputs, brief = told["output"], told["brief"]
+
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
@@ -119,7 +74,7 @@ def report(
         understand_runs,
     )
 
-    kinds = _kinds(outputs or (STDOUT,), kind, SUFFIXES)
+    kinds = _kinds(outputs or (STDOUT,), told["format"], SUFFIXES)
     if brief and not {*kinds} & {*SHORT_FORMATS}:
         raise click.UsageError(f"--brief is for {', '.join(SHORT_FORMATS)}; leave it out for {kinds[0]}")
     of_runs = _are_of_runs(tables, baseline, logs)
@@ -131,7 +86,7 @@ def report(
     files = [place(name) for name in outputs if name != STDOUT]
     if files:
         read = manifest_files(tables)[0] if of_runs else table_files([*tables, *baseline])
-        refuse(files, overwrite, [*map(str, read), *files_of(find_logs(logs))], devices=True)
+        refuse(files, told["overwrite"], [*map(str, read), *files_of(find_logs(logs))], devices=True)
     with counted_bar("report", None, "steps", say) as progress:
         made = (
             report_runs(tables, checks, progress)
@@ -153,9 +108,8 @@ def report(
             words = render(made, form, colour=coloured(standard_output()), brief=short)
             standard_output().buffer.write(encoded(words))
         else:
-            notes = write_whole(
-                place(name), encoded(render(made, form, brief=short)), overwrite, devices=True
-            )
+            data = encoded(render(made, form, brief=short))
+            notes = write_whole(place(name), data, told["overwrite"], devices=True)
             say.info(f"  wrote    {name}")
             for note in notes:
                 say.info(f"  note     {note}")

@@ -11,15 +11,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.choices import MIN_THING
+from lidarcli.choices import GREATEST_COUNT, MIN_THING, PROFILES, SIGNIFICANCE, SIGNIFICANCES
 from lidarcli.errors import OptionError
 from lidarcli.range_rules import FARTHEST
 from lidarcli.sweeps import Bool, Closure, Float64, SweepBatch
 
 Profile = Literal["robust", "paper"]
-PROFILES: tuple[Profile, ...] = ("robust", "paper")
-MOST_BEAMS = 1_000_000
-"""Greatest number of beams of a sweep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +72,8 @@ class Parameters:
         elif not 0 <= self.threshold <= FARTHEST:
             raise OptionError(f"--threshold: {self.threshold} m is not a distance")
         for name, least, most in (
-            ("min_beams", 1, MOST_BEAMS),
-            ("max_gap", 0, MOST_BEAMS),
+            ("min_beams", 1, GREATEST_COUNT),
+            ("max_gap", 0, GREATEST_COUNT),
             ("group_gap", 0, FARTHEST),
             ("min_thing", 0, 1),
         ):
@@ -100,14 +97,15 @@ class Parameters:
 class TrackParameters:
     """Parameters of `track`, beside those of the detection."""
 
-    significance: float = 1e-5
+    significance: float = SIGNIFICANCE
     """Share of the standing things that may seem to move by chance: the smaller, the later a slow mover is recognised."""
     memory: bool = True
     """True to decide thing or building, and the shape, by all sweeps that saw an object, not anew in each."""
 
     def __post_init__(self) -> None:
-        if not 1e-12 <= self.significance <= 0.1:
-            raise OptionError(f"--significance: {self.significance:g} is not between 1e-12 and 0.1")
+        least, most = SIGNIFICANCES
+        if not least <= self.significance <= most:
+            raise OptionError(f"--significance: {self.significance:g} is not between {least:g} and {most:g}")
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values by name, for the metadata of the tables."""

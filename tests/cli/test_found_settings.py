@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from lidarcli.cli.found import PassedOverError, refuse_owner
+from lidarcli.cli.settings import PassedOverError, refuse_owner
 from tests.conftest import Ran
 
 # Windows has neither.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,9 +16,13 @@ import pytest
 
 import lidarcli as package
 from lidarcli.cli import COMMANDS, cli
+from lidarcli.cli.options import DeclaredOption
 from lidarcli.compiled import about_core
 from lidarcli.formalism import Parameters
+from lidarcli.option_forms import options_of
+from lidarcli.options import Learning, Mapping, Plotting, Reading, Reporting, Tabling
 from lidarcli.range_rules import RangeRules, parse_no_return
+from tools.reference import commands
 
 Run = Callable[..., Any]
 
@@ -145,3 +150,43 @@ def test_jobs_have_a_short_form_everywhere() -> None:
     having = [name for name in COMMANDS if "--jobs" in options(name)]
     assert having == ["detect", "track", "map", "overlay"]
     assert all(options(name).get("-j") is options(name)["--jobs"] for name in having)
+
+
+def test_help_leaves_out_what_only_some_logs_need(lidarcli: Run) -> None:
+    some, all_of_them = lidarcli("detect", "--help").out, lidarcli("detect", "--help-all").out
+    rare = {
+        name
+        for name, option in options("detect").items()
+        if getattr(option, "declared", None) and option.declared.rare
+    }
+    assert rare == {
+        *("--angle-min", "--angle-increment", "--fov", "--range-max", "--degrees", "--range-unit"),
+        *("--echo", "--bins", "--any-frame", "--station-distance", "--station-angle"),
+    }
+    shown = {name: re.search(rf"^  {name} ", some, re.MULTILINE) is not None for name in rare}
+    assert not any(shown.values())
+    assert all(re.search(rf"^  {name} ", all_of_them, re.MULTILINE) for name in rare)
+    assert max(map(len, all_of_them.splitlines())) <= 80
+    ran = lidarcli("detect", "run.mcap", "--range-unti", "mm")
+    assert ran.code == 2
+    assert "--range-unit" in ran.err
+
+
+def test_an_option_has_the_same_words_everywhere() -> None:
+    """What a command fills with something else is named here."""
+    of_its_own = {"output", "format", "topic", "background", "tracks", "objects", "layout", "map", "sweeps"}
+    of_its_own |= {"brief", "station_distance", "station_angle", "view", "dpi"}
+    words: dict[str, set[str]] = {}
+    for _, command in commands():
+        for parameter in command.params:
+            if isinstance(parameter, DeclaredOption) and parameter.field not in of_its_own:
+                words.setdefault(parameter.field, set()).add(parameter.declared.help)
+    assert {field for field, said in words.items() if len(said) > 1} == set()
+    keywords = {
+        field: option.help
+        for group in (Reading, Tabling, Learning, Mapping, Plotting, Reporting)
+        for field, option in options_of(group).items()
+        if field not in of_its_own
+    }
+    # The table of beams that `tables` makes is the one that `detect --beams` writes.
+    assert {field: {said} for field, said in keywords.items()} == {field: words[field] for field in keywords}

@@ -1,4 +1,4 @@
-"""`lidarcli plot --map`: the run from above as a picture."""
+"""`lidarcli plot --view map`: the run from above as a picture."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_every_format(lidarcli: Run, tmp_path: Path) -> None:
     for suffix, start in (("png", b"\x89PNG\r\n"), ("svg", b"<?xml"), ("pdf", b"%PDF")):
         for name in ("a", "b"):
             out = tmp_path / f"{name}.{suffix}"
-            ran = lidarcli("plot", DRIVE, "--map", "-o", out)
+            ran = lidarcli("plot", DRIVE, "--view", "map", "-o", out)
             assert (ran.code, ran.out) == (0, "")
             assert ran.err.splitlines()[-1] == f"  wrote    {out}"
         assert (tmp_path / f"a.{suffix}").read_bytes().startswith(start)
@@ -55,20 +55,20 @@ def test_every_format(lidarcli: Run, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_what_is_said(lidarcli: Run, tmp_path: Path) -> None:
-    ran = lidarcli("plot", DRIVE, "--map", "-o", tmp_path / "m.svg")
+    ran = lidarcli("plot", DRIVE, "--view", "map", "-o", tmp_path / "m.svg")
     assert ran.err.splitlines() == [
         "  note     poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)",
         "  note     64 of 150 sweeps count: one for each 0.2 m, 10 degrees or 5 s of the way (--min-move)",
         f"  wrote    {tmp_path / 'm.svg'}",
     ]
     assert f"{'drive'}  odom" in words_of(tmp_path / "m.svg")
-    assert lidarcli("-q", "plot", DRIVE, "--map", "-o", tmp_path / "n.svg").err == ""
+    assert lidarcli("-q", "plot", DRIVE, "--view", "map", "-o", tmp_path / "n.svg").err == ""
     assert (tmp_path / "m.svg").read_bytes() == (tmp_path / "n.svg").read_bytes()
 
 
 def test_a_sweep(lidarcli: Run, tmp_path: Path) -> None:
     out = tmp_path / "m.svg"
-    assert lidarcli("plot", DRIVE, "--map", "--sweep", 70, "-o", out).code == 0
+    assert lidarcli("plot", DRIVE, "--view", "map", "--sweep", 70, "-o", out).code == 0
     words = words_of(out)
     for word in ("sweep 70", "objects of the sweep", "sensor", "path of the sensor"):
         assert word in words.splitlines()
@@ -102,7 +102,7 @@ def test_points_of_a_sweep_lie_on_the_map() -> None:
 
 @pytest.mark.slow
 def test_several_sweeps(lidarcli: Run, tmp_path: Path) -> None:
-    ran = lidarcli("plot", DRIVE, "--map", "--sweeps", "3,80", "-o", tmp_path / "m.png")
+    ran = lidarcli("plot", DRIVE, "--view", "map", "--sweeps", "3,80", "-o", tmp_path / "m.png")
     assert (ran.code, names(tmp_path)) == (0, ["m-3.png", "m-80.png"])
     assert ran.err.splitlines()[-2:] == [f"  wrote    {tmp_path / f'm-{k}.png'}" for k in (3, 80)]
     assert (tmp_path / "m-3.png").read_bytes() != (tmp_path / "m-80.png").read_bytes()
@@ -111,7 +111,7 @@ def test_several_sweeps(lidarcli: Run, tmp_path: Path) -> None:
 
 
 def test_tracks(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
-    ran = lidarcli("plot", DRIVE, "--map", "--tracks", tables, "-o", tmp_path / "m.svg")
+    ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "-o", tmp_path / "m.svg")
     assert ran.code == 0
     assert "what stands" in words_of(tmp_path / "m.svg").splitlines()
     drawn = take_map(source(), MapOptions(), tracks=str(tables))
@@ -123,7 +123,7 @@ def test_tracks(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
 def test_tables_without_poses(lidarcli: Run, tmp_path: Path) -> None:
     assert lidarcli("-q", "track", DRIVE, "-o", tmp_path, "--pose", "none").code == 0
     tables = tmp_path / "drive.tracks.parquet"
-    ran = lidarcli("plot", DRIVE, "--map", "--tracks", tables, "-o", tmp_path / "m.png")
+    ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "-o", tmp_path / "m.png")
     assert (ran.code, ran.out, ran.err) == (
         2,
         "",
@@ -135,7 +135,7 @@ def test_tables_without_poses(lidarcli: Run, tmp_path: Path) -> None:
 def test_tables_of_another_log(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     log = tmp_path / "other.db3"
     log.write_bytes(DRIVE.read_bytes())
-    ran = lidarcli("plot", log, "--map", "--tracks", tables, "-o", tmp_path / "m.svg")
+    ran = lidarcli("plot", log, "--view", "map", "--tracks", tables, "-o", tmp_path / "m.svg")
     assert (ran.code, ran.err) == (2, f"lidarcli: {tables}: is of the log drive, not of {log}\n")
     assert not (tmp_path / "m.svg").exists()
 
@@ -145,10 +145,10 @@ def test_tables_of_another_log(lidarcli: Run, tables: Path, tmp_path: Path) -> N
     [
         (("--sweep", 150), f"{DRIVE}: no sweep 150 with a pose in this log"),
         (("--sweeps", "3,400"), f"{DRIVE}: no sweep 400 with a pose in this log"),
-        (("--view", "scene"), "--map is a picture of its own, without --view, --animate and --background"),
+        (("--map",), "Error: --map is gone: give --view map\n"),
         (
             ("--background", "x.parquet"),
-            "--map is a picture of its own, without --view, --animate and --background",
+            "--view map is a picture of its own, without --animate and --background",
         ),
         (("--animate",), "the suffix has to be one of .gif, .mp4"),
         (("--sweep", 1, "--sweeps", "2"), "--sweep and --sweeps exclude each other"),
@@ -156,21 +156,21 @@ def test_tables_of_another_log(lidarcli: Run, tables: Path, tmp_path: Path) -> N
     ],
 )
 def test_what_is_refused(lidarcli: Run, tmp_path: Path, options: tuple[object, ...], cause: str) -> None:
-    ran = lidarcli("plot", DRIVE, "--map", *options, "-o", tmp_path / "m.png")
+    ran = lidarcli("plot", DRIVE, "--view", "map", *options, "-o", tmp_path / "m.png")
     assert (ran.code, ran.out) == (2, "")
     assert cause in ran.err
     assert names(tmp_path) == []
 
 
 def test_an_animation_is_refused(lidarcli: Run, tmp_path: Path) -> None:
-    ran = lidarcli("plot", DRIVE, "--map", "--animate", "-o", tmp_path / "m.gif")
+    ran = lidarcli("plot", DRIVE, "--view", "map", "--animate", "-o", tmp_path / "m.gif")
     assert (ran.code, names(tmp_path)) == (2, [])
-    assert "--map is a picture of its own, without --view, --animate and --background" in ran.err
+    assert "--view map is a picture of its own, without --animate and --background" in ran.err
 
 
 def test_without_poses(lidarcli: Run, tmp_path: Path) -> None:
     room = SAMPLES / "room.mcap"
-    ran = lidarcli("plot", room, "--map", "-o", tmp_path / "m.png")
+    ran = lidarcli("plot", room, "--view", "map", "-o", tmp_path / "m.png")
     assert (ran.code, ran.out, ran.err) == (
         3,
         "",
@@ -182,7 +182,7 @@ def test_without_poses(lidarcli: Run, tmp_path: Path) -> None:
 
 def test_what_exists_is_not_replaced_unasked(lidarcli: Run, tmp_path: Path) -> None:
     (tmp_path / "m-3.svg").write_text("mine")
-    words = ("plot", DRIVE, "--map", "--sweeps", "3,4", "-o", tmp_path / "m.svg")
+    words = ("plot", DRIVE, "--view", "map", "--sweeps", "3,4", "-o", tmp_path / "m.svg")
     ran = lidarcli(*words)
     assert (ran.code, names(tmp_path)) == (5, ["m-3.svg"])
     assert (tmp_path / "m-3.svg").read_text() == "mine"
@@ -192,16 +192,16 @@ def test_the_path_is_an_input(lidarcli: Run, tmp_path: Path) -> None:
     path = tmp_path / "run.svg"
     assert lidarcli("-q", "poses", DRIVE, "-o", tmp_path / "run.tum").code == 0
     path.write_bytes((tmp_path / "run.tum").read_bytes())
-    ran = lidarcli("plot", DRIVE, "--map", "--poses", path, "-o", path, "--overwrite")
+    ran = lidarcli("plot", DRIVE, "--view", "map", "--poses", path, "-o", path, "--overwrite")
     assert (ran.code, path.read_bytes()) == (5, (tmp_path / "run.tum").read_bytes())
 
 
 @pytest.mark.slow
 def test_standard_output(process: Run, lidarcli: Run, tmp_path: Path) -> None:
-    ran = process("-q", "plot", DRIVE, "--map", "-o", "-")
+    ran = process("-q", "plot", DRIVE, "--view", "map", "-o", "-")
     assert (ran.returncode, ran.stderr) == (0, b"")
-    assert lidarcli("-q", "plot", DRIVE, "--map", "-o", tmp_path / "m.png").code == 0
+    assert lidarcli("-q", "plot", DRIVE, "--view", "map", "-o", tmp_path / "m.png").code == 0
     assert ran.stdout == (tmp_path / "m.png").read_bytes()
-    ran = process("plot", DRIVE, "--map", "--sweeps", "1,2", "-o", "-")
+    ran = process("plot", DRIVE, "--view", "map", "--sweeps", "1,2", "-o", "-")
     assert (ran.returncode, ran.stdout) == (2, b"")
     assert b"standard output takes one picture; give -o FIG" in ran.stderr

@@ -152,7 +152,7 @@ def test_every_command_takes_a_path(lidarcli: Run, tmp_path: Path, command: str)
     assert lidarcli("-q", "poses", DRIVE, "-o", path).code == 0
     output = {"map": "m.ply", "poses": "p.txt", "track": "tables", "plot": "p.png"}
     words: tuple[object, ...] = ("-o", tmp_path / output[command]) if command in output else ()
-    words += ("--map",) if command == "plot" else ()
+    words += ("--view", "map") if command == "plot" else ()
     ran = lidarcli(command, DRIVE, "--poses", path, *words)
     assert ran.code == 0
     assert "run.tum (world > laser)" in ran.out + ran.err
@@ -180,7 +180,7 @@ def test_a_picture_that_needs_no_poses_takes_none(
 ) -> None:
     ran = lidarcli("plot", DRIVE, *words, "-o", tmp_path / "p.png")
     assert (ran.code, (tmp_path / "p.png").exists()) == (2, False)
-    assert "are for --map and --background" in ran.err
+    assert "are for --view map and --background" in ran.err
 
 
 def test_info_with_a_path(lidarcli: Run, tmp_path: Path) -> None:

@@ -6,8 +6,7 @@ from collections import Counter
 
 import pytest
 
-from lidarcli.cli.messages import Messages
-from lidarcli.cli.summary import show
+from lidarcli.cli.messages import Messages, show
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.runs.over_logs import Outcome
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from lidarcli.cli.info_text import as_json
+from lidarcli.cli.info import as_json
 from lidarcli.logs.base import Topic
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span

@@ -21,7 +21,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import NameOID
 
 from benchmarks.fleet import KILLER, workers_of
-from lidarcli.cli.finding import refuse_elsewhere
+from lidarcli.cli.runs import refuse_elsewhere
 from lidarcli.errors import OutputError
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.runs import cluster

@@ -162,12 +162,12 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
         (
             lambda: lidarcli.read(path, every=0),
             OptionError,
-            "--every: 0 is no whole number from 1 to 1,000,000",
+            "--every: 0 is below 1",
         ),
         (
             lambda: lidarcli.read(path, every=2.5),
             OptionError,
-            "--every: 2.5 is no whole number from 1 to 1,000,000",
+            "--every: 2.5 is no whole number",
         ),
         (
             lambda: lidarcli.read(path, start=float("nan")),
@@ -242,8 +242,8 @@ def test_ranges_are_judged_as_on_the_command_line(tmp_path: Path) -> None:
         ({"range": (4, 1)}, "--range: 4 to 1 m is no range; give the least and the greatest"),
         ({"no_return": "none"}, "--no-return: 'none' is neither a number nor one of"),
         ({"no_return": "inf,1e9"}, "--no-return: 1e+09 is no range"),
-        ({"range": (-1, 1)}, "--range: -1 to 1 m is no range; give the least and the greatest"),
-        ({"range_max": -5.0}, "--range-max: -5 is not above 0 and at most 1e+06 m"),
+        ({"range": (-1, 1)}, "--range: -1 is below 0"),
+        ({"range_max": -5.0}, "--range-max: -5 is not above 0"),
         ({"range_unit": "km"}, "--range-unit: 'km' is not one of m, cm, mm"),
         ({"fov": 270}, "--fov: 270 radians are more than two turns; --degrees says that angles are degrees"),
         ({"angle_increment": 0.0}, "--angle-increment: 0 is no step from beam to beam"),

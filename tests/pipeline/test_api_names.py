@@ -27,7 +27,19 @@ COMMANDS = {
     "report": "report",
 }
 OF_THE_SHELL = {
-    *("help", "verbose", "quiet", "config", "format", "overwrite", "files-from", "base", "shard", "dry-run"),
+    *(
+        "help",
+        "help-all",
+        "verbose",
+        "quiet",
+        "config",
+        "format",
+        "overwrite",
+        "files-from",
+        "base",
+        "shard",
+        "dry-run",
+    ),
     *("resume", "partition", "cluster", "brief"),
 }
 """Options of how a command is run, prints or writes."""

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from lidarcli.cli.info_text import as_json, as_text
-from lidarcli.cli.messages import Messages
-from lidarcli.cli.summary import show
+from lidarcli.cli.info import as_json, as_text
+from lidarcli.cli.messages import Messages, show
 from lidarcli.errors import LidarcliError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import OpenOptions, ReadReport, Slice

@@ -1,37 +1,35 @@
-"""`lidarcli.detect` and `lidarcli.track`: objects, and the things that they belong to."""
+"""`lidarcli.detect`, `lidarcli.track` and `lidarcli.tables`: objects, and the things that they belong to."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import pyarrow as pa
 
 from lidarcli.formalism import Parameters
-from lidarcli.pipeline.api.keywords import Detecting, Paths, Reading, Tracking, defaults_of
+from lidarcli.options import Detecting, Paths, Reading, Tabling, Tracking
 from lidarcli.pipeline.api.options import (
-    GivenPaths,
-    background_options,
-    catalogue_of,
-    opening_options,
-    parameters_of,
-    pose_options,
-    read_options,
+    Values,
+    detect_options,
+    log_options,
+    memory_of,
+    refuse_reading,
+    sources_of,
+    tracking_of,
+    with_keywords,
 )
-from lidarcli.pipeline.api.signatures import with_keywords
-from lidarcli.pipeline.api.sources import sources_of
 from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
-from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.sweeps import SweepBatch
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from lidarcli.pipeline.objects.following import TrackOptions
 
 LogsOrBatches = Paths | SweepBatch | Iterable[SweepBatch]
-_UNASKED = defaults_of(Reading) | {"jobs": None}
-"""What says nothing of how a log is read."""
 
 
 @with_keywords
@@ -56,13 +54,7 @@ def detect(
     UnreadableError, NoScanError, OptionError
         As of `read`.
     """
-    tracking = None
-    if options["memory"]:
-        # Who does not track does not wait for this import.
-        from lidarcli.pipeline.objects.following import TrackOptions
-
-        tracking = TrackOptions(tracks=False)
-    return found(log, ("objects",), parameters, options, tracking)["objects"]
+    return _found(log, ("objects",), parameters, options, memory_of(options))["objects"]
 
 
 @with_keywords
@@ -86,42 +78,71 @@ def track(
     UnreadableError, NoScanError, OptionError
         As of `read`.
     """
-    return TrackTables(**found(log, TrackTables._fields, parameters, options, tracking_of(options)))
+    return TrackTables(**_found(log, TrackTables._fields, parameters, options, tracking_of(options)))
 
 
-def tracking_of(told: GivenPaths) -> TrackOptions:
-    """How things are followed."""
-    # Who does not track does not wait for these imports.
-    from lidarcli.formalism.parameters import TrackParameters
-    from lidarcli.pipeline.objects.following import TrackOptions
+class Tables(NamedTuple):
+    """The tables of logs as pandas data frames, with the columns of docs/tables.md."""
 
-    return TrackOptions(TrackParameters(significance=told["significance"], memory=told["memory"]))
+    objects: pd.DataFrame
+    """One row per object per sweep."""
+    sweeps: pd.DataFrame
+    """One row per sweep."""
+    tracks: pd.DataFrame
+    """One row per thing."""
+    beams: pd.DataFrame | None = None
+    """One row per beam of each sweep, where that was asked for."""
 
 
-def found(
+@with_keywords
+def tables(log: LogsOrBatches, parameters: Parameters | None = None, **options: Unpack[Tabling]) -> Tables:
+    """All tables of one or more logs as pandas data frames: what `track` finds.
+
+    Stamps are `datetime64[ns, UTC]`, names (log, topic, set, shape, label) categories, whole numbers `Int64` or
+    `Int32`, truths `boolean`, and vertices and faces lists of dicts.
+
+    Parameters
+    ----------
+    log : as of `track`
+    parameters : replaces the keywords from `profile` to `walls`
+
+    Returns
+    -------
+    Tables
+        `objects`, `sweeps`, `tracks` and, with `beams=True`, `beams`: each a pandas.DataFrame.
+
+    Raises
+    ------
+    UnreadableError, NoScanError, OptionError
+        As of `read`.
+    """
+    names = ("objects", "sweeps", "tracks", *(["beams"] if options["beams"] else []))
+    made = _found(log, names, parameters, options, tracking_of(options))
+    return Tables(**{name: _frame(table) for name, table in made.items()})
+
+
+def _frame(table: pa.Table) -> pd.DataFrame:
+    """A data frame whose types depend on the schema alone, not on what is missing."""
+    import pandas as pd
+
+    # Numbers and truths that may be missing: numpy would make fractions of one, and objects of the other.
+    nullable = {pa.int32(): pd.Int32Dtype(), pa.int64(): pd.Int64Dtype(), pa.bool_(): pd.BooleanDtype()}
+    frame: pd.DataFrame = table.to_pandas(types_mapper=nullable.get)
+    return frame
+
+
+def _found(
     log: Any,
     tables: Sequence[str],
     parameters: Parameters | None,
-    told: GivenPaths,
+    told: Values,
     tracking: TrackOptions | None,
 ) -> dict[str, pa.Table]:
     """Some tables of logs or of batches, by their names."""
-    background = background_options(told)
-    options = DetectOptions(
-        parameters=parameters_of(parameters, told, subtracted=background is not None),
-        read=read_options(told),
-        opening=opening_options(told),
-        poses=pose_options(told),
-        background=background,
-        catalogue=catalogue_of(told["catalogue"]),
-        tracking=tracking,
-        explain=told["explain"],
-        jobs=told["jobs"] or 0,
-    )
+    options = detect_options(told, log_options(told), tracking, parameters)
     items: Iterator[Any] = iter([log] if isinstance(log, str | PathLike | SweepBatch) else log)
     first = next(items, None)
     if not isinstance(first, SweepBatch):
         return of_logs(sources_of([] if first is None else [first, *items]), tables, options)
-    if asked := [name for name, value in _UNASKED.items() if told[name] != value]:
-        raise TypeError(f"only a log can be read with {', '.join(asked)}")
+    refuse_reading(told, Reading, "jobs")
     return of_batches(chain([first], items), tables, options)

@@ -1,34 +1,159 @@
-"""What the keywords of the Python functions say, as the options that the rooms take."""
+"""Keywords of the Python functions: shown, checked, and made into the options of the rooms below.
+
+The command line makes its options by the same functions: both name the values by the fields of `lidarcli.options`.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from difflib import get_close_matches
+from functools import wraps
+from inspect import Parameter, cleandoc, signature
 from os import PathLike, fspath
-from typing import Any
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast, get_type_hints
 
-from lidarcli.errors import OptionError
+from lidarcli.errors import OptionError, warn
+from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.options import open_options, range_rules
-from lidarcli.pipeline.api.keywords import AnyPath, Objects, Paths
+from lidarcli.option_forms import Number, Option, defaults_of, options_of, python_words
+from lidarcli.options import Objects, Paths
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
-from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.range_rules import RangeRules, parse_no_return
 
-GivenPaths = Mapping[str, Any]
-"""Keywords with their values; all those of a group are there."""
-OBJECTS = tuple(Objects.__annotations__)
-"""Names of the keywords that say what an object is."""
+if TYPE_CHECKING:
+    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+
+F = TypeVar("F", bound=Callable[..., Any])
+Values = Mapping[str, Any]
+"""Values of options by their fields; all fields of a group are there."""
+WIDTH = 100
+"""Columns of a docstring."""
 OPENING = ("angle_min", "angle_increment", "fov", "range_max", "degrees", "range_unit", "echo")
-"""Names of those that say what a log may need to be told."""
+
+
+# Functions with keywords.
+
+
+def with_keywords(function: F) -> F:
+    """Return a function whose `**options: Unpack[...]` are shown, checked by name and limits, and complete.
+
+    Type checkers and editors that read sources understand `Unpack`; those that look at the living function, as IPython and
+    help() do, get a signature and a docstring with every keyword.
+    """
+    group = _group_of(function)
+    known = options_of(group)
+    defaults = defaults_of(group)
+    own = signature(function, eval_str=True)
+    positional = [one for one in own.parameters.values() if one.kind is not Parameter.VAR_KEYWORD]
+    names = [one.name for one in positional] + list(known)
+
+    @wraps(function)
+    def called(*arguments: Any, **given: Any) -> Any:
+        for name, value in given.items():
+            if name not in names:
+                raise TypeError(_unknown(function.__name__, name, names))
+            if name in known:
+                _check(name, known[name], value)
+        return function(*arguments, **{**defaults, **given})
+
+    types = keyword_types(group)
+    keyword_only = [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=types[name])
+        for name in known
+    ]
+    called.__signature__ = own.replace(parameters=[*positional, *keyword_only])  # type: ignore[attr-defined]
+    called.__doc__ = _documented(cleandoc(function.__doc__ or ""), known)
+    return cast(F, called)
+
+
+def _group_of(function: Callable[..., Any]) -> type:
+    """The group whose options a function unpacks."""
+    words: str = function.__annotations__["options"]
+    return cast(type, function.__globals__[words.removeprefix("Unpack[").removesuffix("]")])
+
+
+def keyword_types(group: type) -> dict[str, Any]:
+    """Return the types of the keywords of a group."""
+    return get_type_hints(group, None, {"Background": Background, "Catalogue": Catalogue})
+
+
+def _unknown(function: str, name: str, names: list[str]) -> str:
+    close = get_close_matches(name, names, 1)
+    hint = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"
+    return f"{function}() has no option '{name}'; {hint}"
+
+
+def _check(name: str, option: Option, value: Any) -> None:
+    """Refuse a number that is out of its limits (`OptionError`); None stands for a default."""
+    if value is None or not isinstance(option.value, Number):
+        return
+    try:
+        for number in value if option.value.count > 1 else (value,):
+            option.value.check(number)
+    except OptionError as err:
+        raise OptionError(f"--{name.replace('_', '-')}: {err}") from None
+
+
+def _documented(text: str, known: dict[str, Option]) -> str:
+    """The docstring with the meanings of the keywords at the end of its list of parameters."""
+    lines = [
+        fill(f"{name} : {python_words(name, option)}", WIDTH, subsequent_indent="    ")
+        for name, option in known.items()
+    ]
+    head, mark, tail = text.partition("\n\nReturns\n")
+    if not mark:
+        head, mark, tail = text.partition("\n\nRaises\n")
+    return "\n".join([head, *lines]) + mark + tail
+
+
+# Inputs.
+
+
+def sources_of(log: Any) -> list[Source]:
+    """Return the logs that are meant, each with a name of its own.
+
+    Raises
+    ------
+    UnreadableError
+        What was named is not there, or holds no log.
+    """
+    paths: list[Any] = [log] if isinstance(log, str | PathLike) else list(log)
+    named = [path_of(path) for path in paths]
+    found = find_logs(named)
+    for each in found:
+        if isinstance(each, Nothing):
+            error = type(each.error)(f"{each.path}: {each.error}")
+            # What was asked for has to be there; of a folder the rest is read.
+            if each.path in named:
+                raise error
+            warn(str(error))
+    sources = [each for each in found if isinstance(each, Source)]
+    names = Counter(each.name for each in sources)
+    return [replace(each, name=each.path) if names[each.name] > 1 else each for each in sources]
+
+
+def path_of(log: Any) -> str:
+    """Return the path of a log as text (`TypeError` if it is none)."""
+    if not isinstance(log, str | PathLike):
+        raise TypeError(f"a log is the path of a file or folder, not {type(log).__name__}")
+    return fspath(log)
 
 
 def several(values: Paths) -> list[str]:
-    """Paths as text, from one or several (`TypeError` where these are none, such as a table in memory)."""
+    """Return paths as text, from one or several (`TypeError` if these are none, such as a table in memory)."""
     if isinstance(values, str | PathLike):
         return [fspath(values)]
     # A data frame would give the names of its columns one by one.
@@ -40,32 +165,50 @@ def several(values: Paths) -> list[str]:
 
 
 def path_text(value: Any) -> str:
-    """The path of a file as text (`TypeError` where it is none)."""
+    """Return the path of a file as text (`TypeError` if it is none)."""
     if not isinstance(value, str | PathLike):
         raise TypeError(f"a file is named by its path, not given as {type(value).__name__}")
     return fspath(value)
 
 
-def read_options(told: GivenPaths) -> ReadOptions:
-    """Which sweeps to read, and how ranges are judged."""
-    return ReadOptions(topics(told["topic"]), told["start"], told["end"], told["every"], rules=rules(told))
+# Options of the rooms.
+
+
+class LogOptions(NamedTuple):
+    """How logs are read."""
+
+    read: ReadOptions
+    opening: OpenOptions
+    poses: PoseOptions
+
+
+def log_options(told: Values) -> LogOptions:
+    """Return how logs are read."""
+    return LogOptions(read_options(told), opening_options(told), pose_options(told))
+
+
+def read_options(told: Values) -> ReadOptions:
+    """Return which sweeps to read, and how ranges are judged; a command without these fields reads all sweeps."""
+    return ReadOptions(
+        topics(told.get("topic")), told.get("start"), told.get("end"), told.get("every", 1), rules=rules(told)
+    )
 
 
 def topics(names: str | Iterable[str] | None) -> frozenset[str] | None:
-    """Names of topics; none means all."""
+    """Return names of topics; None means all."""
     named = [names] if isinstance(names, str) else names or []
     return frozenset(name for name in named if name) or None
 
 
-def rules(told: GivenPaths) -> RangeRules:
-    """How ranges are judged."""
+def rules(told: Values) -> RangeRules:
+    """Return how ranges are judged."""
     no_return = told["no_return"]
     text = no_return if isinstance(no_return, str) else ",".join(map(str, no_return))
     return range_rules(told["range"], parse_no_return(text))
 
 
-def opening_options(told: GivenPaths) -> OpenOptions:
-    """What a log may need to be told."""
+def opening_options(told: Values) -> OpenOptions:
+    """Return what a log has to be told; range limits also say which points of a cloud are the robot itself."""
     return open_options(
         **{name: told[name] for name in OPENING},
         heights=told["slice"],
@@ -74,25 +217,71 @@ def opening_options(told: GivenPaths) -> OpenOptions:
     )
 
 
-def pose_options(told: GivenPaths) -> PoseOptions:
-    """Where poses come from, and how they are used."""
+def pose_options(told: Values) -> PoseOptions:
+    """Return where poses come from, and how they are used."""
     file = None if told["poses"] is None else fspath(told["poses"])
     return PoseOptions(told["pose"], file, told.get("pose_delay"), told["deskew"])
 
 
-def background_options(told: GivenPaths) -> BackgroundOptions | None:
-    """What to compare sweeps with, and how."""
-    background, angle = told["background"], told["station_angle"]
-    how = {
+def detect_options(
+    told: Values,
+    logs: LogOptions,
+    tracking: TrackOptions | None = None,
+    parameters: Parameters | None = None,
+    **more: Any,
+) -> DetectOptions:
+    """Return how objects are found; `parameters` replace the keywords of what an object is."""
+    background = background_options(told)
+    catalogue = told["catalogue"]
+    return DetectOptions(
+        parameters=parameters_of(parameters, told, subtracted=background is not None),
+        read=logs.read,
+        opening=logs.opening,
+        poses=logs.poses,
+        background=background,
+        catalogue=read_catalogue(catalogue) if isinstance(catalogue, str | PathLike) else catalogue,
+        tracking=tracking,
+        explain=told.get("explain", False),
+        jobs=told["jobs"] or 0,
+        **more,
+    )
+
+
+def tracking_of(told: Values) -> TrackOptions:
+    """Return how things are followed."""
+    # These imports take long, and only tracking needs them.
+    from lidarcli.formalism.parameters import TrackParameters
+    from lidarcli.pipeline.objects.following import TrackOptions
+
+    return TrackOptions(TrackParameters(significance=told["significance"], memory=told["memory"]))
+
+
+def memory_of(told: Values) -> TrackOptions | None:
+    """Return how `detect` judges things by all sweeps, if it does."""
+    if not told["memory"]:
+        return None
+    from lidarcli.pipeline.objects.following import TrackOptions
+
+    return TrackOptions(tracks=False)
+
+
+def background_options(told: Values) -> BackgroundOptions | None:
+    """Return what to compare sweeps with, and how; None without a background."""
+    background = told.get("background")
+    if background is None:
+        asked = ("removed", "any_frame", "station_distance", "station_angle")
+        if any(told.get(name) not in (None, False) for name in asked):
+            raise OptionError("removed, any_frame, station_distance and station_angle are for a background")
+        return None
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+
+    angle = told["station_angle"]
+    how: dict[str, Any] = {
         "removed": told["removed"],
         "any_frame": told["any_frame"],
         "distance": told["station_distance"],
         "angle": None if angle is None else math.radians(angle),
     }
-    if background is None:
-        if any(value not in (None, False) for value in how.values()):
-            raise OptionError("removed, any_frame, station_distance and station_angle are for a background")
-        return None
     if isinstance(background, str | PathLike):
         return BackgroundOptions.of(fspath(background), **how)
     if not background:
@@ -100,14 +289,9 @@ def background_options(told: GivenPaths) -> BackgroundOptions | None:
     return BackgroundOptions("the background", tuple(background), **how)
 
 
-def catalogue_of(catalogue: AnyPath | Catalogue | None) -> Catalogue | None:
-    """Things of interest, from a file or as they are."""
-    return read_catalogue(catalogue) if isinstance(catalogue, str | PathLike) else catalogue
-
-
-def parameters_of(parameters: Parameters | None, told: GivenPaths, *, subtracted: bool = False) -> Parameters:
-    """The parameters as such, or from their keywords."""
-    given = {name: told[name] for name in OBJECTS}
+def parameters_of(parameters: Parameters | None, told: Values, *, subtracted: bool = False) -> Parameters:
+    """Return the parameters as such, or from their keywords."""
+    given = {name: told[name] for name in options_of(Objects)}
     if parameters is not None:
         if not isinstance(parameters, Parameters):
             raise TypeError(f"parameters have to be Parameters, not {type(parameters).__name__}")
@@ -119,3 +303,10 @@ def parameters_of(parameters: Parameters | None, told: GivenPaths, *, subtracted
     if subtracted and given["max_width"] is None:
         given["max_width"] = math.inf
     return Parameters.for_profile(**given)
+
+
+def refuse_reading(told: Values, group: type, *more: str) -> None:
+    """Refuse options of how a log is read (`TypeError`), where sweeps in memory are given."""
+    unasked = defaults_of(group) | dict.fromkeys(more)
+    if asked := [name for name, value in unasked.items() if told[name] != value]:
+        raise TypeError(f"only a log can be read with {', '.join(asked)}")

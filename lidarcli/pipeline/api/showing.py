@@ -1,19 +1,31 @@
-"""`lidarcli.report`: the figures of runs, and checks of them."""
+"""`lidarcli.plot` and `lidarcli.report`: sweeps and runs as people look at them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from html import escape
+from os import fspath
 from typing import Any, Unpack
 
-from lidarcli.errors import warn
+from lidarcli.choices import VIEWS, Look
+from lidarcli.errors import OptionError, warn
+from lidarcli.formalism import Parameters
 from lidarcli.newfiles import refuse, write_whole
-from lidarcli.pipeline.api.keywords import Paths, Reporting
-from lidarcli.pipeline.api.options import several
-from lidarcli.pipeline.api.signatures import with_keywords
-from lidarcli.pipeline.inputs.search import files_of, find_logs
+from lidarcli.options import AnyPath, Delay, Paths, Plotting, Poses, Ranges, Reporting
+from lidarcli.pipeline.api.options import (
+    Values,
+    log_options,
+    parameters_of,
+    path_of,
+    path_text,
+    refuse_reading,
+    several,
+    with_keywords,
+)
+from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import table_files
+from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_pictures, write_pictures
 from lidarcli.pipeline.reporting import (
     Made,
     ReportOptions,
@@ -24,11 +36,94 @@ from lidarcli.pipeline.reporting import (
     understand,
 )
 from lidarcli.reports.checks import Verdict
+from lidarcli.reports.drawing import Axes, Figure, figure_of
 from lidarcli.reports.json import as_dict
+from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import place
+from lidarcli.sweeps import SweepBatch
+from lidarcli.times import as_time
 
+_LOOK = ("width", "dpi", "title", "legend", "vertices")
 HEIGHT = 720
-"""Of the report in a notebook [px]."""
+"""Height of the report in a notebook [px]."""
+
+
+@with_keywords
+def plot(
+    log: AnyPath | SweepBatch,
+    sweep: int = 0,
+    output: AnyPath | None = None,
+    parameters: Parameters | None = None,
+    axes: Axes | Sequence[Axes] | None = None,
+    **options: Unpack[Plotting],
+) -> Figure:
+    """One sweep with its objects, as `lidarcli plot` draws it.
+
+    Parameters
+    ----------
+    log : one log as of `read`, of which no more than the sweep needs is read; or a batch of `read`
+    sweep : index of the sweep within its topic
+    output : picture to write, replaced where it exists: .png, .svg or .pdf; by default none
+    parameters : replaces the keywords from `profile` to `walls`
+    axes : matplotlib axes to draw on, one for each panel of the view (`scene`: 1, `polar`: 1 that is polar, `sweep`: 2,
+        `all`: 3); by default a figure of its own
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure; a notebook shows it. It belongs to no window: give `axes` of a figure that has one.
+
+    Raises
+    ------
+    UnreadableError, NoScanError
+        As of `read`.
+    OptionError
+        As of `read`, the sweep is not there, or there are not as many axes as panels.
+    OutputError
+        The picture cannot be written.
+    """
+    if options["view"] not in VIEWS:
+        raise OptionError(f"--view: '{options['view']}' is not one of {', '.join(VIEWS)}")
+    picture = _picture(log, sweep, parameters, options)
+    look = Look(**{name: options[name] for name in _LOOK})  # type: ignore[literal-required]
+    if output is not None:
+        for note in write_pictures([place(fspath(output))], [picture], options["view"], True, look):
+            warn(note)
+    return figure_of(picture, options["view"], [axes] if isinstance(axes, Axes) else axes, look)
+
+
+class _OfLogs(Poses, Delay, Ranges):
+    """How a log is read of which a sweep is drawn."""
+
+
+def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | None, told: Values) -> Picture:
+    read, opening, poses = log_options({**told, "topic": None})
+    wanted = PlotOptions(
+        sweeps=(sweep,),
+        topic=told["topic"],
+        parameters=parameters_of(parameters, told),
+        rules=read.rules,
+        opening=opening,
+        background=None if told["background"] is None else fspath(told["background"]),
+        tracks=None if told["tracks"] is None else path_text(told["tracks"]),
+        poses=poses,
+    )
+    if isinstance(log, SweepBatch):
+        refuse_reading(told, _OfLogs, "topic", "at")
+        return picture_of(log, sweep, wanted)
+    source = one_log(path_of(log))
+    if (at := told["at"]) is not None:
+        if sweep:
+            raise OptionError("--at names one sweep: give either at or sweep")
+        try:
+            time = as_time(at)
+        except OptionError as err:
+            raise OptionError(f"--at: {err}") from None
+        wanted = replace(wanted, sweeps=(sweep_at(source, time, wanted.topic, wanted.opening),))
+    drawn = take_pictures(source, wanted)
+    for line in drawn.damage:
+        warn(f"{source.path}: {line}")
+    return drawn.pictures[0]
 
 
 @dataclass(frozen=True, slots=True, repr=False)

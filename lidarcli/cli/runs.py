@@ -1,22 +1,22 @@
-"""Runs of `detect` and `track`: tables below a folder, or the objects alone as one stream or file."""
+"""Runs over many logs: which ones, and their tables below a folder, or their objects as one stream or file."""
 
 from __future__ import annotations
 
 from contextlib import ExitStack, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from lidarcli.cli.many_logs import Chosen, print_read, print_reads
-from lidarcli.cli.messages import Messages, one_line, standard_output
-from lidarcli.cli.options import STDOUT
+from lidarcli.cli.messages import Messages, Total, one_line, progress_bar, show, standard_output
+from lidarcli.display import counted
+from lidarcli.options import STDOUT
 from lidarcli.stores.url import Place, is_url, place
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from lidarcli.pipeline.inputs.sources import Nothing, Source
     from lidarcli.pipeline.objects.options import DetectOptions
@@ -27,59 +27,83 @@ if TYPE_CHECKING:
     Report = Callable[[Source, int], None] | None
 
 
-@dataclass(frozen=True, slots=True)
-class Asked:
-    """What was asked of a run over many logs."""
-
-    dry_run: bool
-    resume: bool
-    overwrite: bool
-    """Whether the user has said so."""
-    cluster: str | None
-
-    def keeps_manifest(self, chosen: Chosen, several_stored: bool, options: DetectOptions) -> bool:
-        """Whether this is one of the runs whose outcomes are written down beside the tables: those of a fleet.
-
-        A run over logs that are named here, or over one, writes its tables and nothing else.
-        """
-        many = chosen.files_from is not None or chosen.shard is not None or several_stored
-        asked = self.resume or self.cluster is not None or options.layout is not None
-        return not self.dry_run and (many or asked)
+def refuse_no_logs(told: Mapping[str, Any]) -> None:
+    """Refuse `ManyLogs` that name no log, or standard input twice (usage errors)."""
+    logs, files_from = told["logs"], told["files_from"]
+    if not logs and files_from is None:
+        raise click.MissingParameter(param_hint="'LOG...'", param_type="argument")
+    if STDOUT in logs and files_from == STDOUT:
+        raise click.UsageError("standard input is either a log or the list of --files-from")
 
 
-def into_folder(say: Messages, chosen: Chosen, output: str, options: DetectOptions, asked: Asked) -> int:
-    """Tables of every log below the folder `output`; the exit code."""
-    from lidarcli.cli.progress import progress_bar
-    from lidarcli.cli.summary import Total, show
+def chosen_logs(told: Mapping[str, Any]) -> list[Source | Nothing]:
+    """Return the logs that `ManyLogs` names; see `search.choose`."""
+    from lidarcli.pipeline.inputs.search import choose
+
+    return choose(told["logs"], told["files_from"], told["base"], told["shard"])
+
+
+def print_reads(sources: Iterable[Source | Nothing], writes: Iterable[str] = ()) -> int:
+    """Print what would be read and written, a line each; return the exit code."""
+    from lidarcli.pipeline.runs.over_logs import exit_code
+
+    code = exit_code([print_read(source) for source in sources])
+    for output in writes:
+        click.echo(f"write  {one_line(output)}")
+    return code
+
+
+def print_read(source: Source | Nothing, verb: str = "read") -> int:
+    """Print what would be done with one log; the exit code of that."""
+    from lidarcli.pipeline.inputs.sources import Nothing
+
+    if isinstance(source, Nothing):
+        click.echo(f"fail   {one_line(f'{source.label}: {source.error}')}")
+        return source.error.exit_code
+    size = f" ({source.size:,} bytes)" if source.size else ""
+    click.echo(f"{verb:6} {one_line(source.label)}{size}")
+    return 0
+
+
+def keeps_manifest(told: Mapping[str, Any], several_stored: bool) -> bool:
+    """Whether outcomes are written down beside the tables, as for a fleet.
+
+    A run over logs that are named on the command line, or over one log, writes its tables and nothing else.
+    """
+    many = told["files_from"] is not None or told["shard"] is not None or several_stored
+    asked = told["resume"] or told["cluster"] is not None or told["partition"] is not None
+    return not told["dry_run"] and (many or asked)
+
+
+def into_folder(say: Messages, told: Mapping[str, Any], options: DetectOptions) -> int:
+    """Write the tables of every log below a folder; return the exit code."""
     from lidarcli.pipeline.inputs.search import refuse_clashes
     from lidarcli.pipeline.inputs.sources import Source
     from lidarcli.pipeline.runs.folder_run import FolderRun
     from lidarcli.pipeline.runs.manifest import refuse_folder
 
+    output, address = told["output"], told["cluster"]
     folder = place(output)
-    sources = _begin(say, chosen, options)
+    sources = _begin(say, told, options)
     refuse_clashes(sources)
-    if asked.cluster is not None and any(isinstance(each, Source) and each.is_stdin for each in sources):
+    if address is not None and any(isinstance(each, Source) and each.is_stdin for each in sources):
         raise click.UsageError("--cluster reads no standard input: its workers are elsewhere")
     refuse_folder(folder)
-    keeps = asked.keeps_manifest(chosen, is_url(output) and len(sources) > 1, options)
-    with (
-        FolderRun(folder, options, keeps) as run,
-        ExitStack() as stack,
-    ):
-        plan = run.plan(sources, asked.resume, asked.overwrite)
+    keeps = keeps_manifest(told, is_url(output) and len(sources) > 1)
+    with FolderRun(folder, options, keeps) as run, ExitStack() as stack:
+        plan = run.plan(sources, told["resume"], told["overwrite"])
         for note in plan.notes:
             say.info(f"note: {note}")
-        if asked.dry_run:
+        if told["dry_run"]:
             return _print_plan(run, plan, options)
-        if asked.cluster is not None and not options.overwrite:
+        if address is not None and not options.overwrite:
             run.refuse_existing(plan)
         total = Total()
         for outcome in plan.skipped:
             show(outcome, say)
             total.add(outcome)
         left = plan.left
-        cluster = _cluster(say, asked.cluster, stack) if asked.cluster is not None and left else None
+        cluster = _cluster(say, address, stack) if address is not None and left else None
         report = stack.enter_context(progress_bar(left, say))
         for outcome in _outcomes(left, folder, options, report, cluster):
             show(outcome, say)
@@ -94,20 +118,14 @@ def into_folder(say: Messages, chosen: Chosen, output: str, options: DetectOptio
     return total.exit_code([step.source for step in plan.steps])
 
 
-def into_one(
-    say: Messages, chosen: Chosen, output: str, kind: str, options: DetectOptions, dry_run: bool
-) -> int:
-    """The objects of all logs as one stream to standard output, or in one file; the exit code."""
-    from lidarcli.cli.progress import progress_bar
-    from lidarcli.cli.summary import Total, show
+def into_one(say: Messages, told: Mapping[str, Any], kind: str, options: DetectOptions) -> int:
+    """Write the objects of all logs to standard output or one file, in one format; return the exit code."""
     from lidarcli.pipeline.detecting import detect_file, detect_stream
 
-    sources = _begin(say, chosen, options)
-    if dry_run:
-        code = print_reads(sources)
-        if output != STDOUT:
-            click.echo(f"write  {one_line(output)}")
-        return code
+    output = told["output"]
+    sources = _begin(say, told, options)
+    if told["dry_run"]:
+        return print_reads(sources, [] if output == STDOUT else [output])
     total = Total()
     # Data that scrolls by on the terminal leaves no place for a bar.
     bar = nullcontext() if output == STDOUT and standard_output().isatty() else progress_bar(sources, say)
@@ -124,15 +142,15 @@ def into_one(
     return total.exit_code(sources)
 
 
-def _begin(say: Messages, chosen: Chosen, options: DetectOptions) -> list[Source | Nothing]:
-    """The logs of a run, after what is said before it."""
+def _begin(say: Messages, told: Mapping[str, Any], options: DetectOptions) -> list[Source | Nothing]:
+    """Return the logs of a run, after what is said before it."""
     from lidarcli.machine import keep_freed_memory
 
     keep_freed_memory()
     say.of_missing_core()
-    sources = chosen.sources()
+    sources = chosen_logs(told)
     settings = ", ".join(f"{name}={value}" for name, value in options.as_dict().items())
-    say.detail(f"{len(sources)} log{'' if len(sources) == 1 else 's'}; {settings}")
+    say.detail(f"{counted(len(sources), 'log')}; {settings}")
     return sources
 
 

@@ -1,0 +1,225 @@
+"""Commands made from groups of declared options: help in sections, hints for typing errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from difflib import get_close_matches
+from functools import partial
+from inspect import cleandoc
+from typing import Any, NoReturn
+
+import click
+from click.core import ParameterSource
+
+from lidarcli.cli.messages import Messages
+from lidarcli.cli.options import DeclaredOption, click_type
+from lidarcli.cli.settings import tell_settings, use_settings
+from lidarcli.option_forms import File, Option, arguments_of, options_of
+
+OTHER = "Other"
+TYPED = "lidarcli.typed"
+"""Key of the context's `meta` for which of -v and -q stand on the command line."""
+SHOWS_ALL = "lidarcli.help_all"
+"""Key of the context's `meta` that is set while `--help-all` prints."""
+
+Work = Callable[[Messages, Any], int]
+"""Body of a command: it gets the values of the arguments and options by their fields, and returns the exit code."""
+
+
+def command(
+    group: type,
+    *,
+    examples: str,
+    changed: Mapping[str, Mapping[str, Any]] | None = None,
+    superseded: Mapping[str, str] | None = None,
+) -> Callable[[Work], DeclaredCommand]:
+    """Make a command of a function.
+
+    Parameters
+    ----------
+    group : arguments and options of the command
+    examples : lines for the end of the help
+    changed : field -> what its option has in this command otherwise than declared
+    superseded : option that the command had -> words for what does its work now
+    """
+
+    def decorate(work: Work) -> DeclaredCommand:
+        options = {
+            field: replace(option, **(changed or {}).get(field, {}))
+            for field, option in sorted(options_of(group).items(), key=lambda item: item[1].short != "-o")
+        }
+        made = DeclaredCommand(
+            work.__name__,
+            params=[*_arguments(group), *(DeclaredOption(*item) for item in options.items())],
+            callback=partial(_run, work, [field for field, option in options.items() if option.is_negated]),
+            help=cleandoc(work.__doc__ or ""),
+            epilog=f"Examples:\n\n\b\n{examples}",
+        )
+        made.superseded = superseded or {}
+        return made
+
+    return decorate
+
+
+def _arguments(group: type) -> list[click.Parameter]:
+    return [
+        click.Argument(
+            [field],
+            metavar=each.metavar,
+            type=click_type(each.value),
+            nargs=-1 if each.several else 1,
+            required=each.required,
+        )
+        for field, each in arguments_of(group).items()
+    ]
+
+
+def _run(work: Work, negated: list[str], /, **values: Any) -> int:
+    """Call the body of a command with the values by their fields."""
+    for field in negated:
+        values[field] = not values.pop(f"no_{field}")
+    return work(click.get_current_context().ensure_object(Messages), values)
+
+
+def _set_loudness(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
+    """Take `-v` or `-q`."""
+    say = ctx.ensure_object(Messages)
+    name = str(parameter.name)
+    if not value:
+        return
+    typed: set[str] = ctx.meta.setdefault(TYPED, set())
+    if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+        typed.add(name)
+    if len(typed) > 1:
+        raise click.UsageError("--verbose and --quiet exclude each other")
+    if not typed or name in typed:
+        # What is typed goes before a setting from elsewhere.
+        say.verbose, say.quiet = name == "verbose", name == "quiet"
+
+
+def _configure(ctx: click.Context, parameter: click.Parameter, value: str | None) -> None:
+    """Take `--config`."""
+    if not ctx.resilient_parsing:
+        use_settings(ctx, value)
+
+
+def _show_all(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
+    """Print the help with every option, and end."""
+    if value and not ctx.resilient_parsing:
+        ctx.meta[SHOWS_ALL] = True
+        click.echo(ctx.get_help())
+        ctx.exit()
+
+
+def shared_options() -> list[click.Option]:
+    """Return the options that are taken before and after a command's name."""
+    louder = partial(DeclaredOption, expose_value=False, callback=_set_loudness)
+    return [
+        louder("verbose", Option(OTHER, None, False, short="-v", help="Say more on stderr.")),
+        louder("quiet", Option(OTHER, None, False, short="-q", help="Only errors on stderr.")),
+        DeclaredOption(
+            "config",
+            Option(
+                OTHER,
+                File("FILE"),
+                shown="lidarcli.toml here or in a folder above",
+                help="Settings file (docs/settings.md), or 'none' for no file.",
+            ),
+            is_eager=True,
+            expose_value=False,
+            callback=_configure,
+        ),
+    ]
+
+
+class _Shared(click.Command):
+    """What commands and groups have in common."""
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self.params.extend(shared_options())
+
+    def get_help_option(self, ctx: click.Context) -> click.Option | None:
+        """Return `--help`, which no environment variable stands for."""
+        found = super().get_help_option(ctx)
+        if found is not None:
+            found.allow_from_autoenv = False
+        return found
+
+
+class DeclaredCommand(_Shared):
+    """A command whose help lists its options by heading."""
+
+    superseded: Mapping[str, str]
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self.params.append(
+            click.Option(
+                ["--help-all"],
+                is_flag=True,
+                is_eager=True,
+                expose_value=False,
+                allow_from_autoenv=False,
+                callback=_show_all,
+                help="Show this message with the options that only some logs need, and exit.",
+            )
+        )
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse; an option that the command no longer has is refused with what does its work now."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as err:
+            if err.option_name not in self.superseded:
+                raise
+            raise click.UsageError(
+                f"{err.option_name} is gone: {self.superseded[err.option_name]}", ctx
+            ) from None
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Tell of the settings, then do the work."""
+        tell_settings(ctx)
+        return super().invoke(ctx)
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write one section per heading, in the order in which they appear."""
+        sections: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            is_rare = isinstance(parameter, DeclaredOption) and parameter.declared.rare
+            if not isinstance(parameter, click.Option) or (is_rare and SHOWS_ALL not in ctx.meta):
+                continue
+            record = parameter.get_help_record(ctx)
+            if record is not None:
+                sections.setdefault(getattr(parameter, "heading", OTHER), []).append(record)
+        # click puts its own --help first.
+        if OTHER in sections:
+            sections[OTHER] = sections.pop(OTHER)
+        for heading, records in sections.items():
+            with formatter.section(heading):
+                formatter.write_dl(records, col_max=26)
+
+
+class Commands(_Shared, click.Group):
+    """A group of commands that knows what a mistyped one was meant to be."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command of that name, or raise a usage error with the nearest; `help COMMAND` is `COMMAND --help`."""
+        name = args[0]
+        if not ctx.resilient_parsing and name == "help":
+            if args[1:]:
+                return self.resolve_command(ctx, [*args[1:], "--help"])
+            click.echo(ctx.get_help())
+            ctx.exit()
+        if not ctx.resilient_parsing and not name.startswith("-") and self.get_command(ctx, name) is None:
+            self._refuse(ctx, name)
+        return super().resolve_command(ctx, args)
+
+    def _refuse(self, ctx: click.Context, name: str) -> NoReturn:
+        known = self.list_commands(ctx)
+        near = get_close_matches(name, known, 1)
+        hint = f"Did you mean '{near[0]}'?" if near else f"There are {', '.join(known)}."
+        ctx.fail(f"No such command '{name}'. {hint}")

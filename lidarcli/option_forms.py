@@ -1,0 +1,183 @@
+"""The form of an option: what it takes, its limits and its default, for the command line and for Python."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from numbers import Integral, Real
+from typing import Any, get_args
+
+from lidarcli.choices import GREATEST_NUMBER
+from lidarcli.errors import OptionError
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number with limits, which the command line and Python check alike."""
+
+    metavar: str
+    """Placeholder in the help; it names the unit."""
+    least: float = -GREATEST_NUMBER
+    most: float = GREATEST_NUMBER
+    above: bool = False
+    """Whether `least` itself is too little."""
+    whole: bool = False
+    count: int = 1
+    """How many such numbers the option takes."""
+
+    def parse(self, text: str) -> float:
+        """Return the number that a text of the command line holds (`OptionError` if it holds none)."""
+        try:
+            number = int(text) if self.whole else float(text)
+        except ValueError:
+            raise OptionError(f"'{text}' is not a {'whole ' if self.whole else ''}number") from None
+        if not self.whole and not math.isfinite(number):
+            raise OptionError(f"'{text}' is not a finite number")
+        self._check(number, text)
+        return number
+
+    def check(self, value: Any) -> None:
+        """Refuse a value of Python that is no such number (`OptionError`)."""
+        if not isinstance(value, Integral if self.whole else Real) or isinstance(value, bool):
+            raise OptionError(f"{value!r} is no {'whole ' if self.whole else ''}number")
+        self._check(value, f"{value:g}")  # type: ignore[arg-type]
+
+    def _check(self, number: float, words: str) -> None:
+        if not (number > self.least if self.above else number >= self.least):
+            raise OptionError(
+                f"{words} is {'not above' if self.above else 'below'} {self._words(self.least)}"
+            )
+        if number > self.most:
+            raise OptionError(f"{words} is above {self._words(self.most)}")
+
+    def _words(self, limit: float) -> str:
+        return str(limit) if self.whole else f"{limit:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A text, or what `parse` makes of it."""
+
+    metavar: str
+    parse: Callable[[str], Any] | None = None
+    """Returns the value of a text; raises `OptionError`."""
+    is_list: bool = False
+    """Whether a comma separates items within the text."""
+    has_blanks: bool = False
+    """Whether the text may hold blanks: a variable of the environment then has one text per line."""
+
+
+@dataclass(frozen=True, slots=True)
+class File:
+    """The path or URL of a file or folder."""
+
+    metavar: str
+    is_output: bool = False
+    """Whether it is written."""
+
+
+Value = Number | Text | File | tuple[str, ...] | None
+"""What an option takes; a tuple holds the words to choose from, None is a flag."""
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """One option. Its name is that of the field: `max_width` is `--max-width` on the command line."""
+
+    heading: str
+    """Section of the help."""
+    value: Value
+    default: Any = None
+    """Plain value; a flag that is on by default is `--no-NAME` on the command line."""
+    shown: str = ""
+    """Default in words; empty where the plain value says it."""
+    short: str = ""
+    python: str = ""
+    """What Python takes besides."""
+    rare: bool = False
+    """Whether only some logs need it: `--help` leaves it out, `--help-all` shows it."""
+    several: bool = False
+    """Whether it may be repeated."""
+    both: bool = False
+    """Whether a flag is spelled both ways, `--NAME` and `--no-NAME`."""
+    required: bool = False
+    unless: tuple[str, ...] = ()
+    """Fields that it excludes: one of them on the command line goes before a setting of this one."""
+    help: str = ""
+
+    @property
+    def is_negated(self) -> bool:
+        """Whether the command line spells the flag `--no-NAME` alone."""
+        return self.value is None and self.default is True and not self.both
+
+    def default_words(self, name: str) -> str:
+        """The default as help shows it; empty where there is none to show."""
+        if self.shown or self.default is None or self.required:
+            return self.shown
+        if self.both:
+            return name if self.default else f"no-{name}"
+        return "" if self.value is None or self.default == () else str(self.default)
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """An argument of a command, which has no name on the command line."""
+
+    metavar: str
+    value: Value
+    several: bool = False
+    required: bool = True
+
+
+def options_of(group: type) -> dict[str, Option]:
+    """Return the options of a group by their fields, in order."""
+    return {
+        name: replace(each, help=words[0])
+        for name, (each, *words) in _declared(group).items()
+        if isinstance(each, Option)
+    }
+
+
+def arguments_of(group: type) -> dict[str, Argument]:
+    """Return the arguments of a group by their fields, in order."""
+    return {name: each for name, (each, *_) in _declared(group).items() if isinstance(each, Argument)}
+
+
+def _declared(group: type) -> dict[str, Any]:
+    """What stands beside the types of the fields of a group."""
+    return {name: get_args(hint)[1:] for name, hint in group.__annotations__.items()}
+
+
+def defaults_of(group: type) -> dict[str, Any]:
+    """Return the defaults of the options of a group."""
+    return {name: option.default for name, option in options_of(group).items()}
+
+
+_OPTION_NAME = re.compile(r"--(?:no-)?([a-z][a-z-]*)")
+_CLAUSE = re.compile(r"(?=[.;:,](?:\s|$))")
+_UNIT_OF = {
+    "METRES": "m",
+    "SECONDS": "s",
+    "DEGREES": "degrees",
+    "ANGLE": "rad, or degrees with `degrees`",
+    "MM": "mm",
+    "KM2": "km²",
+}
+
+
+def python_words(name: str, option: Option) -> str:
+    """Return what a keyword means: the words of the command line with names as Python spells them, and the unit."""
+
+    def spelled(words: str) -> str:
+        return _OPTION_NAME.sub(lambda found: f"`{found[1].replace('-', '_')}`", words)
+
+    words = spelled(option.help)
+    if isinstance(option.value, Number) and (unit := _UNIT_OF.get(option.value.metavar)):
+        words = _CLAUSE.sub(f" [{unit}]", words, count=1)
+    if option.python:
+        words = f"{words} {option.python}"
+    # A plain default stands in the signature.
+    told = option.shown if option.default is None else ""
+    return f"{words} [default: {spelled(told)}]" if told else words

@@ -1,0 +1,566 @@
+"""Every option, declared once.
+
+The command line, the keywords of the Python functions, `lidarcli.toml`, the variables of the environment, docs/cli.md and
+docs/python.md are made from these declarations. A group is a `TypedDict`: type checkers read the types of the keywords from
+it, and each field carries an `Option` beside its type. Options that one command alone
+has stand in the file of that command. Nothing here imports click or numpy, so that `--help` answers soon.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from os import PathLike
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
+
+from lidarcli.choices import (
+    BINS,
+    ECHOES,
+    GREATEST_COUNT,
+    LAST_SWEEP,
+    MAP_RESOLUTION,
+    MAP_RESOLUTIONS,
+    MAX_MAP_KM2,
+    MIN_MOVE,
+    MIN_THING,
+    MOST_SHARDS,
+    OCCUPIED_RATIO,
+    PICTURE_DPI,
+    PICTURE_WIDTHS,
+    PROFILES,
+    SIGNIFICANCE,
+    SIGNIFICANCES,
+    STATION_DEGREES,
+    STATION_DISTANCE,
+    UNITS,
+    VIEWS,
+)
+from lidarcli.errors import OptionError
+from lidarcli.option_forms import Argument, File, Number, Option, Text
+
+if TYPE_CHECKING:
+    from lidarcli.formalism.background.model import Background
+    from lidarcli.formalism.matching.catalogue import Catalogue
+
+AnyPath = str | PathLike[str]
+Paths = AnyPath | Iterable[AnyPath]
+"""One file, folder, pattern or URL, or several."""
+STDOUT = "-"
+"""As the name of an output: standard output."""
+
+OUTPUT, MANY = "Output", "Many logs"
+SELECT, POSES = "Sweeps to read", "Where the sensor was"
+RANGES, GEOMETRY = "Beams without a range", "Text logs without geometry"
+CLOUDS, ECHO = "Point clouds", "Beams with several echoes"
+OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
+BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
+GRID, CLOUD = "Occupancy grid", "Point cloud"
+PICTURE, LOOK, GATES = "Picture", "Look", "Gates"
+
+
+def _time(text: str) -> Any:
+    """Seconds after the first sweep, or an `Instant`."""
+    from lidarcli.times import parse_time
+
+    found = parse_time(text)
+    if isinstance(found, float) and found < 0:
+        raise OptionError(f"{text} is below 0")
+    return found
+
+
+def _no_return(text: str) -> str:
+    """The list as it is, once its items are known to be words and ranges."""
+    from lidarcli.range_rules import parse_no_return
+
+    parse_no_return(text)
+    return text
+
+
+def _threshold(text: str) -> str | float:
+    """`adaptive`, `mean` or metres."""
+    if text in ("adaptive", "mean"):
+        return text
+    try:
+        float(text)
+    except ValueError:
+        raise OptionError(f"'{text}' is neither adaptive nor mean nor a number of metres") from None
+    return WIDTH.parse(text)
+
+
+def _share(text: str) -> tuple[int, int]:
+    """(I, N): the I-th of N shares."""
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal()):
+        raise OptionError(f"'{text}' is not I/N, as 1/8")
+    if not 1 <= int(number) <= int(count) <= MOST_SHARDS:
+        raise OptionError(f"'{text}': shares are numbered from 1 to {count}")
+    return int(number), int(count)
+
+
+WIDTH, LENGTH = Number("METRES", 0, above=True), Number("METRES", 0)
+COUNT, COUNT_OR_NONE = Number("N", 1, GREATEST_COUNT, whole=True), Number("N", 0, GREATEST_COUNT, whole=True)
+ANGLE, TURN = Number("ANGLE"), Number("DEGREES", 0, above=True)
+SWEEP = Number("N", 0, LAST_SWEEP, whole=True)
+TIME = Text("TIME", _time)
+INPUT = File("LOG")
+
+
+# What several commands of the command line share, and Python does not have.
+
+
+class OneLog(TypedDict, total=False):
+    """One log."""
+
+    log: Annotated[str, Argument("LOG", INPUT)]
+
+
+class ManyLogs(TypedDict, total=False):
+    """Logs, and which of them to take."""
+
+    logs: Annotated[tuple[str, ...], Argument("LOG...", INPUT, several=True, required=False)]
+    files_from: Annotated[
+        str | None,
+        Option(MANY, File("FILE"), shown="none"),
+        "Also read the logs that this file lists, one per line; - for standard input.",
+    ]
+    base: Annotated[
+        str | None,
+        Option(MANY, File("DIR"), shown="the folder or pattern that was given"),
+        "Mirror the sub-folders of this folder or URL below DIR.",
+    ]
+    shard: Annotated[
+        tuple[int, int] | None,
+        Option(MANY, Text("I/N", _share), shown="all"),
+        "Process only the I-th of N shares of the logs. The name of a log alone decides which share it is in.",
+    ]
+    dry_run: Annotated[bool, Option(MANY, None, False), "Only print what would be read and written."]
+
+
+def output(metavar: str, **more: Any) -> Option:
+    """Return `-o`, which every command fills with something else; without a default it is required."""
+    more.setdefault("required", not {"default", "shown"} & more.keys())
+    return Option(OUTPUT, File(metavar, is_output=True), short="-o", **more)
+
+
+class Overwrite(TypedDict, total=False):
+    """Leave to replace files."""
+
+    overwrite: Annotated[bool, Option(OUTPUT, None, False), "Replace files that exist."]
+
+
+class TextOrJson(TypedDict, total=False):
+    """The format of what a command tells."""
+
+    format: Annotated[
+        Literal["text", "json"],
+        Option(OUTPUT, ("text", "json"), "text"),
+        "Text for people, or JSON for programs.",
+    ]
+
+
+class Jobs(TypedDict, total=False):
+    """How many processors to use."""
+
+    jobs: Annotated[
+        int | None,
+        Option(OUTPUT, COUNT, shown="automatic", short="-j"),
+        "Processors to use at most: threads share a long log, processes share many logs.",
+    ]
+
+
+# Groups that commands and Python functions share.
+
+
+class Window(TypedDict, total=False):
+    """The time from which and up to which to read."""
+
+    start: Annotated[
+        float | str | None,
+        Option(SELECT, TIME, shown="0"),
+        "Start at this time: seconds after the first sweep (10, 2min), or date and time (2026-11-22T10:00:00Z).",
+    ]
+    end: Annotated[
+        float | str | None, Option(SELECT, TIME, shown="the end"), "End before this time, given like --start."
+    ]
+
+
+class _Topic(TypedDict, total=False):
+    topic: Annotated[
+        str | Iterable[str] | None,
+        Option(SELECT, Text("NAME"), shown="all", several=True, python="Python takes a list."),
+        "LaserScan topic to read, or a pattern such as '/scan*'; may be repeated.",
+    ]
+
+
+class Topics(_Topic, Window, total=False):
+    """Which sweeps of a log to read."""
+
+    every: Annotated[int, Option(SELECT, COUNT, 1), "Take every N-th sweep."]
+
+
+class Poses(TypedDict, total=False):
+    """Where the poses of a log come from."""
+
+    pose: Annotated[
+        str | None,
+        Option(POSES, Text("TOPIC"), shown="the best there is", unless=("poses",)),
+        "Topic with the poses of the sensor (docs/poses.md); none: no poses; match: find the path from the sweeps "
+        "themselves.",
+    ]
+    poses: Annotated[
+        AnyPath | None,
+        Option(POSES, File("FILE.tum"), shown="the poses in the log", unless=("pose",)),
+        "Path of the sensor from a file with lines of timestamp x y z qx qy qz qw, as `lidarcli poses` and evo write "
+        "it.",
+    ]
+    deskew: Annotated[
+        bool,
+        Option(POSES, None, True),
+        "Correct sweeps for the motion of the sensor while they are taken (needs poses and time_increment).",
+    ]
+
+
+class Delay(TypedDict, total=False):
+    """How late the poses are."""
+
+    pose_delay: Annotated[
+        float | None,
+        Option(POSES, Number("SECONDS"), shown="0; for tracks and maps what fits best"),
+        "Use the pose from this long after the header stamp of a sweep; negative: before it. `info` tells where "
+        "another value than 0 fits better.",
+    ]
+
+
+class Ranges(TypedDict, total=False):
+    """What is a range, and where a log lacks the geometry of its beams."""
+
+    range: Annotated[
+        tuple[float, float] | None,
+        Option(RANGES, Number("MIN MAX", 0, count=2), shown="those of the log"),
+        "Range limits [m].",
+    ]
+    no_return: Annotated[
+        str | Iterable[str | float],
+        Option(
+            RANGES,
+            Text("LIST", _no_return, is_list=True),
+            "inf,zero,max,above,pile",
+            python="Python also takes a list.",
+        ),
+        "Values that mean 'no return', comma separated: inf, zero, max, above, pile (a far range that very many beams "
+        "have), nan, negative, below, or metres such as 81.91.",
+    ]
+    angle_min: Annotated[
+        float | None,
+        Option(GEOMETRY, ANGLE, shown="from the file, or centred on --fov", rare=True),
+        "Bearing of the first beam.",
+    ]
+    angle_increment: Annotated[
+        float | None, Option(GEOMETRY, ANGLE, rare=True, unless=("fov",)), "Angle from beam to beam."
+    ]
+    fov: Annotated[
+        float | None,
+        Option(GEOMETRY, ANGLE, rare=True, unless=("angle_increment",)),
+        "Field of view, instead of --angle-increment.",
+    ]
+    range_max: Annotated[
+        float | None,
+        Option(GEOMETRY, WIDTH, shown="from the file, or none", rare=True),
+        "Greatest range of the sensor.",
+    ]
+    degrees: Annotated[
+        bool,
+        Option(GEOMETRY, None, False, shown="radians", rare=True),
+        "The three angles above are in degrees.",
+    ]
+    range_unit: Annotated[
+        Literal["m", "cm", "mm"],
+        Option(GEOMETRY, tuple(UNITS), "m", rare=True),
+        "Unit of the ranges in the log.",
+    ]
+    echo: Annotated[
+        Literal["first", "last", "strongest"],
+        Option(ECHO, ECHOES, ECHOES[0], rare=True),
+        "Echo to take of each beam of a MultiEchoLaserScan; strongest: that of the greatest intensity.",
+    ]
+    slice: Annotated[
+        tuple[float, float] | None,
+        Option(CLOUDS, Number("ZMIN ZMAX", count=2), shown="clouds are not read"),
+        "Read point clouds as sweeps: of the points between these heights [m] the nearest in each direction. "
+        "Heights count from the robot's base, level by tf.",
+    ]
+    bins: Annotated[
+        int | None,
+        Option(CLOUDS, Number("N", -math.inf, math.inf, whole=True), shown=str(BINS), rare=True),
+        "Beams of a sweep that is made of a point cloud; their view is a full turn, or that of --angle-min and --fov.",
+    ]
+
+
+class Reading(Topics, Poses, Delay, Ranges, total=False):
+    """How a log is read."""
+
+
+class Objects(TypedDict, total=False):
+    """What an object is; None stands for the default of the profile."""
+
+    profile: Annotated[
+        Literal["robust", "paper"],
+        Option(OBJECTS, PROFILES, PROFILES[0]),
+        "robust: tuned for real sensors; paper: the published formulas, unchanged.",
+    ]
+    threshold: Annotated[
+        Literal["adaptive", "mean"] | float | None,
+        Option(OBJECTS, Text("adaptive|mean|METRES", _threshold), shown="adaptive; paper: mean"),
+        "Jump in range that separates two surfaces: adaptive (by noise and range), mean (of |s|, the paper's Def. 3), "
+        "or metres.",
+    ]
+    min_beams: Annotated[
+        int | None,
+        Option(OBJECTS, COUNT, shown="3; paper: 1"),
+        "Smallest number of valid beams that an object may have.",
+    ]
+    max_width: Annotated[
+        float | None,
+        Option(OBJECTS, WIDTH, shown="2; paper or --background: no limit"),
+        "Largest object; anything wider counts as wall.",
+    ]
+    max_gap: Annotated[
+        int | None,
+        Option(OBJECTS, COUNT_OR_NONE, shown="2; paper: 0"),
+        "How many missing beams in a row may be bridged within one surface.",
+    ]
+    group_gap: Annotated[
+        float | None,
+        Option(OBJECTS, LENGTH, shown="0, never"),
+        "Join narrow objects (up to 0.2 m) that are closer than this: the legs of a person or chair.",
+    ]
+    min_thing: Annotated[
+        float | None,
+        Option(OBJECTS, Number("P", 0, 1), shown=str(MIN_THING)),
+        "Least probability, 0 to 1, that an object is a thing and not a piece of building; an object with less counts "
+        "as wall.",
+    ]
+    walls: Annotated[
+        bool, Option(OBJECTS, None, False), "Also show walls (set S), with the corners of the room."
+    ]
+
+
+class Comparing(TypedDict, total=False):
+    """The background that sweeps are compared with."""
+
+    background: Annotated[
+        "AnyPath | Sequence[Background] | None",
+        Option(BACKGROUND, File("FILE"), shown="none", python="Python also takes what `learn` returns."),
+        "Find only what differs from this background (docs/background.md); --threshold in metres is then the smallest "
+        "difference.",
+    ]
+    removed: Annotated[
+        bool,
+        Option(BACKGROUND, None, False),
+        "Also report objects that have disappeared, as rows whose change is removed.",
+    ]
+    any_frame: Annotated[
+        bool,
+        Option(BACKGROUND, None, False, rare=True),
+        "Accept a background that was recorded under another frame_id.",
+    ]
+    station_distance: Annotated[
+        float | None,
+        Option(BACKGROUND, WIDTH, shown="as it was built", rare=True),
+        "How far a sweep may be from a viewpoint of the background.",
+    ]
+    station_angle: Annotated[
+        float | None,
+        Option(BACKGROUND, TURN, shown="as it was built", rare=True),
+        "How far a sweep may be turned away from that viewpoint.",
+    ]
+
+
+class Things(TypedDict, total=False):
+    """Which things have a name."""
+
+    catalogue: Annotated[
+        "AnyPath | Catalogue | None",
+        Option(THINGS, File("FILE"), shown="none", python="Python also takes what `read_catalogue` returns."),
+        "Things with their sizes (TOML, docs/catalogue.md): objects that are one of them get its name.",
+    ]
+
+
+class Finding(Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, total=False):
+    """What `detect` and `track` share."""
+
+    explain: Annotated[
+        bool,
+        Option(OUTPUT, None, False),
+        "Also fill the column why: what speaks for and against each object being a thing.",
+    ]
+
+
+_MEMORY = "Decide what is a thing, and its shape, by all sweeps that saw it, not by each sweep alone."
+
+
+class Detecting(Finding, total=False):
+    """Keywords of `detect`."""
+
+    memory: Annotated[bool, Option(OBJECTS, None, False, both=True), _MEMORY]
+
+
+class Tracking(Finding, total=False):
+    """Keywords of `track`."""
+
+    memory: Annotated[bool, Option(OBJECTS, None, True, both=True), _MEMORY]
+    significance: Annotated[
+        float,
+        Option(TRACKING, Number("P", *SIGNIFICANCES), SIGNIFICANCE),
+        "Share of standing things that may be taken for moving by chance. Lower values detect slow movers later.",
+    ]
+
+
+class Beams(TypedDict, total=False):
+    """The largest of the tables."""
+
+    beams: Annotated[
+        bool, Option(OUTPUT, None, False), "Also make the table <log>.beams.parquet, one row per beam."
+    ]
+
+
+class Tabling(Tracking, Beams, total=False):
+    """Keywords of `tables`."""
+
+
+class Learning(Reading, total=False):
+    """Keywords of `learn`."""
+
+    station_distance: Annotated[
+        float,
+        Option(STATIONS, WIDTH, default=STATION_DISTANCE),
+        "Sweeps up to this far from a viewpoint belong to it.",
+    ]
+    station_angle: Annotated[
+        float,
+        Option(STATIONS, TURN, default=STATION_DEGREES),
+        "Sweeps whose heading differs by no more than this belong to a viewpoint.",
+    ]
+
+
+class Mapping(Reading, total=False):
+    """Keywords of `map`."""
+
+    resolution: Annotated[
+        float, Option(GRID, Number("METRES", *MAP_RESOLUTIONS), MAP_RESOLUTION), "Side of a cell."
+    ]
+    min_move: Annotated[
+        float,
+        Option(GRID, LENGTH, MIN_MOVE),
+        "How far the sensor goes from one sweep that counts to the next; a turn by 10 degrees and 5 s count as well. "
+        "0: every sweep counts.",
+    ]
+    min_hits: Annotated[
+        int | None,
+        Option(GRID, COUNT, shown="2; with --min-move 0: 4"),
+        "Minimum hits for a cell to be occupied.",
+    ]
+    occupied_ratio: Annotated[
+        float,
+        Option(GRID, Number("SHARE", 0, 1), OCCUPIED_RATIO),
+        "Minimum hit ratio: hits among the sweeps that hit or passed the cell.",
+    ]
+    free_no_return: Annotated[
+        float,
+        Option(GRID, LENGTH, 0.0, shown="0, they say nothing"),
+        "Take beams without a return as free up to here. Glass and black things return nothing either.",
+    ]
+    without_agents: Annotated[
+        bool, Option(GRID, None, False), "Leave out what moves, by following it as `lidarcli track` does."
+    ]
+    max_size: Annotated[
+        float,
+        Option(GRID, Number("KM2", 0, above=True), MAX_MAP_KM2),
+        "Refuse a larger map; at 5 cm a km² takes about 6 GB, as far as it is seen.",
+    ]
+    voxel: Annotated[
+        float,
+        Option(CLOUD, LENGTH, 0.0, shown="0, all points"),
+        "Keep one point for each square of this side.",
+    ]
+    path: Annotated[bool, Option(OUTPUT, None, False), "Draw the path of the sensor into the .png."]
+
+
+class Inspecting(Poses, Ranges, total=False):
+    """Keywords of `info`."""
+
+
+class Plotting(Poses, Delay, Objects, Ranges, total=False):
+    """Keywords of `plot`."""
+
+    at: Annotated[
+        float | str | None,
+        Option(PICTURE, TIME, shown="none", unless=("sweep", "sweeps", "animate")),
+        "Draw the sweep nearest to this time: seconds after the first sweep (10, 2min), or date and time "
+        "(2026-11-22T10:00:00Z).",
+    ]
+    view: Annotated[
+        Literal["all", "scene", "sweep", "difference", "polar"],
+        Option(PICTURE, VIEWS, VIEWS[0]),
+        "The scene from above, r(theta) with s(theta), the difference, polar, or scene and curves (all).",
+    ]
+    topic: Annotated[
+        str | None, Option(PICTURE, Text("NAME"), shown="the first by name"), "LaserScan topic to draw."
+    ]
+    background: Annotated[
+        AnyPath | None,
+        Option(PICTURE, File("FILE"), shown="none"),
+        "Background to compare with (docs/background.md): also r_w, r_e and their difference.",
+    ]
+    tracks: Annotated[
+        AnyPath | None,
+        Option(PICTURE, File("FILE"), shown="none"),
+        "Tracks table (its objects table in the same folder): paths up to the sweep, numbers, velocities.",
+    ]
+    width: Annotated[
+        float | None,
+        Option(LOOK, Number("MM", *PICTURE_WIDTHS), shown="by --view"),
+        "Width of the picture: 89 is a column of a paper, 183 are two.",
+    ]
+    dpi: Annotated[
+        int | None,
+        Option(LOOK, Number("N", *PICTURE_DPI, whole=True), shown="200"),
+        "Pixels per inch of a .png.",
+    ]
+    title: Annotated[bool, Option(LOOK, None, True), "Write a title above the picture."]
+    legend: Annotated[bool, Option(LOOK, None, True), "Explain the marks in a legend."]
+    vertices: Annotated[
+        bool, Option(LOOK, None, False), "Mark vertices and nearest points in the scene and in polar, too."
+    ]
+
+
+class Reporting(TypedDict, total=False):
+    """Keywords of `report`."""
+
+    check: Annotated[
+        str | Iterable[str],
+        Option(
+            GATES,
+            Text("EXPR", has_blanks=True),
+            (),
+            shown="none",
+            several=True,
+            python="Python takes a list; `holds` of the result tells.",
+        ),
+        "Condition that must hold, else the exit code is 1; may be repeated (docs/reports.md).",
+    ]
+    baseline: Annotated[
+        Paths,
+        Option(GATES, File("TABLE"), (), shown="none", several=True, python="Python takes a list."),
+        "Tables to compare with, may be repeated; checks may then name delta.FIGURE.",
+    ]
+    log: Annotated[
+        Paths,
+        Option(
+            OUTPUT,
+            INPUT,
+            (),
+            shown="the beams tables, where they are",
+            several=True,
+            python="Python takes a list.",
+        ),
+        "Log of the tables, may be repeated: HTML then shows its raw sweeps.",
+    ]

@@ -1,0 +1,192 @@
+"""`lidarcli.read`, `info`, `learn` and `map`: sweeps of logs, their contents, their background, their map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from os import fspath
+from typing import Any, Unpack
+
+from lidarcli.errors import NoScanError, warn
+from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.logs.base import ReadReport
+from lidarcli.logs.batches import read_batches
+from lidarcli.logs.options import clouds_hint, no_scan_topic
+from lidarcli.option_forms import options_of
+from lidarcli.options import AnyPath, Inspecting, Learning, Mapping, Paths, Reading
+from lidarcli.pipeline.api.options import LogOptions, log_options, several, sources_of, with_keywords
+from lidarcli.pipeline.building import Building, BuildOptions, refuse_nothing, refuse_output
+from lidarcli.pipeline.detecting import Failed
+from lidarcli.pipeline.inputs.sources import Source, open_source
+from lidarcli.pipeline.inspecting import info_dict, inspect_log
+from lidarcli.pipeline.map_files import MapRun
+from lidarcli.pipeline.mapping import MapOptions
+from lidarcli.pipeline.reading.one_log import damage_lines
+from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.stores.url import place
+from lidarcli.sweeps import SweepBatch
+
+
+@with_keywords
+def read(log: Paths, **options: Unpack[Reading]) -> Iterator[SweepBatch]:
+    """Batches of sweeps of one or more logs in any format, log after log.
+
+    A damaged part is warned of and left out.
+
+    Parameters
+    ----------
+    log : file, ROS 2 bag folder, folder to search, pattern, URL, or `-` for standard input; or several of them
+
+    Returns
+    -------
+    Iterator of SweepBatch
+        Each holds sweeps of one topic, in the order of the log.
+
+    Raises
+    ------
+    UnreadableError
+        There is no such file, or no log in it: at the call where nothing is there, else when it is read.
+    NoScanError
+        There is no LaserScan in a log, or not the topic that was asked for.
+    OptionError
+        A value has no meaning.
+    """
+    return _batches(sources_of(log), log_options(options))
+
+
+def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBatch]:
+    read, opening, poses = options
+    failed = Failed(len(sources))
+    for source in sources:
+        with failed.noted(source), open_source(source, opening) as log:
+            posing = Posing.of(log, poses, read.topics, read.rules)
+            report = ReadReport()
+            is_empty = True
+            for batch in read_batches(log, read, report):
+                is_empty = False
+                yield replace(posing.attach(batch), log=source.name)
+            # Notes are for reading, but a log without a sweep needs its reason, and ranges that are none theirs.
+            notes = [*(report.notes if is_empty else []), *report.doubted()]
+            for line in [*damage_lines(posing.together(report)), *notes]:
+                warn(f"{source.path}: {line}")
+    failed.conclude()
+
+
+@with_keywords
+def info(log: Paths, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
+    """What is in a log: topics, sweeps, geometry, clocks, beams, poses, damage. Reads it from end to end.
+
+    Parameters
+    ----------
+    log : as of `read`
+
+    Returns
+    -------
+    list of dict
+        One for each log, with the keys of `lidarcli info --format json` (docs/info.md).
+
+    Raises
+    ------
+    UnreadableError, OptionError
+        As of `read`. A log without LaserScan is warned of.
+    """
+    read, opening, poses = log_options(options)
+    sources = sources_of(log)
+    failed = Failed(len(sources))
+    told = []
+    for source in sources:
+        with failed.noted(source):
+            found = inspect_log(source, opening, read.rules, poses)
+            for line in found.damage:
+                warn(f"{source.path}: {line}")
+            if found.exit_code == NoScanError.exit_code:
+                warn(f"{source.path}: {no_scan_topic()}{clouds_hint(found.topics)}")
+            told.append(info_dict(found))
+    failed.conclude()
+    return told
+
+
+@with_keywords
+def learn(log: Paths, output: AnyPath | None = None, **options: Unpack[Learning]) -> tuple[Background, ...]:
+    """The background of every sensor of one or more logs of a scene without objects of interest.
+
+    Parameters
+    ----------
+    log : as of `read`
+    output : background table to write, replaced where it exists; by default none
+
+    Returns
+    -------
+    tuple of Background
+        One for each sensor; all of them are what `detect(..., background=)` takes.
+
+    Raises
+    ------
+    UnreadableError, NoScanError, OptionError
+        As of `read`.
+    OutputError
+        The table cannot be written.
+    """
+    building = Building(
+        BuildOptions(
+            *log_options(options),
+            distance=options["station_distance"],
+            angle=math.radians(options["station_angle"]),
+        )
+    )
+    sources = sources_of(log)
+    if output is not None:
+        refuse_output(place(fspath(output)), sources, overwrite=True)
+    for source in sources:
+        for line in building.add(source).damage:
+            warn(f"{source.path}: {line}")
+    sensors = building.sensors()
+    refuse_nothing(sensors)
+    if output is not None:
+        for note in building.write(place(fspath(output)), sensors):
+            warn(note)
+    return tuple(sensors)
+
+
+@with_keywords
+def map(log: Paths, output: Paths = (), **options: Unpack[Mapping]) -> Occupancy:
+    """One occupancy grid of one or several logs whose sensors moved.
+
+    Parameters
+    ----------
+    log : as of `read`
+    output : files to write, replaced where they exist, each of the kind that its suffix says; by default none
+
+    Returns
+    -------
+    Occupancy
+        `cells` (H, W) int8: -1 unknown, 0 free, 100 occupied; `x`, `y` of the lower left corner and `resolution` [m].
+
+    Raises
+    ------
+    UnreadableError
+        As of `read`, or nothing tells where the sensor was.
+    NoScanError, OptionError
+        As of `read`.
+    OutputError
+        A file cannot be written.
+    """
+    made_with = MapOptions(
+        *log_options(options),
+        overwrite=True,
+        **{name: value for name, value in options.items() if name not in options_of(Reading)},  # type: ignore[arg-type]
+    )
+    sources = sources_of(log)
+    failed = Failed(len(sources))
+    with MapRun(sources, [place(each) for each in several(output)], made_with) as run:
+        for source in sources:
+            with failed.noted(source):
+                for line in run.add(source).damage:
+                    warn(f"{source.path}: {line}")
+        failed.conclude()
+        mapped = run.finish()
+    for note in mapped.notes:
+        warn(note)
+    return mapped.grid
