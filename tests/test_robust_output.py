@@ -105,6 +105,7 @@ def final_names(out: Path, whole: dict[str, bytes]) -> list[str]:
     return names
 
 
+@pytest.mark.whole
 def test_killed_at_any_moment(log: Path, whole: tuple[dict[str, bytes], float], tmp_path: Path) -> None:
     """What killed runs leave behind is in nobody's way: they all write to one folder."""
     tables, seconds = whole

@@ -17,7 +17,7 @@ import pytest
 
 from tests.places import ROOT
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.whole
 for needed in ("sphinx", "furo", "myst_parser", "sphinx_copybutton"):
     pytest.importorskip(needed)
 

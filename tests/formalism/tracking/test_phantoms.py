@@ -34,7 +34,12 @@ IN_TURN = pytest.mark.xfail(
     reason="in one of these rooms the legs of a table are seen in turn: 7 of 198 tracks move"
 )
 PLACES = [
-    pytest.param(drive, kind, id=f"{name}-{kind}", marks=IN_TURN if (drive, kind) == (True, "room") else ())
+    pytest.param(
+        drive,
+        kind,
+        id=f"{name}-{kind}",
+        marks=([pytest.mark.whole] if drive else []) + ([IN_TURN] if (drive, kind) == (True, "room") else []),
+    )
     for name, drive in (("parked", False), ("driving", True))
     for kind in KINDS
 ]
