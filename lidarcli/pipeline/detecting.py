@@ -22,7 +22,6 @@ from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once,
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.schemas import OBJECTS, SCHEMAS
-from lidarcli.tabular.stream import FORMATS, CountingOutput
 from lidarcli.tabular.writing import BY_DATE, RowSink, TableFiles, TopicOrder, table_metadata
 
 if TYPE_CHECKING:
@@ -130,6 +129,8 @@ def detect_stream(
 
     `name` is what errors call the stream.
     """
+    from lidarcli.tabular.stream import FORMATS, CountingOutput
+
     guard = CountingOutput(out, name)
     parameters = options.as_dict()
     described: list[dict[str, Any]] = []

@@ -14,7 +14,7 @@ from lidarcli.newfiles import new_files, refuse
 from lidarcli.pipeline.inputs.files import files_named
 from lidarcli.stores.url import Place
 from lidarcli.tabular.reading import read_as_is, schema_of
-from lidarcli.tabular.stream import FORMATS, CountingOutput
+from lidarcli.tabular.stream import write_stream
 from lidarcli.tabular.writing import Output
 
 MOST_COLUMNS = 1000
@@ -93,14 +93,7 @@ def export_stream(
     export: Export, out: Output, kind: str, name: str = "standard output"
 ) -> tuple[int, list[str]]:
     """Write tables to a stream of `kind`; returns the number of rows and notes on them."""
-    metadata = dict(export.schema.metadata or {})
-    stream = FORMATS[kind](CountingOutput(out, name), export.schema, metadata)
-    count = 0
-    for rows in export.pieces():
-        stream.write(rows)
-        count += rows.num_rows
-    stream.finish(metadata)
-    return count, stream.notes()
+    return write_stream(out, kind, name, export.schema, dict(export.schema.metadata or {}), export.pieces())
 
 
 def _common(schemas: Sequence[pa.Schema]) -> dict[bytes, bytes]:

@@ -22,7 +22,7 @@ from lidarcli.stores.url import Place
 from lidarcli.sweeps import Int32, Int64
 from lidarcli.tabular.arrays import codes, floats, plain
 from lidarcli.tabular.schemas import MATCHES
-from lidarcli.tabular.stream import FORMATS, CountingOutput
+from lidarcli.tabular.stream import write_stream
 from lidarcli.tabular.writing import table_metadata
 
 POSITION, CONSTELLATION, AUTO = MATCH_BY
@@ -121,13 +121,10 @@ def write_matches(result: MatchResult, path: Place, kind: str, overwrite: bool) 
     """Write the matches to a file of `kind` (parquet, csv, ndjson, arrow); returns notes."""
     with new_files([path], overwrite) as new:
         with new.part(path).open("wb") as out:
-            guard = CountingOutput(out, str(path))
-            metadata = dict(result.table.schema.metadata)
-            stream = FORMATS[kind](guard, MATCHES, metadata)
-            for rows in result.table.combine_chunks().to_batches():
-                stream.write(rows)
-            stream.finish(metadata)
-        return [*stream.notes(), *new.publish()]
+            table = result.table.combine_chunks()
+            metadata = dict(table.schema.metadata)
+            _, notes = write_stream(out, kind, str(path), MATCHES, metadata, table.to_batches())
+        return [*notes, *new.publish()]
 
 
 def refuse_matches(path: Place, inputs: Sequence[str], overwrite: bool) -> None:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from lidarcli.overlays.objects import Colours, is_mirrored, markers_of
 from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_config
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inputs.tables import Pair, one_pair
+from lidarcli.pipeline.inputs.tables import Pair, one_pair, poses_of
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import (
     Copies,
@@ -42,8 +41,8 @@ from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines
 from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
 from lidarcli.ros.messages import ROS2, TF, Outgoing
 from lidarcli.stores.url import Place
-from lidarcli.tabular.reading import file_metadata, parsed
-from lidarcli.tabular.writing import PARAMETERS, SOURCE
+from lidarcli.tabular.reading import file_metadata, note_value
+from lidarcli.tabular.writing import PARAMETERS
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,14 +178,20 @@ class Overlay:
         self._source = source
         self._grid = grid
         # Sweeps are to be made again as they were for the tables.
-        told = opening_of(_metadata(pair, PARAMETERS))
+        notes = file_metadata(pair.sweeps)
+        told = opening_of(note_value(notes, PARAMETERS, dict))
         self._opening = replace(opening, slice=opening.slice or told.slice, echo=told.echo)
         self._is_ros2 = is_ros2
         self._with_log = with_log
         self._tables = Tables(pair)
         self._copies = Copies(frozenset(self._tables.topics), is_ros2)
         self._names = topics_of_objects(self._tables.topics)
-        self._ways = _ways(pair)
+        self._ways = {
+            frame: (way["world"], str(way.get("topic")))
+            for frame, way in poses_of(notes).items()
+            if way["world"]
+        }
+        """Sensor frame → the fixed frame and the topic of its poses."""
         self._worlds = {frame: world for frame, (world, _) in self._ways.items()}
         """Sensor frame → the fixed frame, where poses are known."""
         self._report, self._copied = ReadReport(), ReadReport()
@@ -329,23 +334,3 @@ class Overlay:
         if not self._is_ros2:
             data = bytes(ROS2.cdr_to_ros1(data, MAP_TYPE))
         return Outgoing(MAP, MAP_TYPE, record_ns, stamp_ns, data)
-
-
-def _ways(pair: Pair) -> dict[str, tuple[str, str]]:
-    """Return for each sensor frame the fixed frame and the topic of its poses, as the tables have it."""
-    poses = _metadata(pair, SOURCE).get("poses")
-    found = poses.items() if isinstance(poses, dict) else ()
-    return {
-        frame: (way["world"], str(way.get("topic")))
-        for frame, way in found
-        if isinstance(way, dict) and isinstance(way.get("world"), str) and way["world"]
-    }
-
-
-def _metadata(pair: Pair, key: str) -> dict[str, Any]:
-    """Return the metadata of the tables under a key, which any program may have written; empty without it."""
-    try:
-        told = parsed(file_metadata(pair.sweeps).get(key, "null"))
-    except ValueError:
-        return {}
-    return told if isinstance(told, dict) else {}

@@ -9,9 +9,9 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -19,6 +19,8 @@ import pyarrow.parquet as pq
 from lidarcli.errors import UnreadableError
 from lidarcli.stores.url import Place, Url
 from lidarcli.tabular.schemas import BACKGROUND, INFINITE, LATER, MATCHES, NULLABLE, SCHEMAS
+
+T = TypeVar("T")
 
 GREATEST_VALUE = 1e12
 """Greatest number of a table [m], [rad]: no place on Earth is farther, whatever the origin."""
@@ -134,6 +136,15 @@ def parsed(text: str) -> Any:
         if not level:
             return value
     raise ValueError("nested too deeply")
+
+
+def note_value(notes: Mapping[str, str], key: str, kind: type[T]) -> T:
+    """Return a value of the metadata, which any program may have written; an empty one where it is not of its `kind`."""
+    try:
+        value = parsed(notes.get(key, "null"))
+    except ValueError:
+        return kind()
+    return value if isinstance(value, kind) else kind()
 
 
 def _finite(text: str) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
 import numpy as np
@@ -145,6 +145,36 @@ FORMATS: dict[str, Callable[[Output, pa.Schema, dict[bytes, bytes]], RowStream]]
     "arrow": ArrowStream,
     "parquet": ParquetStream,
 }
+
+
+def write_stream(
+    out: Output,
+    kind: str,
+    name: str,
+    schema: pa.Schema,
+    metadata: dict[bytes, bytes],
+    pieces: Iterable[pa.RecordBatch],
+) -> tuple[int, list[str]]:
+    """Write a whole table to a stream.
+
+    Parameters
+    ----------
+    out, name : stream, and its name in errors
+    kind : format, one of `FORMATS`
+    schema, metadata : of the table
+    pieces : all rows
+
+    Returns
+    -------
+    The number of rows, and notes on them.
+    """
+    stream = FORMATS[kind](CountingOutput(out, name), schema, metadata)
+    count = 0
+    for rows in pieces:
+        stream.write(rows)
+        count += rows.num_rows
+    stream.finish(metadata)
+    return count, stream.notes()
 
 
 class CountingOutput(io.RawIOBase):

@@ -12,11 +12,16 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.files import Named, files_named
 from lidarcli.reports.columns import Origin
 from lidarcli.stores.url import Place, Url, place
-from lidarcli.tabular.reading import column_names, notes_of, parsed, read_columns, read_pieces
+from lidarcli.tabular.reading import column_names, note_value, notes_of, read_columns, read_pieces
 from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, table_suffix
 
-_OBJECTS, _SWEEPS = table_suffix("objects"), table_suffix("sweeps")
+_OBJECTS, _SWEEPS, _TRACKS = map(table_suffix, ("objects", "sweeps", "tracks"))
+TRACK_COLUMNS = (
+    *("log", "topic", "frame_id", "track", "set", "shape", "label"),
+    *("x", "y", "length", "width", "length_sd", "width_sd"),
+)
+"""Columns of the tracks table that are read to match things of several runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +201,7 @@ def read_tracks(pair: Pair, objects: pa.Table, columns: Iterable[str]) -> pa.Tab
 def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
     """Return the origin of a log as its sweeps table tells it; other programs that write tables may leave it out."""
     notes = notes_of(sweeps)
-    origin = _value(notes, SOURCE, dict)
+    origin = note_value(notes, SOURCE, dict)
     size = origin.get("size")
     # The name of the log as its rows have it: with its place below the folder that was given.
     log = str(sweeps["log"][0].as_py()) if sweeps.num_rows else pair.log
@@ -206,29 +211,14 @@ def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
         format=str(origin.get("format", "")),
         size=size if isinstance(size, int) else None,
         version=notes.get(VERSION, ""),
-        parameters=_value(notes, PARAMETERS, dict),
-        damage=tuple(map(str, _value(notes, DAMAGE, list))),
+        parameters=note_value(notes, PARAMETERS, dict),
+        damage=tuple(map(str, note_value(notes, DAMAGE, list))),
     )
 
 
 def batches(pair: Pair, columns: list[str]) -> Iterator[pa.RecordBatch]:
     """Yield columns of the beams table piece by piece: it may be large."""
     return read_pieces(pair.beams, "beams", SCHEMAS["beams"], columns)
-
-
-def _value(notes: dict[str, str], key: str, kind: type) -> Any:
-    try:
-        value = parsed(notes.get(key, "null"))
-    except ValueError:
-        value = None
-    return value if isinstance(value, kind) else kind()
-
-
-_TRACKS = table_suffix("tracks")
-COLUMNS = (
-    *("log", "topic", "frame_id", "track", "set", "shape", "label"),
-    *("x", "y", "length", "width", "length_sd", "width_sd"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,21 +261,13 @@ def _tables(text: str) -> list[Place]:
 
 def read_tracks_table(path: Place) -> TracksTable:
     """Read a tracks table, or `UnreadableError` with one line."""
-    rows = read_columns(path, "tracks", SCHEMAS["tracks"], COLUMNS)
-    return TracksTable(path, rows, _worlds(notes_of(rows)))
+    rows = read_columns(path, "tracks", SCHEMAS["tracks"], TRACK_COLUMNS)
+    worlds = {frame: way["world"].strip("/") for frame, way in poses_of(notes_of(rows)).items()}
+    return TracksTable(path, rows, worlds)
 
 
-def _worlds(notes: dict[str, str]) -> dict[str, str]:
-    """The world of each sensor frame, as far as the metadata says; another program may have left it out."""
-    try:
-        source = parsed(notes.get(SOURCE, "null"))
-    except ValueError:
-        return {}
-    poses: Any = source.get("poses") if isinstance(source, dict) else None
-    if not isinstance(poses, dict):
-        return {}
-    return {
-        frame: way["world"].strip("/")
-        for frame, way in poses.items()
-        if isinstance(way, dict) and isinstance(way.get("world"), str)
-    }
+def poses_of(notes: dict[str, str]) -> dict[str, dict[str, Any]]:
+    """Return the description of the poses of each sensor frame in the metadata, at least with their `world`."""
+    poses = note_value(notes, SOURCE, dict).get("poses")
+    found = poses.items() if isinstance(poses, dict) else ()
+    return {frame: way for frame, way in found if isinstance(way, dict) and isinstance(way.get("world"), str)}

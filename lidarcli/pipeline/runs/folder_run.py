@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 from lidarcli._version import __version__
 from lidarcli.errors import LidarcliError, OptionError, OutputError, UnreadableError
@@ -29,7 +29,7 @@ from lidarcli.pipeline.runs.manifest import (
 )
 from lidarcli.pipeline.runs.over_logs import Outcome
 from lidarcli.stores.url import Place, Url, absolute, place
-from lidarcli.tabular.reading import file_metadata, parsed
+from lidarcli.tabular.reading import file_metadata, note_value
 from lidarcli.tabular.runs import DAMAGED, FAILED, OK, Entry, newest
 from lidarcli.tabular.writing import BY_DATE, DAMAGE, PARAMETERS, SOURCE, VERSION
 
@@ -257,15 +257,15 @@ class FolderRun:
 
     def _is_by_parameters(self, notes: dict[str, str]) -> bool:
         """Tell whether a table was written with the same parameters and version, by its metadata."""
-        told = _parsed(notes, PARAMETERS)
+        told = note_value(notes, PARAMETERS, dict)
         same = told == json.loads(json.dumps(self._options.as_dict())) and not self._options.explain
         return same and notes.get(VERSION) == __version__
 
     def _told_by_tables(self, source: Source, outputs: tuple[str, ...], there: There) -> Entry | None:
         """Return an entry for tables without a manifest that are of this log as it is, and of these parameters; or None."""
         notes, state = _notes(outputs[0]), source.state()
-        told = _parsed(notes, SOURCE)
-        if state is None or not isinstance(told, dict) or not self._is_by_parameters(notes):
+        told = note_value(notes, SOURCE, dict)
+        if state is None or not self._is_by_parameters(notes):
             return None
         # The reader of a folder does not count all of its files.
         is_one_file = not source.files and (source.url is not None or not Path(source.path).is_dir())
@@ -278,8 +278,7 @@ class FolderRun:
         ]
         if len(written) < len(outputs) or min(written) < max([state.mtime_ns, *depends]):
             return None
-        damage = _parsed(notes, DAMAGE)
-        lines = [str(line) for line in damage] if isinstance(damage, list) else []
+        lines = [str(line) for line in note_value(notes, DAMAGE, list)]
         return Entry(
             source.name,
             _url(source),
@@ -351,12 +350,4 @@ def _notes(name: str) -> dict[str, str]:
 
 def _is_of(name: str, source: Source) -> bool:
     """Tell whether a file is a table of a log of this name, which may be replaced."""
-    told = _parsed(_notes(name), SOURCE)
-    return isinstance(told, dict) and told.get("name") == source.file_name
-
-
-def _parsed(notes: dict[str, str], key: str) -> Any:
-    try:
-        return parsed(notes.get(key, "null"))
-    except ValueError:
-        return None
+    return bool(note_value(_notes(name), SOURCE, dict).get("name") == source.file_name)
