@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from lidarcli.logs.aria_points import Points, Readings, by_bearing
-from lidarcli.logs.base import LASERSCAN, MAX_BEAMS, OpenOptions, ReadReport
+from lidarcli.logs.base import LASERSCAN, MAX_BEAMS
 from lidarcli.logs.beginnings import ARIA_TITLE
 from lidarcli.logs.blocks import TOO_MANY, as_singles, pad, split_rows
 from lidarcli.logs.lines import (
@@ -161,21 +161,19 @@ class _Clock:
     """Stamp of the robot's pose, where one has come since: sweeps behind it were taken there."""
 
 
+@dataclass
 class AriaGrammar(Grammar[AriaLines]):
     """One pass over an ARIA log."""
 
-    def __init__(
-        self,
-        options: OpenOptions,
-        report: ReadReport,
-        topics: Collection[str] | None,
-        types: Collection[str] | None,
-    ) -> None:
-        super().__init__(options, report, topics, types)
-        self._readings = Readings(report)
-        self._version = self._created = b""
-        self._timed = False
-        self._clock = _Clock()
+    _version: bytes = b""
+    _created: bytes = b""
+    _timed: bool = False
+    """True once the log has had a time."""
+    _clock: _Clock = field(default_factory=_Clock)
+    _readings: Readings = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._readings = Readings(self.report)
 
     def read(self, lines: LineBlock) -> list[AriaLines]:
         """Find sweeps and poses with the times before them; keep poses and angles of sensors."""
@@ -413,6 +411,7 @@ class AriaLog(LineLog):
     """An ARIA log."""
 
     format = "aria"
+    grammar = AriaGrammar
 
     def _count(self, blocks: Iterable[TextBlock]) -> dict[tuple[str, str], int | None]:
         sweeps: dict[Sensor, int] = {}
@@ -436,8 +435,3 @@ class AriaLog(LineLog):
         }
         found |= {_POSES[tag][:2]: n for tag, n in poses.items()}
         return found | ({(MOUNTS, MOUNT_TYPE): mounts} if mounts else {})
-
-    def _grammar(
-        self, report: ReadReport, topics: Collection[str] | None, types: Collection[str] | None
-    ) -> AriaGrammar:
-        return AriaGrammar(self._options, report, topics, types)

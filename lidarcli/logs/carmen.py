@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.logs.base import LASERSCAN, OpenOptions, ReadReport
+from lidarcli.logs.base import LASERSCAN, ReadReport
 from lidarcli.logs.blocks import as_singles, limits_in_metres, pad, pad_cells, split_rows
 from lidarcli.logs.carmen_lines import (
     FRONT,
@@ -104,29 +104,25 @@ class _Mount:
     """Greatest change since then [m, rad]."""
 
 
+@dataclass
 class CarmenGrammar(Grammar[CarmenLines]):
-    """One pass over a CARMEN log; a kind of line is its first word.
+    """One pass over a CARMEN log; a kind of line is its first word."""
 
-    `with_odom`: whether lines of odometry alone are read as poses, because no sweep holds any.
-    """
+    with_odom: bool = True
+    """True where lines of odometry are read as poses, because no sweep holds any."""
+    _framing: Framing = field(init=False)
+    _wanted: set[bytes] = field(init=False)
+    _noted: set[str] = field(default_factory=set)
+    """Topics whose guessed bearings have been noted."""
+    _mounts: dict[str, _Mount] = field(default_factory=dict)
 
-    def __init__(
-        self,
-        options: OpenOptions,
-        report: ReadReport,
-        topics: Collection[str] | None,
-        types: Collection[str] | None,
-        with_odom: bool,
-    ) -> None:
-        super().__init__(options, report, topics, types)
-        if types is None:
-            self._wanted = {word for word, laser in LASERS.items() if topics is None or laser.topic in topics}
+    def __post_init__(self) -> None:
+        self._framing = Framing(self.report, self.distinct)
+        if self.types is not None:
+            self._wanted = {*LASERS, TRUEPOS, *([ODOM] if self.with_odom else [])}
         else:
-            self._wanted = {*LASERS, TRUEPOS, *([ODOM] if with_odom else [])}
-        self._framing = Framing(report, self.distinct)
-        self._noted: set[str] = set()
-        """Topics whose guessed bearings have been noted."""
-        self._mounts: dict[str, _Mount] = {}
+            topics = self.topics
+            self._wanted = {word for word, laser in LASERS.items() if topics is None or laser.topic in topics}
 
     def read(self, lines: LineBlock) -> list[CarmenLines]:
         """Find the wanted messages; keep the parameters of lasers."""
@@ -361,6 +357,7 @@ class CarmenLog(LineLog):
     """A CARMEN log."""
 
     format = "carmen"
+    grammar = CarmenGrammar
     _posed = False
     """True where sweeps of the log hold poses."""
 

@@ -267,31 +267,20 @@ class LineState:
 Part = TypeVar("Part", bound=Found[Any])
 
 
+@dataclass
 class Grammar(ABC, Generic[Part]):
-    """One pass over the lines of a log, block after block; a format fills in its kinds of lines.
+    """One pass over the lines of a log, block after block; a format fills in its kinds of lines."""
 
-    Parameters
-    ----------
-    options, report : those of the pass
-    topics : wanted sweeps; None for all
-    types : wanted types of poses; None in a pass for sweeps
-    """
-
-    def __init__(
-        self,
-        options: OpenOptions,
-        report: ReadReport,
-        topics: Collection[str] | None = None,
-        types: Collection[str] | None = None,
-    ) -> None:
-        self.options = options
-        self.report = report
-        self.topics = topics
-        self.types = types
-        self.state = LineState()
-        self.distinct = DistinctTimes()
-        self.first_ns: dict[str, int] = {}
-        """Frame of each sensor → stamp of its first sweep, in a pass for poses."""
+    options: OpenOptions
+    report: ReadReport
+    topics: Collection[str] | None = None
+    """Wanted topics of sweeps; None for all."""
+    types: Collection[str] | None = None
+    """Wanted types of poses; None in a pass for sweeps."""
+    state: LineState = field(default_factory=LineState, init=False)
+    distinct: DistinctTimes = field(default_factory=DistinctTimes, init=False)
+    first_ns: dict[str, int] = field(default_factory=dict, init=False)
+    """Frame of each sensor → stamp of its first sweep, in a pass for poses."""
 
     @abstractmethod
     def read(self, lines: LineBlock) -> list[Part]:
@@ -421,6 +410,7 @@ class LineLog(TextLog):
     """A log that a grammar reads."""
 
     format: ClassVar[str]
+    grammar: ClassVar[type[Grammar[Any]]]
     _counted: dict[tuple[str, str], int | None] | None = None
 
     def topics(self) -> list[Topic] | None:
@@ -435,11 +425,11 @@ class LineLog(TextLog):
     def _count(self, blocks: Iterable[TextBlock]) -> dict[tuple[str, str], int | None]:
         """Return name and type of each topic → its messages, where they can be counted."""
 
-    @abstractmethod
     def _grammar(
         self, report: ReadReport, topics: Collection[str] | None, types: Collection[str] | None
     ) -> Grammar[Any]:
         """Start a pass over the log."""
+        return self.grammar(self._options, report, topics, types)
 
     def _sweeps(
         self, blocks: Iterator[TextBlock], topics: Collection[str] | None, report: ReadReport

@@ -7,13 +7,13 @@ of file version 0.1, the time of the device.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from lidarcli.logs.base import LASERSCAN, OpenOptions, ReadReport
+from lidarcli.logs.base import LASERSCAN
 from lidarcli.logs.blocks import limits_in_metres, pad, split_rows
 from lidarcli.logs.lines import (
     CUT,
@@ -228,20 +228,13 @@ class _Geometry(NamedTuple):
     most: Float64
 
 
+@dataclass
 class PlayerGrammar(Grammar[Found[Device]]):
     """One pass over a Player log."""
 
-    def __init__(
-        self,
-        options: OpenOptions,
-        report: ReadReport,
-        topics: Collection[str] | None,
-        types: Collection[str] | None,
-    ) -> None:
-        super().__init__(options, report, topics, types)
-        self._names = _Names()
-        self._mounts: dict[str, tuple[str, list[float]]] = {}
-        """Frame of a sensor → that of its robot, and its place there."""
+    _names: _Names = field(default_factory=_Names)
+    _mounts: dict[str, tuple[str, list[float]]] = field(default_factory=dict)
+    """Frame of a sensor → that of its robot, and its place there."""
 
     def read(self, lines: LineBlock) -> list[Found[Device]]:
         """Find the wanted messages and their times; keep the configurations of rangers."""
@@ -482,6 +475,7 @@ class PlayerLog(LineLog):
     """A Player log."""
 
     format = "player"
+    grammar = PlayerGrammar
 
     def _count(self, blocks: Iterable[TextBlock]) -> dict[tuple[str, str], int | None]:
         names, counts = _Names(), dict[Device, int]()
@@ -507,8 +501,3 @@ class PlayerLog(LineLog):
         if mounts := len(sensors & mounted):
             found[MOUNTS, MOUNT_TYPE] = mounts
         return {**found}
-
-    def _grammar(
-        self, report: ReadReport, topics: Collection[str] | None, types: Collection[str] | None
-    ) -> PlayerGrammar:
-        return PlayerGrammar(self._options, report, topics, types)

@@ -137,6 +137,58 @@ class Head:
         counts = Counter(map(len, self.rows))
         return next((cells for cells, rows in counts.items() if 2 * rows > len(self.rows)), 0)
 
+    def units(self, fields: dict[str, int]) -> dict[str, int]:
+        """Return the units of the time columns among `fields`; a column that holds no times has none."""
+        found: dict[str, int] = {}
+        for name in ("record", "stamp"):
+            if name not in fields:
+                continue
+            if self.names and self.names[0].strip().lower() == "%time":
+                found[name] = NS
+                continue
+            column = fields[name]
+            unit = time_unit(self.names[column] if self.names else "", self.column(column))
+            if unit is not None:
+                found[name] = unit
+        return found
+
+    def need_geometry(self, name: str) -> None:
+        """Raise UnreadableError, with the options that help, where neither file nor options give the bearings."""
+        if given_geometry(self.options, 2) is None:
+            raise UnreadableError(
+                f"{self.path}: CSV ({name}) without geometry: give --angle-min and --angle-increment, or --fov"
+                " (radians, or degrees with --degrees)"
+            )
+
+    def unknown(self, found: str) -> UnreadableError:
+        """Return the error for a table that no layout fits."""
+        return UnreadableError(f"{self.path}: {found} is none of the CSV layouts: {'; '.join(LAYOUTS)}")
+
+    def long_layout(
+        self, angle: int, distance: int, key: int | None, degrees: bool | None, fields: dict[str, int]
+    ) -> Layout:
+        """Return the layout of one beam per row; bearings without a unit are degrees where they exceed a turn in radians."""
+        notes = []
+        if degrees is None:
+            numbers = [abs(value) for cell in self.column(angle) if (value := value_of(cell)) is not None]
+            degrees = bool(numbers) and max(numbers) > TURN + 0.1
+            if degrees:
+                notes.append("bearings beyond a turn in radians: taken as degrees")
+        scan = Columns(DEFAULT_TOPIC, fields, self.units(fields), first=distance)
+        width = len(self.names) or len(self.rows[0])
+        return Layout(
+            PER_SWEEP if key is None else LONG,
+            self.dialect,
+            self.start,
+            self.header,
+            width,
+            (scan,),
+            angle=angle,
+            key=key,
+            degrees=degrees,
+            notes=tuple(notes),
+        )
+
 
 def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
     """Find the table, its dialect and its names; UnreadableError where there is no table."""
@@ -183,31 +235,6 @@ def is_header(cells: Sequence[bytes]) -> bool:
     return bool(named) and not numeric(named[0]) and time_unit("", [named[0]]) is None
 
 
-def units(head: Head, fields: dict[str, int]) -> dict[str, int]:
-    """Return the units of the time columns among `fields`; a column that holds no times has none."""
-    found: dict[str, int] = {}
-    for name in ("record", "stamp"):
-        if name not in fields:
-            continue
-        if head.names and head.names[0].strip().lower() == "%time":
-            found[name] = NS
-            continue
-        column = fields[name]
-        unit = time_unit(head.names[column] if head.names else "", head.column(column))
-        if unit is not None:
-            found[name] = unit
-    return found
-
-
-def need_geometry(head: Head, name: str) -> None:
-    """Raise UnreadableError, with the options that help, where neither file nor options give the bearings."""
-    if given_geometry(head.options, 2) is None:
-        raise UnreadableError(
-            f"{head.path}: CSV ({name}) without geometry: give --angle-min and --angle-increment, or --fov"
-            " (radians, or degrees with --degrees)"
-        )
-
-
 def repeats(cells: Sequence[bytes]) -> bool:
     """Tell whether neighbours share a value, as the beams of one sweep do."""
     return sum(a == b for a, b in pairwise(cells)) > len(cells) // 3
@@ -233,34 +260,3 @@ def shown(text: bytes, most: int = 60) -> str:
     """Return a piece of text for a message: one line, printable, short."""
     plain = "".join(c if c.isprintable() else "?" for c in text.decode("utf-8", "replace").strip())
     return f"'{plain[:most]}…'" if len(plain) > most else f"'{plain}'"
-
-
-def unknown(head: Head, found: str) -> UnreadableError:
-    """Return the error for a table that no layout fits."""
-    return UnreadableError(f"{head.path}: {found} is none of the CSV layouts: {'; '.join(LAYOUTS)}")
-
-
-def long_layout(
-    head: Head, angle: int, distance: int, key: int | None, degrees: bool | None, fields: dict[str, int]
-) -> Layout:
-    """Return the layout of one beam per row; bearings are degrees by their name, or where radians are never as large."""
-    notes = []
-    if degrees is None:
-        numbers = [abs(value) for cell in head.column(angle) if (value := value_of(cell)) is not None]
-        degrees = bool(numbers) and max(numbers) > TURN + 0.1
-        if degrees:
-            notes.append("bearings beyond a turn in radians: taken as degrees")
-    scan = Columns(DEFAULT_TOPIC, fields, units(head, fields), first=distance)
-    width = len(head.names) or len(head.rows[0])
-    return Layout(
-        PER_SWEEP if key is None else LONG,
-        head.dialect,
-        head.start,
-        head.header,
-        width,
-        (scan,),
-        angle=angle,
-        key=key,
-        degrees=degrees,
-        notes=tuple(notes),
-    )

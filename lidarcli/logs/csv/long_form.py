@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
+from lidarcli.logs.base import MAX_BEAMS
 from lidarcli.logs.blocks import TOO_MANY, pad, split_rows
 from lidarcli.logs.csv.dialect import Lines, read_lines
-from lidarcli.logs.csv.layouts import Columns, Layout
+from lidarcli.logs.csv.layouts import Columns
 from lidarcli.logs.csv.row_forms import NO_TIME, Decoder, read_frames, read_times
 from lidarcli.logs.csv.rplidar import read_rows
 from lidarcli.logs.numbers import Cells
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, RawSweeps
 
+_NO_LINES = Lines(b"", np.empty(0, np.int64), False)
 CUT = "the file ends within this sweep: it is dropped"
 CUT_BEAM = "the file ends within this row: its beam is dropped"
 CUT_ROW = "the file ends within the first row of a sweep: it is dropped"
@@ -37,47 +38,47 @@ class _Rows:
         return [distinct[code] for code in codes[at].tolist()]
 
 
+@dataclass(slots=True)
 class LongDecoder(Decoder):
     """Decodes one beam per row; the lines of the last sweep wait for the next block."""
 
-    def __init__(
-        self, layout: Layout, options: OpenOptions, report: ReadReport, topics: Collection[str] | None
-    ) -> None:
-        super().__init__(layout, options, report, topics)
-        self._scan: Columns = layout.scans[0]
-        self._carry = b""
-        self._carry_numbers = np.empty(0, np.int64)
-        self._cut = False
-        self._usual = 0
-        self._broken = False
-        self._noted = False
+    _carry: Lines = _NO_LINES
+    """Lines of the last sweep."""
+    _cut: bool = False
+    """True once the text has ended within a line."""
+    _broken: bool = False
+    """True where that line is no row."""
+    _usual: int = 0
+    """Beams of the sweep before."""
+    _noted: bool = False
+
+    @property
+    def _scan(self) -> Columns:
+        return self.layout.scans[0]
 
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
         """Yield the sweeps of a block that must be whole."""
-        layout = self._layout
+        layout = self.layout
         if layout.spelling:
-            lines = read_rows(block, layout, self._report)
+            lines = read_rows(block, layout, self.report)
         else:
-            lines = read_lines(block, layout.dialect, layout.header, layout.start, self._report)
+            lines = read_lines(block, layout.dialect, layout.header, layout.start, self.report)
         self._cut |= lines.cut
-        text, numbers = self._carry + lines.text, np.concatenate([self._carry_numbers, lines.numbers])
-        yield from self._take(Lines(text, numbers, lines.cut), last=False)
+        numbers = np.concatenate([self._carry.numbers, lines.numbers])
+        yield from self._take(Lines(self._carry.text + lines.text, numbers, lines.cut), last=False)
 
     def finish(self) -> Iterator[RawSweeps]:
         """Yield the last sweep."""
-        lines = Lines(self._carry, self._carry_numbers, self._cut)
-        self._carry, self._carry_numbers = b"", np.empty(0, np.int64)
-        yield from self._take(lines, last=True)
+        yield from self._take(replace(self._carry, cut=self._cut), last=True)
 
     def _take(self, lines: Lines, last: bool) -> Iterator[RawSweeps]:
+        self._carry = _NO_LINES
         cells, whole = self._whole_rows(lines)
         if not len(whole):
-            self._carry, self._carry_numbers = b"", np.empty(0, np.int64)
             return
         rows, good = self._parse(cells, whole, lines.numbers)
         whole = whole[good]
         if not len(whole):
-            self._carry, self._carry_numbers = b"", np.empty(0, np.int64)
             return
         starts = self._starts(rows)
         ends = np.append(starts[1:], len(rows.angle))
@@ -88,25 +89,25 @@ class LongDecoder(Decoder):
             self._damage(lines.numbers[whole[starts[-1]]], CUT)
             starts, ends = starts[:-1], ends[:-1]
         elif self._broken:
-            cause = CUT_BEAM if self._layout.spelling else CUT_ROW
-            self._report.add_damage(f"after line {lines.numbers[whole[-1]]}", cause)
+            cause = CUT_BEAM if self.layout.spelling else CUT_ROW
+            self.report.add_damage(f"after line {lines.numbers[whole[-1]]}", cause)
         if len(starts):
             self._usual = int(ends[-1] - starts[-1])
             yield from self._sweeps(rows, starts, ends, lines.numbers[whole])
 
     def _whole_rows(self, lines: Lines) -> tuple[Cells, Int64]:
         """Find the rows with the right number of cells; the others are damage."""
-        cells = Cells(lines.text, self._layout.dialect.separator)
-        fits = cells.count == self._layout.width
+        cells = Cells(lines.text, self.layout.dialect.separator)
+        fits = cells.count == self.layout.width
         if lines.cut and len(fits) and fits[-1]:
-            end = cells.column(np.array([len(fits) - 1]), self._layout.width - 1)[0].strip()
+            end = cells.column(np.array([len(fits) - 1]), self.layout.width - 1)[0].strip()
             fits[-1] = bool(end) and end[-1:] not in b".-+eE"
         for row in np.flatnonzero(~fits).tolist():
             if cells.length[row]:
                 if lines.cut and row == len(fits) - 1:
                     self._broken = True
                     continue
-                usual = self._layout.width
+                usual = self.layout.width
                 self._damage(
                     lines.numbers[row],
                     f"{cells.count[row]} cells where {usual} are usual: the row is dropped",
@@ -115,7 +116,7 @@ class LongDecoder(Decoder):
 
     def _is_cut(self, beams: int) -> bool:
         """Tell whether the last sweep has lost its end: the text stops well before the usual end, or within a row."""
-        if self._layout.spelling:
+        if self.layout.spelling:
             # Who stops a recording does so within a turn, and beams without a return may not be written.
             return False
         if self._broken:
@@ -125,7 +126,7 @@ class LongDecoder(Decoder):
 
     def _parse(self, cells: Cells, whole: Int64, numbers: Int64) -> tuple[_Rows, NDArray[np.intp]]:
         """Return the columns of `whole` rows, and which of these could be parsed."""
-        layout = self._layout
+        layout = self.layout
         wanted = {*self._scan.fields.values(), *([] if layout.key is None else [layout.key])}
         wanted |= {layout.flag} if layout.flag >= 0 else set()
         wanted -= {layout.angle, self._scan.first}
@@ -145,34 +146,33 @@ class LongDecoder(Decoder):
 
     def _starts(self, rows: _Rows) -> Int64:
         """Return the first row of each sweep."""
-        if self._layout.flag >= 0:
-            codes, distinct = rows.texts[self._layout.flag]
+        if self.layout.flag >= 0:
+            codes, distinct = rows.texts[self.layout.flag]
             return cut_turns(rows.angle, np.array([cell == b"1" for cell in distinct], np.bool_)[codes])
-        if self._layout.key is None:
+        if self.layout.key is None:
             return cut_restarts(rows.angle)
-        codes = rows.texts[self._layout.key][0]
+        codes = rows.texts[self.layout.key][0]
         return np.concatenate([np.zeros(1, np.int64), np.flatnonzero(np.diff(codes)) + 1])
 
     def _keep(self, cells: Cells, rows: Int64, numbers: Int64) -> None:
         """Keep the lines of the last sweep, unless it has grown beyond all bounds."""
         if len(rows) > MAX_BEAMS:
-            self._report.refused[(self._scan.topic, TOO_MANY)] += 1
-            self._carry, self._carry_numbers = b"", np.empty(0, np.int64)
-            return
-        self._carry = b"".join(line + b"\n" for line in cells.spans(rows, 0, self._layout.width))
-        self._carry_numbers = numbers[rows]
+            self.report.refused[(self._scan.topic, TOO_MANY)] += 1
+        else:
+            text = b"".join(line + b"\n" for line in cells.spans(rows, 0, self.layout.width))
+            self._carry = Lines(text, numbers[rows], False)
 
     def _sweeps(self, rows: _Rows, starts: Int64, ends: Int64, numbers: Int64) -> Iterator[RawSweeps]:
-        angle = within_turns(rows.angle, starts) if self._layout.spelling else rows.angle
+        angle = within_turns(rows.angle, starts) if self.layout.spelling else rows.angle
         runs, causes, uneven = even_runs(BeamRuns(angle, rows.ranges, starts, ends - starts))
         if uneven and not self._noted:
             self._noted = True
-            self._report.notes.append(
+            self.report.notes.append(
                 "bearings are not evenly spaced: beams are placed on a grid, gaps have no range"
             )
         for cause in causes:
             if cause:
-                self._report.refused[(self._scan.topic, cause)] += 1
+                self.report.refused[(self._scan.topic, cause)] += 1
         kept = np.array([not cause for cause in causes], np.bool_)
         starts = starts[kept]
         column = partial(rows.column, at=starts)
@@ -190,7 +190,7 @@ class LongDecoder(Decoder):
                 (codes[part], names),
                 {"angle_min": runs.first[part], "angle_increment": runs.step[part]},
                 beams,
-                pad(flat, beams, self._options.range_scale),
+                pad(flat, beams, self.options.range_scale),
                 ~untimed[part],
             )
             if block is not None:

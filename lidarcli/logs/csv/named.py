@@ -24,12 +24,8 @@ from lidarcli.logs.csv.layouts import (
     Columns,
     Head,
     Layout,
-    long_layout,
-    need_geometry,
     repeats,
     shown,
-    units,
-    unknown,
 )
 from lidarcli.logs.csv.nameless import refuse_numbered
 from lidarcli.logs.csv.rplidar import COUNTER_CLOCKWISE
@@ -323,7 +319,7 @@ def with_header(head: Head) -> Layout:
                 name if name != WIDE else LIST, head.dialect, head.start, notes=("no ranges in it",)
             )
         refuse_numbered(head)
-        raise unknown(head, f"a table with the columns {shown(', '.join(names).encode())}")
+        raise head.unknown(f"a table with the columns {shown(', '.join(names).encode())}")
     name = ros_name(names)
     index = FieldIndex(names)
     if bearings:
@@ -341,7 +337,7 @@ def with_header(head: Head) -> Layout:
     for each in scans:
         told = each.to_last or {"angle_min", "angle_increment"} <= each.fields.keys()
         if not told and each.geometry is None:
-            need_geometry(head, name)
+            head.need_geometry(name)
     beams = ", ".join(f"{len(each.ranges)} ranges of {each.topic}" for each in scans)
     return Layout(
         name,
@@ -377,7 +373,7 @@ def _columns(
     return Columns(
         family.topic,
         fields,
-        units(head, fields),
+        head.units(fields),
         family.columns,
         first,
         doubled,
@@ -395,7 +391,7 @@ def _of_mcap(head: Head, scan: Columns) -> Columns:
     if not {"stamp", "seconds"} & fields.keys() and "timestamp" in plain:
         fields["stamp"] = plain.index("timestamp")
     to_last = "angle_increment" not in fields and {"angle_min", "angle_max"} <= fields.keys()
-    return replace(scan, fields=fields, units=units(head, fields), to_last=to_last)
+    return replace(scan, fields=fields, units=head.units(fields), to_last=to_last)
 
 
 def _list_layout(head: Head) -> Layout | None:
@@ -419,7 +415,7 @@ def _list_layout(head: Head) -> Layout | None:
     fields = FieldIndex(head.names).find(prefix)
     found_units = _list_units(head, fields, cells)
     if not {"angle_min", "angle_increment"} <= fields.keys():
-        need_geometry(head, LIST)
+        head.need_geometry(LIST)
     brackets = b"[" if "[" in cells[listed] else b"("
     name = ros_name(head.names)
     topic = Family(prefix, np.empty(0, np.int64)).topic
@@ -473,7 +469,7 @@ def _named_long_layout(head: Head, columns: LongColumns) -> Layout:
     for name in ("stamp", "record"):
         if key is None and name in fields and repeats(head.column(fields[name])):
             key = fields[name]
-    layout = long_layout(head, columns.angle, columns.range, key, columns.degrees, fields)
+    layout = head.long_layout(columns.angle, columns.range, key, columns.degrees, fields)
     if layout.degrees and "quality" in map(canonical, head.names):
         return replace(layout, notes=(*layout.notes, COUNTER_CLOCKWISE))
     return layout

@@ -31,13 +31,9 @@ from lidarcli.logs.csv.layouts import (
     Head,
     Layout,
     expected_beams,
-    long_layout,
-    need_geometry,
     numeric,
     repeats,
     shown,
-    units,
-    unknown,
     value_of,
 )
 from lidarcli.logs.times import DATE, DATE_UNPADDED, US, S, time_unit
@@ -62,21 +58,21 @@ def without_header(head: Head) -> Layout:
     if not rows or (len(rows) < len(head.rows) // 2 and width > 3):
         rows = [row for row in head.rows if sum(map(numeric, row[2:])) >= 0.9 * len(row[2:]) and len(row) > 3]
     if not rows:
-        raise unknown(head, f"lines like {shown(head.lines[0])}")
+        raise head.unknown(f"lines like {shown(head.lines[0])}")
     head = replace(head, rows=rows)
     if width <= 3 and (layout := _bare_long(head, width)):
         return layout
     if width < 3:
         refuse_numbered(head)
-        raise unknown(head, f"a table of {width} columns without names, such as {shown(head.lines[0])}")
+        raise head.unknown(f"a table of {width} columns without names, such as {shown(head.lines[0])}")
     fields, first = _leading(rows)
     refuse_other_tables(head, rows, first)
     words = [name for name, _ in sorted(fields.items(), key=lambda item: item[1])]
-    need_geometry(head, WIDE)
+    head.need_geometry(WIDE)
     # A view that is told once for all makes of a beam that is missing another step between all others.
     usual = usual if head.options.fov is not None else 0
     ranges = np.arange(first, usual)
-    scan = Columns(DEFAULT_TOPIC, fields, units(head, fields), ranges, first, open_end=not usual)
+    scan = Columns(DEFAULT_TOPIC, fields, head.units(fields), ranges, first, open_end=not usual)
     notes = [f"no header; columns taken as {', '.join([*words, 'ranges'])}"]
     if not first:
         notes.append("no time column: all stamps are 0")
@@ -98,7 +94,7 @@ def _ros2_layout(head: Head, row: Sequence[bytes]) -> Layout:
     if len(values) < 7 or any(value is None for value in values):
         if row[2]:
             return Layout(ROS2, head.dialect, head.start, notes=("no LaserScan in it",))
-        raise unknown(head, f"lines like {shown(head.lines[0])}")
+        raise head.unknown(f"lines like {shown(head.lines[0])}")
     if any(cell == b"..." for cell in row):
         raise UnreadableError(f"{head.path}: CSV ({ROS2}): {ABBREVIATED}")
     names = "seconds nanoseconds frame angle_min angle_max angle_increment time_increment scan_time range_min range_max"
@@ -131,7 +127,7 @@ def _bare_long(head: Head, width: int) -> Layout | None:
     if not (even or turning) or len(angles) < 0.8 * len(values):
         return None
     if width == 2:
-        return long_layout(head, 0, 1, None, None, {})
+        return head.long_layout(0, 1, None, None, {})
     keys = head.column(0)
     # A key that comes back is none: an angle or a layer; nor is one that stays the same for turn after turn.
     if not repeats(keys) or len(set(keys)) < sum(1 for _ in groupby(keys)):
@@ -139,7 +135,7 @@ def _bare_long(head: Head, width: int) -> Layout | None:
     if len(set(keys)) == 1 and restarts(angles) and is_turn(angles):
         return None
     counted = all(cell.isdigit() for cell in keys) and time_unit("", keys) == S
-    return long_layout(head, 1, 2, 0, None, {} if counted else {"record": 0})
+    return head.long_layout(1, 2, 0, None, {} if counted else {"record": 0})
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
 
@@ -60,16 +60,15 @@ Column = Callable[[int], Sequence[bytes]]
 """Returns the cells of a column."""
 
 
+@dataclass(slots=True)
 class Decoder(ABC):
-    """Turns blocks of lines into blocks of sweeps; a subclass for each form."""
+    """Turns blocks of lines into blocks of sweeps in one pass; a subclass for each form."""
 
-    def __init__(
-        self, layout: Layout, options: OpenOptions, report: ReadReport, topics: Collection[str] | None
-    ) -> None:
-        self._layout = layout
-        self._options = options
-        self._report = report
-        self._scans = [scan for scan in layout.scans if topics is None or scan.topic in topics]
+    layout: Layout
+    options: OpenOptions
+    report: ReadReport
+    topics: Collection[str] | None
+    """Wanted topics; None for all."""
 
     @abstractmethod
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
@@ -80,21 +79,26 @@ class Decoder(ABC):
         return iter(())
 
     @property
+    def _scans(self) -> list[Columns]:
+        """The wanted scans."""
+        return [scan for scan in self.layout.scans if self.topics is None or scan.topic in self.topics]
+
+    @property
     def _number(self) -> type[np.floating]:
         """Type of ranges: float32, or float64 where they are scaled before they are rounded."""
-        return np.float32 if self._options.range_scale == 1.0 else np.float64
+        return np.float32 if self.options.range_scale == 1.0 else np.float64
 
     def _damage(self, line: int, cause: str) -> None:
-        self._report.add_damage(f"line {line}", cause)
+        self.report.add_damage(f"line {line}", cause)
 
     def _bad_cells(self, bad: dict[int, bytes], lines: Int64) -> None:
         """Report rows of `lines` (R,) that are dropped for a cell that is no number."""
         for row, cell in sorted(bad.items()):
             # Only what is kept is put into words.
-            if len(self._report.damage) < ReadReport.MAX_DAMAGE:
+            if len(self.report.damage) < ReadReport.MAX_DAMAGE:
                 self._damage(int(lines[row]), not_a_number(cell))
             else:
-                self._report.damage_more += 1
+                self.report.damage_more += 1
 
     def _block(
         self,
@@ -125,12 +129,12 @@ class Decoder(ABC):
         elif scan.geometry is not None:
             first, step = np.full(rows, scan.geometry[0]), np.full(rows, scan.geometry[1])
         else:
-            first, step = given_geometries(self._options, beams)
+            first, step = given_geometries(self.options, beams)
         least = known.get("range_min", np.full(rows, scan.nearest))
         most = known.get("range_max", np.full(rows, np.inf))
-        range_min, range_max = limits_in_metres(least, most, self._options.range_scale)
-        if "range_max" not in known and self._options.range_max is not None:
-            range_max = as_singles(np.full(rows, self._options.range_max))
+        range_min, range_max = limits_in_metres(least, most, self.options.range_scale)
+        if "range_max" not in known and self.options.range_max is not None:
+            range_max = as_singles(np.full(rows, self.options.range_max))
         seconds = {name: as_singles(known[name]) for name in ("time_increment", "scan_time") if name in known}
         block = RawSweeps(
             topic=scan.topic,
@@ -149,7 +153,7 @@ class Decoder(ABC):
             intensities=intensities,
             angle_max=known.get("angle_max"),
         )
-        return keep_sound(block, good, self._report)
+        return keep_sound(block, good, self.report)
 
 
 def read_times(scan: Columns, column: Column, rows: int) -> tuple[Int64, Int64, Bool]:
@@ -191,19 +195,17 @@ def encode_frames(names: Sequence[bytes]) -> Frames:
     return codes, tuple(name.strip(b" \"'").decode("utf-8", "replace") for name in distinct)
 
 
+@dataclass(slots=True)
 class WideDecoder(Decoder):
     """Decodes one sweep per row: rostopic, ros2 topic echo, PlotJuggler, bagpy, and plain wide tables."""
 
-    def __init__(
-        self, layout: Layout, options: OpenOptions, report: ReadReport, topics: Collection[str] | None
-    ) -> None:
-        super().__init__(layout, options, report, topics)
-        self._usual = layout.width
+    _usual: int = 0
+    """Cells of a usual row."""
 
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
         """Yield the sweeps of one block."""
-        layout = self._layout
-        lines = read_lines(block, layout.dialect, layout.header, layout.start, self._report)
+        layout = self.layout
+        lines = read_lines(block, layout.dialect, layout.header, layout.start, self.report)
         if not len(lines.numbers):
             return
         cells = Cells(lines.text, layout.dialect.separator)
@@ -215,7 +217,7 @@ class WideDecoder(Decoder):
         if lines.cut and len(rows):
             rows = self._drop_cut(cells, rows, lines.numbers)
         if len(rows):
-            self._usual = self._usual or int(cells.count[rows[-1]])
+            self._usual = self._usual or layout.width or int(cells.count[rows[-1]])
         for scan in self._scans:
             yield from self._sweeps(scan, cells, rows, lines.numbers)
 
@@ -223,7 +225,7 @@ class WideDecoder(Decoder):
         """Drop the last row where the file ends in the middle of it."""
         last = rows[-1:]
         count = int(cells.count[last[0]])
-        usual = self._layout.width or (int(cells.count[rows[-2]]) if len(rows) > 1 else self._usual)
+        usual = self.layout.width or (int(cells.count[rows[-2]]) if len(rows) > 1 else self._usual)
         end = cells.column(last, count - 1)[0].strip()
         if count >= usual and end and end[-1:] not in b".-+eE":
             return rows
@@ -287,7 +289,7 @@ class WideDecoder(Decoder):
             span = np.full(len(rows), int(scan.ranges.max()) + 1 - first)
             order = scan.ranges - first
         found = cells.numbers(rows, first, span, self._number)
-        ranges = pad(found.values, span, self._options.range_scale)
+        ranges = pad(found.values, span, self.options.range_scale)
         good = np.ones(len(rows), np.bool_)
         good[list(found.bad)] = False
         empty = None if found.empty is None else pad(found.empty.astype(np.float32), span, 1.0) == 1.0
@@ -298,7 +300,7 @@ class WideDecoder(Decoder):
             ranges, empty = ranges[:, order], None if empty is None else empty[:, order]
         if empty is not None and empty.size:
             beams = _without_trailing(empty, beams, np.zeros_like(beams) if scan.to_last else view)
-            if self._layout.sparse:
+            if self.layout.sparse:
                 good &= ~empty.all(axis=1)
         return ranges, beams, good, found.bad
 
@@ -317,9 +319,9 @@ class WideDecoder(Decoder):
     ) -> tuple[dict[str, Float64], dict[int, bytes]]:
         """Return the geometry of each row, as exact as its message has it, and the bad cells of rows without."""
         columns = {name: scan.fields[name] for name in _GEOMETRY if name in scan.fields}
-        number = np.float64 if scan.to_last else np.float32
         if not columns:
             return {}, {}
+        number = np.float64 if scan.to_last else np.float32
         low, high = min(columns.values()), max(columns.values())
         if high - low + 1 == len(columns):
             found = cells.numbers(rows, low, np.full(len(rows), len(columns)), number)
@@ -338,11 +340,11 @@ class WideDecoder(Decoder):
         count = cells.count[rows]
         named = len(scan.ranges)
         if not scan.open_end:
-            return np.where(count <= self._layout.width, named, -1)
+            return np.where(count <= self.layout.width, named, -1)
         rest = count - scan.first
-        if not self._layout.width:
+        if not self.layout.width:
             return np.where(rest > 0, rest, -1)
-        regular = count == self._layout.width
+        regular = count == self.layout.width
         if not named:
             # An empty array is written as one empty cell.
             last = np.where(rest > 0, 1, 0)
@@ -400,24 +402,25 @@ class _Record:
     """All cells, with the number of a list in place of each."""
 
 
+@dataclass(slots=True)
 class ListDecoder(Decoder):
     """Decodes records with their ranges in one cell: `"[1.0, inf, nan]"`, `"array('f', [1.0])"`, `"(1.0, 2.0)"`.
 
     A record whose quotes are open goes on in the next block.
     """
 
-    def __init__(
-        self, layout: Layout, options: OpenOptions, report: ReadReport, topics: Collection[str] | None
-    ) -> None:
-        super().__init__(layout, options, report, topics)
-        self._open: list[bytes] = []
-        self._open_line = self._open_size = 0
+    _open: list[bytes] = field(default_factory=list)
+    """Lines of an open record."""
+    _open_line: int = 0
+    """Number of the first of them."""
+    _open_size: int = 0
+    """Their bytes."""
 
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
         """Yield the sweeps of a block of lines."""
         if not self._scans:
             return
-        lines = read_lines(block, None, self._layout.header, self._layout.start, self._report)
+        lines = read_lines(block, None, self.layout.header, self.layout.start, self.report)
         records = []
         for number, line in zip(lines.numbers.tolist(), lines.text.split(b"\n"), strict=False):
             for start, text in self._whole(number, line) if line.strip() else ():
@@ -463,12 +466,12 @@ class ListDecoder(Decoder):
 
     def _split(self, text: bytes) -> tuple[list[bytes], list[str]] | None:
         """Return the lists of a record, and its cells with the number of a list in place of each."""
-        if self._layout.brackets not in text and text.count(self._layout.dialect.separator) < 2:
+        if self.layout.brackets not in text and text.count(self.layout.dialect.separator) < 2:
             return None
         lists: list[bytes] = []
         plain: list[bytes] = []
         place = 0
-        if self._layout.brackets == b"(":
+        if self.layout.brackets == b"(":
             for match in islice(_PARENTHESES.finditer(text), _MOST_LISTS):
                 plain += [text[place : match.start()], b"\x01%d" % len(lists)]
                 lists.append(match[1])
@@ -485,13 +488,13 @@ class ListDecoder(Decoder):
             return None
         try:
             cells = csv_cells(
-                b"".join(plain).decode("utf-8", "replace"), self._layout.dialect.separator.decode()
+                b"".join(plain).decode("utf-8", "replace"), self.layout.dialect.separator.decode()
             )
         except ValueError:
             return None
-        if self._layout.dialect.trailing and cells and not cells[-1]:
+        if self.layout.dialect.trailing and cells and not cells[-1]:
             cells.pop()
-        return (lists, cells) if len(cells) == self._layout.width else None
+        return (lists, cells) if len(cells) == self.layout.width else None
 
     def _read(self, line: int, text: bytes) -> _Record | None:
         found = self._split(text)
@@ -499,7 +502,7 @@ class ListDecoder(Decoder):
             self._damage(line, "not a whole record: it is dropped")
             return None
         lists, cells = found
-        scan = self._layout.scans[0]
+        scan = self.layout.scans[0]
         ranges = _list_of(cells[scan.first], lists)
         if ranges is None:
             self._damage(line, f"{say(cells[scan.first].encode())} is no list of ranges")
@@ -543,7 +546,7 @@ class ListDecoder(Decoder):
             self._damage(records[row].line, cause)
         good = np.ones(len(records), np.bool_)
         good[list(causes)] = False
-        ranges = pad(found.values, counts, self._options.range_scale)
+        ranges = pad(found.values, counts, self.options.range_scale)
         intensities = _intensity_lists(records, ranges.shape[1])
         return self._block(scan, (stamp, record_ns), frames, known, counts, ranges, good, intensities)
 
