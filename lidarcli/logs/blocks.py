@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
-from lidarcli.logs.numbers import Cells
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 BLOCK_ROWS = 1024
@@ -103,22 +102,6 @@ def pad(flat: NDArray[np.floating], beams: Int64, scale: float) -> Float32:
     ranges = np.full((len(beams), width), np.nan, np.float32)
     ranges[np.arange(width) < beams[:, None]] = values
     return ranges
-
-
-def pad_cells(cells: Cells, rows: Int64, first: Int64, count: Int64, width: int) -> Float32 | None:
-    """Return (S, `width`) intensities: `count` cells of each of `rows` from its cell `first` on, padded with NaN.
-
-    None where no row has any. A cell that is no number leaves its row without them: it costs no sweep.
-    """
-    if not count.any():
-        return None
-    padded = np.full((len(rows), width), np.nan, np.float32)
-    for column in np.unique(first).tolist():
-        mine = np.flatnonzero((first == column) & (count > 0))
-        if len(mine):
-            values = pad(cells.numbers(rows[mine], column, count[mine], np.float32).values, count[mine], 1.0)
-            padded[mine, : values.shape[1]] = values
-    return padded
 
 
 def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSweeps | None:

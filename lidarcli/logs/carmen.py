@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import LASERSCAN, ReadReport
-from lidarcli.logs.blocks import as_singles, limits_in_metres, pad, pad_cells, split_rows
+from lidarcli.logs.blocks import as_singles, limits_in_metres, pad, split_rows
 from lidarcli.logs.carmen_lines import (
     FRONT,
     LASERS,
@@ -32,7 +32,7 @@ from lidarcli.logs.lines import (
     gives_geometry,
     is_number,
 )
-from lidarcli.logs.numbers import Cells, not_a_number
+from lidarcli.logs.numbers import Cells, not_a_number, pad_cells
 from lidarcli.logs.planar import (
     MOUNT_TYPE,
     MOUNTS,

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.sweeps import Bool, Int32, Int64
+from lidarcli.logs.blocks import pad
+from lidarcli.sweeps import Bool, Float32, Int32, Int64
 
 NEWLINE = 10
 _NULLS = ("", "null", "None", "NULL", "none", "NA", "N/A", "n/a", "#N/A", "<NA>", "-", "--", ".nan", ".NaN")
@@ -119,6 +120,20 @@ class Cells:
         begin = self._first[rows] + first - (np.cumsum(count) - count)
         index = np.repeat(begin, count) + np.arange(int(count.sum()))
         return self._starts[index], self._ends[index]
+
+
+def pad_cells(cells: Cells, rows: Int64, first: Int64, count: Int64, width: int) -> Float32 | None:
+    """Return (S, `width`) intensities: `count` cells of each of `rows` from its cell `first` on, padded with NaN.
+
+    None where no row has any. A cell that is no number leaves its row without them: it costs no sweep.
+    """
+    if not count.any():
+        return None
+    padded = np.full((len(rows), width), np.nan, np.float32)
+    mine = np.flatnonzero(count)
+    values = pad(cells.numbers(rows[mine], first[mine], count[mine], np.float32).values, count[mine], 1.0)
+    padded[mine, : values.shape[1]] = values
+    return padded
 
 
 def parse_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: type[np.floating]) -> Numbers:

@@ -167,7 +167,7 @@ class Head:
     def long_layout(
         self, angle: int, distance: int, key: int | None, degrees: bool | None, fields: dict[str, int]
     ) -> Layout:
-        """Return the layout of one beam per row; bearings without a unit are degrees where they exceed a turn in radians."""
+        """Return the layout of one beam per row; bearings of unknown unit beyond a turn in radians are degrees."""
         notes = []
         if degrees is None:
             numbers = [abs(value) for cell in self.column(angle) if (value := value_of(cell)) is not None]

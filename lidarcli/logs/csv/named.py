@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from string import whitespace
@@ -163,16 +163,19 @@ def _endings(name: str) -> Iterator[tuple[str, tuple[str, ...]]]:
             )
 
 
-def find_families(names: Sequence[str]) -> list[Family]:
-    """Return the groups of columns `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
+def _series(names: Iterable[str]) -> dict[str, dict[int, int]]:
+    """Return the stem of each name with an index → index → first column with it."""
     found: dict[str, dict[int, int]] = {}
     for column, name in enumerate(names):
-        name = name.strip()
-        match = _INDEX.search(name)
-        if match is None or "intens" in name.lower():
-            continue
-        stem = name[: match.start()].rstrip(_BEFORE_INDEX)
-        found.setdefault(stem, {}).setdefault(int(match[1]), column)
+        if (match := _INDEX.search(name)) is not None:
+            stem = name[: match.start()].rstrip(_BEFORE_INDEX)
+            found.setdefault(stem, {}).setdefault(int(match[1]), column)
+    return found
+
+
+def find_families(names: Sequence[str]) -> list[Family]:
+    """Return the groups of columns `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
+    found = _series("" if "intens" in name.lower() else name.strip() for name in names)
     families = []
     for stem, columns in found.items():
         word = re.split(r"[./]", stem)[-1].strip(" _-").lower()
@@ -192,13 +195,8 @@ def find_families(names: Sequence[str]) -> list[Family]:
 
 def find_intensities(names: Sequence[str]) -> dict[str, Int64]:
     """Return the columns `intensities[0]`, `intensities_1`, ... of each scan by their prefix in lower case."""
-    found: dict[str, dict[int, int]] = {}
-    for column, name in enumerate(names):
-        stem = name.strip().lower()
-        match = _INDEX.search(stem) if "intens" in stem else None
-        if match is not None:
-            stem = stem[: match.start()].rstrip(_BEFORE_INDEX)
-            found.setdefault(stem, {}).setdefault(int(match[1]), column)
+    lower = [name.strip().lower() for name in names]
+    found = _series(name if "intens" in name else "" for name in lower)
     return {
         stem.removesuffix("intensities"): np.array([columns[index] for index in sorted(columns)], np.int64)
         for stem, columns in found.items()

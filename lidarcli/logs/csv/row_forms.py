@@ -18,13 +18,12 @@ from lidarcli.logs.blocks import (
     keep_sound,
     limits_in_metres,
     pad,
-    pad_cells,
     pad_intensities,
     split_rows,
 )
 from lidarcli.logs.csv.dialect import csv_cells, read_lines
 from lidarcli.logs.csv.layouts import Columns, Layout, expected_beams
-from lidarcli.logs.numbers import Cells, not_a_number, parse_number, parse_rows, say
+from lidarcli.logs.numbers import Cells, not_a_number, pad_cells, parse_number, parse_rows, say
 from lidarcli.logs.text import MAX_LINE, TextBlock
 from lidarcli.logs.times import seconds_and_nanoseconds, to_ns
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
