@@ -426,3 +426,14 @@ def test_a_search_finds_aria_logs(tmp_path: Path) -> None:
     for name in ("a.2d", "b.2D.gz", "c.log"):
         (tmp_path / name).write_text(VERSION_4 + scan())
     assert [found.name for found in find_logs([str(tmp_path)])] == ["a", "b"]
+
+
+def test_a_laser_whose_tag_is_spelled_in_two_ways_loses_no_line(tmp_path: Path) -> None:
+    log = log_of(
+        tmp_path,
+        "LaserOdometryLog\nsick1conf: 0 90 2\ntime: 1\nsick1: 1000 2000\ntime: 2\nsick: 3000 4000\n"
+        "time: 3\nsick1: 5000 6000\n",
+    )
+    block = only(log)
+    assert block.ranges.tolist() == [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]
+    assert block.stamp_ns.tolist() == [1_000_000_000, 2_000_000_000, 3_000_000_000]

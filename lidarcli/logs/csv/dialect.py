@@ -21,6 +21,17 @@ _DECIMAL_COMMA = re.compile(rb"\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*")
 _ENOUGH = 64 << 10
 """Bytes of a line by which its separator is guessed."""
 
+MOST_TEXT = 64 << 10
+"""Bytes at the start of a file in which other formats are looked for."""
+_COMMENTS = rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*"
+_YAML_KEY = rb"[ \t]*(?:- )?[A-Za-z_][\w.-]*:"
+_ANY_WAY = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
+_RECORD = (
+    "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
+)
+_POSES = "it holds poses, no ranges"
+_POINTS = "it holds points, no sweeps; record the LaserScan topic itself"
+
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
@@ -176,10 +187,6 @@ def _unquote(text: bytes, separator: bytes) -> bytes:
     return text.replace(b'"', b"")
 
 
-MOST_TEXT = 64 << 10
-"""Bytes at the start of a file in which other formats are looked for."""
-
-
 @dataclass(frozen=True, slots=True)
 class Other:
     """A text format that is recognised and not read."""
@@ -194,15 +201,6 @@ class Other:
         """Message that names the format and the way out."""
         return f"{self.name}, which lidarcli does not read: {self.way_out}"
 
-
-_COMMENTS = rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*"
-_YAML_KEY = rb"[ \t]*(?:- )?[A-Za-z_][\w.-]*:"
-_ANY_WAY = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
-_RECORD = (
-    "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
-)
-_POSES = "it holds poses, no ranges"
-_POINTS = "it holds points, no sweeps; record the LaserScan topic itself"
 
 TRAJECTORY = Other(
     "a trajectory (TUM)",

@@ -39,6 +39,10 @@ DEFAULT_TOPIC = "/scan"
 
 ABBREVIATED = "the arrays are abbreviated ('...'): record again with `ros2 topic echo --csv --full-length`"
 
+SAMPLE_LINES = 3000
+SAMPLE_BYTES = 256 << 10
+"""Most lines and bytes by which a layout is recognised; two lines at least."""
+
 
 @dataclass(frozen=True, slots=True)
 class Columns:
@@ -105,11 +109,6 @@ def expected_beams(angle_min: Float64, angle_max: Float64, increment: Float64) -
         steps = (angle_max - angle_min) / increment
     sane = np.isfinite(steps) & (steps > -0.5) & (steps < 1e7)
     return np.where(sane, np.rint(np.where(sane, steps, 0)).astype(np.int64) + 1, -1)
-
-
-SAMPLE_LINES = 3000
-SAMPLE_BYTES = 256 << 10
-"""Most lines and bytes by which a layout is recognised; two lines at least."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,20 @@ CUT = "the file ends within this sweep: it is dropped"
 CUT_BEAM = "the file ends within this row: its beam is dropped"
 CUT_ROW = "the file ends within the first row of a sweep: it is dropped"
 
+ONE_BEAM = "a sweep of one beam, whose increment nobody knows"
+UNEVEN = "bearings without a common step"
+TURNS = "bearings over more than a turn in one sweep: several layers or sweeps under one key"
+BACK = "bearings start over within one sweep: several layers or sweeps under one key"
+DOUBLED = "several ranges for most bearings of one sweep: layers or echoes under one key"
+MOST_VIEW = 1.1 * TURN
+"""Greatest view of a sweep [rad]; a turn whose start and end overlap stays below it."""
+MOST_DOUBLED = 0.25
+"""Greatest share of beams that have the bearing of another."""
+_USUAL = 1.5
+"""Least jump of the bearing, in usual steps."""
+JITTER = 0.25
+"""Greatest error of a bearing on an even grid, in steps."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Rows:
@@ -195,21 +209,6 @@ class LongDecoder(Decoder):
             )
             if block is not None:
                 yield block
-
-
-ONE_BEAM = "a sweep of one beam, whose increment nobody knows"
-UNEVEN = "bearings without a common step"
-TURNS = "bearings over more than a turn in one sweep: several layers or sweeps under one key"
-BACK = "bearings start over within one sweep: several layers or sweeps under one key"
-DOUBLED = "several ranges for most bearings of one sweep: layers or echoes under one key"
-MOST_VIEW = 1.1 * TURN
-"""Greatest view of a sweep [rad]; a turn whose start and end overlap stays below it."""
-MOST_DOUBLED = 0.25
-"""Greatest share of beams that have the bearing of another."""
-_USUAL = 1.5
-"""Least jump of the bearing, in usual steps."""
-JITTER = 0.25
-"""Greatest error of a bearing on an even grid, in steps."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,6 +81,11 @@ _SWEEP = re.compile(
     r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id"
 )
 
+_SHOWN = 3
+"""Most values of a column in a message."""
+_RECORD = 1 << 20
+"""Bytes within which the first record with a list must end, the list itself not counted."""
+
 
 @dataclass(frozen=True, slots=True)
 class Family:
@@ -293,12 +298,6 @@ def has_ros_header(names: Sequence[str]) -> bool:
     return bool(
         plain & {"header", "header_stamp", "header_frame_id", "header_stamp_secs", "header_stamp_sec"}
     )
-
-
-_SHOWN = 3
-"""Most values of a column in a message."""
-_RECORD = 1 << 20
-"""Bytes within which the first record with a list must end, the list itself not counted."""
 
 
 def with_header(head: Head) -> Layout:

@@ -44,6 +44,49 @@ _SEQ_STEP = 10
 _SEQ_STEP_MOST = 1000
 """Bound of the step of sequence numbers before a column that must be a time."""
 
+_CORESLAM_STATE = 24
+"""Cells before the ranges: a time [µs], wheel ticks, and what else the robot has measured."""
+_CORESLAM_BEAMS = 682
+"""Ranges of a URG-04LX."""
+_CORESLAM_STEP = np.pi / 512
+"""Angle between beams [rad]; the middle one looks ahead."""
+_CORESLAM_NEAREST, _CORESLAM_FARTHEST = 20.0, 6000.0
+"""Limits of the sensor [mm]; smaller numbers are codes of errors."""
+_CORESLAM_ROWS = 2
+"""Least rows by which the layout is recognised."""
+
+AS_RPLIDAR = "write `#RPLIDAR SCAN DATA` and `#{}` as the first lines"
+LEAST_NUMBERS = 8
+"""Least numbers in a row that is a sweep."""
+LEAST_ROWS = 5
+"""Least rows by which columns are judged."""
+COUNTER_ROWS = 30
+"""Least rows that show a counter without a step back, or a bearing that starts over."""
+FAR_BEYOND = 100.0
+"""Factor by which the median of a column before a scan exceeds all others where it holds no ranges."""
+FAR_COLUMNS = 32
+"""Least columns for that: a scan of fewer may see far in one direction alone."""
+UNLIKE = 10.0
+"""Factor between the medians of neighbours that are unlike."""
+MOST_UNLIKE = 0.6
+"""Share of unlike neighbours that no scan has."""
+_FEW = 4
+"""Most columns side by side that may be no ranges; more of them are a part of the scan that differs."""
+_DISTINCT = 3
+"""Least distinct values of a column that varies, or goes below zero; fewer may be markers of missing ranges."""
+_BELOW_ALONE = 10
+"""Least distinct values below zero of a single column."""
+_MANY = 4
+"""Least ratio of varying whole columns to decimal ones that are of another kind."""
+_COUNTS = 10
+"""Least distinct values of a counter."""
+_WHOLE = 5
+"""Least distinct values of a column of whole numbers among decimals."""
+_DECIMAL = 0.1
+"""Greatest share of whole numbers in a table of decimals."""
+_LEAST_PAIRS = 5
+"""Least columns whose neighbours are compared."""
+
 
 def without_header(head: Head) -> Layout:
     """Return the layout of rows without names; UnreadableError where none fits or geometry is missing."""
@@ -211,16 +254,6 @@ def _is_time_behind_counter(rows: Sequence[Sequence[bytes]], counter: _Column, c
     return column.rises and sure
 
 
-_STATE = 24
-"""Cells before the ranges: a time [µs], wheel ticks, and what else the robot has measured."""
-_BEAMS = 682
-_STEP = np.pi / 512
-"""Angle between beams [rad]; the middle one looks ahead."""
-_NEAREST, _FARTHEST = 20.0, 6000.0
-"""Limits of the sensor [mm]; smaller numbers are codes of errors."""
-_ROWS = 2
-
-
 def find_coreslam(head: Head) -> Layout | None:
     """Return the layout of CoreSLAM's and BreezySLAM's `.dat` logs: time, state of the robot, ranges of a URG-04LX.
 
@@ -229,63 +262,34 @@ def find_coreslam(head: Head) -> Layout | None:
     width = len(head.rows[0])
     rows = [row for row in head.rows if len(row) == width]
     if (
-        width not in (_STATE + _BEAMS, _STATE + _BEAMS + 1)
-        or len(rows) < _ROWS
+        width not in (_CORESLAM_STATE + _CORESLAM_BEAMS, _CORESLAM_STATE + _CORESLAM_BEAMS + 1)
+        or len(rows) < _CORESLAM_ROWS
         or head.dialect.separator != b" "
     ):
         return None
     table = np.array([[value_of(cell) for cell in row] for row in rows], np.float64)
-    time, ticks, ranges = table[:, 0], table[:, 1:_STATE], table[:, _STATE:]
-    if not ((np.diff(time) > 0).all() and (time == np.rint(time)).all() and (ticks > _FARTHEST).any()):
+    time, ticks, ranges = table[:, 0], table[:, 1:_CORESLAM_STATE], table[:, _CORESLAM_STATE:]
+    if not (
+        (np.diff(time) > 0).all() and (time == np.rint(time)).all() and (ticks > _CORESLAM_FARTHEST).any()
+    ):
         return None
-    if not ((ranges == np.rint(ranges)).all() and (ranges >= 0).all() and (ranges <= _FARTHEST).all()):
+    if not (
+        (ranges == np.rint(ranges)).all() and (ranges >= 0).all() and (ranges <= _CORESLAM_FARTHEST).all()
+    ):
         return None
     scan = Columns(
         DEFAULT_TOPIC,
         {"record": 0},
         {"record": US},
-        np.arange(_STATE, _STATE + _BEAMS),
-        _STATE,
-        geometry=(-0.5 * (_BEAMS - 1) * _STEP, _STEP),
-        nearest=_NEAREST,
+        np.arange(_CORESLAM_STATE, _CORESLAM_STATE + _CORESLAM_BEAMS),
+        _CORESLAM_STATE,
+        geometry=(-0.5 * (_CORESLAM_BEAMS - 1) * _CORESLAM_STEP, _CORESLAM_STEP),
+        nearest=_CORESLAM_NEAREST,
     )
     notes = ("682 ranges of a URG-04LX in millimetres, times in microseconds",)
     return Layout(
         CORESLAM, head.dialect, head.start, width=width, scans=(scan,), scale=MILLIMETRE, notes=notes
     )
-
-
-AS_RPLIDAR = "write `#RPLIDAR SCAN DATA` and `#{}` as the first lines"
-LEAST_NUMBERS = 8
-"""Least numbers in a row that is a sweep."""
-LEAST_ROWS = 5
-"""Least rows by which columns are judged."""
-COUNTER_ROWS = 30
-"""Least rows that show a counter without a step back, or a bearing that starts over."""
-FAR_BEYOND = 100.0
-"""Factor by which the median of a column before a scan exceeds all others where it holds no ranges."""
-FAR_COLUMNS = 32
-"""Least columns for that: a scan of fewer may see far in one direction alone."""
-UNLIKE = 10.0
-"""Factor between the medians of neighbours that are unlike."""
-MOST_UNLIKE = 0.6
-"""Share of unlike neighbours that no scan has."""
-_FEW = 4
-"""Most columns side by side that may be no ranges; more of them are a part of the scan that differs."""
-_DISTINCT = 3
-"""Least distinct values of a column that varies, or goes below zero; fewer may be markers of missing ranges."""
-_BELOW_ALONE = 10
-"""Least distinct values below zero of a single column."""
-_MANY = 4
-"""Least ratio of varying whole columns to decimal ones that are of another kind."""
-_COUNTS = 10
-"""Least distinct values of a counter."""
-_WHOLE = 5
-"""Least distinct values of a column of whole numbers among decimals."""
-_DECIMAL = 0.1
-"""Greatest share of whole numbers in a table of decimals."""
-_LEAST_PAIRS = 5
-"""Least columns whose neighbours are compared."""
 
 
 def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int) -> None:
