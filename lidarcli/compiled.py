@@ -1,4 +1,4 @@
-"""Whether the core of the detection runs compiled, or the same files as plain Python."""
+"""Choice between the compiled core of the detection and the same files as plain Python."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ MISSING = (
 
 
 def is_wanted() -> bool:
-    """Whether the compiled core is to be used where it is there: `LIDARCLI_COMPILED=no` leaves it out."""
+    """Return whether to use the compiled core if it is there; `LIDARCLI_COMPILED=no` leaves it out."""
     return os.environ.get("LIDARCLI_COMPILED", "").lower() not in ("no", "0", "false")
 
 
 def is_there() -> bool:
-    """Whether it was built for this Python."""
+    """Return whether the compiled core was built for this Python."""
     return any((_PACKAGE / "formalism" / f"core{suffix}").exists() for suffix in EXTENSION_SUFFIXES)
 
 
 def about_core() -> str:
-    """What `--version` says of it."""
+    """Return the words of `--version` about the core."""
     if is_wanted():
         return "compiled" if is_there() else "not compiled, about fifty times as slow (docs/performance.md)"
     return "not compiled, as LIDARCLI_COMPILED asks for"

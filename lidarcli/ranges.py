@@ -1,4 +1,4 @@
-"""The loops over raw ranges: which are one, and what the others say. `range_rules.normalise` alone calls them."""
+"""Loops over raw ranges: valid ones are kept, others get a status. Only `range_rules.normalise` calls them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from lidarcli import native
 
 NAN, INFINITY = float("nan"), float("inf")
 IS_NAN, IS_INF, IS_MINUS_INF, IS_NEGATIVE, IS_ZERO, IS_BELOW, IS_MAX, IS_ABOVE, IS_PADDING = range(9)
-"""What a raw value is that is no range; `judge` is told the status of each."""
+"""Kinds of raw values that are no range; `judge` gets the status of each."""
 
 
 def judge(
@@ -18,11 +18,11 @@ def judge(
 
     Parameters
     ----------
-    ranges, beams : (S, B) float32 raw values [m], and (S,) int32 how many of a row are some
+    ranges, beams : (S, B) float32 raw values [m], and (S,) int32 number of beams of each row
     low, most : (S,) float32 least and greatest range [m]
-    limit : (S,) float32 greatest value [m] that is not above all ranges, whether it is one or not
+    limit : (S,) float32 range_max of the sensor [m], which may itself count as no range
     verdicts : (9,) uint8, the status of each kind of value that is no range
-    clean, status : (S, B) float32 and uint8 to write to: ranges, NaN where there is none, and statuses, 0 for a range
+    clean, status : (S, B) float32 and uint8 to write to: ranges, NaN without one, and statuses, 0 for a range
     """
     rows, width = ranges.shape
     raw, counted = native.at_singles(ranges), native.at_ints(beams)
@@ -42,7 +42,7 @@ def judge(
 
 
 def judge_row(raw: Any, clean: Any, status: Any, begin: int, count: int, least: float, most: float) -> None:
-    """Copy the ranges of one sweep; of what is none, the status is 1."""
+    """Copy the ranges of one sweep; other values become NaN with the status 1."""
     nothing = NAN
     for k in range(begin, begin + count):
         clean[k] = raw[k] if (raw[k] >= least) & (raw[k] <= most) else nothing
@@ -51,7 +51,7 @@ def judge_row(raw: Any, clean: Any, status: Any, begin: int, count: int, least: 
 
 
 def _kind(value: float, least: float, limit: float) -> int:
-    """What a raw value is that is no range."""
+    """Return the kind of a raw value that is no range."""
     if value != value:
         return IS_NAN
     if value <= 0.0:

@@ -21,7 +21,7 @@ CORNER_TURN = math.radians(25.0)
 SIN_CORNER_TURN = math.sin(CORNER_TURN)
 BACKING = 0.4
 """[m] A face at least this long, beside which a thing stands, is wall."""
-RELIEF = 0.1
+LEAST_RELIEF = 0.1
 """[m] A thing stands out from its wall by more than this: mouldings and skirting boards do not."""
 WIDEST = 1.5
 """[m] What stands out over more than this is a part of the building."""
@@ -115,9 +115,9 @@ def _add(
     first, last = faces.first[begin], faces.last[end - 1]
     if not _is_small(points, faces, begin, end):
         return
-    if has_wall_before and not _relief(points, faces, begin, end, before) > RELIEF + margin:
+    if has_wall_before and not _relief(points, faces, begin, end, before) > LEAST_RELIEF + margin:
         return
-    if has_wall_after and not _relief(points, faces, begin, end, after) > RELIEF + margin:
+    if has_wall_after and not _relief(points, faces, begin, end, after) > LEAST_RELIEF + margin:
         return
     # At a free end the wall goes on, or is seen through a doorway.
     if not has_wall_after:

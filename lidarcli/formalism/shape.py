@@ -258,9 +258,9 @@ def classify(
 
 # The oriented bounding box: the smaller of those with a side along one of its two longest faces.
 
-RIGHT_ANGLE = math.radians(5.0)
+RIGHT_ANGLE_TOLERANCE = math.radians(5.0)
 """[rad] Faces closer to a right angle than this propose the same box."""
-SIN_TWICE = math.sin(2.0 * RIGHT_ANGLE)
+SIN_TWICE = math.sin(2.0 * RIGHT_ANGLE_TOLERANCE)
 SLIM = 0.05
 """[m] Where areas are compared, no side counts as less."""
 TIE = 1e-9

@@ -7,7 +7,7 @@ from lidarcli.formalism.features cimport Features
 from lidarcli.formalism.segmentation cimport Points, Segments
 from lidarcli.formalism.surfaces cimport Survey
 
-cdef double SURE, PRIOR_THINGS, PRIOR_BODIES
+cdef double SURE_ODDS, PRIOR_THINGS, PRIOR_BODIES
 
 
 cdef class Trees:

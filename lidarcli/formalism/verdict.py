@@ -15,7 +15,7 @@ from lidarcli.formalism.features import Features
 from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces import Survey
 
-SURE = 3.5
+SURE_ODDS = 3.5
 """Log-odds of the first pass that the second would not turn: it looks at the others alone."""
 PRIOR_THINGS, PRIOR_BODIES = 2.0, 1.0
 """What is said of the other bodies of a sweep starts from so many things among so many more."""
@@ -82,7 +82,7 @@ def decide(verdict: Verdict, evidence: Features, points: Points, segments: Segme
         evidence.values[at + features.OTHERS] = (total - verdict.thing[k]) / (count + PRIOR_BODIES)
         _look_beside(verdict, evidence, points, segments, k)
     for k in range(count):
-        if abs(verdict.odds[k]) < SURE:
+        if abs(verdict.odds[k]) < SURE_ODDS:
             verdict.odds[k] = score(verdict.second, evidence, k)
         verdict.thing[k] = 1.0 / (1.0 + math.exp(-verdict.odds[k]))
 

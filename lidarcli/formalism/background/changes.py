@@ -42,15 +42,15 @@ def changes(
     *,
     per_beam: bool = False,
 ) -> Detection:
-    """The objects that differ from the background: what has appeared and, where that was looked for, what is gone.
+    """Return the objects that differ from the background: appeared ones and, where asked for, removed ones.
 
     Appeared objects are built from r_w, removed ones from r_e, by the same definitions. All other beams are in S (Def. 4).
 
     Parameters
     ----------
     batch : S sweeps
-    difference : from their background
-    parameters : of the detection; with `walls` those of what has not appeared
+    difference : difference from their background
+    parameters : parameters of the detection; with `walls`, the walls of the background are reported too
     sigma : (S,) noise of the ranges [m]
     per_beam : also fill `beam_set`, `beam_object` and `beam_s`
     """
@@ -72,12 +72,12 @@ def changes(
 def _with_removed(
     found: Detection, batch: SweepBatch, difference: Difference, parameters: Parameters
 ) -> Detection:
-    """Add the objects that are gone, as the background shows them: none is in the sweep or owns a beam of it."""
+    """Add the removed objects, as the background shows them; they own no beam of the sweep."""
     rows = np.flatnonzero(difference.removed.any(axis=1))
     before = batch.rows(rows)
     r_e, removed = difference.r_e[rows], difference.removed[rows]
     status = np.where(np.isnan(r_e), Status.INVALID, np.where(np.isinf(r_e), Status.NO_RETURN, Status.VALID))
-    # A beam that is lost now says nothing of what was there: bridged like any other lost beam.
+    # A beam that is lost now tells nothing: it is bridged like any other lost beam.
     status[(before.status != Status.VALID) & ~removed] = Status.INVALID
     status[before.status == Status.PADDING] = Status.PADDING
     ranges = np.where(status == Status.VALID, r_e, np.nan).astype(np.float32)
@@ -85,7 +85,7 @@ def _with_removed(
     gone = detect(scene, parameters, within=removed, sigma=noise(scene))
     gone = _described(gone, scene, difference.difference[rows], removed, REMOVED)
     if found.intensity is not None:
-        # What a beam passes through returned nothing of it.
+        # A removed object has returned nothing.
         gone = replace(gone, intensity=np.full(len(gone), np.nan, np.float32))
     return combine(found, gone, rows)
 
@@ -114,7 +114,7 @@ def _with_walls(
 def _described(
     found: Detection, batch: SweepBatch, difference: Float32, within: Bool, change: int
 ) -> Detection:
-    """Add what the background tells of each object."""
+    """Fill in the columns that depend on the background."""
     return replace(
         found,
         visibility=_visibility(found),
@@ -124,7 +124,7 @@ def _described(
 
 
 def _visibility(found: Detection) -> UInt8:
-    """(K,) an object that leans against the background is not hidden by it: only a step beyond d_th hides."""
+    """Return (K,) the visibilities: the background hides an object only by a step beyond d_th."""
     with np.errstate(invalid="ignore"):
         start = (found.s_i > found.d_th) & np.isin(found.visibility, (START_HIDDEN, BOTH_HIDDEN))
         end = (found.s_f < -found.d_th) & np.isin(found.visibility, (END_HIDDEN, BOTH_HIDDEN))
@@ -133,7 +133,7 @@ def _visibility(found: Detection) -> UInt8:
 
 
 def _medians(found: Detection, batch: SweepBatch, values: Float32) -> Float64:
-    """(K,) median of the (S, B) values over the beams of each object, NaN left out."""
+    """Return (K,) the median of the (S, B) values over the beams of each object, without NaN."""
     count = batch.beams - (batch.closure == Closure.SHARED)
     size = (found.beam_f - found.beam_i).astype(np.int64)
     size = np.where(size < 0, size + count[found.row], size) + 1
@@ -144,7 +144,7 @@ def _medians(found: Detection, batch: SweepBatch, values: Float32) -> Float64:
 
 
 def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
-    """The objects of both, numbered anew by increasing theta_i, walls last; the first tells of the sweeps.
+    """Return the objects of both, numbered by increasing theta_i, walls last; the columns of sweeps are those of the first.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
 
 
 def select(found: Detection, chosen: Bool) -> Detection:
-    """The objects (K,) that are chosen, which keep their numbers; what is counted per sweep stays as it is."""
+    """Return the chosen objects (K,), which keep their numbers; the columns of sweeps stay as they are."""
     index = np.flatnonzero(chosen)
     values: dict[str, Any] = {
         name: None if getattr(found, name) is None else getattr(found, name)[index]
@@ -192,7 +192,7 @@ def _joined(first: Detection, second: Detection, name: str) -> NDArray[Any]:
 def _lists(
     first: Detection, second: Detection, offsets: str, names: Iterable[str], order: Int64
 ) -> dict[str, NDArray[Any]]:
-    """Lists of the objects in a new order."""
+    """Return the lists of the objects in a new order."""
     starts = np.concatenate(
         [getattr(first, offsets)[:-1], getattr(second, offsets)[:-1] + getattr(first, offsets)[-1]]
     )
@@ -202,7 +202,7 @@ def _lists(
 
 
 def _renumbered(beam_object: Int32, row: Int64, new: Int32) -> Int32:
-    """(S, B) the numbers of the beams' objects, `new` (K,) in place of 1, 2, ... in each sweep."""
+    """Return (S, B) the objects of the beams, with the numbers `new` (K,) in place of 1, 2, ... in each sweep."""
     table = np.append(new, 0)
     index = offsets_of(np.bincount(row, minlength=len(beam_object)))[:-1, None] + beam_object - 1
     result: Int32 = np.where(beam_object > 0, table[np.where(beam_object > 0, index, -1)], 0).astype(np.int32)

@@ -10,24 +10,24 @@ from lidarcli.formalism.background.stations import Grid
 from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, SweepPoses, record
 
 KNOWN_GAP = 0.05
-"""Up to this share of sweeps without a return are lost beams of a surface that is there."""
+"""Greatest share of sweeps without a return of a surface that returns nearly always."""
 
 STEADY = 0.8
-"""Share of the observations that speak for the background of most beams where the sensor is parked."""
+"""Share of the observations that back the background of a steady beam."""
 MOST_UNSTEADY = 0.4
-"""Share of the beams that return where fewer do: above it the sensor moved. Among people it is up to 0.3, of a sensor
-that stood in two places a metre or five degrees apart 0.5 and more."""
+"""Greatest share of unsteady beams of a parked sensor. Among people it is up to 0.3; for a sensor that stood in two
+places, a metre or five degrees apart, it is 0.5 and more."""
 MAJORITY = 0.5
-"""Share of the observations: a background that fewer back was hidden most of the time, or is none."""
+"""Share of the observations below which the support of a background is weak."""
 
 LATERAL = 0.05
-"""[m] A sensor beside a station sees things from another side: by so much they may look wider there."""
+"""[m] Distance by which a surface may look wider from beside a station."""
 
 
 @shown
 @record
 class Background:
-    """What one sensor sees of the scene without objects of interest: K stations of B beams each.
+    """Background of one sensor, the scene without the objects of interest: K stations of B beams each.
 
     A station is a place and heading of the sensor. A sensor of which no pose is known has one, whose pose is NaN.
 
@@ -36,15 +36,15 @@ class Background:
     topic, frame_id : names of the sensor
     grid : the bearings of its beams
     range_max : greatest range of the sensor [m]; inf where unknown
-    r_e : (K, B) r_e [m]: inf where the beam is open (no return is what the background is), NaN where nothing is known
-    r_near : (K, B) the nearest surface with as much support as r_e needs [m]: another than r_e at some depth edges
+    r_e : (K, B) r_e [m]; inf where the beam is open, as nothing returns; NaN where it is unknown
+    r_near : (K, B) nearest surface with enough support for r_e [m]; another than r_e at some depth edges
     spread : (K, B) robust standard deviation of the ranges that back r_e [m]; NaN where r_e is no range
-    support : (K, B) share of the observations that back r_e; 0 where nothing is known
+    support : (K, B) share of the observations that back r_e; 0 where it is unknown
     no_return : (K, B) share of the observations without a return
     sweeps : (K,) sweeps of each station
     poses : (K,) places in the world frame, NaN where none is known
-    distance : sweeps up to this far from a station [m] belong to it …
-    angle : … if their heading differs by no more than this [rad]
+    distance : greatest distance of a sweep from its station [m]
+    angle : greatest difference between their headings [rad]
     """
 
     topic: str
@@ -65,7 +65,7 @@ class Background:
         return len(self.sweeps)
 
     def facts(self) -> Facts:
-        """What is known, in words."""
+        """Return a summary for printing."""
         surfaces = self.r_e[np.isfinite(self.r_e)]
         support = self.support[np.isfinite(self.r_e)]
         unknown = int(np.count_nonzero(np.isnan(self.r_e)))
@@ -86,20 +86,20 @@ class Background:
 
     @property
     def posed(self) -> Bool:
-        """(K,) stations whose pose is known."""
+        """Return (K,) True for stations with a pose."""
         return ~np.isnan(self.poses.x)
 
     @property
     def weak(self) -> Bool:
-        """(K, B) beams whose background most observations do not back, be it a surface or that nothing returns."""
+        """Return (K, B) True for beams whose background, a surface or no return, most observations do not back."""
         return ~np.isnan(self.r_e) & (self.support < MAJORITY)
 
     @property
     def seems_moved(self) -> bool:
-        """Whether the sensor seems to have moved without a pose, or to have stood in two places.
+        """Return whether the sensor seems to have moved without poses, or to have stood in two places.
 
-        Of the beams that return many do not see their background in most sweeps. People hide a part of the scene, foliage
-        and depth edges are few; a sensor that moves finds no range again, one in two places two ranges at many beams.
+        Then many beams that return do not see their background in most sweeps. People hide only a part of the scene, and
+        foliage and depth edges are few, but a sensor that moves finds no range again.
         """
         returning = ~np.isnan(self.r_e) & (self.no_return < MAJORITY) & ~self.posed[:, None]
         lost = np.count_nonzero(returning & (self.support < STEADY))
@@ -108,33 +108,33 @@ class Background:
 
 @record
 class Surroundings:
-    """A background with the beams next to each taken in, (K, B) each: depth edges jitter by a beam."""
+    """Background of each beam together with its neighbours, (K, B) each, because depth edges jitter by a beam."""
 
     r_e: Float32
-    """That of the beam itself [m]."""
+    """r_e of the beam itself [m]."""
     r_near: Float32
-    """Its nearest surface [m]."""
+    """Nearest surface of the beam itself [m]."""
     near: Float32
-    """The nearest r_e [m], the greatest range of the sensor for an open beam; NaN where the beam itself is unknown."""
+    """Nearest r_e [m], the greatest range of the sensor for an open beam; NaN where the beam itself is unknown."""
     nearest: Float32
-    """The same for the nearest surfaces, with those up to `LATERAL` to either side of each beam."""
+    """Nearest of the nearest surfaces [m], also of those up to `LATERAL` to either side; NaN where the beam is unknown."""
     far: Float32
-    """The farthest r_e [m], inf where an open beam is among them."""
+    """Farthest r_e [m]; inf with an open beam."""
     spread: Float32
-    """The greatest spread [m]."""
+    """Greatest spread [m]."""
     returns: Bool
-    """Whether all of them return nearly always."""
+    """True where all of them return nearly always."""
 
 
 def greatest_range(batch: SweepBatch) -> Float32:
-    """(S,) range_max of each sweep [m]; inf where what the driver writes is no limit."""
+    """Return (S,) the greatest range of each sweep [m]; inf where the driver writes no valid limit."""
     limit = batch.range_max
     with np.errstate(invalid="ignore"):
         return np.where(limit > np.maximum(batch.range_min, 0), limit, np.inf).astype(np.float32)
 
 
 def surroundings(background: Background, reach: int) -> Surroundings:
-    """The background in windows of `reach` beams to either side of each."""
+    """Return the background in windows of `reach` beams to either side of each beam."""
     r_e = background.r_e
     known = ~np.isnan(r_e)
     limit = background.range_max
@@ -159,7 +159,7 @@ def surroundings(background: Background, reach: int) -> Surroundings:
 
 
 def _dilated(background: Background, ranges: Float64, reach: int) -> Float64:
-    """The nearest of the surfaces that come as close to each beam as `reach` beams or `LATERAL`."""
+    """Return the nearest surface within `reach` beams or `LATERAL` of each beam [m]."""
     result = ranges.copy()
     step = abs(background.grid.angle_increment)
     known = ranges[np.isfinite(ranges)]
@@ -174,7 +174,7 @@ def _dilated(background: Background, ranges: Float64, reach: int) -> Float64:
 
 
 def _beside(background: Background, offset: int) -> Int64:
-    """(B,) the beam so many beams further on; at the edge of the view the last one."""
+    """Return (B,) the beam so many beams further on, or the last one at the edge of the view."""
     grid = background.grid
     beam = np.arange(grid.beams) + offset
     return beam % grid.period if grid.period else np.clip(beam, 0, grid.beams - 1)

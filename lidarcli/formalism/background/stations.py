@@ -12,25 +12,25 @@ from lidarcli.range_rules import NEAREST
 from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int32, Int64, SweepBatch, SweepPoses, record
 
 STILL_DISTANCE, STILL_ANGLE = 1e-3, 1e-4
-"""[m], [rad] A smaller shift is none: the sensor is parked."""
+"""[m], [rad] Greatest shift of a sensor that is parked."""
 SAME_BEAM = 0.05
-"""Bearings that differ by less than this share of a step are the same."""
+"""Greatest difference between two bearings that are the same, as a share of a step."""
 LINE_WINDOW = 0.035
-"""[rad] Lines are fitted to the beams this far to either side of each: 2°."""
+"""[rad] Half width of the windows in which lines are fitted: 2°."""
 STRAIGHT_RMS = 0.05
-"""[m] rms of a line that is one."""
+"""[m] Greatest rms of a line."""
 ALIGNED_POINTS = 180
-"""Points of a sweep that are looked at."""
+"""Greatest number of points of a sweep that are aligned."""
 LINE_REACHES = (0.4, 0.4, 0.3, 0.2, 0.15, 0.1, 0.1)
-"""[m] How far a point may be from its line, round by round."""
+"""[m] Greatest distance of a point from its line, round by round."""
 POINT_ERROR = 0.03
-"""[m] of a point across its line."""
+"""[m] Standard deviation of a point across its line."""
 POSE_ERROR, HEADING_ERROR = 0.1, 0.05
-"""[m], [rad] What odometry is trusted with where the lines do not tell: along a corridor."""
+"""[m], [rad] Standard deviations of the odometry, which decides where the lines do not, as along a corridor."""
 
 
 def joined(parts: list[SweepPoses]) -> SweepPoses:
-    """Poses one after the other."""
+    """Return the poses of several parts as one."""
     return SweepPoses(
         np.concatenate([part.x for part in parts]),
         np.concatenate([part.y for part in parts]),
@@ -40,9 +40,9 @@ def joined(parts: list[SweepPoses]) -> SweepPoses:
 
 
 NO_PLACES = SweepPoses(np.empty(0), np.empty(0), np.empty(0), np.empty(0, bool))
-"""No place at all."""
+"""Poses of no place."""
 UNKNOWN_PLACE = SweepPoses(np.full(1, np.nan), np.full(1, np.nan), np.full(1, np.nan), np.zeros(1, bool))
-"""One place that nobody knows."""
+"""Pose of one unknown place."""
 
 
 @record
@@ -52,13 +52,13 @@ class Shift:
     x: Float64
     y: Float64
     yaw: Float64
-    """(S,) by how much the sensor is turned counter-clockwise, as its own bearings count [rad]."""
+    """(S,) turn of the sensor in the direction of its own bearings [rad]."""
     way: Float64 | None = None
-    """(S, 3) how far it goes during the sweep: ahead, to the left [m], turned [rad]; None: sweeps take no time."""
+    """(S, 3) way during the sweep: ahead, to the left [m], turned [rad]; None if sweeps take no time."""
 
     @property
     def none(self) -> Bool:
-        """(S,) sensors that are where the station is, and stay there."""
+        """Return (S,) True for sensors that stand at their station."""
         still: Bool = (np.hypot(self.x, self.y) <= STILL_DISTANCE) & (np.abs(self.yaw) <= STILL_ANGLE)
         if self.way is not None:
             still &= (np.hypot(self.way[:, 0], self.way[:, 1]) <= STILL_DISTANCE) & (
@@ -67,13 +67,13 @@ class Shift:
         return still
 
     def rows(self, index: Int64) -> Shift:
-        """The shifts of `index`."""
+        """Return the shifts at `index`."""
         return Shift(
             self.x[index], self.y[index], self.yaw[index], None if self.way is None else self.way[index]
         )
 
     def during(self, share: Float64) -> tuple[Float64, Float64, Float64]:
-        """(S, B) ahead, left [m], turned [rad]: where the sensor is at shares (S, B) of its sweep."""
+        """Return (S, B) the way ahead, left [m], turned [rad] of the sensor at shares (S, B) of its sweep."""
         if self.way is None:
             nowhere = np.zeros((len(self.x), 1))
             return nowhere, nowhere, nowhere
@@ -82,7 +82,7 @@ class Shift:
 
 
 def shift(poses: SweepPoses, places: SweepPoses) -> Shift:
-    """Poses (S,) as seen from a place each (S,); no shift where one of the two is not known."""
+    """Return the poses (S,) as seen from a place each (S,); no shift where one of the two is unknown."""
     dx, dy = poses.x - places.x, poses.y - places.y
     side = np.where(places.upside_down, -1.0, 1.0)
     cos, sin = np.cos(places.yaw), np.sin(places.yaw)
@@ -94,7 +94,7 @@ def shift(poses: SweepPoses, places: SweepPoses) -> Shift:
 
 
 def nearest(poses: SweepPoses, places: SweepPoses, distance: float, angle: float) -> tuple[Int64, Float64]:
-    """The place of each sweep within tolerance.
+    """Return the nearest place of each sweep within a tolerance.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def nearest(poses: SweepPoses, places: SweepPoses, distance: float, angle: float
 
 
 def _cost(poses: SweepPoses, places: SweepPoses, distance: float, angle: float) -> tuple[Float64, Float64]:
-    """(S, K) how far each pose is from each place in units of the tolerance, inf beyond it; the distance [m]."""
+    """Return (S, K) the cost of each pose and place in units of the tolerance, inf beyond it, and their distance [m]."""
     apart = np.hypot(poses.x[:, None] - places.x, poses.y[:, None] - places.y)
     turn = np.abs((poses.yaw[:, None] - places.yaw + np.pi) % TURN - np.pi)
     with np.errstate(invalid="ignore"):
@@ -129,7 +129,7 @@ def _cost(poses: SweepPoses, places: SweepPoses, distance: float, angle: float) 
 def gather(
     poses: SweepPoses, places: SweepPoses, distance: float, angle: float, most: int
 ) -> tuple[Int64, SweepPoses]:
-    """Send each sweep to the nearest station; a sweep out of reach of all opens a new one at its own pose.
+    """Assign each sweep to the nearest station; a sweep out of reach of all opens a new one at its own pose.
 
     What a sweep opens serves all later ones, so the result does not depend on how sweeps come in batches.
 
@@ -178,7 +178,7 @@ def beam_at(
     period: int | Int32,
     bearing: Float64,
 ) -> Int32:
-    """The beam of a geometry whose bearing is nearest; -1 where the bearing is out of view. Any shape.
+    """Return the beams of a geometry with the nearest bearings, -1 out of view; arrays of any shape.
 
     >>> beam_at(0.0, np.pi / 2, 4, 4, np.array([0.1, -0.1, 3 * np.pi])).tolist()
     [0, 0, 2]
@@ -196,7 +196,7 @@ def beam_at(
 
 @record
 class Grid:
-    """The bearings of a background: those of the sweeps it was made of, or of the first of them."""
+    """Bearings of a background: those of its sweeps, or of the first of them."""
 
     angle_min: float
     angle_increment: float
@@ -205,16 +205,16 @@ class Grid:
     """Number of distinct bearings of a full turn, 0 for a partial view."""
 
     def bearings(self) -> Float64:
-        """(B,) bearings [rad]."""
+        """Return (B,) the bearings [rad]."""
         bearings: Float64 = self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
         return bearings
 
     def beam(self, bearing: Float64) -> Int32:
-        """The beam whose bearing is nearest; -1 where the bearing is out of view. Any shape."""
+        """Return the beams with the nearest bearings, -1 out of view; arrays of any shape."""
         return beam_at(self.angle_min, self.angle_increment, self.beams, self.period, bearing)
 
     def fits(self, batch: SweepBatch) -> Bool:
-        """(S,) sweeps with the same bearings, beam by beam."""
+        """Return (S,) True for sweeps with the same bearings, beam by beam."""
         first = batch.angle_min - self.angle_min
         last = first + (self.beams - 1) * (batch.angle_increment - self.angle_increment)
         slack = SAME_BEAM * abs(self.angle_increment)
@@ -223,20 +223,20 @@ class Grid:
 
     @staticmethod
     def of(batch: SweepBatch, row: int) -> Grid:
-        """The bearings of a sweep."""
+        """Return the bearings of a sweep."""
         beams, kind = int(batch.beams[row]), batch.closure[row]
         period = 0 if kind == Closure.OPEN else beams - int(kind == Closure.SHARED)
         return Grid(float(batch.angle_min[row]), float(batch.angle_increment[row]), beams, period)
 
 
 def project(batch: SweepBatch, grid: Grid, moved: Shift | None) -> tuple[Int32, Float64]:
-    """The beams of sweeps as a station sees their ends.
+    """Project the ends of the beams of sweeps onto the bearings of a station.
 
     Parameters
     ----------
     batch : S sweeps of up to B beams
     grid : bearings at the station
-    moved : (S,) where the sensor was, seen from the station; None: there, or nobody knows
+    moved : (S,) shift of the sensor from the station; None if it stood there, or its place is unknown
 
     Returns
     -------
@@ -247,7 +247,7 @@ def project(batch: SweepBatch, grid: Grid, moved: Shift | None) -> tuple[Int32, 
     ranges = batch.ranges.astype(np.float64)
     if moved is not None:
         valid = ~np.isnan(ranges)
-        # From where the sensor was at each beam to where it was at the first, and from there to the station.
+        # From the pose of the sensor at each beam to that at the first beam, and from there to the station.
         ahead, left, turn = moved.during(batch.all_shares())
         own = bearing + turn
         x, y = ranges * np.cos(own) + ahead, ranges * np.sin(own) + left
@@ -261,14 +261,14 @@ def project(batch: SweepBatch, grid: Grid, moved: Shift | None) -> tuple[Int32, 
 
 
 def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Float64:
-    """What sensors would see that stand beside a station, of what the station sees.
+    """Return the ranges that sensors beside a station would see of the ranges of the station.
 
     Parameters
     ----------
     batch : S sweeps of up to B beams
     grid : C bearings at the station
-    ranges : (S, C) what the station of each sweep sees [m]; inf: nothing, NaN: not known
-    moved : (S,) where the sensor was, seen from the station
+    ranges : (S, C) ranges of the station of each sweep [m]; inf without a surface, NaN if unknown
+    moved : (S,) shift of the sensor from the station
 
     Returns
     -------
@@ -282,7 +282,7 @@ def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Fl
     turned = np.where(finite, np.arctan2(y, x), bearing) - moved.yaw[:, None]
     beam = _beam_of(batch, turned)
     if moved.way is not None:
-        # The beam that looked there was taken later, from elsewhere.
+        # The beam in that direction was taken later, from another place.
         ahead, left, turn = moved.during(batch.shares(np.arange(len(batch))[:, None], beam))
         cos, sin = np.cos(moved.yaw)[:, None], np.sin(moved.yaw)[:, None]
         x, y = cos * x + sin * y - ahead, cos * y - sin * x - left
@@ -298,7 +298,7 @@ def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Fl
 
 
 def _beam_of(batch: SweepBatch, bearing: Float64) -> Int32:
-    """(S, C) the beams of sweeps that look along bearings (S, C) of their own [rad], -1 for none."""
+    """Return (S, C) the beams of sweeps at bearings (S, C) of their own [rad], -1 for none."""
     bearings = batch.beams - (batch.closure == Closure.SHARED)
     return beam_at(
         batch.angle_min[:, None],
@@ -311,7 +311,7 @@ def _beam_of(batch: SweepBatch, bearing: Float64) -> Int32:
 
 @record
 class Lines:
-    """The straight surface at each beam of K stations, n · q = d; NaN where there is none. (K, B) each."""
+    """Straight surface at each beam of K stations, n · q = d, (K, B) each; NaN without one."""
 
     normal_x: Float64
     normal_y: Float64
@@ -361,7 +361,7 @@ def lines(grid: Grid, ranges: Float64) -> Lines:
 
 
 def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Shift) -> Shift:
-    """Where the sensor was, as seen from a station, by laying each sweep onto the lines of its station.
+    """Return the shifts of the sensor from its stations, by aligning each sweep with the lines of its station.
 
     Points look for the line in their direction; their distances are made small by robust least squares. Where the lines
     leave a direction open, as in a corridor, `start` decides. People and new things are too far from any line to count.
@@ -371,9 +371,9 @@ def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Sh
     batch : S sweeps, all of which have a pose
     grid, known : bearings and lines of K stations
     station : (S,) station of each sweep
-    start : (S,) what the poses say
+    start : (S,) shifts by the poses
     """
-    # The same columns whatever the widest sweep of the batch is, so that sums do not depend on it.
+    # The choice of columns does not depend on the widest sweep of the batch, so that sums do not either.
     column = np.arange(0, grid.beams, max(1, -(-grid.beams // ALIGNED_POINTS)))
     bearing = batch.angle_min[:, None] + batch.angle_increment[:, None] * column
     there = np.minimum(column, max(batch.width - 1, 0))

@@ -20,25 +20,25 @@ from lidarcli.formalism.background.stations import (
 from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int64, Status, SweepBatch, record
 
 THRESHOLD_SDS = 4.0
-"""A range leaves the background where it is so many standard deviations away from it …"""
+"""Standard deviations from which on a range differs from the background."""
 LEAST_THRESHOLD = 0.08
-"""… and this far [m]: what a surface's reflectivity and the sensor's temperature make of a range."""
+"""[m] Least difference, for errors by the reflectivity of a surface and the temperature of the sensor."""
 BESIDE_SHARE = 0.6
-"""Beside beams that leave the background this share of the threshold is enough."""
+"""Share of the threshold that is enough beside a beam that differs."""
 ALIGNED_ERROR = 0.015
-"""Error [m] of ranges that are seen from a station where the sensor was not."""
+"""[m] Error of ranges that were projected onto a station."""
 SEEN_THROUGH = 0.3
-"""[m] Ranges this far behind r_e see through where the background was: people cannot do that."""
+"""[m] Distance behind r_e from which on a range shows that the background is gone or another one."""
 MOST_DIFFERING = 0.5
-"""Share of the ranges that differ from the background, before or behind it, from which on a note tells of it: in busy
-halls it is up to a fifth, with the background of another place or of a parked sensor that moves 0.6 and more."""
+"""Share of the ranges that differ, before or behind the background, from which on a note is given. In busy halls it is
+up to a fifth; with the background of another place, or of a parked sensor that moved, it is 0.6 and more."""
 
 MOST_SWEEP_DIFFERING = 0.4
-"""Share of the ranges of a sweep that differ, above which it is far from the background: somebody has moved the sensor."""
+"""Share of the ranges of a sweep that differ, above which somebody seems to have moved the sensor."""
 MOST_SWEEPS_DIFFERING = 0.05
-"""Share of the sweeps that are, above which a note tells of them …"""
+"""Share of such sweeps above which a note is given."""
 LEAST_SWEEPS_DIFFERING = 10
-"""… and no fewer than this number."""
+"""Least number of such sweeps for a note."""
 
 
 @record
@@ -48,33 +48,33 @@ class Difference:
     station: Int64
     """(S,) station of the background, -1 for none."""
     away: Float64
-    """(S,) distance from the nearest station [m]; 0 without poses, inf where nothing is known."""
+    """(S,) distance from the nearest station [m]; 0 without poses, inf if unknown."""
     known: Bool
-    """(S, B) beams with a range or no return to which the background has something to say."""
+    """(S, B) True for beams with a range or no return whose background is known."""
     r_e: Float32
-    """(S, B) what the background is in the direction of each beam [m]; inf: open, NaN: not known."""
+    """(S, B) background in the direction of each beam [m]; inf if open, NaN if unknown."""
     difference: Float32
-    """(S, B) r_w - r_e [m], where nothing comes back the greatest range of the sensor in its place; NaN: not known."""
+    """(S, B) r_w - r_e [m], with the greatest range of the sensor for no return; NaN if unknown."""
     appeared: Bool
-    """(S, B) beams that end before the background."""
+    """(S, B) True for beams that end before the background."""
     removed: Bool
-    """(S, B) beams that pass through it."""
+    """(S, B) True for beams that pass through it."""
 
 
 @record
 class Tolerance:
-    """What may be taken for the background, and which sweeps may be compared with it. None: as the background has it."""
+    """Tolerances of the comparison with a background; None for those of the background."""
 
     threshold: float | None = None
-    """Least |r_w - r_e| [m] that counts; by default from the noise."""
+    """Least |r_w - r_e| of a beam that differs [m]; by default from the noise."""
     distance: float | None = None
-    """Farthest station [m]."""
+    """Greatest distance of the station [m]."""
     angle: float | None = None
     """Greatest difference of heading [rad]."""
     removed: bool = False
-    """Also look for what is gone."""
+    """True to look for removed objects too."""
     max_gap: int = 2
-    """So many beams without a return are lost, more say that nothing is there."""
+    """Greatest number of beams without a return in a row that are lost; more show that nothing is there."""
 
 
 class Subtraction:
@@ -118,7 +118,7 @@ class Subtraction:
         return result
 
     def _stations(self, batch: SweepBatch) -> tuple[Int64, Float64]:
-        """The station of each sweep, and how far the nearest is."""
+        """Return the station of each sweep, and the distance of the nearest one [m]."""
         background, count = self.background, len(batch)
         only = np.zeros(count, np.int64)
         if not len(background):
@@ -138,7 +138,7 @@ class Subtraction:
         return self._around[reach]
 
     def _here(self, batch: SweepBatch, station: Int64, sigma: Float64) -> Difference:
-        """Sweeps with the bearings of the background, taken where it was."""
+        """Compare sweeps with the bearings of the background, taken at their stations."""
         around = self._surroundings(1)
         beams = self.background.grid.beams
         at = station[:1] if bool((station == station[0]).all()) else station
@@ -156,7 +156,7 @@ class Subtraction:
     def _elsewhere(
         self, batch: SweepBatch, station: Int64, sigma: Float64, moved: Shift | None
     ) -> Difference:
-        """Sweeps with other bearings, or taken beside a station."""
+        """Compare sweeps with other bearings, or taken beside a station."""
         background = self.background
         if moved is not None:
             if self._known is None:
@@ -171,7 +171,7 @@ class Subtraction:
             around = self._surroundings(width)
             row, column = np.nonzero((beam >= 0) & (reach == width)[:, None])
             place = station[row], beam[row, column]
-            # From beside a station what is behind an edge is seen, and what is before it.
+            # From beside a station both sides of an edge may be seen.
             near[row, column], far[row, column] = around.nearest[place], around.far[place]
             r_e[row, column], spread[row, column] = around.r_e[place], around.spread[place]
             returns[row, column] = around.returns[place]
@@ -192,7 +192,7 @@ class Subtraction:
         )
 
     def _threshold(self, spread: Float32, sigma: Float64, error: float) -> Float32:
-        """(S, B) or (1, 1) the least difference that counts [m]."""
+        """Return (S, B) or (1, 1) the least difference that counts [m]."""
         if self.tolerance.threshold is not None:
             return np.full((1, 1), self.tolerance.threshold, np.float32)
         noisy = np.maximum(spread, sigma.astype(np.float32)[:, None])
@@ -212,9 +212,9 @@ class Subtraction:
         threshold: Float32,
         also: Float32 | None = None,
     ) -> Difference:
-        """Compare ranges with what is known of their directions; all (S, B), the known may be one row for all.
+        """Compare ranges with the background in their directions; all (S, B), or (1, B) for the background.
 
-        What is as far as `also` is background, too.
+        Ranges that agree with `also` are background too.
         """
         width = ranges.shape[1]
         status = batch.status[:, :width]
@@ -244,7 +244,7 @@ class Subtraction:
 
 
 def nothing_known(batch: SweepBatch, station: Int64 | None = None, away: Float64 | None = None) -> Difference:
-    """The difference of sweeps from a background that nobody has."""
+    """Return the difference of sweeps whose background is unknown."""
     shape = batch.ranges.shape
     return Difference(
         station=np.full(len(batch), -1) if station is None else station,
@@ -258,7 +258,7 @@ def nothing_known(batch: SweepBatch, station: Int64 | None = None, away: Float64
 
 
 def assemble(whole: Difference, parts: list[tuple[Int64, Difference]]) -> Difference:
-    """Put the differences of some sweeps into the place of these rows."""
+    """Copy the differences of some sweeps to their rows of the whole, and return it."""
     for rows, part in parts:
         whole.station[rows], whole.away[rows] = part.station, part.away
         for name in ("known", "r_e", "difference", "appeared", "removed"):
@@ -268,7 +268,7 @@ def assemble(whole: Difference, parts: list[tuple[Int64, Difference]]) -> Differ
 
 
 def _farthest(batch: SweepBatch, seen: Float32) -> Float32:
-    """(S, B) the farthest that is seen at each beam and those beside it; NaN where the beam itself knows nothing."""
+    """Return (S, B) the farthest range of each beam and its neighbours [m]; NaN where that of the beam itself is unknown."""
     far = np.where(np.isnan(seen), -np.inf, seen)
     wide = far.copy()
     np.maximum(wide[:, 1:], far[:, :-1], out=wide[:, 1:])
@@ -284,17 +284,18 @@ def _farthest(batch: SweepBatch, seen: Float32) -> Float32:
 def _runs(
     own: Float32, beyond: Float32, threshold: Float32, lost: Bool | None = None, most_lost: int = 0
 ) -> Bool:
-    """Runs of beams that leave their own r_e, one of which leaves that of the beams beside it, too.
+    """Return (S, B) True for runs of beams that differ from the background.
 
-    A depth edge that jitters by a beam gives runs without such a beam. A run of lost beams needs none if it is long.
+    Every beam of a run differs from its own r_e, and one of them also from that of its neighbours: a depth edge that
+    jitters by a beam has no such beam. A long run of lost beams needs none.
 
     Parameters
     ----------
-    own : (S, B) how far each beam is beyond its own r_e [m]; NaN where that is not known
-    beyond : (S, B) how far it is beyond all of r_e around it [m]
-    threshold : (S, B) or (1, 1) metres; beside a beam beyond it `BESIDE_SHARE` of it is enough
-    lost : (S, B) beams without a return where there should be one
-    most_lost : more of these in a row are no accident
+    own : (S, B) distance of each beam beyond its own r_e [m]; NaN if unknown
+    beyond : (S, B) distance of each beam beyond r_e of all its neighbours [m]
+    threshold : (S, B) or (1, 1) least distance [m]; `BESIDE_SHARE` of it is enough beside a beam beyond it
+    lost : (S, B) True for beams without a return that should have one
+    most_lost : greatest number of these in a row that may be an accident
 
     Returns
     -------
