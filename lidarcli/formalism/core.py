@@ -153,7 +153,7 @@ def _as_printed(core: Core) -> None:
 
 
 def _take_mask(core: Core) -> None:
-    """Which segments are within the mask: none crosses its border."""
+    """Mark the segments within the mask, whose border no segment crosses."""
     for j in range(core.segments.count):
         core.survey.candidate[j] = segmentation.is_within(core.points, core.scans, core.segments.first[j])
         core.survey.wall[j] = False
@@ -198,7 +198,7 @@ def _as_sensors_need(core: Core) -> None:
 
 
 def _settle(core: Core) -> None:
-    """The faces of what is reported, with one vertex for each corner."""
+    """Fit the faces of the objects and walls that are reported, with one vertex for each corner."""
     core.faces.count = 0
     for j in range(core.segments.count):
         core.faces.offset[j] = core.faces.count
@@ -208,7 +208,7 @@ def _settle(core: Core) -> None:
 
 
 def _explain(core: Core, columns: Columns) -> None:
-    """Write what the verdict on each object of the sweep was made on."""
+    """Write the features on which the verdict of each object was decided."""
     begin = columns.objects - core.description.parts.objects
     for k in range(core.description.parts.objects):
         body = core.features.body[core.description.parts.segment[core.description.parts.begin[k]]]

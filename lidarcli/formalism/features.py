@@ -1,4 +1,4 @@
-"""What a sweep says for and against a body being a thing: numbers with names, on which `verdict` decides.
+"""Features of a body for the verdict, thing or building: named numbers, on which `verdict` decides.
 
 A wall goes on: in the direction of the building, on its own line, behind what hides it. A thing ends: at steps, before free
 space. Every feature is one such question, put to the whole sweep.
@@ -50,7 +50,7 @@ NAMES = (
     "hidden_by_thing",
     "others",
 )
-"""The features in their order (docs/formalism.md says what each is)."""
+"""Names of the features in their order (docs/formalism.md explains them)."""
 (
     JUMP_LEAST,
     JUMP_MOST,
@@ -97,10 +97,10 @@ BINS = 52
 
 
 class Features:
-    """The bodies of a sweep on which a decision is due, and what is known of each."""
+    """Bodies of a sweep that may be things, with their features."""
 
     def __init__(self, most: int) -> None:
-        """Room for sweeps of up to so many beams."""
+        """Make room for sweeps of up to so many beams."""
         self.owner: list[Any] = []
         self.count = 0
         self.head = native.integers(self.owner, most)
@@ -110,7 +110,7 @@ class Features:
         self.values = native.doubles(self.owner, COUNT * most)
         """`COUNT` features of each body, as `NAMES` lists them."""
         self.body = native.integers(self.owner, most)
-        """Of each segment, the body that it belongs to; -1 for none."""
+        """Body of each segment, -1 for none."""
         # Of each face: whether it is aligned, with which axis, its offset from the sensor, where it begins and ends.
         self.aligned = native.integers(self.owner, 2 * most)
         self.axis = native.integers(self.owner, 2 * most)
@@ -118,7 +118,7 @@ class Features:
         self.low = native.doubles(self.owner, 2 * most)
         self.high = native.doubles(self.owner, 2 * most)
         self.cos = 1.0
-        """The direction of the building."""
+        """Direction of the building."""
         self.sin = 0.0
         self.angle = native.doubles(self.owner, 2 * most)
         self.chosen = native.integers(self.owner, 2 * most)
@@ -130,7 +130,7 @@ class Features:
 
 
 def gather(features: Features, survey: Survey, points: Points, segments: Segments, bodies: Bodies) -> None:
-    """List the bodies that may be things: their segments are candidates, with points enough and no wider than an object."""
+    """List the bodies that may be things: of candidate segments, with enough points and no wider than an object."""
     features.count = 0
     for j in range(segments.count):
         features.body[j] = -1
@@ -179,19 +179,19 @@ def measure(
 
 
 def _jump(edge: int, s: float) -> float:
-    """By how much what is seen beside an edge is further away [m]."""
+    """Return the distance by which the neighbour of an edge is further away [m]."""
     if edge == segmentation.OWN or edge == segmentation.HIDDEN:
         return max(NEARER, min(s, FAR)) if s == s else 0.0
     return FAR
 
 
 def _is_unseen(edge: int) -> bool:
-    """Whether beside an edge is no range."""
+    """Return whether the beam beside an edge has no range."""
     return edge == segmentation.OPEN or edge == segmentation.UNKNOWN or edge == segmentation.FLICKERING
 
 
 def measure_edges(features: Features, points: Points, segments: Segments, bodies: Bodies, k: int) -> None:
-    """What the two edges of a body say."""
+    """Fill in the features of the two edges of a body."""
     values, at = features.values, k * COUNT
     head, tail = features.head[k], features.tail[k]
     start, end = segments.start_edge[head], segments.end_edge[tail]
@@ -211,7 +211,7 @@ def measure_edges(features: Features, points: Points, segments: Segments, bodies
 def measure_outline(
     features: Features, survey: Survey, points: Points, segments: Segments, bodies: Bodies, k: int
 ) -> None:
-    """Size and form of what is seen of a body."""
+    """Fill in the features of the size and form of a body."""
     values, at, x, y = features.values, k * COUNT, points.x, points.y
     head, tail = features.head[k], features.tail[k]
     a, b = segments.first[head], segmentation.last_point(segments, tail)
@@ -273,7 +273,7 @@ LINE_NEAR, LINE_BESIDE = 1.3, 0.6
 
 
 def find_direction(features: Features, faces: Faces) -> None:
-    """The direction of the building: that of most of its faces, modulo a right angle.
+    """Find the direction of the building: that of most of its faces, modulo a right angle.
 
     Each face that tells one votes for those of a like direction; the best and those close to it make the mean.
     """
@@ -303,12 +303,12 @@ def find_direction(features: Features, faces: Faces) -> None:
 
 
 def _turned(angle: float) -> float:
-    """An angle modulo a right angle, from -45 to 45 degrees [rad]."""
+    """Return an angle modulo a right angle, from -45 to 45 degrees [rad]."""
     return angle - RIGHT_ANGLE * math.floor(angle / RIGHT_ANGLE + 0.5)
 
 
 def align(features: Features, points: Points, faces: Faces) -> None:
-    """Which faces run with or across the building, and where they are in its axes."""
+    """Mark the faces that run with or across the building, and compute their places in its axes."""
     cos, sin = features.cos, features.sin
     for f in range(faces.count):
         along = faces.direction_x[f] * cos + faces.direction_y[f] * sin
@@ -332,7 +332,7 @@ def align(features: Features, points: Points, faces: Faces) -> None:
 
 
 def measure_support(features: Features, points: Points, segments: Segments, faces: Faces, k: int) -> None:
-    """How much of the rest of the sweep lies on the lines of a body, and how much a little behind them."""
+    """Fill in the features of the other faces of the sweep on the lines of a body, and a little behind them."""
     values, at = features.values, k * COUNT
     head, tail = features.head[k], features.tail[k]
     longest, total, aligned = 0.0, 0.0, 0.0
@@ -397,7 +397,7 @@ def _add_support(
     high: float,
     weight: float,
 ) -> None:
-    """Raise the support of a body to what one of its lines has, if that is more."""
+    """Raise the support of a body to that of one of its lines, if that is more."""
     values, at = features.values, k * COUNT
     allowed = FACE_PLANE + FACE_PLANE_NOISE * points.sigma
     everywhere, near, behind = 0.0, 0.0, 0.0
@@ -464,7 +464,7 @@ BACK_PLANE, BACK_NOISE = 0.03, 2.0
 def measure_line(
     features: Features, points: Points, segments: Segments, faces: Faces, scans: Scans, k: int
 ) -> None:
-    """What beams meet past both ends of a body on the line of its longest face, and on that of its longest one across."""
+    """Fill in the features of the lines of the longest face of a body and of the longest one across it, past its ends."""
     values, at = features.values, k * COUNT
     for i in range(LINE, CROSS_LINE + 1):
         values[at + i] = 0.0
@@ -501,7 +501,7 @@ def measure_line(
 def _measure_face(
     features: Features, points: Points, segments: Segments, faces: Faces, scans: Scans, k: int, face: int
 ) -> None:
-    """What beams meet on the line of one face of a body, before it and behind it, past both ends of the body."""
+    """Measure the surfaces on the line of one face of a body, before it and behind it, past both ends of the body."""
     values, at, bins = features.values, k * COUNT, features.bins
     for i in range(LINE, UNBROKEN):
         values[at + i] = 0.0
@@ -632,7 +632,7 @@ def _follow(
 
 
 def measure_back(features: Features, points: Points, segments: Segments, k: int) -> None:
-    """How far a body stands before the surface that is seen on both of its sides [m], 0 where there is none."""
+    """Return the distance of a body before the surface on both of its sides [m]; 0 without one."""
     values, at, x, y = features.values, k * COUNT, points.x, points.y
     values[at + BEFORE_BACK] = 0.0
     head, tail = features.head[k], features.tail[k]

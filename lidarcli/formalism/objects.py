@@ -1,4 +1,4 @@
-"""Definition 5: which segments are objects, alone or several together, and which parts of a segment are.
+"""Definition 5: objects of one segment, of several together, or of a part of one.
 
 Things that touch a wall are cut out of its segment, fragments of one thing are joined, and so are the legs of a chair where
 that is asked for. What profile `robust` takes for a thing is `verdict`'s to say.
@@ -37,7 +37,7 @@ class Protrusions:
     """The `count` stretches of segments that stand out from a wall, in order: points `first` to `last`."""
 
     def __init__(self, most: int) -> None:
-        """Room for sweeps of up to so many beams."""
+        """Make room for sweeps of up to so many beams."""
         self.owner: list[Any] = []
         self.segment = native.integers(self.owner, most)
         self.first = native.integers(self.owner, most)
@@ -139,7 +139,7 @@ def _add(
 
 
 def _longest_before(faces: Faces, at: int, low: int) -> int:
-    """The first of the longest faces that end with `at` and have no corner between them."""
+    """Return the first of the longest run of faces that ends with `at` and has no corner."""
     longest, f = at, at
     while f > low and not abs(surfaces.turn(faces, f - 1, f)) > SIN_CORNER_TURN:
         f -= 1
@@ -149,7 +149,7 @@ def _longest_before(faces: Faces, at: int, low: int) -> int:
 
 
 def _longest_after(faces: Faces, at: int, high: int) -> int:
-    """The first of the longest faces that begin with `at` and have no corner between them."""
+    """Return the first of the longest run of faces that begins with `at` and has no corner."""
     longest, f = at, at
     while f + 1 < high and not abs(surfaces.turn(faces, f, f + 1)) > SIN_CORNER_TURN:
         f += 1
@@ -159,7 +159,7 @@ def _longest_after(faces: Faces, at: int, high: int) -> int:
 
 
 def _is_small(points: Points, faces: Faces, begin: int, end: int) -> bool:
-    """Whether all vertices of some faces are near their first and their last one."""
+    """Return whether all vertices of some faces are near their first and their last one."""
     first, last = faces.first[begin], faces.last[end - 1]
     if not segmentation.distance(points, first, last) <= WIDEST:
         return False
@@ -174,7 +174,7 @@ def _is_small(points: Points, faces: Faces, begin: int, end: int) -> bool:
 
 
 def _relief(points: Points, faces: Faces, begin: int, end: int, wall: int) -> float:
-    """How far the foremost vertex of some faces stands before a wall [m]."""
+    """Return the distance of the foremost vertex of some faces before a wall [m]."""
     foremost = depth(points, faces, wall, faces.first[begin])
     for f in range(begin, end):
         foremost = max(foremost, depth(points, faces, wall, faces.last[f]))
@@ -182,7 +182,7 @@ def _relief(points: Points, faces: Faces, begin: int, end: int, wall: int) -> fl
 
 
 def depth(points: Points, faces: Faces, wall: int, at: int) -> float:
-    """How far a point stands before the line of a face, towards the sensor [m]."""
+    """Return the distance of a point before the line of a face, towards the sensor [m]."""
     middle_x, middle_y = faces.middle_x[wall], faces.middle_y[wall]
     direction_x, direction_y = faces.direction_x[wall], faces.direction_y[wall]
     side = 1.0 if middle_y * direction_x - middle_x * direction_y > 0 else -1.0
@@ -190,7 +190,7 @@ def depth(points: Points, faces: Faces, wall: int, at: int) -> float:
 
 
 def _trimmed(points: Points, faces: Faces, wall: int, at: int, other: int, way: int, tolerance: float) -> int:
-    """An end of a stretch, moved towards the other past the points that lie on the wall beside it."""
+    """Return an end of a stretch, moved inwards past the points that lie on the wall beside it."""
     for _ in range(TRIM):
         if (other - at) * way <= 0 or not depth(points, faces, wall, at) <= tolerance:
             break
@@ -287,13 +287,13 @@ FRAGMENT_EXTENT = 0.9
 
 
 class Bodies:
-    """The segments with what tore them apart undone; every field is equal for all segments of a body."""
+    """Segments joined to bodies where they were torn apart; every field is equal for all segments of a body."""
 
     def __init__(self, most: int) -> None:
-        """Room for sweeps of up to so many beams."""
+        """Make room for sweeps of up to so many beams."""
         self.owner: list[Any] = []
         self.joins = native.integers(self.owner, most)
-        """Whether the next segment belongs to the same body."""
+        """True if the next segment belongs to the same body."""
         self.label = native.integers(self.owner, most)
         """Least segment of the body."""
         self.start_edge = native.integers(self.owner, most)
@@ -326,7 +326,7 @@ def join_fragments(bodies: Bodies, survey: Survey, points: Points, segments: Seg
 
 
 def _belongs(survey: Survey, points: Points, segments: Segments, may: Any, j: int) -> bool:
-    """Whether the next segment belongs to the same thing."""
+    """Return whether the next segment belongs to the same body."""
     after = segmentation.following(segments, points, j)
     edge = segments.end_edge[j]
     if (
@@ -379,7 +379,7 @@ def fully_visible(survey: Survey, segments: Segments) -> None:
 
 
 def known(survey: Survey, segments: Segments) -> None:
-    """The same of the segments of which the background tells (`candidate`), whatever their edges."""
+    """Profile `paper` with a background: the segments that belong to objects (`candidate`), whatever their edges."""
     for j in range(segments.count):
         survey.is_object[j] = survey.candidate[j] and _may_be(survey, segments, j)
 
@@ -389,7 +389,7 @@ def _may_be(survey: Survey, segments: Segments, j: int) -> bool:
 
 
 def pieces(survey: Survey, segments: Segments) -> None:
-    """Profile `robust`: which segments reach too far for objects, and which may be some or fragments of some."""
+    """Profile `robust`: mark the segments that are too large for objects, and those that may be objects or fragments."""
     for j in range(segments.count):
         wide = not survey.reach[j] <= survey.max_width and not survey.protrusion[j]
         survey.wall[j] = segments.size[j] >= survey.min_beams and wide
@@ -402,7 +402,7 @@ def pieces(survey: Survey, segments: Segments) -> None:
 
 
 def known_bodies(survey: Survey, segments: Segments, bodies: Bodies) -> None:
-    """Which of the segments of which the background tells are objects, with what tore them apart undone."""
+    """Mark the objects among the segments that differ from a background, joined to bodies."""
     for j in range(segments.count):
         survey.is_object[j] = survey.candidate[j] and _is_whole(survey, bodies, j)
 
@@ -435,14 +435,14 @@ def _is_leg(survey: Survey, j: int) -> bool:
 
 
 def _root(survey: Survey, j: int) -> int:
-    """The least segment that one is linked to, directly or through others."""
+    """Return the least segment that one is linked to, directly or through others."""
     while survey.label[j] != j:
         j = survey.label[j]
     return j
 
 
 def _are_close(points: Points, segments: Segments, a: int, b: int, gap: float) -> bool:
-    """Whether the nearest points of two segments are no further apart than a gap."""
+    """Return whether the nearest points of two segments are no further apart than a gap [m]."""
     x, y, begin, end = points.x, points.y, segments.first[b], segments.first[b] + segments.size[b]
     # No point of b is further from its first one than this: most pairs are told apart by that alone.
     radius = 0.0
@@ -472,7 +472,7 @@ class Parts:
     """
 
     def __init__(self, most: int) -> None:
-        """Room for sweeps of up to so many beams."""
+        """Make room for sweeps of up to so many beams."""
         self.owner: list[Any] = []
         self.count = 0
         self.objects = 0
@@ -489,7 +489,7 @@ class Parts:
         self.theta_f = native.doubles(self.owner, most)
         """Bearing of the last point [rad]."""
         self.past = native.doubles(self.owner, most)
-        """How much of these is for being past the seam: a full turn or 0 [rad]."""
+        """Part of these bearings that is for lying past the seam: a full turn or 0 [rad]."""
 
 
 def assemble(parts: Parts, survey: Survey, points: Points, segments: Segments, walls: bool) -> None:
@@ -514,7 +514,7 @@ def assemble(parts: Parts, survey: Survey, points: Points, segments: Segments, w
 
 
 def _sort(parts: Parts, survey: Survey, points: Points, segments: Segments, walls: bool) -> None:
-    """By kind, label and bearing."""
+    """Sort by kind, label and bearing."""
     parts.count = 0
     _insert(parts, survey, points, segments, True)
     if walls:
@@ -549,7 +549,7 @@ def _comes_before(parts: Parts, survey: Survey, a: int, b: int) -> bool:
 
 
 def _group(parts: Parts, survey: Survey) -> None:
-    """Where the parts of each object begin among the sorted ones."""
+    """Find the first part of each object among the sorted ones."""
     parts.objects = 0
     for i in range(parts.count):
         a, b = parts.sorted[i], parts.sorted[i - 1] if i > 0 else -1
@@ -580,7 +580,7 @@ def _unwrap(parts: Parts, points: Points, k: int) -> None:
 
 
 def _rank(parts: Parts, survey: Survey) -> None:
-    """The order of the objects: by kind and least bearing."""
+    """Sort the objects by kind and least bearing."""
     for k in range(parts.objects):
         at = k
         while at > 0 and _is_earlier(parts, survey, k, parts.rank[at - 1]):
@@ -590,7 +590,7 @@ def _rank(parts: Parts, survey: Survey) -> None:
 
 
 def _is_earlier(parts: Parts, survey: Survey, a: int, b: int) -> bool:
-    """Whether one object comes before another."""
+    """Return whether one object comes before another."""
     one, other = parts.sorted[parts.starts[a]], parts.sorted[parts.starts[b]]
     if survey.is_object[one] != survey.is_object[other]:
         return survey.is_object[one] != 0

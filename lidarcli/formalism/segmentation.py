@@ -20,15 +20,15 @@ NAN = float("nan")
 INFINITE = float("inf")
 TURN = sweeps.TURN
 LONGEST_GAP = 3
-"""Of more lost beams in a row nobody knows whether they should have returned."""
+"""Greatest number of lost beams in a row that should have returned."""
 GAP_STEP, GAP_STEP_GROWS = 0.1, 0.02
-"""[m], and per metre of range: a surface goes on past a gap if its range changes by no more."""
+"""[m], and per metre of range: greatest change of range of a surface past a gap."""
 NO_RETURN = sweeps.Status.NO_RETURN.value
 OPEN_TURN, SHARED_TURN = sweeps.Closure.OPEN.value, sweeps.Closure.SHARED.value
 
 
 class Scans:
-    """The columns of a batch of S sweeps with up to B beams, as the loops over one sweep read them."""
+    """Columns of a batch of S sweeps with up to B beams, for the loops over one sweep."""
 
     def __init__(self, batch: sweeps.SweepBatch, direction: Any, within: Any, sigma: Any) -> None:
         """`direction`: cos θ and sin θ, (D, B) each by increasing bearing, and which of them each sweep has, (S,)."""
@@ -72,7 +72,7 @@ class Points:
     """
 
     def __init__(self, most: int) -> None:
-        """Room for sweeps of up to so many beams."""
+        """Make room for sweeps of up to so many beams."""
         self.owner: list[Any] = []
         self.most = most
         self.position = native.integers(self.owner, 2 * most)
@@ -140,7 +140,7 @@ def repeat(points: Points, lead: int) -> None:
 
 
 def bearing(points: Points, at: int) -> float:
-    """θ of a point [rad]; it grows past the seam."""
+    """Return θ of a point [rad], which grows past the seam."""
     theta = points.first + points.step * points.position[at]
     return theta + TURN if at >= points.count else theta
 
@@ -156,13 +156,13 @@ def beam_at(points: Points, position: int) -> int:
 
 
 def distance(points: Points, a: int, b: int) -> float:
-    """How far two points are apart [m]."""
+    """Return the distance of two points [m]."""
     dx, dy = points.x[b] - points.x[a], points.y[b] - points.y[a]
     return math.sqrt(dx * dx + dy * dy)
 
 
 def nearest(points: Points) -> int:
-    """The point with the least range, of several the first; -1 without a point."""
+    """Return the first point with the least range; -1 without a point."""
     at = 0
     least = INFINITE
     for k in range(points.count):
@@ -231,9 +231,9 @@ SECOND_DIFFERENCE_GAIN = math.sqrt(6.0)
 """Standard deviation of n₋ - 2 n + n₊ for independent n of standard deviation 1."""
 TO_SIGMA = MEDIAN_TO_SIGMA / SECOND_DIFFERENCE_GAIN
 FEW_VALUES = 24
-"""Among so few values the one of a given rank is found by counting."""
+"""Greatest number of values among which a rank is found by counting."""
 SINGLE_ONE, SINGLE_NAN, SINGLE_INFINITY = 1.0, float("nan"), float("inf")
-"""In single precision, as the ranges are."""
+"""Infinity in single precision, as the ranges are."""
 GUESS_LOW, GUESS_HIGH = 0.8, 1.25
 """The median of a sweep mostly lies between these multiples of that of the sweep before."""
 
@@ -242,7 +242,7 @@ class Noise:
     """Room for the second differences of a sweep, in single precision as the ranges are."""
 
     def __init__(self, most: int) -> None:
-        """Room for sweeps of up to so many beams."""
+        """Make room for sweeps of up to so many beams."""
         self.owner: list[Any] = []
         most += 2
         self.u = native.singles(self.owner, most)
@@ -374,13 +374,13 @@ ROOT_2 = math.sqrt(2.0)
 SPACING_GAIN = 1.0
 """Depth steps below this share of the beam spacing r Δθ are the texture of a surface, not an edge."""
 SLOPE_REACH = 3
-"""How many points on each side of a step speak for the slope there."""
+"""Number of points on each side of a step that give the slope there."""
 TINY = sys.float_info.min
 """[1/m] A surface that recedes to infinity has 1/r ≤ 0: as good as this."""
 
 
 class Breakpoints:
-    """Where a sweep breaks: the points `at[0] … at[count - 1]`, before which f is discontinuous, in order."""
+    """Breakpoints of a sweep: the points `at[0] … at[count - 1]`, before which f is discontinuous, in order."""
 
     def __init__(self, most: int, adaptive: bool, max_gap: int) -> None:
         """
@@ -398,12 +398,12 @@ class Breakpoints:
 
 
 def noise_threshold(sigma: float) -> float:
-    """The least difference [m] that noise of standard deviation `sigma` [m] does not explain."""
+    """Return the least difference [m] that noise of standard deviation `sigma` [m] does not explain."""
     return max(NOISE_GAIN * ROOT_2 * sigma, ROUGHNESS)
 
 
 def adaptive_threshold(points: Points, explained: float, r: float, s: float) -> float:
-    """What noise and the beam spacing explain between a point and its predecessor [m].
+    """Return the difference that noise and the beam spacing explain between a point and its predecessor [m].
 
     It grows with r Δθ at the nearer of the two points (Borges and Aldon 2004, Dietmayer 2001): a surface may turn or be
     rough between two beams.
@@ -439,7 +439,7 @@ def find_breakpoints(breakpoints: Breakpoints, points: Points, scans: Scans) -> 
 
 
 def is_within(points: Points, scans: Scans, at: int) -> bool:
-    """Whether the beam of a point is one of those that are known to belong to objects."""
+    """Return whether the beam of a point is known to belong to an object."""
     beam = beam_at(points, points.position[at])
     return scans.within[points.row * scans.width + beam] != 0
 
@@ -499,14 +499,14 @@ OWN, HIDDEN, OPEN, UNKNOWN, VIEW, FLICKERING = range(6)
 """An edge of a segment: the segment is the nearer side; the neighbour is, and hides the rest; a beam without a return is
 beside it; an invalid or too close one is; the view ends; a beam without a return where such beams prove nothing."""
 MOST_FLICKER = 0.05
-"""Where more of the beams that should return do not, one that does not is no proof that nothing is there."""
+"""Share of lost beams among those that should return, above which a beam without a return is no proof of free space."""
 
 
 class Segments:
     """The `count` segments of a sweep by increasing bearing: point `first`, and `size` - 1 that follow it."""
 
     def __init__(self, most: int) -> None:
-        """Room for sweeps of up to so many beams."""
+        """Make room for sweeps of up to so many beams."""
         self.owner: list[Any] = []
         self.first = native.integers(self.owner, most)
         self.size = native.integers(self.owner, most)
@@ -553,7 +553,7 @@ def _surround(segments: Segments, points: Points) -> None:
 
 
 def _enter(segments: Segments, points: Points, breakpoints: Breakpoints, scans: Scans, j: int) -> None:
-    """What the breakpoint before a segment says of its first edge."""
+    """Return the kind of the first edge of a segment, by the breakpoint before it."""
     at = breakpoints.at[j]
     if points.missing[at] > breakpoints.max_gap:
         segments.s_start[j] = NAN
@@ -566,7 +566,7 @@ def _enter(segments: Segments, points: Points, breakpoints: Breakpoints, scans: 
 def _leave(
     segments: Segments, points: Points, breakpoints: Breakpoints, scans: Scans, j: int, following: int
 ) -> None:
-    """What the breakpoint before the following segment says of the last edge of this one."""
+    """Return the kind of the last edge of a segment, by the breakpoint before the next segment."""
     before = following - 1 if following > 0 else points.count - 1
     if points.missing[following] > breakpoints.max_gap:
         segments.s_end[j] = NAN
@@ -577,7 +577,7 @@ def _leave(
 
 
 def _beside(points: Points, scans: Scans, position: int) -> int:
-    """What the beam at a position beside a segment says."""
+    """Return the kind of an edge by the beam at a position beside the segment."""
     beam = beam_at(points, position)
     if beam < 0 or beam >= points.beams:
         return VIEW
@@ -596,30 +596,30 @@ def copy_segments(source: Segments, target: Segments) -> None:
 
 
 def last_point(segments: Segments, j: int) -> int:
-    """P_f of a segment."""
+    """Return P_f of a segment."""
     return segments.first[j] + segments.size[j] - 1
 
 
 def chord(segments: Segments, points: Points, j: int) -> float:
-    """Distance of the first and the last point of a segment [m]."""
+    """Return the distance of the first and the last point of a segment [m]."""
     return distance(points, segments.first[j], last_point(segments, j))
 
 
 def surrounds(segments: Segments, j: int) -> bool:
-    """Whether a segment is a full turn without any breakpoint: both edges are hidden, by no step at all."""
+    """Return whether a segment is a full turn without a breakpoint, whose edges are hidden by no step."""
     s = segments.s_start[j]
     return segments.start_edge[j] == HIDDEN and segments.end_edge[j] == HIDDEN and s != s
 
 
 def following(segments: Segments, points: Points, j: int) -> int:
-    """The next segment, over the seam on a full turn; itself where there is none."""
+    """Return the next segment, over the seam on a full turn; itself where there is none."""
     if j + 1 < segments.count:
         return j + 1
     return 0 if points.period > 0 else j
 
 
 def preceding(segments: Segments, points: Points, j: int) -> int:
-    """The segment before, over the seam on a full turn; itself where there is none."""
+    """Return the segment before, over the seam on a full turn; itself where there is none."""
     if j > 0:
         return j - 1
     return segments.count - 1 if points.period > 0 else j

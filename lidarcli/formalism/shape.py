@@ -30,11 +30,11 @@ class Circle:
     """A circle and the `n` points it is fitted to, joined from the parts of an object."""
 
     def __init__(self, most: int) -> None:
-        """Room for so many points."""
+        """Make room for so many points."""
         self.owner: list[Any] = []
         self.n = 0
         self.x = native.doubles(self.owner, most)
-        """The points, forward [m]."""
+        """Points, forward [m]."""
         self.y = native.doubles(self.owner, most)
         self.centre_x = 0.0
         """[m]"""
@@ -106,7 +106,7 @@ def _algebraic(circle: Circle) -> None:
 
 
 def _measure(circle: Circle) -> None:
-    """How far the points are from the centre, and in which direction."""
+    """Compute the distances and directions of the points from the centre."""
     from_x, from_y, distance = circle.from_x, circle.from_y, circle.distance
     centre_x, centre_y = circle.centre_x, circle.centre_y
     for k in range(circle.n):
@@ -162,24 +162,24 @@ def _refine(circle: Circle) -> None:
 # The category of an object by the topology of the faces that join its vertices.
 
 ENOUGH_BEAMS = 5
-"""Fewer beams cannot tell a corner from an arc."""
+"""Least number of beams that tell a corner from an arc."""
 FIT_FLOOR = 0.004
-"""[m] Fits better than this are equally good."""
+"""[m] Fits better than this count as equally good."""
 STRAIGHT_FIT = 0.012
 """[m] Points of a face may scatter this much, or twice the noise."""
 SQUARE = math.radians(35.0)
 """[rad] Faces of a prism meet within this of a right angle, and point their corner at the sensor."""
 COS_SQUARE = math.cos(SQUARE)
 MOST_FACES = 3
-"""Of a box no more are seen, be it from its inside."""
+"""Greatest number of faces of a box that are seen, even from its inside."""
 WORSE = 1.5
-"""The algebraic circle may fit this much worse than the best one."""
+"""Factor by which the algebraic circle may fit worse than the best one."""
 ARC = 1.0
 """A circle is believed where the chord of its arc is longer than this share of its radius: else any flat piece is one."""
 
 
 class Look:
-    """How well the faces of one object explain its points."""
+    """Fit of the faces of one object to its points."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -284,7 +284,7 @@ class Box:
 
 
 def around_circle(box: Box, x: float, y: float, radius: float) -> None:
-    """The square around a circle that faces the sensor."""
+    """Set the square around a circle that faces the sensor."""
     box.x, box.y = x, y
     box.length = box.width = 2.0 * radius
     box.yaw = _yaw(x, y)
@@ -340,7 +340,7 @@ def area_along(faces: Faces, f: int, x: Any, y: Any, begin: int, end: int) -> fl
 
 
 def _bound(box: Box, x: Any, y: Any, n: int, along_x: float, along_y: float) -> None:
-    """The bounds of points along a direction and across it [m]."""
+    """Compute the bounds of points along a direction and across it [m]."""
     low_u = high_u = x[0] * along_x + y[0] * along_y
     low_v = high_v = y[0] * along_x - x[0] * along_y
     for k in range(1, n):
@@ -355,7 +355,7 @@ def _area(box: Box) -> float:
 
 
 def _yaw(x: float, y: float) -> float:
-    """Direction of a side [rad]. A side and its opposite are one: that which points forward tells."""
+    """Return the direction of a side [rad]; of a side and its opposite, the one that points forward."""
     if x < 0.0 or (x == 0.0 and y < 0.0):
         x, y = -x, -y
     return math.atan2(y + 0.0, x + 0.0)

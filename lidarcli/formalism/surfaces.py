@@ -32,7 +32,7 @@ class Faces:
     """
 
     def __init__(self, most: int) -> None:
-        """Room for sweeps of up to so many beams."""
+        """Make room for sweeps of up to so many beams."""
         self.owner: list[Any] = []
         self.offset = native.integers(self.owner, most + 1)
         self.segment = native.integers(self.owner, 2 * most)
@@ -222,7 +222,7 @@ def _drop_doubled(faces: Faces, start: int, begin: int) -> bool:
 
 
 def meeting(faces: Faces, one: int, other: int) -> tuple[bool, float, float]:
-    """Whether the lines of two faces meet at a usable angle, and where: x, y [m]."""
+    """Return whether the lines of two faces meet at a usable angle, and their meeting point x, y [m]."""
     ax, ay = faces.direction_x[one], faces.direction_y[one]
     bx, by = faces.direction_x[other], faces.direction_y[other]
     dx, dy = faces.middle_x[other] - faces.middle_x[one], faces.middle_y[other] - faces.middle_y[one]
@@ -324,7 +324,7 @@ WALL_STRIDE, WALL_POINTS = 4, 32
 
 
 class Survey:
-    """Of each segment, as far as it has been found out."""
+    """Results for each segment, as far as they are known."""
 
     def __init__(self, most: int, min_beams: int, max_width: float) -> None:
         """
@@ -339,25 +339,25 @@ class Survey:
         self.chord = native.doubles(self.owner, most)
         """Distance of its first and last points [m]."""
         self.tolerance = native.doubles(self.owner, most)
-        """By how much a face may leave its chord [m]."""
+        """Greatest distance of a face from its chord [m]."""
         self.reach = native.doubles(self.owner, most)
         """Greatest distance of a vertex from its first or last point [m]."""
         self.protrusion = native.integers(self.owner, most)
-        """Whether it stands out from a wall that it touches."""
+        """True if it stands out from a wall that it touches."""
         self.wall = native.integers(self.owner, most)
         self.thing = native.doubles(self.owner, most)
-        """How likely it is a thing, and not a piece of building; NaN where nobody asked."""
+        """Probability of being a thing and not building; NaN where it was not asked."""
         self.candidate = native.integers(self.owner, most)
-        """Whether it may be an object or a fragment of one."""
+        """True if it may be an object or a fragment of one."""
         self.loose = native.integers(self.owner, most)
-        """Whether it may be joined with its neighbours."""
+        """True if it may be joined with its neighbours."""
         self.is_object = native.integers(self.owner, most)
         self.label = native.integers(self.owner, most)
         """Segments of the same label are one object."""
 
 
 def measure_chords(survey: Survey, points: Points, segments: Segments) -> None:
-    """The chord of every segment, and how far its faces may leave theirs."""
+    """Compute the chord of every segment, and the tolerance of its faces."""
     tolerance = STRAIGHT + STRAIGHT_NOISE * points.sigma
     for j in range(segments.count):
         survey.chord[j] = segmentation.chord(segments, points, j)
@@ -366,7 +366,7 @@ def measure_chords(survey: Survey, points: Points, segments: Segments) -> None:
 
 
 def find_faces(survey: Survey, points: Points, segments: Segments, faces: Faces) -> None:
-    """The faces of every segment that may be an object, and those of the others as far as their lines need."""
+    """Find the faces of every segment that may be an object, and the rough faces of the others."""
     faces.count = 0
     for j in range(segments.count):
         size = segments.size[j]
@@ -380,7 +380,7 @@ def find_faces(survey: Survey, points: Points, segments: Segments, faces: Faces)
 
 
 def measure_reach(survey: Survey, points: Points, segments: Segments, faces: Faces) -> None:
-    """How far every segment reaches [m]: the greatest distance of a vertex from its first or last point."""
+    """Compute the reach of every segment [m]: the greatest distance of a vertex from its first or last point."""
     x, y = points.x, points.y
     for j in range(segments.count):
         survey.reach[j] = survey.chord[j]
@@ -399,17 +399,17 @@ def measure_reach(survey: Survey, points: Points, segments: Segments, faces: Fac
 
 
 def is_partial(segments: Segments, j: int) -> bool:
-    """Whether a segment may go on at an edge that is hidden, beyond the view or unknown."""
+    """Return whether a segment may go on at an edge that is hidden, beyond the view or unknown."""
     return not (is_end(segments.start_edge[j]) and is_end(segments.end_edge[j]))
 
 
 def is_end(edge: int) -> bool:
-    """Whether nothing goes on at an edge."""
+    """Return whether a segment ends at an edge."""
     return edge == segmentation.OWN or edge == segmentation.OPEN
 
 
 def share_of_walls(survey: Survey, points: Points, segments: Segments) -> float:
-    """The share of the points of a sweep that lie on walls."""
+    """Return the share of the points of a sweep that lie on walls."""
     on_walls = 0
     for j in range(segments.count):
         if survey.wall[j]:

@@ -1,4 +1,4 @@
-"""Definition 5, decided: how likely a body is a thing and not a piece of building.
+"""Verdict of Definition 5: the probability that a body is a thing and not a piece of building.
 
 Two passes of small decision trees over its features. The second knows what the first says of all other bodies: an edge that
 a thing hides says nothing, and where much is building, what is in doubt is less likely a thing.
@@ -16,9 +16,9 @@ from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces import Survey
 
 SURE_ODDS = 3.5
-"""Log-odds of the first pass that the second would not turn: it looks at the others alone."""
+"""Log-odds of the first pass that are certain: the second pass skips these bodies and only uses them for others."""
 PRIOR_THINGS, PRIOR_BODIES = 2.0, 1.0
-"""What is said of the other bodies of a sweep starts from so many things among so many more."""
+"""Numbers of things and of all bodies that are added to those of a sweep, as a prior for the share of things."""
 
 
 class Trees:
@@ -48,7 +48,7 @@ class Trees:
 
 
 class Verdict:
-    """What is decided on the bodies of a sweep."""
+    """Verdicts on the bodies of a sweep."""
 
     def __init__(self, most: int, least: float) -> None:
         """
@@ -68,7 +68,7 @@ class Verdict:
 
 
 def decide(verdict: Verdict, evidence: Features, points: Points, segments: Segments) -> None:
-    """How likely each body is a thing."""
+    """Decide the probability of each body to be a thing."""
     count = evidence.count
     for k in range(count):
         verdict.odds[k] = score(verdict.first, evidence, k)
@@ -88,7 +88,7 @@ def decide(verdict: Verdict, evidence: Features, points: Points, segments: Segme
 
 
 def score(trees: Trees, evidence: Features, k: int) -> float:
-    """Log-odds of a body: the sum of one leaf of each tree."""
+    """Return the log-odds of a body: the sum of one leaf of each tree."""
     total, at = trees.prior, k * features.COUNT
     for tree in range(trees.trees):
         n = trees.root[tree]
@@ -99,7 +99,7 @@ def score(trees: Trees, evidence: Features, k: int) -> float:
 
 
 def _look_beside(verdict: Verdict, evidence: Features, points: Points, segments: Segments, k: int) -> None:
-    """What hides the edges of a body, by the first pass."""
+    """Fill in the features of the bodies that hide the edges of a body, by the first pass."""
     values, at = evidence.values, k * features.COUNT
     head, tail = evidence.head[k], evidence.tail[k]
     free, by_wall, by_thing, some = features.FAR, 0.0, 0.0, False
@@ -129,7 +129,7 @@ def _look_beside(verdict: Verdict, evidence: Features, points: Points, segments:
 
 
 def choose(survey: Survey, segments: Segments, evidence: Features, verdict: Verdict) -> None:
-    """Profile `robust`: which segments are objects or fragments of some, and which are pieces of building."""
+    """Profile `robust`: mark the segments that are objects or fragments of some, and those that are building."""
     for j in range(segments.count):
         body = evidence.body[j]
         survey.thing[j] = verdict.thing[body] if body >= 0 else 0.0

@@ -124,12 +124,12 @@ class Learning:
 
     @property
     def stations(self) -> int:
-        """Return the number of stations so far."""
+        """Number of stations so far."""
         return len(self.poses.x)
 
     @property
     def unplaced(self) -> int:
-        """Return the number of sweeps that are left out because they have no pose while others have one."""
+        """Number of sweeps that are left out because they have no pose while others have one."""
         posed = ~np.isnan(self.poses.x)
         return int(self._sweeps[: self.stations][~posed].sum()) if posed.any() else 0
 
@@ -249,12 +249,12 @@ class Cells:
 
     @property
     def beam(self) -> Int64:
-        """Return (C,) the beam of each cell."""
+        """(C,) the beam of each cell."""
         return self.key >> _BITS
 
     @property
     def unit(self) -> Int64:
-        """Return (C,) the first unit of the bin."""
+        """(C,) the first unit of the bin."""
         return self.key & _FAR
 
 

@@ -86,17 +86,17 @@ class Background:
 
     @property
     def posed(self) -> Bool:
-        """Return (K,) True for stations with a pose."""
+        """(K,) True for stations with a pose."""
         return ~np.isnan(self.poses.x)
 
     @property
     def weak(self) -> Bool:
-        """Return (K, B) True for beams whose background, a surface or no return, most observations do not back."""
+        """(K, B) True for beams whose background, a surface or no return, most observations do not back."""
         return ~np.isnan(self.r_e) & (self.support < MAJORITY)
 
     @property
     def seems_moved(self) -> bool:
-        """Return whether the sensor seems to have moved without poses, or to have stood in two places.
+        """True if the sensor seems to have moved without poses, or to have stood in two places.
 
         Then many beams that return do not see their background in most sweeps. People hide only a part of the scene, and
         foliage and depth edges are few, but a sensor that moves finds no range again.

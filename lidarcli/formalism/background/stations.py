@@ -58,7 +58,7 @@ class Shift:
 
     @property
     def none(self) -> Bool:
-        """Return (S,) True for sensors that stand at their station."""
+        """(S,) True for sensors that stand at their station."""
         still: Bool = (np.hypot(self.x, self.y) <= STILL_DISTANCE) & (np.abs(self.yaw) <= STILL_ANGLE)
         if self.way is not None:
             still &= (np.hypot(self.way[:, 0], self.way[:, 1]) <= STILL_DISTANCE) & (

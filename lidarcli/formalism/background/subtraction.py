@@ -268,7 +268,7 @@ def assemble(whole: Difference, parts: list[tuple[Int64, Difference]]) -> Differ
 
 
 def _farthest(batch: SweepBatch, seen: Float32) -> Float32:
-    """Return (S, B) the farthest range of each beam and its neighbours [m]; NaN where that of the beam itself is unknown."""
+    """Return (S, B) the farthest range of each beam and its neighbours [m]; NaN where the beam itself is unknown."""
     far = np.where(np.isnan(seen), -np.inf, seen)
     wide = far.copy()
     np.maximum(wide[:, 1:], far[:, :-1], out=wide[:, 1:])

@@ -16,23 +16,23 @@ from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Int8, 
 from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
 
 BLOCK = 256
-"""Cells by which the counted part of the ground grows at least, on each side."""
+"""Least number of cells by which the counted ground grows on each side."""
 CELL_BYTES = 12
-"""Memory of a cell that was seen: hits, passes, and the last sweep that counted."""
+"""Memory of a cell that was seen [bytes]: hits, passes, and the last sweep that counted."""
 MAP_MARGIN = 1
-"""Unknown cells around all that is known: walls on the edge of a map are lost in some programs."""
+"""Number of unknown cells around the known ones, as some programs lose walls on the edge of a map."""
 
 
 FARTHEST_CELL = 1 << 32
-"""No cell is so many cells from the origin of the world: 215,000 km at 5 cm."""
+"""Greatest distance of a cell from the origin of the world, in cells: 215,000 km at 5 cm."""
 MIN_TURN = math.radians(10.0)
-"""A sensor that has turned by so much sees something new, too …"""
+"""[rad] Turn after which a sweep counts again."""
 PAUSE_NS = 5_000_000_000
-"""… and so does one that has waited for so long: things go."""
+"""[ns] Time after which a sweep counts again, as things may have gone."""
 
 
 class TooLargeError(ValueError):
-    """The ground that was seen is larger than it may be; the text tells its extent."""
+    """The ground that was seen is larger than the map may be; the text is its extent."""
 
 
 @record
@@ -40,7 +40,7 @@ class Beams:
     """The beams of S sweeps in the world."""
 
     end: Float64
-    """(2, S, B) x and y of their ends [m]; NaN where a beam says nothing."""
+    """(2, S, B) x and y of their ends [m]; NaN for a beam that is skipped."""
     use: UInt8
     """(S, B) `SKIPPED`, `HIT` or `CLEAR`."""
     beams: Int32
@@ -48,21 +48,21 @@ class Beams:
     poses: Float64
     """(S, 4) x, y, yaw and side of the sensor."""
     way: Float64
-    """(S, 3) how far it goes in x, y, yaw during the sweep."""
+    """(S, 3) way of the sensor in x, y, yaw during the sweep."""
 
     def __len__(self) -> int:
         return len(self.poses)
 
 
 def placed(batch: SweepBatch, poses: SweepPoses, use: UInt8, ranges: Float32 | None = None) -> Beams:
-    """The beams of sweeps in the world, each seen from where the sensor was at its own time.
+    """Return the beams of sweeps in the world, each from the pose of the sensor at its own time.
 
     Parameters
     ----------
     batch : S sweeps of up to B beams
-    poses : of each, none of them unknown
-    use : (S, B) what each beam says
-    ranges : (S, B) [m], by default those of the sweeps
+    poses : pose of each sweep, all known
+    use : (S, B) `SKIPPED`, `HIT` or `CLEAR`
+    ranges : (S, B) ranges [m], by default those of the sweeps
     """
     side = np.where(poses.upside_down, -1.0, 1.0)
     where = np.ascontiguousarray(np.column_stack([poses.x, poses.y, poses.yaw, side]))
@@ -87,27 +87,27 @@ def placed(batch: SweepBatch, poses: SweepPoses, use: UInt8, ranges: Float32 | N
 
 @dataclass(slots=True)
 class Counts:
-    """A fold over sweeps; memory is that of the ground that was seen, `CELL_BYTES` a cell.
+    """Counts of hits and passes, a fold over sweeps; takes `CELL_BYTES` for each cell of the ground that was seen.
 
     Parameters
     ----------
     resolution : side of a cell [m]
-    most_cells : no more cells than these are counted
+    most_cells : greatest number of cells
     """
 
     resolution: float
     most_cells: int
     sweeps: int = 0
-    """Sweeps that count."""
+    """Number of sweeps that were counted."""
     column: int = 0
     row: int = 0
-    """Where cell (0, 0) is, in cells from the origin of the world."""
+    """Column and row of cell (0, 0), in cells from the origin of the world."""
     hits: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
     passes: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
-    """(H, W) sweeps of which a beam ended in each cell, and of which beams only passed it."""
+    """(H, W) number of sweeps of which a beam ended in each cell, and of which beams only passed it."""
     _stamps: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
     _seen: tuple[int, int, int, int] | None = None
-    """Left, low, right, high of all that was to be counted [cells]."""
+    """Left, low, right, high of all cells so far [cells]."""
 
     def add(self, beams: Beams) -> None:
         """Count the cells of some sweeps.
@@ -115,7 +115,7 @@ class Counts:
         Raises
         ------
         TooLargeError
-            They reach farther than the map may; nothing of them is counted.
+            The sweeps reach farther than the map may; none of them is counted.
         """
         if not len(beams):
             return
@@ -137,11 +137,11 @@ class Counts:
         self.sweeps += len(beams)
 
     def close(self) -> None:
-        """Give back what only counting needs: no more sweeps will come."""
+        """Free the memory that only counting needs, after the last sweep."""
         self._stamps = np.zeros((0, 0), np.int32)
 
     def merge(self, other: Counts) -> None:
-        """Add what was counted elsewhere, with cells of the same size (`TooLargeError` as of `add`)."""
+        """Add the counts of `other`, with cells of the same size (`TooLargeError` as in `add`)."""
         height, width = other.hits.shape
         if height and width:
             self._reach(*(other._seen or (other.column, other.row, other.column + width, other.row + height)))
@@ -154,20 +154,21 @@ class Counts:
         self.sweeps += other.sweeps
 
     def occupancy(self, min_hits: int, ratio: float, frame_id: str) -> Occupancy:
-        """The grid: what was hit by enough sweeps is occupied, what else was passed is free.
+        """Return the grid: cells that enough sweeps hit are occupied, other cells that were passed are free.
 
-        A cell that was hit by too few sweeps to tell, and never passed, is unknown.
+        A cell that too few sweeps hit, and none passed, is unknown.
 
         Parameters
         ----------
-        min_hits : sweeps that have to hit an occupied cell
+        min_hits : least number of sweeps that hit an occupied cell
         ratio : an occupied cell was hit by more than this share of the sweeps that hit or passed it
+        frame_id : name of the fixed frame
         """
         rows, columns = (_known(self.hits, self.passes, axis) for axis in (1, 0))
         hits, passes = self.hits[rows, columns], self.passes[rows, columns]
         cells = np.full((hits.shape[0] + 2 * MAP_MARGIN, hits.shape[1] + 2 * MAP_MARGIN), UNKNOWN, np.int8)
         inner: Int8 = cells[MAP_MARGIN:-MAP_MARGIN, MAP_MARGIN:-MAP_MARGIN]
-        # A large map need not be in memory several times.
+        # In parts, so that no copy of a large map is made.
         for begin in range(0, len(inner), BLOCK):
             part = slice(begin, begin + BLOCK)
             hit, passed = hits[part], passes[part]
@@ -175,7 +176,7 @@ class Counts:
             inner[part][(hit >= min_hits) & (hit > ratio * (hit.astype(np.int64) + passed))] = OCCUPIED
         return Occupancy(
             self.resolution,
-            # Without the digits that only binary numbers have: 0.15, not 0.15000000000000002.
+            # Rounded, so that 0.15 is not written as 0.15000000000000002.
             round((self.column + columns.start - MAP_MARGIN) * self.resolution, 9),
             round((self.row + rows.start - MAP_MARGIN) * self.resolution, 9),
             cells,
@@ -197,7 +198,7 @@ class Counts:
             right, high = max(right, self.column + width), max(high, self.row + height)
             if right - left == width and high - low == height:
                 return
-        # What is never touched takes no memory, so there is room to spare.
+        # Cells that are never touched take no memory, so the room may be larger.
         column, row = (left // BLOCK) * BLOCK, (low // BLOCK) * BLOCK
         shape = -(-(high - row) // BLOCK) * BLOCK, -(-(right - column) // BLOCK) * BLOCK
         part = np.s_[
@@ -211,7 +212,7 @@ class Counts:
 
 
 def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
-    """The cells that the beams and the sensor may touch, with one around them: left, low, right, high.
+    """Return the cells that the beams and the sensor may touch, and one around them: left, low, right, high.
 
     Raises
     ------
@@ -236,29 +237,29 @@ def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
 
 
 def _known(hits: NDArray[np.int32], passes: NDArray[np.int32], axis: int) -> slice:
-    """The rows (axis 1) or columns (axis 0) between the first and the last of which anything is known."""
+    """Return the rows (axis 1) or columns (axis 0) from the first to the last known cell."""
     some = np.flatnonzero(hits.any(axis=axis) | passes.any(axis=axis))
-    # Where nothing is known the margin alone is left: an image has to have some pixels.
+    # Without any known cell only the margin is left, as an image needs some pixels.
     return slice(int(some[0]), int(some[-1]) + 1) if len(some) else slice(0, 0)
 
 
 @dataclass(slots=True)
 class MotionFilter:
-    """A fold over the sweeps of a sensor, in the order of the log.
+    """Choice of the sweeps that count, a fold over the sweeps of a sensor in the order of the log.
 
     Parameters
     ----------
-    min_move : how far it has to go from one sweep that counts to the next [m]; 0: every sweep counts
+    min_move : least distance from one sweep that counts to the next [m]; 0 if every sweep counts
     """
 
     min_move: float
     unplaced: int = 0
-    """Sweeps without a pose, which never count."""
+    """Number of sweeps without a pose, which never count."""
     _last: tuple[float, float, float, int] | None = None
     """x, y, yaw, stamp of the last sweep that counts."""
 
     def take(self, poses: SweepPoses, stamp_ns: Int64) -> Int64:
-        """The sweeps (of S) that count."""
+        """Return the indices of the sweeps (of S) that count."""
         known = np.flatnonzero(np.isfinite(poses.x) & np.isfinite(poses.y) & np.isfinite(poses.yaw))
         self.unplaced += len(stamp_ns) - len(known)
         if self.min_move <= 0.0:

@@ -13,22 +13,22 @@ from lidarcli.sweeps import Bool, Float64, Int64, record
 Int8 = NDArray[np.int8]
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
-"""What a cell may be, as nav_msgs/OccupancyGrid has it."""
+"""Values of a cell, as in nav_msgs/OccupancyGrid."""
 
 SKIPPED, HIT, CLEAR = range(3)
-"""What a beam says of cells: nothing, that it ended in one, or only that it got so far."""
+"""Uses of a beam: none, it ended in a cell, or it only passed cells."""
 TOLERANCE = 1
-"""An occupied cell is right where one is so many cells from it at most, also across corners."""
+"""Greatest distance of an occupied cell from one of the other map, in cells, also across corners."""
 FARTHEST_CELLS = 40
-"""Cells up to which the nearest occupied cell is looked for; what is farther counts as this."""
+"""Greatest distance that is measured, in cells; a larger one counts as this."""
 SAME_RESOLUTION = 1e-6
-"""Cells of two maps that differ by less than this share are of one size."""
+"""Greatest difference between two sizes of cells that are the same, as a share."""
 
 
 @shown
 @record
 class Occupancy:
-    """What is known of W x H square cells of the ground, in a fixed frame.
+    """Occupancy grid of W x H square cells of the ground, in a fixed frame.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Occupancy:
         return int(np.count_nonzero(self.cells == FREE))
 
     def facts(self) -> Facts:
-        """What is known, in words."""
+        """Return a summary for printing."""
         height, width = self.cells.shape
         right, top = self.x + width * self.resolution, self.y + height * self.resolution
         rows = (
@@ -70,23 +70,23 @@ class Occupancy:
 
 
 class UnlikeError(ValueError):
-    """Maps that cannot be compared; the text is the cause."""
+    """The maps cannot be compared; the text is the cause."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What a map has of a true one. Shares are NaN where there is nothing to take a share of."""
+    """Figures of a map beside a true one; shares of no cells are NaN."""
 
     cells: int
-    """Occupied cells of the map."""
+    """Number of occupied cells of the map."""
     true_cells: int
-    """Occupied cells of the true map."""
+    """Number of occupied cells of the true map."""
     precision: float
     """Share of the map's occupied cells that lie within `TOLERANCE` of an occupied cell of the true map."""
     recall: float
     """Share of the true map's occupied cells that lie within `TOLERANCE` of an occupied cell of the map."""
     f1: float
-    """Harmonic mean of both."""
+    """Harmonic mean of precision and recall."""
     mean_distance: float
     """Mean distance from the occupied cells of the true map to the nearest ones of the map [m], cut at `FARTHEST_CELLS`."""
 
@@ -123,14 +123,14 @@ def compare(found: Occupancy, true: Occupancy) -> Comparison:
 
 
 def _cells(grid: Occupancy, true: Occupancy) -> Int64:
-    """(N, 2) column and row of the occupied cells, in cells of the true map."""
+    """Return (N, 2) column and row of the occupied cells, in cells of the true map."""
     row, column = np.nonzero(grid.cells == OCCUPIED)
     off_x, off_y = (grid.x - true.x) / true.resolution, (grid.y - true.y) / true.resolution
     return np.column_stack([column + round(off_x), row + round(off_y)]).astype(np.int64)
 
 
 def _nearest(cells: Int64, others: Int64, farthest: int) -> tuple[Bool, Float64]:
-    """(N,) whether one of the others is within `TOLERANCE`, and how far the nearest is [cells], `farthest` at most."""
+    """Return (N,) True where one of the others is within `TOLERANCE`, and the distance of the nearest [cells]."""
     near = np.zeros(len(cells), np.bool_)
     away = np.full(len(cells), float(farthest))
     if not len(cells) or not len(others):
@@ -143,7 +143,7 @@ def _nearest(cells: Int64, others: Int64, farthest: int) -> tuple[Bool, Float64]
     reach = np.arange(-farthest, farthest + 1)
     dx, dy = (part.ravel() for part in np.meshgrid(reach, reach))
     distance = np.hypot(dx, dy)
-    # The nearest first, so that each cell is done with once it has found one.
+    # The nearest offsets first, so that each cell is done once it has found one.
     for at in np.argsort(distance, kind="stable").tolist():
         if distance[at] >= farthest or not len(left):
             break

@@ -20,15 +20,15 @@ ORIGIN_CELLS = float(ORIGIN)
 def place(
     ranges: Any, use: Any, beams: Any, angle_min: Any, angle_increment: Any, poses: Any, way: Any, end: Any
 ) -> None:
-    """Where the beams of S sweeps end, each seen from where the sensor was at its own time.
+    """Compute the ends of the beams of S sweeps, each from the pose of the sensor at its own time.
 
     Parameters
     ----------
-    ranges, use : (S, B) float32 [m], and uint8: what each beam says (`occupancy.HIT`)
+    ranges, use : (S, B) float32 [m], and uint8 use of each beam (`occupancy.HIT`)
     beams : (S,) int32 number of beams of each sweep
     angle_min, angle_increment : (S,) float64 [rad]
     poses : (S, 4) float64 x, y, yaw and side of the sensor at the first beam, the side -1 where it hangs head down
-    way : (S, 3) float64, how far it goes in x, y, yaw until the last beam
+    way : (S, 3) float64 way of the sensor in x, y, yaw until the last beam
     end : (2, S, B) float64 to write to, x and y [m]; NaN where a beam is skipped
     """
     rows, width = ranges.shape
@@ -69,13 +69,13 @@ def trace(
 
     Parameters
     ----------
-    end : (2, S, B) as of `place`; all of it and the sensor lie within the cells
-    use, beams, poses, way : as of `place`
+    end : (2, S, B) as in `place`; all ends and poses lie within the cells
+    use, beams, poses, way : as in `place`
     hits, passes : (H, W) int32, to be added to
     stamps : (H, W) int32, the last sweep that counted for each cell
     stamp : of the first of these sweeps, greater than all before; each has the next one
     resolution : side of a cell [m]
-    column, row : where cell (0, 0) is: its lower left corner in cells from the origin of the world
+    column, row : lower left corner of cell (0, 0), in cells from the origin of the world
     """
     _, sweeps, width = end.shape
     across = hits.shape[1]
@@ -83,7 +83,7 @@ def trace(
     pose, going = native.at_doubles(poses), native.at_doubles(way)
     hit, passed, seen = native.at_ints(hits), native.at_ints(passes), native.at_ints(stamps)
     cells = 1.0 / resolution
-    # Places are told in cells from a corner far outside, so that the cell of a place depends on nothing else.
+    # Places are measured in cells from a corner far outside, so that the cell of a place depends on nothing else.
     column, row = column + ORIGIN, row + ORIGIN
     lock = native.release()
     for sweep in range(sweeps):
@@ -122,7 +122,7 @@ def _pass(
     to_x: float,
     to_y: float,
 ) -> None:
-    """Count the cells along a straight way but for the last: one in each column, or row, of its longer axis."""
+    """Count the cells along a straight way without the last one, one in each column or row of its longer axis."""
     dx, dy = to_x - x, to_y - y
     column, line = int(x), int(y)
     if abs(dx) >= abs(dy):
@@ -144,7 +144,7 @@ def _pass(
 
 
 def _count(passed: Any, seen: Any, stamp: int, cell: int) -> None:
-    """Count a cell that was passed, unless it counts already."""
+    """Count a cell that was passed, unless this sweep has counted it already."""
     if seen[cell] != stamp:
         seen[cell] = stamp
         passed[cell] += 1

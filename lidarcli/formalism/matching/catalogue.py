@@ -20,23 +20,23 @@ from lidarcli.sweeps import Bool, Float64, Int32, record
 KINDS = tuple(SHAPES[code] for code in (PRISMATIC, ROUND, LEGGED, IRREGULAR))
 """Shapes of things, in the order of `Evidence.shape`."""
 LEAST_PROBABILITY = 0.95
-"""A name is given from this probability on, ..."""
+"""Least probability of a name."""
 LEAST_FIT = 0.01
-"""... if what was seen is no less likely than this where the name is right."""
+"""Least probability of a worse fit if the name is right; below it the evidence contradicts the name."""
 ALL_LEGS_SEEN = 0.5
-"""How often all legs of a legged thing are seen at once."""
+"""Probability that all legs of a legged thing are seen at once."""
 MOST_UNKNOWN_LEGS = 8
-"""An unknown thing of several parts has up to so many."""
+"""Greatest number of legs of an unknown thing."""
 INTENSITY_SHARE = 0.03
-"""Share of the unknown things whose intensity is within the limits of an entry: these are set for what stands out."""
+"""Share of the unknown things within the limits of intensity of an entry, which are meant for bright or dark things."""
 SMALLEST_SIZE, LARGEST_SIZE = 0.05, 2.0
-"""[m] A thing that is not in the catalogue may have any size between these."""
+"""[m] Range of the sizes of unknown things."""
 LEAST_FIT_SD = 0.001
-"""[m] No size is known better than this."""
+"""[m] Least standard deviation of a size."""
 LEAST_LARGER_SHARE = 0.05
-"""Share of the unknown things that may be as large as anything that was seen."""
+"""Least share of the unknown things that are larger than what was seen."""
 LEAST_DENSITY = 1e-300
-"""Least density: its logarithm is finite."""
+"""Least density, so that its logarithm is finite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,24 +45,24 @@ class Thing:
 
     name: str
     shape: str | None = None
-    """One of `KINDS`; None where any will do."""
+    """One of `KINDS`; None for any shape."""
     length: float | None = None
     width: float | None = None
     diameter: float | None = None
     legs: int = 0
     spacing: tuple[float, ...] = ()
-    """Of the axes of the legs: one for two legs, along and across for more."""
+    """Distances of the axes of the legs: one for two legs, along and across for more [m]."""
     tolerance: float = 0.02
-    """Standard deviation of the sizes of such things [m]."""
+    """Standard deviation of the sizes of things of this entry [m]."""
     moves: bool = True
-    """False for what never moves: what has moved is something else."""
+    """False for things that never move."""
     intensity_min: float | None = None
-    """Its returns are no weaker than this, in the sensor's own unit ..."""
+    """Least median intensity of its returns, in the unit of the sensor."""
     intensity_max: float | None = None
-    """... and no stronger than this."""
+    """Greatest median intensity of its returns."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, of what is given."""
+        """Return plain values of the given fields."""
         given = {name: value for name, value in asdict(self).items() if value not in (None, ())}
         if not self.legs:
             del given["legs"]
@@ -75,57 +75,57 @@ class Catalogue:
 
     things: tuple[Thing, ...]
     path: str = ""
-    """Where it was read, if it was."""
+    """File that it was read from, if any."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the labels of `name` point into."""
+        """Names of the entries, by index (`name`)."""
         return tuple(thing.name for thing in self.things)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for the tables' metadata."""
+        """Return plain values for the metadata of the tables."""
         return {"things": [thing.as_dict() for thing in self.things]}
 
 
 def names_in(catalogue: Catalogue | None) -> tuple[str, ...]:
-    """What labels point into; without a catalogue there are no names."""
+    """Return the names of the entries; none without a catalogue."""
     return () if catalogue is None else catalogue.names
 
 
 @record
 class Evidence:
-    """What was seen of M things: (M,) each, NaN where nothing was. Only what was seen may contradict.
+    """Measurements of M things, (M,) each; NaN where nothing was seen. Only what was seen may contradict an entry.
 
-    Standard deviations are those of the estimate: what more sweeps of the same beams do not mend is to be in them.
+    Standard deviations include errors that more sweeps of the same beams do not reduce.
     """
 
     shape: Float64
-    """(M, 4) log-likelihood of what was seen under each of `KINDS`; all equal where it tells nothing."""
+    """(M, 4) log-likelihood of each of `KINDS`; all equal if the shape is unknown."""
     side_1: Float64
-    """Side of the thing along its axis 1, where both its ends were seen [m]."""
+    """Side along axis 1 of the thing, if both of its ends were seen [m]."""
     side_1_sd: Float64
     side_2: Float64
-    """The same along axis 2, across it; 1 need not be the longer."""
+    """Side along axis 2, across axis 1; either may be the longer [m]."""
     side_2_sd: Float64
     least_1: Float64
-    """At least so long along axis 1, whatever was hidden [m]."""
+    """Least length along axis 1 [m]."""
     least_2: Float64
     least_sd: Float64
-    """Of both."""
+    """Standard deviation of both least lengths [m]."""
     across: Float64
-    """Extent across the line of sight where both its ends were seen, a diameter where there is one [m]."""
+    """Extent across the line of sight if both ends were seen, or the diameter of a round thing [m]."""
     across_sd: Float64
     legs: Int32
-    """Separate slim parts seen at most at once; 0 where it is not a thing of several parts."""
+    """Greatest number of legs seen at once; 0 for a thing without legs."""
     span_1: Float64
-    """Distances of the axes of its parts, along axis 1 and ... [m]"""
+    """Distance of the axes of its legs, along axis 1 [m]."""
     span_2: Float64
-    """... across it; NaN for a thing of two parts."""
+    """Distance of the axes of its legs across axis 1 [m]; NaN for a thing of two legs."""
     span_sd: Float64
     moved: Bool
-    """Whether it ever moved."""
+    """True if it ever moved."""
     intensity: Float64
-    """Median intensity of its returns, in the sensor's own unit."""
+    """Median intensity of its returns, in the unit of the sensor."""
 
     def __len__(self) -> int:
         return len(self.moved)
@@ -133,23 +133,23 @@ class Evidence:
 
 @record
 class Comparison:
-    """M things beside E entries of a catalogue, (M, E) each."""
+    """Comparison of M things with E entries of a catalogue, (M, E) each."""
 
     ratio: Float64
-    """Log-likelihood of what was seen under the entry, less that under "none of them"; -inf where it is impossible."""
+    """Log-likelihood of the entry less that of "none of them"; -inf if it is impossible."""
     fit: Float64
-    """How likely it is to see no better a fit where the entry is right, 0 to 1."""
+    """Probability of no better a fit if the entry is right, 0 to 1."""
     certain: Bool
-    """Whether all sizes that the entry has were seen: less makes it possible, not certain."""
+    """True if all sizes of the entry were seen; otherwise it is only possible."""
 
 
 def name(evidence: Evidence, catalogue: Catalogue) -> tuple[Int32, Float64]:
-    """The entries that things are, and how probable that is.
+    """Return the entry of each thing, and its probability.
 
     Parameters
     ----------
-    evidence : what was seen of M things
-    catalogue : entries, each as likely beforehand as none of them
+    evidence : measurements of M things
+    catalogue : entries, each as likely beforehand as "none of them"
 
     Returns
     -------
@@ -158,7 +158,7 @@ def name(evidence: Evidence, catalogue: Catalogue) -> tuple[Int32, Float64]:
     compared = compare(evidence, catalogue)
     probability = _probability(compared.ratio)
     good = (probability >= LEAST_PROBABILITY) & (compared.fit >= LEAST_FIT) & compared.certain
-    # Probabilities sum to one: no more than one entry can be good.
+    # As probabilities sum to one, at most one entry is good.
     found = good.any(axis=1)
     best = np.argmax(good, axis=1) if catalogue.things else np.zeros(len(evidence), np.intp)
     label = np.where(found, best, -1).astype(np.int32)
@@ -168,16 +168,16 @@ def name(evidence: Evidence, catalogue: Catalogue) -> tuple[Int32, Float64]:
 
 
 def possible(evidence: Evidence, catalogue: Catalogue) -> Bool:
-    """Which entries nothing that was seen contradicts: (M, E)."""
+    """Return (M, E) True for entries that nothing contradicts."""
     compared = compare(evidence, catalogue)
     contradicted: Bool = (compared.fit < LEAST_FIT) | np.isneginf(compared.ratio)
     return ~contradicted
 
 
 def compare(evidence: Evidence, catalogue: Catalogue) -> Comparison:
-    """Hold every thing against every entry."""
+    """Compare every thing with every entry."""
     count = len(evidence)
-    # Of many sweeps nothing is likely: only what is likelier counts.
+    # Only ratios count, as any outcome of many sweeps is unlikely.
     shape = evidence.shape - evidence.shape.max(axis=1)[:, None]
     shape -= np.log(np.exp(shape).mean(axis=1))[:, None]
     columns = [_compare(evidence, thing, shape) for thing in catalogue.things]
@@ -189,7 +189,7 @@ def compare(evidence: Evidence, catalogue: Catalogue) -> Comparison:
 
 
 def _probability(ratio: Float64) -> Float64:
-    """(M, E) of each entry, where an entry and "none of them" are equally likely beforehand."""
+    """Return (M, E) the probability of each entry, with entries and "none of them" equally likely beforehand."""
     top = np.maximum(ratio.max(axis=1, initial=0.0), 0.0)[:, None]
     weight = np.exp(ratio - top)
     result: Float64 = weight / (weight.sum(axis=1, keepdims=True) + np.exp(-top))
@@ -197,13 +197,13 @@ def _probability(ratio: Float64) -> Float64:
 
 
 def _compare(evidence: Evidence, thing: Thing, shape: Float64) -> tuple[Float64, Float64, Bool]:
-    """The columns of one entry; `shape` is less the mean over the shapes."""
+    """Return the columns of `Comparison` for one entry; `shape` is relative to the mean over the shapes."""
     if thing.legs or thing.spacing:
         ratio, fit, certain = _by_legs(evidence, thing)
     elif thing.diameter is not None:
         ratio, fit, certain = _by_extent(evidence, thing.diameter, thing.diameter, thing.tolerance)
     elif thing.length is not None and thing.width is not None:
-        # The sides of what has no straight ones are how far it reaches, seen from anywhere.
+        # The sides of an irregular thing bound its extent, seen from anywhere.
         by = _by_extent if thing.shape == "irregular" else _by_sides
         ratio, fit, certain = by(evidence, thing.length, thing.width, thing.tolerance)
     else:
@@ -223,7 +223,7 @@ def _compare(evidence: Evidence, thing: Thing, shape: Float64) -> tuple[Float64,
 
 
 def _within_limits(evidence: Evidence, thing: Thing) -> tuple[Bool, Bool]:
-    """(M,) whether the intensity is known, and whether it is within the limits of an entry."""
+    """Return (M,) True where the intensity is known, and where it is within the limits of an entry."""
     known = ~np.isnan(evidence.intensity)
     with np.errstate(invalid="ignore"):
         within = known.copy()
@@ -237,7 +237,7 @@ def _within_limits(evidence: Evidence, thing: Thing) -> tuple[Bool, Bool]:
 def _by_sides(
     evidence: Evidence, length: float, width: float, tolerance: float
 ) -> tuple[Float64, Float64, Bool]:
-    """Two sides, either of which may be the longer."""
+    """Compare two sides, either of which may be the longer."""
     seen_1, seen_2 = np.isfinite(evidence.side_1), np.isfinite(evidence.side_2)
     sd_1, sd_2, least_sd = (
         np.hypot(sd, tolerance) for sd in (evidence.side_1_sd, evidence.side_2_sd, evidence.least_sd)
@@ -253,7 +253,7 @@ def _by_sides(
 def _by_extent(
     evidence: Evidence, length: float, width: float, tolerance: float
 ) -> tuple[Float64, Float64, Bool]:
-    """An extent across the line of sight, which is neither below the width nor above the length."""
+    """Compare an extent across the line of sight, which lies between the width and the length."""
     low, high = min(length, width), max(length, width)
     seen = np.isfinite(evidence.across)
     across = measured(evidence.across, np.hypot(evidence.across_sd, tolerance), low, high)
@@ -263,7 +263,7 @@ def _by_extent(
 
 
 def _by_legs(evidence: Evidence, thing: Thing) -> tuple[Float64, Float64, Bool]:
-    """So many legs at most, at such distances."""
+    """Compare the number of legs and their distances."""
     count, seen = len(evidence), evidence.legs > 0
     ratio, fit, certain = np.zeros(count), np.ones(count), seen
     if thing.spacing:
@@ -287,21 +287,21 @@ def _by_legs(evidence: Evidence, thing: Thing) -> tuple[Float64, Float64, Bool]:
 
 @record
 class Fit:
-    """How sizes fit, (M,) each."""
+    """Fits of sizes, (M,) each."""
 
     ratio: Float64
-    """Log-likelihood less that under a thing of any size."""
+    """Log-likelihood less that of a thing of any size."""
     chi: Float64
-    """Sum of squares of what was seen, in standard deviations, ..."""
+    """Sum of squared deviations, in standard deviations."""
     freedom: Float64
-    """... and the number of them: 0, 1 or 2."""
+    """Number of deviations: 0, 1 or 2."""
 
     def plus(self, other: Fit) -> Fit:
-        """Both sizes together."""
+        """Return the fit of both sizes together."""
         return Fit(self.ratio + other.ratio, self.chi + other.chi, self.freedom + other.freedom)
 
     def likely(self) -> Float64:
-        """How likely it is to see no better a fit where the size is right, 0 to 1."""
+        """Return the probability of no better a fit if the size is right, 0 to 1."""
         one = 2.0 * below(-np.sqrt(self.chi))
         two = np.exp(-0.5 * self.chi)
         result: Float64 = np.where(self.freedom == 0, 1.0, np.where(self.freedom == 1, one, two))
@@ -309,12 +309,12 @@ class Fit:
 
 
 def measured(value: Float64, sd: Float64, low: float, high: float) -> Fit:
-    """Sizes that were measured, beside one that lies anywhere between `low` and `high`; NaN tells nothing.
+    """Return the fits of measured sizes to a size between `low` and `high`; NaN counts as not seen.
 
     Parameters
     ----------
-    value, sd : (M,) the size and its standard deviation, with the tolerance in it [m]
-    low, high : [m]; the same for a size that is known
+    value, sd : (M,) size and its standard deviation, tolerance included [m]
+    low, high : bounds [m], which are equal for a known size
     """
     seen = np.isfinite(value)
     value, spread = np.where(seen, value, low), np.where(seen, np.hypot(sd, LEAST_FIT_SD), 1.0)
@@ -329,12 +329,12 @@ def measured(value: Float64, sd: Float64, low: float, high: float) -> Fit:
 
 
 def at_least(least: Float64, sd: Float64, size: float) -> Fit:
-    """Things that are at least so long, beside a size: only a shorter one is contradicted; NaN tells nothing.
+    """Return the fits of least lengths to a size, which only a longer one contradicts; NaN counts as not seen.
 
     Parameters
     ----------
-    least, sd : (M,) the length and its standard deviation, with the tolerance in it [m]
-    size : [m]
+    least, sd : (M,) least length and its standard deviation, tolerance included [m]
+    size : size [m]
     """
     seen = np.isfinite(least)
     least, spread = np.where(seen, least, 0.0), np.where(seen, np.hypot(sd, LEAST_FIT_SD), 1.0)
@@ -346,7 +346,7 @@ def at_least(least: Float64, sd: Float64, size: float) -> Fit:
 
 
 def either(known: Bool, one: Fit, other: Fit) -> Fit:
-    """The one fit where something is known, elsewhere the other."""
+    """Return one fit where `known` is True, elsewhere the other."""
     return Fit(
         np.where(known, one.ratio, other.ratio),
         np.where(known, one.chi, other.chi),
@@ -355,14 +355,14 @@ def either(known: Bool, one: Fit, other: Fit) -> Fit:
 
 
 def any_way(ways: Sequence[Fit]) -> tuple[Float64, Float64]:
-    """Log-likelihood ratio where each way is as likely as the others, and the fit of the best: (M,) each."""
+    """Return the log-likelihood ratio of several equally likely ways, and the fit of the best, (M,) each."""
     ratio: Float64 = np.logaddexp.reduce([way.ratio for way in ways]) - math.log(len(ways))
     fit: Float64 = np.max([way.likely() for way in ways], axis=0)
     return ratio, fit
 
 
 def below(z: Float64) -> Float64:
-    """Share of a normal distribution below so many standard deviations: 1e-7 exact (numpy has no error function).
+    """Return the share of a normal distribution below z standard deviations, to 1e-7 (numpy has no error function).
 
     Abramowitz and Stegun 1964, 26.2.17.
 

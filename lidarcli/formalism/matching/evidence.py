@@ -30,17 +30,17 @@ from lidarcli.formalism.ragged import spans
 from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch
 
 UNIFORM_SD = 1.0 / math.sqrt(12.0)
-"""Standard deviation of what lies anywhere within a step."""
+"""Standard deviation of a uniform distribution over a step."""
 CORNER_SD = 4.0
-"""The end of a line through n points is this many standard deviations of a range over √n exact, and so is a corner."""
+"""Standard deviation of a corner between lines through n points, in standard deviations of a range over √n."""
 FEW_POINTS = 2.5
-"""A face of fewer points has no line of its own: its corners are points."""
+"""Least number of points of a face with a line; other corners are points."""
 SHORT_FACE = 3.5
-"""A face of fewer points may go on, wherever it seems to end."""
+"""Least number of points of a face whose ends are certain."""
 ROUGH = 0.05
-"""The outline of an irregular thing changes by this share of its extent as one goes round it."""
+"""Standard deviation of the extent of an irregular thing from all sides, as a share."""
 MOST_PARTS = 8
-"""Things of more parts than this are not measured."""
+"""Greatest number of legs of a thing whose legs are measured."""
 LEAST_LENGTH = 1e-9
 SEEN_AS = (
     (0.925, 0.02, 0.005, 0.05),
@@ -48,26 +48,26 @@ SEEN_AS = (
     (0.06, 0.14, 0.60, 0.20),
     (0.33, 0.13, 0.005, 0.535),
 )
-"""Of a thing that is prismatic, round, legged or irregular, the share of the sweeps that take it for prismatic, round,
-legged or irregular (docs/accuracy.md, with more room for what is rare: one sweep is no proof). Those that take it for
-nothing, as it is hit by few beams, tell nothing."""
+"""Shares of the sweeps that take a prismatic, round, legged or irregular thing (rows) for prismatic, round,
+legged or irregular: those of docs/accuracy.md with more room for rare cases, as one sweep is no proof. Sweeps that find
+no shape, as few beams hit the thing, are left out."""
 ALIKE = (10.0, 10.0, 5.0, 4.0)
-"""How alike the sweeps of one prismatic, round, legged or irregular thing are, in sweeps that such a thing is known for
-beforehand: a box looks like any box, each plant is different."""
+"""Weight of these shares for prismatic, round, legged and irregular things, in sweeps: a box looks like any box, while
+each plant is different."""
 
 
 def evidence_of(batch: SweepBatch, detection: Detection) -> Evidence:
-    """The evidence of each object of a batch, by its own sweep alone.
+    """Return the evidence of each object of a batch, by its own sweep alone.
 
     Parameters
     ----------
     batch : the sweeps
-    detection : of K objects that were found in them
+    detection : result of `detect` for them, K objects
 
     Returns
     -------
     Evidence
-        (K,) of each object; walls have none
+        (K,) each; walls have none
     """
     count = len(detection)
     shape = detection.shape
@@ -99,10 +99,10 @@ def evidence_of(batch: SweepBatch, detection: Detection) -> Evidence:
 
 
 def _sides(detection: Detection, step: Float64, sigma: Float64, found: dict[str, Float64]) -> None:
-    """The faces of prismatic things with two own ends, along and across their boxes: the longest of each."""
+    """Measure the longest faces of prismatic things with two own ends, along and across their boxes."""
     vertices, faces = np.diff(detection.vertex_offsets), np.diff(detection.face_offsets)
     owner = np.repeat(np.arange(len(detection)), faces)
-    # What something thin in front parts in two has hidden ends in its middle.
+    # A thing that a thin one in front cuts in two has hidden ends in its middle.
     mine = (detection.shape == PRISMATIC) & (vertices == faces + 1)
     face = np.flatnonzero(mine[owner])
     owner = owner[face]
@@ -115,7 +115,7 @@ def _sides(detection: Detection, step: Float64, sigma: Float64, found: dict[str,
     visibility = detection.visibility[owner]
     variance = np.zeros(len(face))
     points = np.abs(np.diff(theta)) / np.repeat(step, vertices)[:-1] + 1.0 if len(theta) else theta
-    # What is seen along its length may end where the next beam is too far behind to belong to it.
+    # A face at a grazing angle may end early, where the next beam is too far behind to belong to it.
     own = points[first] > SHORT_FACE
     for end, hidden in ((0, START_HIDDEN), (1, END_HIDDEN)):
         at = first + end
@@ -124,7 +124,7 @@ def _sides(detection: Detection, step: Float64, sigma: Float64, found: dict[str,
         own &= np.where(edge, ~hides, detection.vertex_kind[at] == CORNER)
         grazing = np.abs(dx * y[at] - dy * x[at]) / (straight * np.maximum(r[at], LEAST_LENGTH))
         along = np.minimum(r[at] * step[owner] / np.maximum(grazing, LEAST_LENGTH), straight)
-        # The line of the face beyond the corner tells where this one ends.
+        # The line of the face beyond the corner gives the end of this one.
         beyond = np.clip(at if end else at - 1, 0, len(points) - 1)
         sharp = ~edge & (np.minimum(points[beyond], points[first]) > FEW_POINTS)
         corner = CORNER_SD * sigma[owner] / np.sqrt(points[beyond])
@@ -140,7 +140,7 @@ def _sides(detection: Detection, step: Float64, sigma: Float64, found: dict[str,
 
 
 def _extents(detection: Detection, step: Float64, sigma: Float64, found: dict[str, Float64]) -> None:
-    """Diameters of round things, and how far irregular ones reach across the line of sight; both edges are to be own."""
+    """Measure round things and the extents of irregular ones across the line of sight, if both edges are their own."""
     spacing = detection.r_min * step
     whole = detection.visibility == FULL
     is_round, irregular = (whole & (detection.shape == code) for code in (ROUND, IRREGULAR))
@@ -154,7 +154,7 @@ def _extents(detection: Detection, step: Float64, sigma: Float64, found: dict[st
 
 
 def _legs(detection: Detection) -> tuple[Int32, Float64, Float64]:
-    """Parts of legged things, and the sides of the smallest rectangle through their places."""
+    """Return the legs of legged things, and the sides of the smallest rectangles through their places [m]."""
     count = len(detection)
     vertices, faces = np.diff(detection.vertex_offsets), np.diff(detection.face_offsets)
     parts = np.where(detection.shape == LEGGED, vertices - faces, 0).astype(np.int32)
@@ -170,7 +170,7 @@ def _legs(detection: Detection) -> tuple[Int32, Float64, Float64]:
 
 
 def rectangle(x: Float64, y: Float64) -> tuple[Float64, Float64, Float64]:
-    """The smallest rectangles around some places.
+    """Return the smallest rectangles around some places.
 
     Parameters
     ----------
@@ -178,10 +178,10 @@ def rectangle(x: Float64, y: Float64) -> tuple[Float64, Float64, Float64]:
 
     Returns
     -------
-    (2, R) its sides, along its first axis and across [m]; (R,) direction of that axis [rad]; (2, R) its middle [m]
+    (2, R) sides, along the first axis and across [m]; (R,) direction of that axis [rad]; (2, R) middle [m]
     """
     there = np.isfinite(x)
-    # It has a side along two of the places.
+    # The smallest one has a side through two of the places.
     one, other = np.triu_indices(x.shape[1], 1)
     angle = np.arctan2(y[:, other] - y[:, one], x[:, other] - x[:, one])
     cos, sin = np.cos(angle)[:, :, None], np.sin(angle)[:, :, None]
@@ -198,7 +198,7 @@ def rectangle(x: Float64, y: Float64) -> tuple[Float64, Float64, Float64]:
 
 
 def _ends(along: Float64) -> tuple[Float64, Float64]:
-    """The least and the greatest of the last axis, NaN left out; NaN where there is none."""
+    """Return the least and the greatest value along the last axis, without NaN; NaN if there is none."""
     empty = np.isnan(along)
     none = empty.all(axis=-1)
     low = np.where(none, np.nan, np.where(empty, np.inf, along).min(axis=-1))
@@ -207,7 +207,7 @@ def _ends(along: Float64) -> tuple[Float64, Float64]:
 
 
 def _places(detection: Detection, rows: Int64) -> tuple[Float64, Float64]:
-    """(R, MOST_PARTS) middles of the vertices of every part of some objects [m], NaN where there are fewer."""
+    """Return (R, MOST_PARTS) the middles of the vertices of every part of some objects [m], NaN for fewer parts."""
     begin = detection.vertex_offsets[rows].astype(np.int64)
     vertex, row, offsets = spans(begin, np.diff(detection.vertex_offsets)[rows].astype(np.int64))
     face, owner, _ = spans(
@@ -215,7 +215,7 @@ def _places(detection: Detection, rows: Int64) -> tuple[Float64, Float64]:
         np.diff(detection.face_offsets)[rows].astype(np.int64),
     )
     theta, r = detection.vertex_theta[vertex], detection.vertex_r[vertex]
-    # A part begins with the vertex that no face ends at.
+    # A part begins with a vertex where no face ends.
     starts = ~np.isin(row + 1j * theta, owner + 1j * detection.face_theta_f[face])
     counted: Int64 = np.cumsum(starts)
     number: Int64 = counted - counted[offsets[:-1]][row]
@@ -230,17 +230,17 @@ def _places(detection: Detection, rows: Int64) -> tuple[Float64, Float64]:
 
 
 def shape_likelihood(seen: Sequence[float]) -> list[float]:
-    """What many sweeps of a thing say of its shape: they are not independent of each other, and no vote.
+    """Return the log-likelihood of each shape by many sweeps of a thing, which are not independent of each other.
 
-    How often a thing is taken for each shape differs from thing to thing (Dirichlet), and its sweeps follow that.
+    The shares of sweeps by shape differ from thing to thing (Dirichlet), and the sweeps of a thing follow its shares.
 
     Parameters
     ----------
-    seen : in how many sweeps it was taken for prismatic, round, legged and irregular; parts of one count, too
+    seen : numbers of sweeps that took it for prismatic, round, legged and irregular; fractions count too
 
     Returns
     -------
-    Log-likelihood of that for a thing that is prismatic, round, legged and irregular
+    Log-likelihoods of prismatic, round, legged and irregular
 
     >>> [round(each, 2) for each in shape_likelihood([1, 0, 0, 5])]
     [-9.49, -11.31, -8.34, -3.95]

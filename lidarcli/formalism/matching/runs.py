@@ -1,4 +1,4 @@
-"""The same standing things in several runs (§3, matching), by their places and by what they are.
+"""Standing things that are the same in several runs (§3, matching), by their places and by what they are.
 
 Every pair of a known thing and a thing of the next run is weighed: how much likelier are the measurements of both if they
 are one thing than if they are two? A thing that stands where it stood is recognised by its place, one that was moved by its
@@ -20,53 +20,53 @@ from lidarcli.formalism.matching.catalogue import LARGEST_SIZE, SMALLEST_SIZE
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, record
 
 RUN_PLACE_SD = 0.1
-"""[m] Where a standing thing is found, from one run to the other."""
+"""[m] Standard deviation of the place of a standing thing in a run."""
 RUN_SIZE_SD = 0.01
-"""[m] What sizes of the same thing differ by beside their standard deviations."""
+"""[m] Standard deviation between two sizes of the same thing, beside their own."""
 SIZE_RANGE = LARGEST_SIZE - SMALLEST_SIZE
-"""[m] Sizes of different things differ by as much: they may have any."""
+"""[m] Range of the sizes of different things."""
 STAYS = 0.9
-"""How likely a thing stands where it stood."""
+"""Probability that a thing stands where it stood."""
 NEARNESS = 0.05
-"""[1/m] Of several places that a thing may have been moved to, the nearest is a little likelier."""
+"""[1/m] Log-likelihood that is lost with each metre between two places of a moved thing."""
 LEAST_GAIN = 2.9
-"""A pair has to be likelier than this by its logarithm: 18 to 1."""
+"""Least log-likelihood ratio of a pair: 18 to 1."""
 SAME_SHAPE, OTHER_SHAPE = 0.7, -2.0
-"""Log-likelihood ratio of two shapes that are known: the same, or another."""
+"""Log-likelihood ratio of two known shapes, the same or another."""
 SAME_LABEL, OTHER_LABEL = 2.0, -20.0
-"""Of two labels."""
+"""Log-likelihood ratio of two labels, the same or another."""
 MOST_EXPONENT = 100.0
 LEAST_AREA = 10.0
-"""[m²] Things stand anywhere in a place at least so large."""
+"""[m²] Least area in which things stand."""
 MOST_THINGS = 40
-"""So many things of each side propose: those whose sizes are known, the largest first."""
+"""Greatest number of things of each side that propose motions, the largest first."""
 MOST_PROPOSALS = 3000
-"""So many proposals are looked at, those of the most alike pairs first."""
+"""Greatest number of proposals, those of the most alike pairs first."""
 MOST_REFINED = 24
-"""So many of them that differ are refined."""
+"""Greatest number of different proposals that are refined."""
 LEAST_QUALITY = 0.4
-"""A proposal that explains less than this share of what the best one does is none."""
+"""Least quality of a proposal, as a share of the best one."""
 MOTION_REFINEMENTS = 6
-"""Steps from the things in place to the motion that fits them best, and on."""
+"""Greatest number of refinements of a motion by the things in place."""
 PAIR_TOLERANCE = 0.3
-"""[m] Distances of pairs that differ by more are not those of the same things."""
+"""[m] Greatest difference between the distances of two pairs of the same things."""
 LEAST_ALIKE = -3.0
-"""Things whose sizes, shapes and labels are less alike than this are not the same."""
+"""Least log-likelihood ratio of two things that may be the same, by size, shape and label."""
 SHORTEST_PAIR = 0.3
-"""[m] Things closer together do not tell a direction."""
+"""[m] Least distance between two things that give a direction."""
 LEAST_IN_PLACE = 3
-"""Fewer things in place do not tell a turn and a shift: two pairs of the same distance there are always. Where the
-frames are the same, two are enough."""
+"""Least number of things in place for a turn and a shift, as two pairs of the same distance are common. If the frames are
+the same, two are enough."""
 MOTION_PRIOR = 12.0
-"""A turn and a shift have to explain this much more, by its logarithm, than that the sensor's frames are the same."""
+"""Log-likelihood by which a turn and a shift have to be better than equal frames."""
 IN_PLACE_SDS = 4.0
-"""Standard deviations within which a thing is in its place."""
+"""Greatest distance of a thing from its place, in standard deviations."""
 PROPOSALS_AT_ONCE = 256
 
 
 @record
 class Standing:
-    """N things that stand somewhere in one run, (N,) each; lengths in metres, NaN where they are not known."""
+    """N standing things of one run, (N,) each; lengths in metres, NaN if unknown."""
 
     x: Float64
     y: Float64
@@ -75,9 +75,9 @@ class Standing:
     length_sd: Float64
     width_sd: Float64
     shape: Int32
-    """A code that is the same in all runs, -1 where it is not known."""
+    """Code of the shape, the same in all runs; -1 if unknown."""
     label: Int32
-    """The same of names, -1 for none."""
+    """Code of the label, the same in all runs; -1 for none."""
 
     def __len__(self) -> int:
         return len(self.x)
@@ -85,35 +85,35 @@ class Standing:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A turn, then a shift: from the coordinates of a run to those of the first one."""
+    """Motion from the coordinates of a run to those of the first one: a turn [rad], then a shift [m]."""
 
     angle: float = 0.0
     x: float = 0.0
     y: float = 0.0
 
     def of(self, x: Float64, y: Float64) -> tuple[Float64, Float64]:
-        """Where places are."""
+        """Return places in the coordinates of the first run [m]."""
         cos, sin = math.cos(self.angle), math.sin(self.angle)
         return self.x + cos * x - sin * y, self.y + sin * x + cos * y
 
 
 HERE = Motion()
-"""Coordinates that are those of the first run already."""
+"""Motion of a run in the coordinates of the first one."""
 
 
 @record
 class Matched:
-    """What became of the N things of a run, (N,) each."""
+    """Result for the N things of a run, (N,) each."""
 
     thing: Int64
     """Number of the thing, 1, 2, ... by first sight."""
     x: Float64
-    """Where it stands, in the coordinates of the first run."""
+    """Place in the coordinates of the first run [m]."""
     y: Float64
     moved: Float64
-    """How far from where it was last [m]; NaN for what is new."""
+    """Distance from its last place [m]; NaN for a new thing."""
     score: Float64
-    """How likely it is that thing and no other, 0 to 1; NaN for what is new."""
+    """Probability that it is that thing and no other, 0 to 1; NaN for a new thing."""
 
 
 class Things:
@@ -122,19 +122,19 @@ class Things:
     def __init__(self) -> None:
         nothing, none = np.empty(0), np.empty(0, np.int32)
         self.known = Standing(nothing, nothing, nothing, nothing, nothing, nothing, none, none)
-        """Where each was last, and all that is known of it; without those of runs of which nobody knows where they lie."""
+        """Last place and all sizes of each thing, without those of runs whose coordinates are unknown."""
         self._numbers = np.empty(0, np.int64)
-        """The number of each, from 1."""
+        """Number of each, from 1."""
         self._count = 0
 
     def take(self, run: Standing, motion: Motion | None, chance: float = 1.0) -> Matched:
-        """Find the things of a run among those of earlier ones; what is not found is a new thing.
+        """Find the things of a run among those of earlier ones; others are new things.
 
         Parameters
         ----------
-        run : things of a run that was not taken yet
-        motion : from its coordinates to those of the first run; None where nobody knows: then all are new
-        chance : how likely that motion is the right one
+        run : things of the next run
+        motion : motion from its coordinates to those of the first run; None if unknown, then all are new
+        chance : probability that the motion is right
         """
         x, y = (motion or HERE).of(run.x, run.y)
         placed = placed_at(run, x, y)
@@ -155,14 +155,14 @@ class Things:
         thing = np.empty(count, np.int64)
         thing[new], thing[~new] = number, self._numbers[pair[~new]]
         if motion is not None or not known:
-            # Coordinates that nobody can compare are no place to look for things again.
+            # Things in unknown coordinates cannot be found again.
             pair[new] = known + np.arange(len(number))
             self._numbers = np.concatenate([self._numbers, number])
             self._learn(placed, pair)
         return Matched(thing=thing, x=x, y=y, moved=moved, score=score)
 
     def _learn(self, run: Standing, pair: Int64) -> None:
-        """Keep where things are now, and join what is known of their sizes."""
+        """Keep the places of things, and combine their sizes."""
         old, count = self.known, max(len(self.known), int(pair.max(initial=-1)) + 1)
         grown = {}
         for name in ("x", "y", "length", "width", "length_sd", "width_sd", "shape", "label"):
@@ -187,17 +187,17 @@ class Things:
 
 
 def gains(known: Standing, run: Standing) -> Float64:
-    """(T, N) log-likelihood ratio of each pair being one thing and not two, be it in its place or moved."""
+    """Return (T, N) the log-likelihood ratio of each pair being one thing, in its place or moved, and not two."""
     return np.maximum(in_place(known, run), _moved(known, run))
 
 
 def in_place(known: Standing, run: Standing) -> Float64:
-    """(T, N) of each pair being one thing that still stands there."""
+    """Return (T, N) the log-likelihood ratio of each pair being one thing that was not moved."""
     return alike(known, run) + near(_distance(known, run), area(known, run))
 
 
 def near(distance: Float64, room: float) -> Float64:
-    """What a place tells: log-likelihood ratio of standing that far apart [m], in a room of so many square metres."""
+    """Return the log-likelihood ratio of one thing at two places with a distance [m], in a room of an area [m²]."""
     result: Float64 = (
         math.log(STAYS * max(room, LEAST_AREA) / (4.0 * math.pi * RUN_PLACE_SD**2))
         - 0.25 * (distance / RUN_PLACE_SD) ** 2
@@ -206,7 +206,7 @@ def near(distance: Float64, room: float) -> Float64:
 
 
 def area(known: Standing, run: Standing) -> float:
-    """Of the place in which the things stand [m²]."""
+    """Return the area in which the things stand [m²]."""
     sides = []
     for one, other in ((known.x, run.x), (known.y, run.y)):
         both = np.concatenate([one, other])
@@ -215,7 +215,7 @@ def area(known: Standing, run: Standing) -> float:
 
 
 def alike(known: Standing, run: Standing) -> Float64:
-    """(T, N) what size, shape and label tell: log-likelihood ratio of being one thing, 0 where nothing is known."""
+    """Return (T, N) the log-likelihood ratio of being one thing by size, shape and label; 0 if these are unknown."""
     total = np.zeros((len(known), len(run)))
     for size in ("length", "width"):
         apart = getattr(known, size)[:, None] - getattr(run, size)
@@ -228,34 +228,36 @@ def alike(known: Standing, run: Standing) -> Float64:
 
 
 def _codes(known: Int32, run: Int32, same: float, other: float) -> Float64:
+    """Return (T, N) the log-likelihood ratio by two codes."""
     there = (known >= 0)[:, None] & (run >= 0)
     return np.where(there, np.where(known[:, None] == run, same, other), 0.0)
 
 
 def _moved(known: Standing, run: Standing) -> Float64:
-    """(T, N) of each pair being one thing that was moved, which only what has a size can show."""
+    """Return (T, N) the log-likelihood ratio of each pair being one thing that was moved; -inf without sizes."""
     sized: Bool = np.isfinite(known.length + known.width)[:, None] & np.isfinite(run.length + run.width)
     ratio = alike(known, run) + math.log(1.0 - STAYS) - NEARNESS * _distance(known, run)
     return np.where(sized, ratio, -np.inf)
 
 
 def _distance(known: Standing, run: Standing) -> Float64:
+    """Return (T, N) the distances of things [m]."""
     result: Float64 = np.hypot(known.x[:, None] - run.x, known.y[:, None] - run.y)
     return result
 
 
 def _score(gain: Float64, thing: Int64, one: Int64) -> Float64:
-    """How likely pairs are beside all others that each of their two could make, and beside none."""
+    """Return the probability of pairs beside all other pairs of their two things, and beside none."""
     chosen = gain[thing, one]
     rows = np.exp(np.minimum(gain[thing] - chosen[:, None], MOST_EXPONENT)).sum(axis=1)
     columns = np.exp(np.minimum(gain[:, one] - chosen, MOST_EXPONENT)).sum(axis=0)
-    # Both sums hold the pair itself.
+    # Both sums contain the pair itself.
     result: Float64 = 1.0 / (rows + columns - 1.0 + np.exp(LEAST_GAIN - chosen))
     return result
 
 
 def _joined(known: Float64, known_sd: Float64, now: Float64, now_sd: Float64) -> tuple[Float64, Float64]:
-    """What was known of sizes and what is measured now, each as heavy as it is sure, and its sd; NaN is nothing."""
+    """Return the mean of known and new sizes, weighted by their variances, and its standard deviation; NaN if unknown."""
     seen, was = np.isfinite(now), np.isfinite(known)
     weight = np.where(seen, 1.0 / (np.nan_to_num(now_sd) ** 2 + RUN_SIZE_SD**2), 0.0)
     old = np.where(was, 1.0 / np.where(was, known_sd, 1.0) ** 2, 0.0)
@@ -268,18 +270,18 @@ def _joined(known: Float64, known_sd: Float64, now: Float64, now_sd: Float64) ->
 
 
 def placed_at(run: Standing, x: Float64, y: Float64) -> Standing:
-    """The same things elsewhere."""
+    """Return the things at other places."""
     return replace(run, x=x, y=y)
 
 
 def assign(gain: Float64) -> Int64:
-    """The pairs with the greatest sum of gains, found by shortest augmenting paths; none with a gain of 0 or less.
+    """Return the pairs with the greatest sum of gains, by shortest augmenting paths; none has a gain of 0 or less.
 
-    Of equal sums it takes the same whenever asked.
+    The choice among equal sums is always the same.
 
     Parameters
     ----------
-    gain : (N, M) of pairing row and column, -inf where they may not be paired
+    gain : (N, M) gain of each pair of row and column, -inf for pairs that are ruled out
 
     Returns
     -------
@@ -289,7 +291,7 @@ def assign(gain: Float64) -> Int64:
     [1, 0]
     """
     rows, columns = gain.shape
-    # Every row has a column of its own behind the others, where it gains nothing.
+    # Behind the others every row has a column of its own with no gain.
     cost = np.full((rows, columns + rows), np.inf)
     cost[:, :columns] = np.where(gain > 0.0, -gain, np.inf)
     cost[np.arange(rows), columns + np.arange(rows)] = 0.0
@@ -303,13 +305,13 @@ def assign(gain: Float64) -> Int64:
 
 
 def _augment(cost: Float64, start: int, price: Float64, row_of: Int64, column_of: Int64) -> None:
-    """Give the row a column, along the cheapest path on which others give up theirs for another."""
+    """Give a row a column along the cheapest path of changes of the other rows."""
     distance = np.full(cost.shape[1], np.inf)
     before = np.full(cost.shape[1], start)
     done = np.zeros(cost.shape[1], np.bool_)
     row, way = start, 0.0
     while True:
-        # Prices make what is paired cost nothing more along the path.
+        # By the prices, pairs that exist cost nothing along the path.
         level = 0.0 if row == start else cost[row, column_of[row]] - price[column_of[row]]
         through = way + cost[row] - price - level
         shorter = ~done & (through < distance)
@@ -330,11 +332,11 @@ def _augment(cost: Float64, start: int, price: Float64, row_of: Int64, column_of
 
 
 def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
-    """The motion from the coordinates of a run to those of the known things, and how likely it is; None where none fits.
+    """Return the motion from the coordinates of a run to those of the known things, and its probability; None without one.
 
     Parameters
     ----------
-    known, run : the things of the runs so far, and of another one
+    known, run : things of the runs so far, and of another run
     """
     if not len(known) or not len(run):
         return None, 0.0
@@ -356,7 +358,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
             found[key] = total, refined
     if not found:
         return None, 0.0
-    # Of equals the first: as the frames are, then in the order of the proposals.
+    # The first of equals: equal frames, then the order of the proposals.
     best, motion = max(found.values(), key=lambda each: each[0])
     if best <= 0.0:
         return None, 0.0
@@ -364,7 +366,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
 
 
 def _best(known: Standing, run: Standing) -> list[Motion]:
-    """The proposals under which most falls into its place."""
+    """Return the proposals under which most things fall into place."""
     ours, theirs = _chosen(known), _chosen(run)
     like = alike(known, run)[np.ix_(ours, theirs)]
     x0, y0, x1, y1 = known.x[ours], known.y[ours], run.x[theirs], run.y[theirs]
@@ -408,19 +410,19 @@ def _best(known: Standing, run: Standing) -> list[Motion]:
 
 
 def _same(one: Motion, other: Motion, x: Float64, y: Float64) -> bool:
-    """Whether two motions bring all things to the same places."""
+    """Return whether two motions bring all things to the same places."""
     (x0, y0), (x1, y1) = one.of(x, y), other.of(x, y)
     return bool(np.hypot(x1 - x0, y1 - y0).max() < IN_PLACE_SDS * RUN_PLACE_SD)
 
 
 def _chosen(things: Standing) -> Int64:
-    """The things that propose."""
+    """Return the indices of the things that propose motions."""
     size = np.nan_to_num(things.length, nan=-1.0)
     return np.sort(np.argsort(-size, kind="stable")[:MOST_THINGS]).astype(np.int64)
 
 
 def _refine(known: Standing, run: Standing, motion: Motion) -> Motion:
-    """The motion that fits those things best that fall into their places."""
+    """Return the motion that fits best the things that fall into place."""
     like = alike(known, run)
     for _ in range(MOTION_REFINEMENTS):
         placed = placed_at(run, *motion.of(run.x, run.y))
@@ -440,7 +442,7 @@ def _refine(known: Standing, run: Standing, motion: Motion) -> Motion:
 
 
 def _fit(x: Float64, y: Float64, to_x: Float64, to_y: Float64) -> Motion:
-    """The turn and shift of least squares from points to points."""
+    """Return the turn and shift from points to points, by least squares."""
     mean_x, mean_y, mean_u, mean_v = (float(each.mean()) for each in (x, y, to_x, to_y))
     dx, dy, du, dv = x - mean_x, y - mean_y, to_x - mean_u, to_y - mean_v
     angle = math.atan2(float((dx * dv - dy * du).sum()), float((dx * du + dy * dv).sum()))
