@@ -1,4 +1,4 @@
-"""Point clouds as files: PLY and PCD for viewers, Parquet for whoever computes with them."""
+"""Point clouds as files: PLY and PCD for viewers, Parquet for programs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MOST_POINTS = 10**15 - 1
 
 @record
 class CloudPoints:
-    """N points of one topic of one log, in the world frame. Whoever writes them may keep the arrays."""
+    """N points of one topic of one log, in the world frame. Writers may keep the arrays."""
 
     log: str
     topic: str
@@ -58,7 +58,7 @@ class PlyWriter:
 
     Parameters
     ----------
-    file : opened to write bytes (`w+b`), able to seek; whoever opened it closes it
+    file : opened to write bytes (`w+b`), able to seek; the caller closes it
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -84,7 +84,7 @@ class PcdWriter:
 
     Parameters
     ----------
-    file : opened to write bytes (`w+b`), able to seek; whoever opened it closes it
+    file : opened to write bytes (`w+b`), able to seek; the caller closes it
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -107,7 +107,7 @@ class ParquetWriter:
 
     Parameters
     ----------
-    file : opened to write bytes; whoever opened it closes it
+    file : opened to write bytes; the caller closes it
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -206,7 +206,7 @@ class _HeaderOf(Protocol):
 
 
 class _Binary:
-    """A header with the number of points, which is known in the end, and their coordinates."""
+    """A header with the number of points, which is known only at the end, and their coordinates."""
 
     def __init__(self, file: BinaryIO, kind: np.dtype[Any], header: _HeaderOf) -> None:
         self._file = file

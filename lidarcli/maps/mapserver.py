@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 """Shares of black from and up to which a cell is occupied or free, as map_saver writes them."""
 LONGEST_YAML = 1 << 16
-"""Longest YAML file that is read [bytes]: they have some two hundred, and a parser in Python takes its time."""
+"""Longest YAML file that is read [bytes]: maps need some two hundred, and parsing is slow."""
 MOST_PIXELS = 400_000_000
 """Largest image that is read [pixels]: 1 km x 1 km in cells of 5 cm."""
 LEAST_YAW = 1e-6
-"""Turns of a map below this [rad] are rounding: 1 mm at 1 km."""
+"""Least turn of a map that is no rounding [rad]: 1 mm at 1 km."""
 
 _PIXELS = np.full(256, 205, np.uint8)
 _PIXELS[[FREE, OCCUPIED]] = 254, 0

@@ -19,7 +19,7 @@ FRAME = "laser"
 MCAP, BAG = ".mcap", ".bag"
 SUFFIXES = (MCAP, BAG)
 LATEST_NS = (1 << 32) * 1_000_000_000 - 1
-"""A record time is no later [ns]: bags of ROS 1 count seconds in 32 bits."""
+"""Latest record time [ns]: bags of ROS 1 count seconds in 32 bits."""
 
 
 def topic_name(text: str) -> str:

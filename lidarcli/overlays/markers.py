@@ -21,13 +21,13 @@ Structured = NDArray[np.void]
 TYPE = "visualization_msgs/msg/MarkerArray"
 ADD, DELETE_ALL = 0, 3
 LAST_SECOND = (1 << 31) - 1
-"""No stamp of ROS 2 is later [s]."""
+"""Latest stamp of ROS 2 [s]."""
 SECOND = 1_000_000_000
 """Nanoseconds."""
 
 
 class Layout(NamedTuple):
-    """Bytes of one kind of message or part of one, and where in them the numbers are that differ."""
+    """Bytes of one kind of message, or of a part of one, with the offsets of the numbers that differ."""
 
     dtype: np.dtype[Any]
     template: bytes
@@ -123,7 +123,7 @@ class Markers:
 
     kind: Kind
     message: Int64
-    """(M,) index of the message that each belongs to."""
+    """(M,) index of the message of each marker."""
     id: Int32
     """(M,)"""
     position: Float64

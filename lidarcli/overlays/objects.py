@@ -19,8 +19,7 @@ COLUMNS = (
 """Columns of the objects table that markers need."""
 
 HEIGHT, LEAST_SIDE, WIDEST = 0.2, 0.02, 1e6
-"""A sweep tells no height, so every body has the same [m]; and none is so slim that it cannot be seen, nor
-larger than any range [m]."""
+"""Height of every body, for a sweep has none, and the least and the greatest side of a body [m]."""
 LINE, TEXT, SHAFT = 0.02, 0.25, 0.05
 """Width of outlines, height of letters, and width of arrows [m]."""
 LIFT = 0.15
@@ -83,7 +82,7 @@ def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses, colours: Colo
 
 
 class _Objects:
-    """N objects as arrays, and what all their markers need."""
+    """N objects as arrays, with the values that all their markers need."""
 
     def __init__(self, rows: pa.RecordBatch, message: Int64, place: Float64, colours: Colours) -> None:
         self._rows = rows

@@ -20,7 +20,7 @@ class Scene:
     """Content of a scene."""
 
     frame: str
-    """The fixed frame: that of the world where the log has one, else a sensor's."""
+    """Fixed frame: the world frame of the log, else the frame of a sensor."""
     objects: tuple[str, ...]
     """Topics of markers."""
     scans: tuple[str, ...]

@@ -1,1 +1,1 @@
-"""From tables to words, pictures and verdicts: figures of a run, one file per format, checks, comparison, drawings."""
+"""From tables to words, pictures and verdicts: figures of a run, checks, comparison, documents, pictures."""

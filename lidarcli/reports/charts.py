@@ -32,7 +32,7 @@ from lidarcli.reports.wording import beams_by_set, has_agents, kind_counts, quan
 from lidarcli.sweeps import Float64, Int64
 
 CHART_SIZE = (4.2, 2.5)
-"""[inch] About what a phone shows without scaling."""
+"""Size of a chart [inch]: about the width of a phone."""
 WIDE_SIZE = (6.4, 4.2)
 OVERVIEW_SIZE = 7.0
 """Longest side of the run from above [inch]."""
@@ -52,7 +52,7 @@ STEADY = {name: title for name, (title, _) in TITLES.items() if name != "bearing
     "d_th": "Threshold d_th",
     "noise": "Noise σ of the ranges",
 }
-"""Figure that may be constant → how it is called then."""
+"""Figure that may be constant → its title then."""
 CYCLE = (palette.BLUE, palette.VERMILION, palette.GREEN, palette.PURPLE, palette.ORANGE, palette.BLACK)
 DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
 STATUS_COLOURS = (palette.BLUE, palette.LIGHT, palette.ORANGE, palette.PURPLE)
@@ -67,7 +67,7 @@ SEAM = 0.06
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A chart and what it is called."""
+    """A chart and its title."""
 
     title: str
     svg: str
@@ -80,7 +80,7 @@ class Constant:
     """A figure that needs no chart."""
 
     name: str
-    """The figure."""
+    """Name of the figure."""
     title: str
     words: str
 

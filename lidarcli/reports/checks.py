@@ -33,18 +33,18 @@ from lidarcli.reports.figures import STATISTICS
 from lidarcli.sweeps import Bool
 
 OFFERED = 3
-"""Most figures that a message names in the place of one that there is not."""
+"""Most figures that a message offers for an unknown one."""
 OF_TRACKS = frozenset({"vx", "vy", "moving"})
-"""Columns of the objects table that are empty until something was tracked: a check of them would always hold."""
+"""Columns of the objects table that are empty without tracks: a check of them would always hold."""
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """A gate that has been understood."""
+    """A check, parsed."""
 
     expression: str
     name: str
-    """The figure, or the table whose rows are counted."""
+    """Name of the figure, or of the table whose rows are counted."""
     condition: Condition | None
     sign: str
     """A comparison, or `between`."""
@@ -84,7 +84,7 @@ class Verdict:
     expression: str
     expected: str
     found: float | None
-    """None where there was nothing to measure; then the check does not hold."""
+    """Value that was measured; None where there was none, and the check does not hold."""
     holds: bool
 
     @property

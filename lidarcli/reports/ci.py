@@ -16,7 +16,7 @@ _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 def as_junit(report: Document) -> str:
     """Return one suite: its properties are the figures, its cases those of the report and the checks.
 
-    What could not be read is an error.
+    A table that could not be read is an error.
     """
     cases = [*report.cases, *_checks(report)]
     counts = {

@@ -18,7 +18,7 @@ SHOWN = 10
 BINS = "bins"
 """Parameter of tables made of point clouds: beams of a sweep."""
 SAME_STAMP = 1_000_000
-"""[ns] Stamps that programs have rewritten in coarser units differ by less."""
+"""Greatest difference of equal stamps [ns]: programs rewrite them in coarser units."""
 
 
 @dataclass(frozen=True, slots=True)

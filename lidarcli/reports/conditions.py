@@ -32,7 +32,7 @@ _TOKEN = re.compile(
 LONGEST_CHECK = 10_000
 """Most characters of a check."""
 SHOWN_OF_CHECK = 200
-"""Most characters of it that an error repeats."""
+"""Most characters of a check that an error repeats."""
 COMPARE: dict[str, Callable[[Any, Any], Any]] = {
     "==": operator.eq,
     "!=": operator.ne,
@@ -50,16 +50,16 @@ ALIASES = {
 }
 """Table → other names of its columns."""
 SUMS = {"sweeps": {"objects": OBJECTS_OF_SWEEP, "object_beams": BEAMS_OF_OBJECTS}}
-"""Table → columns that stand for a sum in conditions: a word means the same in all checks, of figures and of rows."""
+"""Table → name → columns that it sums up: a name means the same in checks of figures and of rows."""
 VOCABULARY = {"set": SETS, "shape": SHAPES, "visibility": VISIBILITIES, "change": CHANGES, "end": ENDS}
 CLOSE = 0.7
-"""Names that are alike to this degree (difflib) may have been meant."""
+"""Least likeness (difflib) of a name that may have been meant."""
 DEEPEST = 50
 """Most brackets that are open at once in a condition."""
 TRUTH = {"true": True, "false": False}
 KEYWORDS = frozenset({"and", "or", "not", "between", "is", "null", "where", *TRUTH})
 Truths = tuple[Bool, Bool]
-"""(K,) what holds, and what is known: a comparison with null is neither true nor false."""
+"""(K,) values, and (K,) True where they are known: a comparison with null is neither true nor false."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +141,7 @@ class Tokens:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """A condition: the columns it needs and what it says of rows."""
+    """A condition: the columns that it needs, and its function of rows."""
 
     columns: frozenset[str]
     judge: Callable[[Rows], Truths]

@@ -1,6 +1,6 @@
 """A report as a document: verdicts of checks, and sections of tables, facts, shares, lines and notes.
 
-Whoever renders a document walks its sections and knows nothing of the figures in them.
+Renderers walk the sections and know nothing of the figures in them.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """Names and what is known of each."""
+    """Names with a value each."""
 
     rows: Sequence[tuple[str, str | Share]]
 
@@ -81,7 +81,7 @@ class Notes:
 
 @dataclass(frozen=True, slots=True)
 class Listing:
-    """Groups of names, each below what they have in common."""
+    """Groups of names, each below a line of words."""
 
     groups: Sequence[tuple[str, Sequence[str]]]
     more: str = ""

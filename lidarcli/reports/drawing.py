@@ -46,12 +46,12 @@ CURVE, LOW_CURVE = 1.3, 1.1
 """Height of a curve beside a scene or alone at least, and of one below a scene [inch]."""
 ROUNDS = 5
 ENOUGH = 0.01
-"""A height that is as right as this [inch] is not tried again."""
+"""Greatest error of a height that is kept [inch]."""
 TALLEST = 2.2
-"""A scene is at most so many times as high as its place is wide."""
+"""Greatest height of a scene by the width of its place."""
 MOST_COLUMNS = 8
 LEGEND_DOT = 2.8
-"""Diameter of a beam's dot in the legend [pt]: some are too small to be seen alone."""
+"""Diameter of a beam's dot in the legend [pt]: smaller ones could not be seen alone."""
 Entries = dict[str, Any]
 """Entries of a legend: words → a mark."""
 __all__ = ["Axes", "Figure", "figure_of"]
@@ -362,7 +362,7 @@ def file_bytes(figure: Figure, suffix: str, dpi: int | None = None) -> bytes:
 
 
 class _Shown(Figure):
-    """A figure of no window, which a notebook shows all the same, and once."""
+    """A figure without a window, which a notebook shows once."""
 
     def _repr_png_(self) -> bytes:
         out = io.BytesIO()
@@ -390,7 +390,7 @@ def figure_of(
 
 
 def _on(axes: Sequence[Axes], picture: Picture, view: str, look: Look) -> Figure:
-    """Draw each panel on axes that somebody has, with their own style."""
+    """Draw each panel on axes of the caller, with their own style."""
     limits = limits_of([picture.batch])
     places = places_of(picture, view, limits, look)
     if len(axes) != len(places):

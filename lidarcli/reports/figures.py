@@ -100,9 +100,9 @@ BINS = 24
 CELLS = 48
 """Most cells of the map along one side."""
 NARROW = 1e-9
-"""Values that differ by a smaller share of themselves are one value."""
+"""Least relative difference of values that are told apart."""
 TAIL = 99.5
-"""[%] What lies beyond goes into the last bin: one far point must not flatten all others."""
+"""Percentile of the last edge [%]: values beyond go into the last bin, lest one far point flatten all others."""
 
 
 def names() -> list[str]:
@@ -166,7 +166,7 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Histogram:
-    """Counts of a figure between edges; the first and last bin hold what lies beyond."""
+    """Counts of a figure between edges; the first and last bin also hold the values beyond."""
 
     name: str
     unit: str

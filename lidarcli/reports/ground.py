@@ -12,15 +12,15 @@ from lidarcli.reports.figures import round_up
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, UInt8, record
 
 CELLS = 160
-"""Cells along the longer side of what was seen, about."""
+"""Number of cells along the longer side of the scene, about."""
 FINEST = 0.05
 """[m]"""
 LEAST_HITS, LEAST_SHARE = 2, 0.05
-"""A cell is a wall where so many beams, and this share of the most that hit any cell, ended in it."""
+"""Least number of beams that ended in a cell of a wall, absolute and by the 90th percentile of all cells."""
 MOST = 4_000
 """Most cells that are drawn, those that were hit most."""
 LEAST_STEP, MOST_ANGLE = 1e-6, 100.0
-"""[rad] Finer steps from beam to beam, and edges at greater bearings, are not those of any sensor."""
+"""Least step from beam to beam, and greatest bearing of an edge, of any sensor [rad]."""
 STANDS, HEADS = 0.05, 0.02
 """A sensor whose poses stay within this distance [m] and angle [rad] stands."""
 COLUMNS = {
@@ -30,7 +30,7 @@ COLUMNS = {
     ),
     "sweeps": ("topic", "sweep", "pose_x", "pose_y", "pose_yaw"),
 }
-"""Table → columns that paths are made of."""
+"""Table → columns that `Paths` needs."""
 
 
 @record
@@ -41,16 +41,16 @@ class Ground:
     """(K,) centre of the object over ground [m], from an origin nearby; NaN where it is not known."""
     y: Float64
     pose_x: Float64
-    """(S,) the sensor there [m]; NaN where no pose is known. All zero where no sweep has one."""
+    """(S,) position of the sensor [m]; NaN where no pose is known, all zero where no sweep has one."""
     pose_y: Float64
     pose_yaw: Float64
-    """(S,) direction of its x axis [rad]."""
+    """(S,) direction of the x axis of the sensor [rad]."""
     side: float
     """-1 where the sensor hangs head down, so that its left is to the right, else 1."""
     posed: bool
     """True if the log has poses of the sensor."""
     origin: tuple[float, float] = (0.0, 0.0)
-    """That origin in the world frame [m]."""
+    """Origin of all positions in the world frame [m]."""
 
     def to_sensor(self, sweep: int, x: Float64, y: Float64) -> tuple[Float64, Float64]:
         """Return points over ground in the sensor frame of a sweep [m]."""
@@ -228,10 +228,10 @@ class TrackPath:
     seen: bool
     """True if the track is seen in this sweep; else it is hidden and seen again later."""
     x: Float64
-    """(N,) where it was [m], the last one now."""
+    """(N,) positions [m], the last one in this sweep."""
     y: Float64
     velocity: tuple[float, float]
-    """[m/s] over ground; zero while it stands or is hidden."""
+    """Velocity over ground [m/s]; zero while the track stands or is hidden."""
 
 
 class Paths:

@@ -33,7 +33,7 @@ from lidarcli.sweeps import Float64, Int64, UInt8
 from lidarcli.tabular.runs import Entry
 
 SCRIPTS = ("data", "pen", "scene", "curves", "timeline", "looking", "saving", "main")
-"""The parts of the viewer, in the order in which they need each other."""
+"""Parts of the viewer, each after those that it needs."""
 
 
 BUDGET = 2_200_000
@@ -45,13 +45,13 @@ PER_SWEEP, PER_OBJECT = 20, 19
 PER_SWEEP_POSED, PER_OBJECT_TRACKED = 12, 18
 """Further bytes of a sweep with a pose, and of an object with a track."""
 LOST = 65_535
-"""Stands for a beam without a range."""
+"""Code of a beam without a range."""
 NOT_KNOWN, SURE = 255, 254
 """Probability of being a thing, as a byte: unknown, and certain."""
 SPEED = 0.005
-"""Velocities as whole numbers of this [m/s]."""
+"""Unit of velocities as whole numbers [m/s]."""
 ANGLE = 32_767 / (3 * np.pi)
-"""Angles as whole numbers; theta_f may pass π."""
+"""Whole numbers by radian of angles; theta_f may pass π."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Page:
     overview: MapPicture | None = None
     """The run from above, where there are poses."""
     walls: Mapping[str, Walls] = field(default_factory=dict)
-    """By frame."""
+    """Walls by frame."""
     command: str = ""
     """Command that makes the page again."""
 

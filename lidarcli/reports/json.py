@@ -86,12 +86,12 @@ def _summary(summary: Summary) -> dict[str, Any]:
         "maps": [_fields(one, "frame", "x0", "y0", "cell", "counts") for one in summary.densities],
         "streams": [_stream(one) for one in summary.streams.all],
         "standing_out": [_standing(one) for one in summary.standing],
-        **_things(summary),
+        **_tracks(summary),
     }
 
 
-def _things(summary: Summary) -> dict[str, Any]:
-    """Return tracks and labels, where there are any."""
+def _tracks(summary: Summary) -> dict[str, Any]:
+    """Return tracks and labels where there are any."""
     found: dict[str, Any] = {}
     if (tracked := summary.tracked) is not None:
         found["tracks"] = {
@@ -125,16 +125,8 @@ def _histogram(one: Histogram) -> dict[str, Any]:
 
 
 def _stream(one: Stream) -> dict[str, Any]:
-    columns = [
-        "sweep",
-        "seconds",
-        "objects_mean",
-        "objects_min",
-        "objects_max",
-        "d_th",
-        "noise",
-        "lost_share",
-    ]
+    columns = ["sweep", "seconds", "objects_mean", "objects_min", "objects_max"]
+    columns += ["d_th", "noise", "lost_share"]
     if np.isfinite(one.course.agents_max).any():
         columns += ["agents_mean", "agents_max"]
     return {

@@ -20,16 +20,16 @@ from lidarcli.reports import palette
 from lidarcli.sweeps import Float64
 
 RINGS = (1.0, 3.0, 6.0, 10.0, 15.0, 21.0, 28.0, 38.0, 52.0)
-"""Distances from a thing at which its label is tried [pt]."""
+"""Distances from an object at which its label is tried [pt]."""
 WAYS = 24
-"""Directions in which it is tried."""
+"""Number of directions in which a label is tried."""
 ROUNDS = 3
 """The first round sets every label, the others move those that a later one left in a bad place."""
 NEAR = 6.0
-"""A label farther from its thing than this has a line to it [pt]."""
+"""Greatest distance of a label without a line to its object [pt]."""
 PER_POINT, PER_THING, PER_WAY, PER_DISTANCE, PER_CROSSING, AMBIGUOUS = 0.8, 8.0, 1.2, 0.35, 6.0, 4.0
-"""What costs: a point under the label, another thing under it, a way not away from the sensor, each point [pt] of
-distance, a line across another label or thing, and a place that is nearer to another thing."""
+"""Costs: a point under the label, another object under it, a side towards the sensor, each point [pt] of distance,
+a line across another label or object, and a place that is nearer to another object."""
 
 FORBIDDEN = 1e6
 """Cost of a place that is taken or lies outside."""
@@ -38,7 +38,7 @@ SIZE = 6.5
 STEPS = 8
 """Points of each piece of a line."""
 AIR = 0.8
-"""Around them [pt]."""
+"""Margin around the letters [pt]."""
 MARK = 2.0
 """Room that a mark takes about its point [pt]."""
 MOST_POINTS = 4_000
@@ -46,7 +46,7 @@ MOST_POINTS = 4_000
 
 
 class Rectangle(NamedTuple):
-    """Upright, in pixels."""
+    """An upright rectangle, in pixels."""
 
     left: float
     low: float
@@ -78,9 +78,9 @@ class Wanted(NamedTuple):
     width: float
     height: float
     thing: Rectangle
-    """Around what it names."""
+    """Rectangle around the object of the label."""
     way: tuple[float, float]
-    """Unit vector: the side that it had best stand on."""
+    """Unit vector from the object to the best side for the label."""
 
 
 def set_labels(
@@ -126,7 +126,7 @@ def _distance(one: Rectangle, other: Rectangle) -> float:
 
 
 class _Tried:
-    """The places that are tried for one label, and what each costs beside things and points."""
+    """The places that are tried for one label, and the cost of each."""
 
     def __init__(
         self,
@@ -229,14 +229,14 @@ def _everywhere(ground: Rectangle, size: Float64) -> Float64:
 
 
 class Label(NamedTuple):
-    """A text, and what it names."""
+    """A text and the object that it names."""
 
     text: str
     around: Float64
-    """(N, 2) outline of it in the coordinates of the axes; of a mark its one point."""
+    """(N, 2) outline of the object in the coordinates of the axes; of a mark its one point."""
     colour: str = palette.BLACK
     away: tuple[float, float] | None = None
-    """From this point the label stands on the other side of its thing; None: from the origin."""
+    """Point on the far side of the object from the label; None: the origin."""
 
 
 class Labels(Artist):

@@ -46,7 +46,7 @@ OCCUPIED_GREY, FREE_GREY, UNKNOWN_GREY = 0.15, 1.0, 0.85
 BEHIND_GREY = 0.6
 """Grey of occupied cells behind a sweep, whose points lie on them."""
 MOST_NUMBERS = 60
-"""Most boxes that are numbered: nobody could read more."""
+"""Most boxes that are numbered."""
 MOST_PIXELS = 4_000
 """A side of the grid with more cells than this is drawn with the darkest of each group of cells."""
 COLUMNS = {

@@ -1,4 +1,4 @@
-"""One sweep with what was found in it: what a plot draws."""
+"""The content of a plot: one sweep with its objects and tracks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Picture:
     background: Float64 | None = None
     """(B,) r_e, the range without the objects of interest [m]; NaN where unknown."""
     difference: Float64 | None = None
-    """(B,) r_w - r_e as the comparison has it, which also knows beams without a return [m]."""
+    """(B,) r_w - r_e of the subtraction, which also covers beams without a return [m]."""
 
     tracks: tuple[TrackPath, ...] | None = None
     """The tracks up to this sweep; None where none were given."""

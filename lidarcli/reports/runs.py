@@ -23,7 +23,7 @@ from lidarcli.reports.wording import counted, number, share, stamp
 from lidarcli.tabular.runs import DAMAGED, FAILED, OUTCOMES, Entry, newest
 
 BAD = {FAILED: "Failed logs", DAMAGED: "Damaged logs"}
-"""Outcomes that are told log by log, and the heading."""
+"""Outcomes that are listed log by log, each with its heading."""
 FIGURES: dict[str, tuple[str, str]] = {
     "logs": ("1", "logs, each as its newest run left it"),
     "ok": ("1", "logs that were read whole"),
@@ -40,12 +40,12 @@ FIGURES: dict[str, tuple[str, str]] = {
 MESSAGES, LOGS = 20, 10
 """Most messages of an outcome, and most logs of a message, that text and Markdown show; the JSON holds all."""
 MESSAGES_OF_PAGE, LOGS_OF_PAGE = 200, 100
-"""Most of them that a page shows."""
+"""Most messages and logs that a page shows."""
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Logs that came to the same end for the same reason."""
+    """Logs of one outcome for one reason."""
 
     outcome: str
     exit_code: int
@@ -85,7 +85,7 @@ class RunsSummary:
 
 @dataclass(frozen=True, slots=True)
 class RunsReport(Document):
-    """One report on runs, whatever its format."""
+    """A report on runs."""
 
     summary: RunsSummary
 
@@ -186,22 +186,26 @@ def _facts(summary: RunsSummary) -> list[tuple[str, str | Share]]:
     return [(name, words) for name, words in facts.items() if words]
 
 
-def _listing(groups: list[Group]) -> Listing:
+def _shown(groups: list[Group], messages: int, logs: int) -> list[tuple[Group, list[str]]]:
+    """Return the groups that are shown, each with the names of its logs, and how many there are more."""
     shown = []
-    for group in groups[:MESSAGES]:
-        left = len(group.logs) - LOGS
-        more = [f"and {left:,} more"] if left > 0 else []
-        shown.append((group.words, [*(log.url for log in group.logs[:LOGS]), *more]))
+    for group in groups[:messages]:
+        left = len(group.logs) - logs
+        shown.append((group, [log.url for log in group.logs[:logs]] + [f"and {left:,} more"] * (left > 0)))
+    return shown
+
+
+def _listing(groups: list[Group]) -> Listing:
+    shown = [(group.words, names) for group, names in _shown(groups, MESSAGES, LOGS)]
     return Listing(shown, _left_out(groups[MESSAGES:]))
 
 
 def _table(groups: list[Group]) -> Table:
-    rows = []
-    for group in groups[:MESSAGES_OF_PAGE]:
-        left = len(group.logs) - LOGS_OF_PAGE
-        more = [f"and {left:,} more"] if left > 0 else []
-        for name in (*(log.url for log in group.logs[:LOGS_OF_PAGE]), *more):
-            rows.append((name, str(group.exit_code), group.message))
+    rows = [
+        (name, str(group.exit_code), group.message)
+        for group, names in _shown(groups, MESSAGES_OF_PAGE, LOGS_OF_PAGE)
+        for name in names
+    ]
     return Table(("log", "exit code", "message"), rows, (), _left_out(groups[MESSAGES_OF_PAGE:]))
 
 

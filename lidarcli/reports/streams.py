@@ -11,15 +11,16 @@ from lidarcli.reports.columns import Run
 from lidarcli.sweeps import Bool, Float64, Int64
 
 GAP = 1.5
-"""A step of so many median steps is a gap: at least one sweep is missing."""
+"""Least step that is a gap, by the median step: at least one sweep is missing."""
 BINS = 100
 """Most points of a course over time."""
 SECOND = 1e-9
 ALIKE = 1.2
-"""Rates, and numbers of beams, up to this ratio are those of sensors of one kind: no two motors turn equally fast."""
+"""Greatest ratio of rates, and of numbers of beams, of like sensors: no two motors turn equally fast."""
 EACH = 3
+"""Most sweeps of each kind that stand out."""
 APART = 20
-"""Sweeps of one log are no nearer to each other than this part of it."""
+"""Sweeps of one log that stand out are at least one part in this many of it apart."""
 KINDS = {
     "most_objects": "most objects",
     "fewest_objects": "fewest objects",
@@ -45,7 +46,7 @@ class Timeline:
     noise: Float64
     lost_share: Float64
     agents_mean: Float64
-    """Different agents in view; NaN where nobody tracked."""
+    """Different agents in view; NaN without tracks."""
     agents_max: Float64
 
 
@@ -87,7 +88,7 @@ class Stream:
 
 @dataclass(frozen=True, slots=True)
 class Streams:
-    """All streams, and what they say of each of the S sweeps."""
+    """All streams, and the stream and the step of each of S sweeps."""
 
     all: tuple[Stream, ...]
     stream: Int64
@@ -95,7 +96,7 @@ class Streams:
     step: Float64
     """(S,) time since the sweep before of the same stream [s]; NaN for the first."""
     gap: Bool
-    """(S,) whether that step is a gap."""
+    """(S,) True where that step is a gap."""
 
 
 def streams_of(run: Run) -> Streams:
@@ -197,14 +198,14 @@ def _course(columns: _Columns, mine: Int64) -> Timeline:
 
 @dataclass(frozen=True, slots=True)
 class Unlike:
-    """In what the sensors of a run are unlike; empty is what they have in common."""
+    """Properties in which the sensors of a run are unlike; a property that they share is empty."""
 
     rates: tuple[float, ...] = ()
-    """[Hz], of every stream that has one."""
+    """Rate of every stream that has one [Hz]."""
     beams: tuple[float, ...] = ()
     """Median number of beams of every stream."""
     frames: tuple[str, ...] = ()
-    """A frame is the place of a sensor on its robot: what is ahead of the one may be behind the other."""
+    """Frames of the sensors: each has its place on a robot, and looks its own way."""
 
     def __bool__(self) -> bool:
         return bool(self.rates or self.beams or self.frames)
@@ -237,7 +238,7 @@ class Standing:
     sweep: int
     stamp_ns: int
     value: float
-    """Objects, agents, share of lost beams, or seconds."""
+    """Number of objects or agents, share of lost beams, or length of a gap [s]."""
 
     @property
     def words(self) -> str:

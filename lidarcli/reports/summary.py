@@ -249,7 +249,7 @@ class Summary:
     sources: tuple[Origin, ...]
     streams: Streams
     unlike: Unlike
-    """In what the sensors are unlike, whose sweeps the figures pool."""
+    """Differences of the sensors whose sweeps the figures pool."""
     figures: dict[str, float | None]
     """Every name of `figures.names()` → value, with tracks tables also those of `figures.track_names()`; None where
     there is nothing to measure."""

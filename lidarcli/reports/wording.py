@@ -23,7 +23,7 @@ NAMED = 3
 EIGHTHS = " ▁▂▃▄▅▆▇█"
 SHADES = " ░▒▓█"
 LEAST = 1e-300
-"""Values that differ by less are drawn as one: a share of their difference could not be computed."""
+"""Least difference of values that are drawn apart: no share of a smaller one can be computed."""
 
 
 def visible(text: str) -> str:
@@ -130,7 +130,7 @@ def has_agents(summary: Summary) -> bool:
 
 
 def beams_by_set(summary: Summary) -> dict[str, int]:
-    """Return the beams by set; without agents where nobody looked for them."""
+    """Return the beams by set; without agents where they were not looked for."""
     return {
         words if name == "S" else f"on {words}": summary.sets[name]
         for name, words in beams_on(has_agents(summary)).items()
