@@ -1,4 +1,4 @@
-"""What a user may choose, for commands that tell of it before they import the work."""
+"""Words, limits and defaults of options. Nothing is imported, so that commands start soon."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ GREATEST_NUMBER = 1e6
 GREATEST_COUNT = 1_000_000
 """A number of beams, sweeps or processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
 VIEWS = ("all", "scene", "sweep", "difference", "polar")
-"""What a picture of a sweep shows."""
+"""Views of a sweep."""
 IMAGES = (".png", ".svg", ".pdf")
 """Suffixes of pictures."""
 ANIMATIONS = (".gif", ".mp4")
@@ -26,36 +26,36 @@ SIGNIFICANCE = 1e-5
 SIGNIFICANCES = (1e-12, 0.1)
 """Least and greatest value of it."""
 MIN_THING = 0.3
-"""What is less likely a thing, and not a piece of building, is wall."""
+"""Least probability that an object is a thing and not a piece of building; anything less counts as wall."""
 STATION_DISTANCE = 0.25
-"""Sweeps up to this far from a station [m] belong to it, by default …"""
+"""Greatest distance of a sweep from its station [m], by default."""
 STATION_DEGREES = 5.0
-"""… if their heading differs by no more than this [degrees]."""
+"""Greatest difference of headings of a sweep and its station [degrees], by default."""
 STATION_ANGLE = math.radians(STATION_DEGREES)
-"""The same in radians."""
+"""Greatest difference of headings [rad]."""
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Units that the ranges of a log may have, in metres."""
 ECHOES = ("first", "last", "strongest")
-"""Which echo is taken of each beam that has several; the first by default."""
+"""Echoes to take of a beam that has several; the first by default."""
 BINS = 720
 """Beams of a sweep that is made of a point cloud: half a degree each in a full turn."""
 MATCH_BY = ("position", "constellation", "auto")
-"""How runs are laid beside each other."""
+"""Ways to match the things of several runs."""
 MATCH = "match"
-"""What `--pose` takes for poses that the sweeps themselves tell, and the name of the world that they are in."""
+"""Value of `--pose` for poses found by matching sweeps, and the name of their world frame."""
 MAP_RESOLUTION = 0.05
-"""Side of a cell of a map [m] …"""
+"""Side of a cell of a map [m], by default."""
 MAP_RESOLUTIONS = (0.001, 10.0)
-"""… and the least and the greatest that it may have."""
+"""Least and greatest side of a cell [m]."""
 MIN_MOVE = 0.2
-"""How far a sensor goes from one sweep that counts for a map to the next [m]."""
+"""Distance between sweeps that count for a map [m]."""
 OCCUPIED_RATIO = 0.25
-"""Of the sweeps that saw an occupied cell more than this share hit it."""
+"""Least share of hits among the sweeps that hit or passed an occupied cell."""
 MAX_MAP_KM2 = 0.25
 """Largest ground of a map [km²]: at 5 cm 100 million cells, 1.3 GB if all of them are seen."""
 TEXT_CONTAINERS = ("csv", "carmen", "aria", "player", "rplidar", "jsonl")
 CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", *TEXT_CONTAINERS)
-"""What logs are simulated in: `ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
+"""Formats of simulated logs: `ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
 CONTAINER_BY_SUFFIX = {
     ".mcap": "mcap",
     ".bag": "bag",
@@ -71,23 +71,23 @@ CONTAINER_BY_SUFFIX = {
 CLOUDS = (".ply", ".pcd", ".parquet")
 """Suffixes of point clouds."""
 INCH = 25.4
-"""[mm]"""
+"""Millimetres in an inch."""
 PICTURE_WIDTHS = (40.0, 2000.0)
 """The least and the greatest width of a picture [mm]."""
 PICTURE_DPI = (30, 1200)
 """The fewest and the most pixels per inch."""
 ANIMATED_DPI = 120
-"""Pixels per inch of an animation where nobody asked for others."""
+"""Pixels per inch of an animation, by default."""
 FRAMES_PER_SECOND = 10.0
-"""The same of its frames."""
+"""Frames per second of an animation, by default."""
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What papers, slides and pages want of a picture, whatever it shows."""
+    """Size and furniture of a picture."""
 
     width: float | None = None
-    """Of the whole picture [mm]; None: as wide as its kind is by default."""
+    """Width of the picture [mm]; None: the default of its kind."""
     dpi: int | None = None
     """Pixels per inch; None: 200, of an animation `ANIMATED_DPI`."""
     title: bool = True
@@ -98,7 +98,7 @@ class Look:
     """Sweeps per second of an animation; None: `FRAMES_PER_SECOND`."""
 
     def inches(self, default: float) -> float:
-        """Its width [inch]; `default` where nobody asked for one."""
+        """Return the width [inch], or `default`."""
         return default if self.width is None else self.width / INCH
 
 
@@ -109,5 +109,5 @@ SET_WORDS = {"O": "objects", "A": "agents", "S": "walls and rest"}
 
 
 def beams_on(agents: bool) -> dict[str, str]:
-    """The same where agents are told apart, or not: an agent is an object, too."""
+    """Return the words for each set; without tracking, agents are among the objects."""
     return {"A": "agents", **SET_WORDS, "O": "other objects"} if agents else {k: SET_WORDS[k] for k in "OS"}

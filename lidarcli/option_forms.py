@@ -22,10 +22,10 @@ class Number:
     least: float = -GREATEST_NUMBER
     most: float = GREATEST_NUMBER
     above: bool = False
-    """Whether `least` itself is too little."""
+    """True to refuse `least` itself."""
     whole: bool = False
     count: int = 1
-    """How many such numbers the option takes."""
+    """Count of such numbers that the option takes."""
 
     def parse(self, text: str) -> float:
         """Return the number that a text of the command line holds (`OptionError` if it holds none)."""
@@ -64,9 +64,9 @@ class Text:
     parse: Callable[[str], Any] | None = None
     """Returns the value of a text; raises `OptionError`."""
     is_list: bool = False
-    """Whether a comma separates items within the text."""
+    """True if a comma separates items within the text."""
     has_blanks: bool = False
-    """Whether the text may hold blanks: a variable of the environment then has one text per line."""
+    """True if the text may hold blanks: a variable of the environment then has one text per line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +75,11 @@ class File:
 
     metavar: str
     is_output: bool = False
-    """Whether it is written."""
+    """True for a path that is written."""
 
 
 Value = Number | Text | File | tuple[str, ...] | None
-"""What an option takes; a tuple holds the words to choose from, None is a flag."""
+"""Form of the value of an option; a tuple holds the words to choose from, None is a flag."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,13 +95,13 @@ class Option:
     """Default in words; empty where the plain value says it."""
     short: str = ""
     python: str = ""
-    """What Python takes besides."""
+    """Sentence on what Python takes besides."""
     rare: bool = False
-    """Whether only some logs need it: `--help` leaves it out, `--help-all` shows it."""
+    """True if only some logs need it: `--help` leaves it out, `--help-all` shows it."""
     several: bool = False
-    """Whether it may be repeated."""
+    """True if it may be repeated."""
     both: bool = False
-    """Whether a flag is spelled both ways, `--NAME` and `--no-NAME`."""
+    """True for a flag that is spelled both ways, `--NAME` and `--no-NAME`."""
     required: bool = False
     unless: tuple[str, ...] = ()
     """Fields that it excludes: one of them on the command line goes before a setting of this one."""
@@ -109,7 +109,7 @@ class Option:
 
     @property
     def is_negated(self) -> bool:
-        """Whether the command line spells the flag `--no-NAME` alone."""
+        """True if the command line spells the flag `--no-NAME` alone."""
         return self.value is None and self.default is True and not self.both
 
     def default_words(self, name: str) -> str:
@@ -146,7 +146,7 @@ def arguments_of(group: type) -> dict[str, Argument]:
 
 
 def _declared(group: type) -> dict[str, Any]:
-    """What stands beside the types of the fields of a group."""
+    """The metadata beside the types of the fields of a group."""
     return {name: get_args(hint)[1:] for name, hint in group.__annotations__.items()}
 
 

@@ -157,7 +157,7 @@ class TextOrJson(TypedDict, total=False):
 
 
 class Jobs(TypedDict, total=False):
-    """How many processors to use."""
+    """The number of processors."""
 
     jobs: Annotated[
         int | None,
@@ -191,13 +191,13 @@ class _Topic(TypedDict, total=False):
 
 
 class Topics(_Topic, Window, total=False):
-    """Which sweeps of a log to read."""
+    """The sweeps of a log to read."""
 
     every: Annotated[int, Option(SELECT, COUNT, 1), "Take every N-th sweep."]
 
 
 class Poses(TypedDict, total=False):
-    """Where the poses of a log come from."""
+    """The source of the poses."""
 
     pose: Annotated[
         str | None,
@@ -219,7 +219,7 @@ class Poses(TypedDict, total=False):
 
 
 class Delay(TypedDict, total=False):
-    """How late the poses are."""
+    """The delay of the poses."""
 
     pose_delay: Annotated[
         float | None,
@@ -230,7 +230,7 @@ class Delay(TypedDict, total=False):
 
 
 class Ranges(TypedDict, total=False):
-    """What is a range, and where a log lacks the geometry of its beams."""
+    """Limits of ranges, and the geometry of beams that a log lacks."""
 
     range: Annotated[
         tuple[float, float] | None,
@@ -295,11 +295,11 @@ class Ranges(TypedDict, total=False):
 
 
 class Reading(Topics, Poses, Delay, Ranges, total=False):
-    """How a log is read."""
+    """Options for reading a log."""
 
 
 class Objects(TypedDict, total=False):
-    """What an object is; None stands for the default of the profile."""
+    """Parameters of the objects; None stands for the default of the profile."""
 
     profile: Annotated[
         Literal["robust", "paper"],
@@ -375,7 +375,7 @@ class Comparing(TypedDict, total=False):
 
 
 class Things(TypedDict, total=False):
-    """Which things have a name."""
+    """Names of things."""
 
     catalogue: Annotated[
         "AnyPath | Catalogue | None",
@@ -385,7 +385,7 @@ class Things(TypedDict, total=False):
 
 
 class Finding(Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, total=False):
-    """What `detect` and `track` share."""
+    """Keywords that `detect` and `track` share."""
 
     explain: Annotated[
         bool,

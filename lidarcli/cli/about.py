@@ -1,4 +1,4 @@
-"""What a user asks of the program itself: `--version`, `lidarcli config` and `lidarcli completion`."""
+"""Commands about the program itself: `--version`, `lidarcli config` and `lidarcli completion`."""
 
 import json
 from dataclasses import dataclass
@@ -58,7 +58,7 @@ def _found(names: tuple[str, ...]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What one option of a command is set to, and by what."""
+    """The value of one option of a command, and its origin."""
 
     command: str
     option: str
@@ -118,7 +118,7 @@ def config(say: Messages, told: ConfigCommand) -> int:
 
 
 def _setting(command: str, each: DeclaredOption, ctx: click.Context) -> Setting:
-    """What an option is set to where the command line says nothing."""
+    """The value of an option without the command line."""
     value = each.setting(ctx)
     origin = each.origin(ctx)
     if origin is None:

@@ -92,12 +92,11 @@ def build(say: Messages, told: BuildCommand) -> int:
     for line in learned_lines(sensors):
         say.info(line)
     notes = building.write(path, sensors, overwrite)
-    say.info(f"  wrote    {path}")
+    say.wrote([path])
     if figure:
         notes += draw_background(place(figure), sensors, overwrite)
-        say.info(f"  wrote    {figure}")
-    for note in notes:
-        say.info(f"  note     {note}")
+        say.wrote([figure])
+    say.notes(notes)
     return exit_code(codes)
 
 

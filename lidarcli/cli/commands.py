@@ -134,7 +134,7 @@ def shared_options() -> list[click.Option]:
 
 
 class _Shared(click.Command):
-    """What commands and groups have in common."""
+    """Base of commands and groups."""
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)

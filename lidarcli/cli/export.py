@@ -68,8 +68,7 @@ def export(say: Messages, told: ExportCommand) -> int:
         _, notes = export_stream(wanted, standard_output().buffer, form)
     else:
         rows, notes = export_file(wanted, place(output), form, told["overwrite"])
-    for note in notes:
-        say.info(f"  note     {note}")
+    say.notes(notes)
     if output != STDOUT:
         say.info(f"  wrote    {output} ({rows:,} rows)")
     return wanted.problems[0].exit_code if wanted.problems else 0

@@ -102,7 +102,7 @@ def map(say: Messages, told: MapCommand) -> int:
 
 
 def _show(mapped: "Mapped", say: Messages) -> None:
-    """What the map holds, on stderr."""
+    """Write a summary of the map to stderr."""
     grid = mapped.grid
     height, width = grid.cells.shape
     size = f"{width * grid.resolution:.1f} x {height * grid.resolution:.1f} m"
@@ -110,14 +110,12 @@ def _show(mapped: "Mapped", say: Messages) -> None:
         f"map of {counted(mapped.sweeps, 'sweep')} in {', '.join(mapped.worlds)}: {size}, "
         f"{grid.occupied:,} cells of {grid.resolution:g} m occupied, {grid.free:,} free"
     )
-    for note in mapped.notes:
-        say.info(f"  note     {note}")
-    for path in mapped.outputs:
-        say.info(f"  wrote    {path}")
+    say.notes(mapped.notes)
+    say.wrote(mapped.outputs)
 
 
 def _compared(found: "Comparison", kind: str) -> str:
-    """How right the map is, for people or as JSON."""
+    """The comparison with the true map, as text or JSON."""
     if kind == "json":
         values = {
             name: None if isinstance(value, float) and math.isnan(value) else value

@@ -54,7 +54,6 @@ def match(say: Messages, told: MatchCommand) -> int:
     for run in result.runs:
         say.info(run.words)
     notes = [*result.notes, *write_matches(result, path, kind, told["overwrite"])]
-    for note in notes:
-        say.info(f"  note     {note}")
-    say.info(f"  wrote    {path}")
+    say.notes(notes)
+    say.wrote([path])
     return 0

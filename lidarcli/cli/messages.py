@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, TextIO
@@ -14,6 +14,7 @@ import click
 
 from lidarcli import compiled
 from lidarcli.choices import beams_on
+from lidarcli.display import counted
 from lidarcli.errors import OutputError
 from lidarcli.stores.url import blotted
 
@@ -30,14 +31,14 @@ def _to_stderr(line: str) -> None:
 
 
 def standard_output() -> TextIO:
-    """Where data goes; refused where it was closed."""
+    """Return standard output (`OutputError` if it is closed)."""
     if sys.stdout is None:
         raise OutputError("cannot write standard output: it is closed")
     return sys.stdout
 
 
 def are_shown_together() -> bool:
-    """Whether standard output and standard error go to the same place, such as a terminal: one of them is enough."""
+    """Return True if standard output and standard error go to the same place, such as a terminal."""
     try:
         out, err = (os.fstat(stream.fileno()) for stream in (sys.stdout, sys.stderr))
     except (AttributeError, OSError, ValueError):
@@ -46,7 +47,7 @@ def are_shown_together() -> bool:
 
 
 def coloured(stream: TextIO) -> bool:
-    """Whether to colour what goes there: FORCE_COLOR says yes, NO_COLOR or TERM=dumb no, else a terminal is.
+    """Return True to colour a stream: FORCE_COLOR says yes, NO_COLOR or TERM=dumb no, else only a terminal is coloured.
 
     Errors are plain everywhere: they are read by programs as well.
     """
@@ -78,7 +79,7 @@ def one_line(text: str) -> str:
 
 
 class Bar(Protocol):
-    """What can be taken off the screen and put back."""
+    """A progress bar that can be taken off the screen and put back."""
 
     def stop(self) -> None: ...
 
@@ -106,13 +107,23 @@ class Messages:
         if not self.quiet:
             self.write(one_line(line))
 
+    def notes(self, notes: Iterable[str]) -> None:
+        """Lines of a summary that a user should read."""
+        for note in notes:
+            self.info(f"  note     {note}")
+
+    def wrote(self, files: Iterable[object]) -> None:
+        """Lines of a summary for files that were written."""
+        for file in files:
+            self.info(f"  wrote    {file}")
+
     def of_missing_core(self) -> None:
         """Why a detection takes so long, and how to mend it; not to those who asked for it."""
         if compiled.is_wanted() and not compiled.is_there():
             self.info(f"lidarcli: {compiled.MISSING}")
 
     def detail(self, line: str) -> None:
-        """What only some want to know."""
+        """Write a line for `--verbose`."""
         if self.verbose:
             self.write(one_line(line))
 
@@ -143,7 +154,7 @@ LONGEST_NAME = 18
 
 
 class Count(Protocol):
-    """What work calls with the number of things done, and of all things once that is known."""
+    """A function that takes the number of things done, and of all things once that is known."""
 
     def __call__(self, done: int, total: int | None = None, /) -> None: ...
 
@@ -208,7 +219,7 @@ def counted_bar(description: str, total: int | None, unit: str, say: Messages) -
 
 
 def _is_seen(say: Messages) -> bool:
-    """Whether somebody looks at a terminal that can take a line back."""
+    """Return True if stderr is a terminal that can take a line back."""
     on_terminal = sys.stderr is not None and sys.stderr.isatty()
     return on_terminal and not say.quiet and os.environ.get("TERM") != "dumb"
 
@@ -266,11 +277,11 @@ def _short(name: str) -> str:
 _WORDS = {"no_return": "no return", "too_close": "too close"}
 _COLUMNS = 80
 TELLING_SECONDS = 1.0
-"""What took less time [s] tells how long a program takes to start, not how fast it reads."""
+"""Shortest run [s] whose speed is shown: that of a shorter one is mostly the start of the program."""
 
 
 def show(outcome: Outcome, say: Messages) -> None:
-    """What became of one log: errors always, the rest unless quiet."""
+    """Show the outcome of one log: errors always, the rest unless quiet."""
     if outcome.trace:
         say.bug(outcome.trace)
     if outcome.remark:
@@ -282,20 +293,19 @@ def show(outcome: Outcome, say: Messages) -> None:
 
 
 def show_reading(outcome: Outcome, say: Messages) -> None:
-    """What became of one log that was only read."""
+    """Show the outcome of one log that was only read."""
     if outcome.trace:
         say.bug(outcome.trace)
     if outcome.error:
         say.error(outcome.label, outcome.error)
     if (run := outcome.summary) is not None:
         _show_losses(outcome.label, run, say)
-        say.info(f"{outcome.label}: {_count(run.sweeps, 'sweep')}{_damaged(run)}")
-        for note in run.notes:
-            say.info(f"  note     {note}")
+        say.info(f"{outcome.label}: {counted(run.sweeps, 'sweep')}{_damaged(run)}")
+        say.notes(run.notes)
 
 
 class Total:
-    """What a run over several logs has found, added up log by log: of a hundred thousand none is kept."""
+    """Sums over the logs of a run; single outcomes are not kept."""
 
     def __init__(self) -> None:
         from lidarcli.pipeline.reading.one_log import RunSummary
@@ -343,10 +353,8 @@ def _show_run(label: str, run: RunSummary, say: Messages) -> None:
         _say_parts(say, "  on       ", on, run.beams, (*on,))
     say.detail(f"  topics   {', '.join(sorted(run.topics)) or 'none'}")
     say.detail(f"  time     {run.seconds:.3f} s{_speed(run)}")
-    for note in run.notes:
-        say.info(f"  note     {note}")
-    for path in run.outputs:
-        say.info(f"  wrote    {path}")
+    say.notes(run.notes)
+    say.wrote(run.outputs)
 
 
 def _show_losses(label: str, run: RunSummary, say: Messages) -> None:
@@ -359,12 +367,12 @@ def _show_losses(label: str, run: RunSummary, say: Messages) -> None:
 
 
 def _counts(run: RunSummary) -> str:
-    """What was found: objects of sweeps, and the things that they belong to where these were followed."""
-    sweeps = _count(run.sweeps, "sweep")
+    """The numbers of sweeps, objects and, after tracking, things."""
+    sweeps = counted(run.sweeps, "sweep")
     if run.things is None:
-        return f"{sweeps}, {_count(run.objects, 'object')}"
-    objects = f"{_count(run.objects + run.agents, 'object')} ({run.agents:,} of agents)"
-    return f"{sweeps}, {objects}, {_count(run.things, 'thing')} ({_count(run.moved, 'agent')})"
+        return f"{sweeps}, {counted(run.objects, 'object')}"
+    objects = f"{counted(run.objects + run.agents, 'object')} ({run.agents:,} of agents)"
+    return f"{sweeps}, {objects}, {counted(run.things, 'thing')} ({counted(run.moved, 'agent')})"
 
 
 def _speed(run: RunSummary) -> str:
@@ -379,7 +387,7 @@ def _damaged(run: RunSummary) -> str:
 def _say_parts(
     say: Messages, head: str, counts: Mapping[str, int], total: int, always: Sequence[str]
 ) -> None:
-    """How many beams are of each kind; kinds that do not occur are left out but for those that `always` matter."""
+    """Say how many beams are of each kind; kinds without beams are left out, except those in `always`."""
     parts = [
         f"{_WORDS.get(name, name)} {count:,} ({count / total:.1%})"
         if total
@@ -395,7 +403,3 @@ def _say_parts(
         else:
             line += f", {part}"
     say.info(line)
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number:,} {noun}" + ("" if number == 1 else "s")

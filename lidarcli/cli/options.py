@@ -117,7 +117,7 @@ class DeclaredOption(click.Option):
 
     @property
     def is_output(self) -> bool:
-        """Whether its value is a path that is written, not read."""
+        """True if its value is a path that is written."""
         return isinstance(self.declared.value, File) and self.declared.value.is_output
 
     @property

@@ -108,8 +108,7 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
         outcome = outcome_of(source, lambda one: write_overlay(one, path, options, progress_of(one, report)))
         show_reading(outcome, say)
     if outcome.summary is not None:
-        for written in outcome.summary.outputs:
-            say.info(f"  wrote    {written}")
+        say.wrote(outcome.summary.outputs)
     return outcome.exit_code
 
 

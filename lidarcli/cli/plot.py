@@ -184,8 +184,7 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
             wanted, told["topic"], found_with, read.rules, opening, background, tracks, poses, *window
         ),
     )
-    for note in drawn.notes:
-        say.info(f"  note     {note}")
+    say.notes(drawn.notes)
     if output == STDOUT:
         standard_output().buffer.write(picture_bytes(drawn.pictures[0], view, ".png", look))
     else:
@@ -194,10 +193,8 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
                 notes = write_animation(paths[0], drawn.pictures, view, overwrite, look, report)
         else:
             notes = write_pictures(paths, drawn.pictures, view, overwrite, look)
-        for path in paths:
-            say.info(f"  wrote    {path}")
-        for note in notes:
-            say.info(f"  note     {note}")
+        say.wrote(paths)
+        say.notes(notes)
     for line in drawn.damage:
         say.error(told["log"], line)
     return UnreadableError.exit_code if drawn.damage else 0
@@ -220,16 +217,13 @@ def _draw_map(
         drawn = take_map(source, options, sweeps, tracks)
     except UnreadableError as err:
         raise UnreadableError(f"{source.label}: {str(err).removeprefix(f'{source.path}: ')}") from err
-    for note in drawn.notes:
-        say.info(f"  note     {note}")
+    say.notes(drawn.notes)
     if str(paths[0]) == STDOUT:
         standard_output().buffer.write(map_bytes(drawn.pictures[0], ".png", look))
     else:
         notes = write_maps(paths, drawn.pictures, options.overwrite, look)
-        for path in paths:
-            say.info(f"  wrote    {path}")
-        for note in notes:
-            say.info(f"  note     {note}")
+        say.wrote(paths)
+        say.notes(notes)
     for line in drawn.damage:
         say.error(source.label, line)
     return UnreadableError.exit_code if drawn.damage else 0

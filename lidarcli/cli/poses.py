@@ -43,5 +43,5 @@ def poses(say: Messages, told: PosesCommand) -> int:
         outcome = outcome_of(source, lambda one: write_path(one, path, options, progress_of(one, report)))
         show_reading(outcome, say)
     if outcome.summary is not None:
-        say.info(f"  wrote    {path}")
+        say.wrote([path])
     return outcome.exit_code

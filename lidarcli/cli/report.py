@@ -110,9 +110,8 @@ def report(say: Messages, told: Mapping[str, Any]) -> int:
         else:
             data = encoded(render(made, form, brief=short))
             notes = write_whole(place(name), data, told["overwrite"], devices=True)
-            say.info(f"  wrote    {name}")
-            for note in notes:
-                say.info(f"  note     {note}")
+            say.wrote([name])
+            say.notes(notes)
     for verdict in made.report.verdicts:
         if not verdict.holds:
             say.error(f"check failed: {verdict.expression} (found {verdict.words})")
@@ -120,7 +119,7 @@ def report(say: Messages, told: Mapping[str, Any]) -> int:
 
 
 def _are_of_runs(tables: Sequence[str], baseline: Sequence[str], logs: Sequence[str]) -> bool:
-    """Whether the report is about runs over many logs, not about tables; usage errors where it is half about each."""
+    """True for a report about manifests of runs, False for one about tables; mixing them is a usage error."""
     from lidarcli.pipeline.reporting import is_of_runs
 
     manifests = [name for name in tables if is_of_runs(name)]

@@ -66,7 +66,7 @@ def print_read(source: Source | Nothing, verb: str = "read") -> int:
 
 
 def keeps_manifest(told: Mapping[str, Any], several_stored: bool) -> bool:
-    """Whether outcomes are written down beside the tables, as for a fleet.
+    """Return True if the run writes a manifest of outcomes beside its tables, as for a fleet.
 
     A run over logs that are named on the command line, or over one log, writes its tables and nothing else.
     """
@@ -107,8 +107,7 @@ def into_folder(say: Messages, told: Mapping[str, Any], options: DetectOptions) 
         report = stack.enter_context(progress_bar(left, say))
         for outcome in _outcomes(left, folder, options, report, cluster):
             show(outcome, say)
-            for note in run.record(outcome):
-                say.info(f"  note     {note}")
+            say.notes(run.record(outcome))
             total.add(outcome)
             if cluster is not None and not cluster.is_local:
                 refuse_elsewhere(outcome)
@@ -161,7 +160,7 @@ def _outcomes(
     report: Report,
     cluster: Cluster | None,
 ) -> Iterator[Outcome]:
-    """What becomes of each log, here or on a cluster."""
+    """Yield the outcome of each log, here or on a cluster."""
     if cluster is None:
         from lidarcli.pipeline.detecting import detect_files
 

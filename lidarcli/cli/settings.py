@@ -25,7 +25,7 @@ NONE = "none"
 """As the name of a settings file: use none, also where one could be found."""
 
 FOUND = "lidarcli.found"
-"""Where the context keeps the file that was found, and why it is not used if it is not; a named one takes its place."""
+"""Key of the context's `meta` for the file that was found, and the reason if it is not used."""
 
 PREFIX = "LIDARCLI"
 NOT_OPTIONS = frozenset({"LIDARCLI_COMPILED", "LIDARCLI_BUILD", "LIDARCLI_REAL_LOGS", "LIDARCLI_CONFIG"})
@@ -68,7 +68,7 @@ def use_settings(ctx: click.Context, named: str | None) -> None:
 
 
 def _use_found(root: click.Context) -> None:
-    """The same with the nearest file. What is wrong with it is told before the work, if nobody names another one."""
+    """Use the nearest file. Errors in it are raised before the work, unless another file is named."""
     try:
         found = find_settings(Path.cwd())
     except OSError:
@@ -165,7 +165,7 @@ def tell_settings(ctx: click.Context) -> None:
 
 
 def _asked_to_be_quiet(ctx: click.Context) -> bool:
-    """Whether -q stands on the command line or in the environment."""
+    """True if -q stands on the command line or in the environment."""
     asked = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
     each: click.Context | None = ctx
     while each is not None:
@@ -297,7 +297,7 @@ def _spelled(key: str) -> str:
 
 
 def takes_one(option: DeclaredOption) -> bool:
-    """Whether a list cannot be meant: an option that neither is repeated nor takes several values."""
+    """Return True for an option that is neither repeated nor takes several values."""
     is_list = option.multiple or option.nargs != 1 or getattr(option.type, "name", "") == "list"
     return not is_list
 
@@ -313,7 +313,7 @@ def _by_option(file: str, words: tuple[str, ...], table: Mapping[str, Any]) -> d
 
 
 def _place(file: str, words: tuple[str, ...], key: str) -> str:
-    """Where a value stands."""
+    """The place of a value, for messages."""
     return f"{file}: {f'[{chr(46).join(words)}]: ' if words else ''}'{key}'"
 
 
@@ -455,7 +455,7 @@ def _why_outside(folder: Path, base: Path, name: str) -> str | None:
 
 
 def _named(base: Path, name: str) -> Iterator[Path]:
-    """What a pattern names."""
+    """Yield the files that a pattern names."""
     if glob.has_magic(name):
         from lidarcli.pipeline.inputs.files import matching
 
@@ -476,7 +476,7 @@ def _refuse_writers(what: str, found: os.stat_result) -> None:
 
 
 def _is_private(group: int) -> bool:
-    """Whether a group is the user's alone, which many systems make: then files are writable for it by default."""
+    """True for a group that the user alone is in; on many systems files are writable for it by default."""
     import grp
     import pwd
 

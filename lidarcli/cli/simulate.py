@@ -118,8 +118,6 @@ def simulate(say: Messages, told: SimulateCommand) -> int:
         )
     say.info(f"{scene}: {counted(result.sweeps, 'sweep')}")
     written = (result.log, result.truth, result.truth_beams, result.true_map)
-    for path in filter(None, written):
-        say.info(f"  wrote    {path}")
-    for note in result.notes:
-        say.info(f"  note     {note}")
+    say.wrote(filter(None, written))
+    say.notes(result.notes)
     return 0

@@ -95,6 +95,7 @@ def test_paths_of_inputs_are_meant_from_the_folder_of_the_file(lidarcli: Run, la
     [
         ("[detect]\nmax-widht = 1\n", "[detect]: no option 'max-widht'; did you mean 'max-width'?"),
         ("jbos = 1\n", "no option 'jbos'; did you mean 'jobs'?"),
+        ("[plot]\nmap = true\n", "[plot]: no option 'map' any more: give --view map"),
         ("[detekt]\njobs = 1\n", "[detekt]: no such command; did you mean [detect]?"),
         (
             "[background]\njobs = 1\n",

@@ -76,7 +76,7 @@ def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBa
 
 @with_keywords
 def info(log: Paths, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
-    """What is in a log: topics, sweeps, geometry, clocks, beams, poses, damage. Reads it from end to end.
+    """Topics, sweeps, geometry, clocks, beams, poses and damage of a log, which is read from end to end.
 
     Parameters
     ----------

@@ -175,7 +175,7 @@ def path_text(value: Any) -> str:
 
 
 class LogOptions(NamedTuple):
-    """How logs are read."""
+    """Options for reading logs."""
 
     read: ReadOptions
     opening: OpenOptions

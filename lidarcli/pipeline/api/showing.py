@@ -93,7 +93,7 @@ def plot(
 
 
 class _OfLogs(Poses, Delay, Ranges):
-    """How a log is read of which a sweep is drawn."""
+    """Options for reading the log of which a sweep is drawn."""
 
 
 def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | None, told: Values) -> Picture:
@@ -128,7 +128,7 @@ def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | Non
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RunReport:
-    """What is in one or many runs. `print` shows it as text, a notebook as the page with the viewer of the sweeps.
+    """Report on one or many runs. `print` shows it as text, a notebook as the page with the viewer of the sweeps.
 
     Attributes
     ----------
@@ -153,12 +153,12 @@ class RunReport:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What could not be read, and damage that no check accepts, one line each."""
+        """Files that could not be read, and damage that no check accepts, one line each."""
         return self._made.report.problems
 
     @property
     def holds(self) -> bool:
-        """Whether every check holds, and all of the data could be read."""
+        """True if every check holds, and all of the data could be read."""
         return self._made.report.holds
 
     def as_dict(self) -> dict[str, Any]:
