@@ -393,7 +393,7 @@ class SweepBatch:
 
     def to_pandas(self) -> pd.DataFrame:
         """One row for each beam: sweep, stamp, beam, bearing [rad], range [m], status, intensity, x, y [m]."""
-        # Who reads no data frame does not wait for this import.
+        # Only data frames need this import, which takes long.
         import pandas as pd
 
         row, beam = np.nonzero(self.status != Status.PADDING)

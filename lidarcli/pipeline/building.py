@@ -29,15 +29,15 @@ from lidarcli.tabular.writing import table_metadata
 
 @dataclass(frozen=True, slots=True)
 class BuildOptions:
-    """Everything that `background build` lets a user choose, apart from inputs and outputs."""
+    """Options of `background build`, apart from inputs and outputs."""
 
     read: ReadOptions = field(default_factory=ReadOptions)
     opening: OpenOptions = field(default_factory=OpenOptions)
     poses: PoseOptions = field(default_factory=PoseOptions)
     distance: float = STATION_DISTANCE
-    """Sweeps up to this far from a station [m] belong to it …"""
+    """Greatest distance of a sweep from its station [m]."""
     angle: float = STATION_ANGLE
-    """… if their heading differs by no more than this [rad]."""
+    """Greatest difference of its heading from that of the station [rad]."""
 
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the table's metadata."""

@@ -33,7 +33,7 @@ KM2 = 1e6
 
 @dataclass(frozen=True, slots=True)
 class MapOptions:
-    """Everything that `map` lets a user choose, apart from inputs and outputs."""
+    """Options of `map`, apart from inputs and outputs."""
 
     read: ReadOptions = field(default_factory=ReadOptions)
     opening: OpenOptions = field(default_factory=OpenOptions)
@@ -41,19 +41,19 @@ class MapOptions:
     resolution: float = MAP_RESOLUTION
     """Side of a cell [m]."""
     min_move: float = MIN_MOVE
-    """How far a sensor has to go from one sweep that counts to the next [m]; 0: every sweep counts."""
+    """Way of a sensor from one sweep that counts to the next [m]; 0: every sweep counts."""
     min_hits: int | None = None
     """Sweeps that have to hit an occupied cell; by default `MIN_HITS`, or where every sweep counts `MIN_HITS_OF_ALL`."""
     occupied_ratio: float = OCCUPIED_RATIO
     """Of the sweeps that hit or passed an occupied cell more than this share hit it."""
     free_no_return: float = 0.0
-    """How far a beam without a return tells of free space [m]."""
+    """Free space that a beam without a return tells of [m]."""
     voxel: float = 0.0
     """The cloud has one point in each square cell of this side [m]; 0: all points."""
     without_agents: bool = False
     """Leave out what moves (set A): such a beam tells only that it got so far."""
     parameters: Parameters = field(default_factory=Parameters)
-    """How objects are found, where sets matter."""
+    """Parameters of the detection, where sets matter."""
     max_size: float = MAX_MAP_KM2
     """Largest ground that is mapped [km²]."""
     path: bool = False
@@ -63,13 +63,13 @@ class MapOptions:
     """Processes for several logs at most, 0 for as many as there are processors; the result does not depend on it."""
 
     def hits(self, sweeps: int) -> int:
-        """Sweeps that have to hit an occupied cell, where so many count: of a sensor that stands it may be one."""
+        """Return the number of sweeps that have to hit an occupied cell, of so many that count; one may be enough."""
         if self.min_hits is not None:
             return self.min_hits
         return max(1, min(sweeps, MIN_HITS if self.min_move > 0 else MIN_HITS_OF_ALL))
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything that the result depends on, as plain values, for the cloud's metadata."""
+        """Return all options that the result depends on, as plain values, for the cloud's metadata."""
         names = ("resolution", "min_move", "occupied_ratio", "free_no_return", "voxel", "without_agents")
         told = {name: getattr(self, name) for name in names}
         return reading_as_dict(self.read, self.opening, self.poses) | told | {"min_hits": self.min_hits}

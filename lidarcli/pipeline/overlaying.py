@@ -47,10 +47,10 @@ from lidarcli.tabular.writing import PARAMETERS
 
 @dataclass(frozen=True, slots=True)
 class OverlayOptions:
-    """Everything that `overlay` lets a user choose, apart from input and output."""
+    """Options of `overlay`, apart from input and output."""
 
     detect: DetectOptions
-    """How objects are found and followed, where no tables tell of them."""
+    """Options of detection and tracking, where no tables are given."""
     objects: str | None = None
     """The objects table of the log, where there is one."""
     with_log: bool = False

@@ -35,7 +35,7 @@ SUFFIXES = (TUM, ".txt", PARQUET)
 
 @dataclass(frozen=True, slots=True)
 class PathOptions:
-    """Everything that `poses` lets a user choose, apart from input and output."""
+    """Options of `poses`, apart from input and output."""
 
     read: ReadOptions = field(default_factory=ReadOptions)
     opening: OpenOptions = field(default_factory=OpenOptions)

@@ -342,7 +342,7 @@ class TopicOrder:
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
         if self._file is not None:
-            # What is still in its buffer may not fit on the disk, and is wanted no more.
+            # Rows in its buffer are no longer needed, and may not fit on the disk.
             with contextlib.suppress(OSError):
                 self._file.close()
 

@@ -23,14 +23,14 @@ from lidarcli.tabular.tracked import tracked_beams, tracked_objects, tracked_swe
 
 @dataclass(frozen=True, slots=True)
 class TrackOptions:
-    """What `track` lets a user choose beside the options of `detect`."""
+    """Options of `track` beside those of `detect`."""
 
     parameters: TrackParameters = field(default_factory=TrackParameters)
     tracks: bool = True
-    """Whether the tables tell of tracks; without, only of what is decided by memory."""
+    """True to fill the columns on tracks and write their table; without, memory only decides on objects."""
 
     def tracker(self, catalogue: Catalogue | None, found: Parameters) -> Tracker:
-        """A tracker for one topic, which names things by a catalogue: the only place where one is made."""
+        """Make a tracker for one topic, which names things by a catalogue."""
         return Tracker(self.parameters, catalogue, found.min_thing)
 
     def found_with(self, parameters: Parameters) -> Parameters:
@@ -40,7 +40,7 @@ class TrackOptions:
         return replace(parameters, min_thing=0.0)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for the tables' metadata."""
+        """Return plain values for the tables' metadata."""
         return self.parameters.as_dict()
 
 

@@ -33,7 +33,7 @@ class DetectOptions:
     opening: OpenOptions = field(default_factory=OpenOptions)
     poses: PoseOptions = field(default_factory=PoseOptions)
     background: BackgroundOptions | None = None
-    """Only what differs from this background is an object."""
+    """Background: only differences from it are objects."""
     tracking: TrackOptions | None = None
     """Follow things from sweep to sweep, and also write the tracks table."""
     catalogue: Catalogue | None = None
@@ -41,10 +41,10 @@ class DetectOptions:
     beams: bool = False
     """Also write the beams table."""
     explain: bool = False
-    """Also tell why each object is a thing."""
+    """Also fill the column `why`."""
     overwrite: bool = False
     layout: str | None = None
-    """How tables are laid out below the folder, as of `table_path`."""
+    """Layout of the tables below the folder, as of `table_path`."""
     jobs: int = 0
     """Processors to use at most, 0 for all; the result does not depend on it."""
     cores: int = field(default_factory=cores)
@@ -52,7 +52,7 @@ class DetectOptions:
 
     @property
     def threads(self) -> int:
-        """Threads for the objects of one log: more than there are processors would only be in each other's way."""
+        """Threads for the objects of one log, no more than processors."""
         return max(1, min(self.jobs or self.cores, self.cores))
 
     @property
@@ -62,11 +62,11 @@ class DetectOptions:
         return ("objects", "sweeps", *tracks, *(("beams",) if self.beams else ()))
 
     def outputs(self, source: Source, folder: Place, date: str | None = None) -> dict[str, Place]:
-        """Table → where that of one log goes; `date` as of `Reading.date`."""
+        """Return the path of each table of a log; `date` as of `Reading.date`."""
         return table_paths(folder, source.name, self.tables, self.layout, date)
 
     def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
-        """The files that are read, none of which an output may replace."""
+        """Return the files that are read, none of which an output may replace."""
         options = [each.path for each in (self.background, self.catalogue) if each is not None]
         return [*files_of(sources), *(path for path in (*options, self.poses.file) if path)]
 
@@ -93,9 +93,9 @@ class DetectOptions:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything that the result depends on, as plain values, for the tables' metadata."""
+        """Return all options that the result depends on, as plain values, for the tables' metadata."""
         background = {} if self.background is None else {"background": self.background.as_dict()}
-        # Only where things are followed it matters whether somebody has said so.
+        # A delay of 0 that the user gave matters only where things are followed.
         as_told = {"pose_delay": 0.0} if self.tracking is not None and self.poses.delay == 0.0 else {}
         return {
             **self.parameters.as_dict(),

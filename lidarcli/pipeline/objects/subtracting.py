@@ -35,21 +35,21 @@ from lidarcli.tabular.background import read_background
 
 @dataclass(frozen=True, slots=True)
 class BackgroundOptions:
-    """A background that was read, and how sweeps are compared with it."""
+    """A background, and the options of comparing sweeps with it."""
 
     name: str
     """Its file's name."""
     sensors: tuple[Background, ...]
     removed: bool = False
-    """Also tell what has gone."""
+    """Also report objects that have gone."""
     any_frame: bool = False
-    """Take it for sensors of another name, too."""
+    """Use it for sensors of another name, too."""
     distance: float | None = None
-    """How far sweeps may be from their station [m]; by default as it was built."""
+    """Greatest distance of a sweep from its station [m]; by default as it was built."""
     angle: float | None = None
-    """How far they may be turned away from it [rad]; by default as it was built."""
+    """Greatest turn of a sweep away from its station [rad]; by default as it was built."""
     path: str = ""
-    """Where it was read, if it was: no output may replace it."""
+    """Path of the file, if it was read from one: no output may replace it."""
 
     @staticmethod
     def of(path: str | Path, **options: Any) -> BackgroundOptions:
@@ -58,7 +58,7 @@ class BackgroundOptions:
         return BackgroundOptions(place(path).name, tuple(sensors), path=str(path), **options)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for the tables' metadata."""
+        """Return plain values for the tables' metadata."""
         return {
             "file": self.name,
             "removed": self.removed,
@@ -68,7 +68,7 @@ class BackgroundOptions:
         }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Seen:
     """Counts of the comparison for one frame."""
 
@@ -86,20 +86,6 @@ class _Seen:
     """Sweeps that differ from the background in most ranges."""
     first_apart: float = np.inf
     """Index of the first of them."""
-
-    def plus(self, other: _Seen) -> _Seen:
-        """Return both together."""
-        return _Seen(
-            self.sweeps + other.sweeps,
-            self.without_pose + other.without_pose,
-            self.without_station + other.without_station,
-            min(self.nearest, other.nearest),
-            self.ranges + other.ranges,
-            self.without_background + other.without_background,
-            self.differing + other.differing,
-            self.apart + other.apart,
-            min(self.first_apart, other.first_apart),
-        )
 
 
 class Subtracting:
@@ -204,19 +190,18 @@ class Subtracting:
         differing = valid & part.known & (part.appeared | behind)
         compared = np.count_nonzero(valid & part.known, axis=1)
         apart = np.flatnonzero(np.count_nonzero(differing, axis=1) > MOST_SWEEP_DIFFERING * compared)
-        seen = _Seen(
-            sweeps=len(batch),
-            without_station=int(np.count_nonzero(lost)),
-            without_pose=int(np.count_nonzero(lost & np.isinf(part.away))),
-            nearest=float(part.away[lost].min(initial=np.inf)),
-            ranges=int(np.count_nonzero(valid)),
-            without_background=int(np.count_nonzero(valid & ~part.known)),
-            differing=int(np.count_nonzero(differing)),
-            apart=len(apart),
-            first_apart=float(batch.sweep[apart[0]]) if len(apart) else np.inf,
-        )
         with self._counting:
-            self._seen[frame] = seen.plus(self._seen.get(frame, _Seen()))
+            seen = self._seen.setdefault(frame, _Seen())
+            seen.sweeps += len(batch)
+            seen.without_station += int(np.count_nonzero(lost))
+            seen.without_pose += int(np.count_nonzero(lost & np.isinf(part.away)))
+            seen.nearest = min(seen.nearest, float(part.away[lost].min(initial=np.inf)))
+            seen.ranges += int(np.count_nonzero(valid))
+            seen.without_background += int(np.count_nonzero(valid & ~part.known))
+            seen.differing += int(np.count_nonzero(differing))
+            seen.apart += len(apart)
+            if len(apart):
+                seen.first_apart = min(seen.first_apart, float(batch.sweep[apart[0]]))
 
 
 def choose_sensor(options: BackgroundOptions, topic: str, frame: str) -> int:

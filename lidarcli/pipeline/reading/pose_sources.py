@@ -42,21 +42,20 @@ def of_one_run(world: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PoseOptions:
-    """Where the poses of the sweeps come from, and how they are used."""
+    """Options for the poses of sweeps: their source, their delay and their use."""
 
     source: str | None = None
-    """Topic whose poses to take; `none` for no poses; `match` for those that the sweeps themselves tell; by default the
-    best that the log has."""
+    """Topic of the poses; `none` for no poses; `match` for poses matched from the sweeps; None: the best of the log."""
     file: str | None = None
     """Trajectory of the sensor (TUM), instead of what the log tells."""
     delay: float | None = None
-    """The pose of a sweep is that at its header stamp and this much later [s]; None: nobody has asked for any, and things
-    are followed by the delay that fits best."""
+    """Time after its header stamp at which the pose of a sweep is taken [s]; None: the stamp itself, and for tracks the
+    delay that fits best."""
     deskew: bool = True
-    """Whether every beam is seen from where the sensor was at its own time, where headers tell how long a sweep takes."""
+    """True to place every beam by the pose at its own time, where headers tell how long a sweep takes."""
 
     def __post_init__(self) -> None:
-        """Refuse what no log could be read with."""
+        """Refuse options that exclude each other."""
         if self.source is not None and self.file is not None:
             raise OptionError(
                 f"--pose {self.source} and --poses {self.file} exclude each other: leave one out"
@@ -73,7 +72,7 @@ class PoseOptions:
             )
 
     def as_dict(self) -> dict[str, Any]:
-        """What the result depends on, as plain values, for the tables' metadata: what is not the default."""
+        """Return the options that are not the default, as plain values, for the tables' metadata."""
         asked = {"pose": self.source, "poses": self.file and Path(self.file).name}
         told: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
         if self.delay:
