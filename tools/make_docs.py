@@ -7,10 +7,15 @@ from pathlib import Path
 
 from tools.examples import renewed
 from tools.python_reference import python_page
-from tools.reference import cli_page, tables_page
+from tools.reference import cli_page, reports_page, tables_page
 
 ROOT = Path(__file__).parent.parent
-PAGES = {"docs/cli.md": cli_page, "docs/tables.md": tables_page, "docs/python.md": python_page}
+PAGES = {
+    "docs/cli.md": cli_page,
+    "docs/tables.md": tables_page,
+    "docs/python.md": python_page,
+    "docs/reports.md": reports_page,
+}
 WITH_EXAMPLES = (
     "README.md",
     "docs/tutorial.md",

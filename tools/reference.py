@@ -5,12 +5,14 @@ from __future__ import annotations
 import inspect
 import textwrap
 from collections.abc import Iterator
+from pathlib import Path
 
 import click
 import pyarrow as pa
 
 from lidarcli import errors
 from lidarcli.cli import cli
+from lidarcli.reports import figures, runs
 from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tabular import writing
 from lidarcli.tabular.background import GEOMETRY
@@ -179,6 +181,26 @@ def tables_page() -> str:
         "",
     ]
     return as_page(lines)
+
+
+def reports_page() -> str:
+    """docs/reports.md, with its tables of figures as they are declared."""
+    page = (Path(__file__).parent.parent / "docs" / "reports.md").read_text(encoding="utf-8")
+    head = "| name | unit | meaning |\n|---|---|---|\n"
+    before, *parts = page.split(head)
+    for counts, spreads in (
+        (figures.COUNTS, figures.SPREADS),
+        (figures.TRACK_COUNTS, figures.TRACK_SPREADS),
+        (figures.COMPARED, {}),
+        (runs.FIGURES, {}),
+    ):
+        rest = parts.pop(0).partition("\n\n")[2]
+        entries = counts | {f"{name}.*": figure for name, figure in spreads.items()}
+        rows = (
+            (f"`{name}`", "" if one.unit == "1" else one.unit, one.meaning) for name, one in entries.items()
+        )
+        before += "\n".join(as_table(("name", "unit", "meaning"), rows)) + "\n" + rest
+    return head.join([before, *parts])
 
 
 def option_names() -> Iterator[tuple[str, str]]:

@@ -175,7 +175,7 @@ def columns_needed(checks: Sequence[Check], table: str) -> frozenset[str]:
     """Return the columns of a table that the checks need, for conditions or for figures of the same name."""
     conditions = [check.condition for check in checks if check.name == table and check.condition is not None]
     figures_of = {check.figure.split(".")[0] for check in checks if check.condition is None}
-    return frozenset(figures_of & {*column_names(COUNTED[table])}).union(
+    return frozenset(figures_of & {*column_names(table)}).union(
         *(condition.columns for condition in conditions)
     )
 

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
+from lidarcli.columns import Column
 from lidarcli.errors import OptionError
-from lidarcli.formalism.detection import CHANGES, SETS, SHAPES, VISIBILITIES
-from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.reports.columns import BEAMS_OF_OBJECTS, OBJECTS_OF_SWEEP, Rows
 from lidarcli.sweeps import Bool, Float64
-from lidarcli.tabular.schemas import OBJECTS, SWEEPS, TRACKS
+from lidarcli.tabular.schemas import TABLES
 
 _TOKEN = re.compile(
     r"""\s*(?:
@@ -41,8 +39,8 @@ COMPARE: dict[str, Callable[[Any, Any], Any]] = {
     "<": operator.lt,
     ">": operator.gt,
 }
-COUNTED = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS}
-"""The tables whose rows can be counted, and their schemas."""
+COUNTED = {name: {one.name: one for one in TABLES[name]} for name in ("objects", "sweeps", "tracks")}
+"""The tables whose rows can be counted, and their columns by name."""
 ALIASES = {
     "objects": {"range_min": "r_min", "range": "r_min", "bearing": "theta_min"},
     "sweeps": dict[str, str](),
@@ -51,7 +49,6 @@ ALIASES = {
 """Table → other names of its columns."""
 SUMS = {"sweeps": {"objects": OBJECTS_OF_SWEEP, "object_beams": BEAMS_OF_OBJECTS}}
 """Table → name → columns that it sums up: a name means the same in checks of figures and of rows."""
-VOCABULARY = {"set": SETS, "shape": SHAPES, "visibility": VISIBILITIES, "change": CHANGES, "end": ENDS}
 CLOSE = 0.7
 """Least likeness (difflib) of a name that may have been meant."""
 DEEPEST = 50
@@ -152,9 +149,9 @@ class Condition:
         return value & known
 
 
-def column_names(schema: pa.Schema) -> list[str]:
-    """Return the columns that a condition may name."""
-    return [field.name for field in schema if not pa.types.is_timestamp(field.type)]
+def column_names(table: str) -> list[str]:
+    """Return the columns of a table that a condition may name."""
+    return [name for name, one in COUNTED[table].items() if one.kind != "stamp"]
 
 
 def parse_condition(tokens: Tokens, table: str, depth: int = 0) -> Condition:
@@ -193,15 +190,15 @@ def _plain_factor(tokens: Tokens, table: str, depth: int) -> Condition:
 
 def _comparison(tokens: Tokens, table: str) -> Condition:
     name = _column(tokens, table)
-    kind = COUNTED[table].field(name).type
+    column = COUNTED[table][name]
     if tokens.take_if("is"):
         wanted = tokens.take_if("not") is None
         if not tokens.take_if("null"):
             raise tokens.error("expected null")
         return _null(name, wanted)
-    if pa.types.is_dictionary(kind):
-        return _word(tokens, name)
-    if pa.types.is_boolean(kind):
+    if column.kind == "text":
+        return _word(tokens, column)
+    if column.kind == "bool":
         return _truth(tokens, name)
     summed = SUMS.get(table, {}).get(name, (name,))
     if tokens.take_if("between"):
@@ -215,7 +212,7 @@ def _comparison(tokens: Tokens, table: str) -> Condition:
 def _column(tokens: Tokens, table: str) -> str:
     token = tokens.next
     aliases = ALIASES[table]
-    known = column_names(COUNTED[table])
+    known = column_names(table)
     name = aliases.get(token.text, token.text)
     names = [*known, *aliases]
     if token.kind != "name" or token.text in KEYWORDS:
@@ -238,12 +235,12 @@ def nearest(text: str, names: Collection[str], most: int = 1) -> str:
     return f"; did you mean {' or '.join(words)}?" if close else ""
 
 
-def _word(tokens: Tokens, name: str) -> Condition:
+def _word(tokens: Tokens, column: Column) -> Condition:
+    name, known = column.name, column.words
     sign = tokens.take_if("==", "!=")
     if sign is None:
         raise tokens.error(f"expected ==, != or is (column {name} holds names)")
     token = tokens.next
-    known: Collection[str] = VOCABULARY.get(name, ())
     choice = f" ({', '.join(known)})" if known else ""
     if token.kind not in ("name", "text", "number"):
         raise tokens.error(f"expected a value of {name}{choice}")

@@ -5,55 +5,77 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from lidarcli.columns import Unit
 from lidarcli.formalism.detection import CHANGES, SHAPES, VISIBILITIES
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.sweeps import TURN, Float64, Int64
+from lidarcli.tabular.schemas import TABLES
 
-COUNTS: dict[str, tuple[str, str]] = {
-    "logs": ("1", "logs"),
-    "topics": ("1", "sequences of sweeps: one per log, topic and frame"),
-    "sweeps": ("1", "sweeps"),
-    "objects": ("1", "objects of all sweeps, agents among them (sets O and A)"),
-    "agents": ("1", "of these, objects that are agents (set A)"),
-    "beams": ("1", "beams of all sweeps"),
-    "valid_share": ("1", "share of the beams with a range"),
-    "no_return_share": ("1", "share of the beams without a return"),
-    "too_close_share": ("1", "share of the beams below the range limit"),
-    "invalid_share": ("1", "share of the beams without a usable value"),
-    "object_share": ("1", "share of the beams on objects, agents among them"),
-    "agent_share": ("1", "share of the beams on agents"),
-    "noise_share": ("1", "share of the beams on walls and the rest (set S); no noise in metres"),
-    "duration": ("s", "from first to last stamp, summed over the logs"),
-    "rate": ("Hz", "one over the median step between stamps"),
-    "gaps": ("1", "steps of at least one and a half median steps"),
-    "missing_sweeps": ("1", "sweeps that would fill the gaps"),
-    "longest_gap": ("s", "the longest gap; 0 without gaps"),
-    "backward": ("1", "stamps before their predecessor's"),
-    "repeated": ("1", "stamps equal to their predecessor's"),
-    "damage": ("1", "parts of the logs that could not be read"),
+
+class Figure(NamedTuple):
+    """Declaration of a figure, or of the values that its statistics are of."""
+
+    unit: Unit
+    meaning: str
+    table: str = ""
+    """Table whose column has the values; empty for a figure that is computed in another way."""
+    column: str = ""
+
+
+def _of(table: str, column: str, meaning: str) -> Figure:
+    """Return the figure of a column, which has its unit."""
+    [unit] = [one.unit for one in TABLES[table] if one.name == column]
+    return Figure(unit, meaning, table, column)
+
+
+COUNTS: dict[str, Figure] = {
+    "logs": Figure("1", "logs"),
+    "topics": Figure("1", "sequences of sweeps: one per log, topic and frame"),
+    "sweeps": Figure("1", "sweeps"),
+    "objects": Figure("1", "objects of all sweeps, agents among them (sets O and A)"),
+    "agents": Figure("1", "of these, objects that are agents (set A)"),
+    "beams": Figure("1", "beams of all sweeps"),
+    "valid_share": Figure("1", "share of the beams with a range"),
+    "no_return_share": Figure("1", "share of the beams without a return"),
+    "too_close_share": Figure("1", "share of the beams below the range limit"),
+    "invalid_share": Figure("1", "share of the beams without a usable value"),
+    "object_share": Figure("1", "share of the beams on objects, agents among them"),
+    "agent_share": Figure("1", "share of the beams on agents"),
+    "noise_share": Figure("1", "share of the beams on walls and the rest (set S); no noise in metres"),
+    "duration": Figure("s", "from first to last stamp, summed over the logs"),
+    "rate": Figure("Hz", "one over the median step between stamps"),
+    "gaps": Figure("1", "steps of at least one and a half median steps"),
+    "missing_sweeps": Figure("1", "sweeps that would fill the gaps"),
+    "longest_gap": Figure("s", "the longest gap; 0 without gaps"),
+    "backward": Figure("1", "stamps before their predecessor's"),
+    "repeated": Figure("1", "stamps equal to their predecessor's"),
+    "damage": Figure("1", "parts of the logs that could not be read"),
 }
 """Figures of one number."""
 
-SPREADS: dict[str, tuple[str, str]] = {
-    "objects_per_sweep": ("1", "objects of a sweep, agents among them"),
-    "agents_per_sweep": ("1", "of these, objects that are agents"),
-    "lost_share": ("1", "share of a sweep's beams without a range"),
-    "step": ("s", "time from sweep to sweep"),
-    "noise": ("m", "estimated standard deviation of the ranges of a sweep"),
-    "d_th": ("m", "threshold of a discontinuity"),
-    "d_mean": ("m", "mean of |s| of a sweep (Def. 3)"),
-    "nearest": ("m", "least range of a sweep, be it of an object or a wall"),
-    "range": ("m", "range of the nearest point of an object"),
-    "bearing": ("rad", "bearing of the nearest point of an object"),
-    "width": ("m", "chord of an object"),
-    "box_length": ("m", "longer side of an object's box"),
-    "box_width": ("m", "shorter side of an object's box"),
-    "beams_per_object": ("1", "valid beams of an object"),
-    "intensity": ("1", "median intensity of an object's beams, in the sensor's own unit"),
-    "difference": ("m", "median of r_w - r_e over an object's beams"),
+SPREADS: dict[str, Figure] = {
+    "objects_per_sweep": Figure("1", "objects of a sweep, agents among them"),
+    "agents_per_sweep": _of("sweeps", "agents", "of these, objects that are agents"),
+    "lost_share": Figure("1", "share of a sweep's beams without a range"),
+    "step": Figure("s", "time from sweep to sweep"),
+    "noise": _of("sweeps", "noise", "estimated standard deviation of the ranges of a sweep"),
+    "d_th": _of("sweeps", "d_th", "threshold of a discontinuity"),
+    "d_mean": _of("sweeps", "d_mean", "mean of |s| of a sweep (Def. 3)"),
+    "nearest": _of("sweeps", "nearest", "least range of a sweep, be it of an object or a wall"),
+    "range": _of("objects", "r_min", "range of the nearest point of an object"),
+    "bearing": _of("objects", "theta_min", "bearing of the nearest point of an object"),
+    "width": _of("objects", "width", "chord of an object"),
+    "box_length": _of("objects", "box_length", "longer side of an object's box"),
+    "box_width": _of("objects", "box_width", "shorter side of an object's box"),
+    "beams_per_object": _of("objects", "beams", "valid beams of an object"),
+    "intensity": _of(
+        "objects", "intensity", "median intensity of an object's beams, in the sensor's own unit"
+    ),
+    "difference": _of("objects", "difference", "median of r_w - r_e over an object's beams"),
 }
 """Figures with a value per sweep or per object: `.mean`, `.std`, `.min`, `.p05`, `.p50`, `.p95`, `.max`."""
 
@@ -64,19 +86,19 @@ CATEGORIES: dict[str, tuple[str, ...]] = {
 }
 """Numbers of objects by kind: `shape.prismatic`."""
 
-TRACK_COUNTS: dict[str, tuple[str, str]] = {
-    "tracks": ("1", "things that were followed from sweep to sweep"),
-    "tracks.agents": ("1", "of these, agents (set A): things that moved by themselves"),
+TRACK_COUNTS: dict[str, Figure] = {
+    "tracks": Figure("1", "things that were followed from sweep to sweep"),
+    "tracks.agents": Figure("1", "of these, agents (set A): things that moved by themselves"),
 }
 """Figures of one number that need tracks tables."""
 
-TRACK_SPREADS: dict[str, tuple[str, str]] = {
-    "agents_at_once": ("1", "different agents (tracks of set A) that are seen in a sweep"),
-    "tracks.duration": ("s", "from the first sight of a track to the last"),
-    "tracks.sweeps": ("1", "sweeps in which a track was seen"),
-    "tracks.distance": ("m", "way that a track travelled over ground"),
-    "tracks.speed_mean": ("m/s", "mean speed of a track"),
-    "tracks.speed_max": ("m/s", "greatest speed of a track"),
+TRACK_SPREADS: dict[str, Figure] = {
+    "agents_at_once": Figure("1", "different agents (tracks of set A) that are seen in a sweep"),
+    "tracks.duration": _of("tracks", "duration", "from the first sight of a track to the last"),
+    "tracks.sweeps": _of("tracks", "sweeps", "sweeps in which a track was seen"),
+    "tracks.distance": _of("tracks", "distance", "way that a track travelled over ground"),
+    "tracks.speed_mean": _of("tracks", "speed_mean", "mean speed of a track"),
+    "tracks.speed_max": _of("tracks", "speed_max", "greatest speed of a track"),
 }
 """Figures with a value per sweep or per track, with the same statistics; they need tracks tables."""
 
@@ -86,11 +108,11 @@ TRACK_CATEGORIES: dict[str, tuple[str, ...]] = {
 }
 """Numbers of tracks by kind: `tracks.shape.legged`."""
 
-COMPARED: dict[str, tuple[str, str]] = {
-    "compared_sweeps": ("1", "sweeps that are in both runs"),
-    "changed_sweeps": ("1", "of these, sweeps with another number of objects"),
-    "added_sweeps": ("1", "sweeps that are not in the baseline"),
-    "removed_sweeps": ("1", "sweeps that are in the baseline alone"),
+COMPARED: dict[str, Figure] = {
+    "compared_sweeps": Figure("1", "sweeps that are in both runs"),
+    "changed_sweeps": Figure("1", "of these, sweeps with another number of objects"),
+    "added_sweeps": Figure("1", "sweeps that are not in the baseline"),
+    "removed_sweeps": Figure("1", "sweeps that are in the baseline alone"),
 }
 """Figures that need a baseline, beside `delta.NAME` of every other."""
 
@@ -125,7 +147,7 @@ def unit_of(name: str) -> str:
     plain = name.removeprefix(DELTA)
     entries = COUNTS | TRACK_COUNTS | SPREADS | TRACK_SPREADS
     entry = entries.get(plain) or entries.get(plain.rsplit(".", maxsplit=1)[0])
-    return entry[0] if entry else "1"
+    return entry.unit if entry else "1"
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,22 +19,23 @@ from lidarcli.reports.document import (
     Share,
     Table,
 )
+from lidarcli.reports.figures import Figure
 from lidarcli.reports.wording import counted, number, share, stamp
 from lidarcli.tabular.runs import DAMAGED, FAILED, OUTCOMES, Entry, newest
 
 BAD = {FAILED: "Failed logs", DAMAGED: "Damaged logs"}
 """Outcomes that are listed log by log, each with its heading."""
-FIGURES: dict[str, tuple[str, str]] = {
-    "logs": ("1", "logs, each as its newest run left it"),
-    "ok": ("1", "logs that were read whole"),
-    "damaged": ("1", "logs that were read as far as they can be"),
-    "failed": ("1", "logs without tables"),
-    "bytes": ("byte", "size of all logs, as far as it is known"),
-    "sweeps": ("1", "sweeps that were read"),
-    "rows": ("1", "rows of all tables"),
-    "seconds": ("s", "time that the logs took, summed over all of them"),
-    "sweeps_per_second": ("1/s", "sweeps by these seconds"),
-    "runs": ("1", "runs: manifests that were read"),
+FIGURES: dict[str, Figure] = {
+    "logs": Figure("1", "logs, each as its newest run left it"),
+    "ok": Figure("1", "logs that were read whole"),
+    "damaged": Figure("1", "logs that were read as far as they can be"),
+    "failed": Figure("1", "logs without tables"),
+    "bytes": Figure("byte", "size of all logs, as far as it is known"),
+    "sweeps": Figure("1", "sweeps that were read"),
+    "rows": Figure("1", "rows of all tables"),
+    "seconds": Figure("s", "time that the logs took, summed over all of them"),
+    "sweeps_per_second": Figure("1/s", "sweeps by these seconds"),
+    "runs": Figure("1", "runs: manifests that were read"),
 }
 """The figures of a report on runs, each with its unit and meaning."""
 MESSAGES, LOGS = 20, 10

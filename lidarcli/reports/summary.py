@@ -41,17 +41,11 @@ _WHOLE = ("track", "first_sweep", "first_stamp", "sweeps")
 SET_COLUMNS = {"object": "O", "agent": "A", "noise": "S"}
 DRAWN = ("range", "bearing", "width", "objects_per_sweep")
 """Figures with a histogram."""
-OF_OBJECTS = {
-    "range": "r_min",
-    "bearing": "theta_min",
-    "width": "width",
-    "box_length": "box_length",
-    "box_width": "box_width",
-    "beams_per_object": "beams",
-    "intensity": "intensity",
-    "difference": "difference",
-}
-"""Figure → column of the objects table."""
+OF_OBJECTS, OF_SWEEPS = (
+    {name: figure.column for name, figure in SPREADS.items() if figure.table == table}
+    for table in ("objects", "sweeps")
+)
+"""Figure → column of the objects table, and of the sweeps table."""
 OBJECT_COLUMNS = (
     "set",
     "shape",
@@ -69,7 +63,7 @@ TRACKED_COLUMNS = ("topic", "sweep", "track")
 """Further columns of the objects table that a summary reads where there are tracks."""
 SWEEP_COLUMNS = (
     *("log", "topic", "frame_id", "sweep", "stamp", "beams", *STATUSES),
-    *("nearest", "d_mean", "d_th", "noise", "objects", "agents", *(f"{name}_beams" for name in SET_COLUMNS)),
+    *(*OF_SWEEPS.values(), "objects", *(f"{name}_beams" for name in SET_COLUMNS)),
 )
 """Columns of the sweeps table that a summary reads."""
 
@@ -157,7 +151,7 @@ def tracked_of(run: Run, streams: Streams) -> Tracked | None:
     rows = run.tracks
     if rows is None:
         return None
-    values = {name: rows.numbers(name.removeprefix("tracks.")) for name in TRACK_SPREADS if "." in name}
+    values = {name: rows.numbers(figure.column) for name, figure in TRACK_SPREADS.items() if figure.table}
     values["agents_at_once"] = run.agents_at_once
     spreads = {name: Spread.of(values[name]) for name in TRACK_SPREADS}
     shapes, ends = rows.counts("shape"), rows.counts("end")
@@ -278,14 +272,10 @@ def values_of(run: Run, streams: Streams) -> dict[str, Float64]:
     )
     values = {
         "objects_per_sweep": run.objects_per_sweep,
-        "agents_per_sweep": sweeps.numbers("agents"),
         "lost_share": lost,
         "step": streams.step,
-        "nearest": sweeps.numbers("nearest"),
-        "noise": sweeps.numbers("noise"),
-        "d_th": sweeps.numbers("d_th"),
-        "d_mean": sweeps.numbers("d_mean"),
     }
+    values |= {name: sweeps.numbers(column) for name, column in OF_SWEEPS.items()}
     mine = run.is_object
     all_mine = bool(mine.all())
     for name, column in OF_OBJECTS.items():
@@ -327,7 +317,7 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
         unlike=differences,
         figures=figures,
         spreads=spreads,
-        histograms={name: histogram(name, SPREADS[name][0], values[name], edges[name]) for name in DRAWN},
+        histograms={name: histogram(name, SPREADS[name].unit, values[name], edges[name]) for name in DRAWN},
         kinds=kinds,
         status=status,
         sets=sets,

@@ -12,7 +12,6 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.reports.runs import FIGURES
 from lidarcli.tabular.schemas import RUNS
 from tests.places import ROOT
 from tests.reports.runs import START, table
@@ -323,9 +322,3 @@ def test_the_manifest_of_a_run(lidarcli: Run, logs: Path, tmp_path: Path) -> Non
     assert outcomes == {"run": "ok", "cut": "damaged", "bad": "failed"}
     assert found["figures"]["sweeps"] > 0
     assert "Damaged logs\n1 log, exit code " in lidarcli("report", tmp_path / "_lidarcli").out
-
-
-def test_every_figure_is_documented() -> None:
-    page = (ROOT / "docs" / "reports.md").read_text("utf-8")
-    for name, (unit, meaning) in FIGURES.items():
-        assert f"| `{name}` | {'' if unit == '1' else unit} | {meaning} |" in page

@@ -12,29 +12,9 @@ cdef double TURN, BOX_MARGIN, LEAST_STEP, HIT_MARGIN, SWEEPS_APART, FLICKER_WEIG
 cdef class Seen:
     cdef list owner
     cdef readonly Py_ssize_t most
+    cdef native.Pointers found
     cdef long long* offset
-    cdef unsigned char* set
     cdef unsigned char* removed
-    cdef unsigned char* shape
-    cdef unsigned char* visibility
-    cdef int* beam_i
-    cdef int* beam_f
-    cdef int* beams
-    cdef double* s_i
-    cdef double* s_f
-    cdef double* r_min
-    cdef double* x
-    cdef double* y
-    cdef double* width
-    cdef double* box_x
-    cdef double* box_y
-    cdef double* box_length
-    cdef double* box_width
-    cdef double* box_yaw
-    cdef int* face_offsets
-    cdef double* face_theta_i
-    cdef double* face_theta_f
-    cdef double* noise
     cdef double* poses
     cdef double* seconds
     cdef double* odds

@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarcli import native, sweeps
 from lidarcli.formalism import detection
-from lidarcli.formalism.detection import Detection
+from lidarcli.formalism.detection import COLUMNS, REQUIRED, Detection
 from lidarcli.formalism.segmentation import Scans
 
 OBJECT, REMOVED = detection.OBJECT, detection.REMOVED
@@ -64,69 +64,25 @@ class Seen:
         way : (S, 3) way of the sensor in x, y, yaw during each sweep
         shares : (K,) share of the time of its sweep that had passed when each object was seen
         """
-        rows = len(found.noise)
+        arrays = {
+            name: np.require(getattr(found, name), COLUMNS[name].dtype, ["C", "A"]) for name in REQUIRED
+        }
         change = np.full(len(found), -1, np.int8) if found.change is None else found.change
-        columns = (
-            (np.searchsorted(found.row, np.arange(rows + 1)), np.int64),
-            (found.set, np.uint8),
-            (change == REMOVED, np.uint8),
-            (found.shape, np.uint8),
-            (found.visibility, np.uint8),
-            (found.beam_i, np.int32),
-            (found.beam_f, np.int32),
-            (found.beams, np.int32),
-            (found.s_i, np.float64),
-            (found.s_f, np.float64),
-            (found.r_min, np.float64),
-            (found.x, np.float64),
-            (found.y, np.float64),
-            (found.width, np.float64),
-            (found.box_x, np.float64),
-            (found.box_y, np.float64),
-            (found.box_length, np.float64),
-            (found.box_width, np.float64),
-            (found.box_yaw, np.float64),
-            (found.face_offsets, np.int32),
-            (found.face_theta_i, np.float64),
-            (found.face_theta_f, np.float64),
-            (found.noise, np.float64),
-            (poses, np.float64),
-            (seconds, np.float64),
-            (_odds(found.thing), np.float64),
-            (way, np.float64),
-            (shares, np.float64),
-        )
-        self.owner: list[Any] = [np.require(values, kind, ["C", "A"]) for values, kind in columns]
-        self.most = int(np.diff(self.owner[0]).max(initial=0))
+        offset = np.searchsorted(found.row, np.arange(len(found.noise) + 1)).astype(np.int64)
+        numbers = (poses, seconds, _odds(found.thing), way, shares)
+        more = [np.require(values, np.float64, ["C", "A"]) for values in numbers]
+        self.owner: list[Any] = [offset, (change == REMOVED).astype(np.uint8), *more, arrays]
+        self.most = int(np.diff(offset).max(initial=0))
         """Greatest number of objects in one sweep."""
+        self.found = native.pointers(arrays)
+        """The arrays of the detection."""
         self.offset = native.at_longs(self.owner[0])
-        self.set = native.at_bytes(self.owner[1])
-        self.removed = native.at_bytes(self.owner[2])
-        self.shape = native.at_bytes(self.owner[3])
-        self.visibility = native.at_bytes(self.owner[4])
-        self.beam_i = native.at_ints(self.owner[5])
-        self.beam_f = native.at_ints(self.owner[6])
-        self.beams = native.at_ints(self.owner[7])
-        self.s_i = native.at_doubles(self.owner[8])
-        self.s_f = native.at_doubles(self.owner[9])
-        self.r_min = native.at_doubles(self.owner[10])
-        self.x = native.at_doubles(self.owner[11])
-        self.y = native.at_doubles(self.owner[12])
-        self.width = native.at_doubles(self.owner[13])
-        self.box_x = native.at_doubles(self.owner[14])
-        self.box_y = native.at_doubles(self.owner[15])
-        self.box_length = native.at_doubles(self.owner[16])
-        self.box_width = native.at_doubles(self.owner[17])
-        self.box_yaw = native.at_doubles(self.owner[18])
-        self.face_offsets = native.at_ints(self.owner[19])
-        self.face_theta_i = native.at_doubles(self.owner[20])
-        self.face_theta_f = native.at_doubles(self.owner[21])
-        self.noise = native.at_doubles(self.owner[22])
-        self.poses = native.at_doubles(self.owner[23])
-        self.seconds = native.at_doubles(self.owner[24])
-        self.odds = native.at_doubles(self.owner[25])
-        self.way = native.at_doubles(self.owner[26])
-        self.shares = native.at_doubles(self.owner[27])
+        self.removed = native.at_bytes(self.owner[1])
+        self.poses = native.at_doubles(self.owner[2])
+        self.seconds = native.at_doubles(self.owner[3])
+        self.odds = native.at_doubles(self.owner[4])
+        self.way = native.at_doubles(self.owner[5])
+        self.shares = native.at_doubles(self.owner[6])
 
 
 def _odds(thing: Any) -> Any:
@@ -223,7 +179,7 @@ def observe(views: Views, seen: Seen, scans: Scans, row: int) -> None:
     views.count = 0
     views.begin[0] = views.face_begin[0] = 0
     for at in range(seen.offset[row], seen.offset[row + 1]):
-        if seen.set[at] == OBJECT and not seen.removed[at]:
+        if seen.found.set[at] == OBJECT and not seen.removed[at]:
             _add(views, seen, scans, at)
 
 
@@ -258,7 +214,7 @@ def _place(views: Views, seen: Seen, scans: Scans, row: int) -> None:
     if views.reverse:
         views.first += (views.bearings - 1) * increment
     views.side = seen.poses[4 * row + 3]
-    views.sigma = seen.noise[row]
+    views.sigma = seen.found.noise[row]
 
 
 def place_sensor(views: Views, share: float) -> None:
@@ -305,18 +261,18 @@ def _add(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     k = views.count
     views.share[k] = seen.shares[at]
     place_sensor(views, views.share[k])
-    views.object[k], views.shape[k], views.size[k] = at, seen.shape[at], seen.beams[at]
-    views.middle_x[k], views.middle_y[k] = to_world(views, seen.x[at], seen.y[at])
-    views.centre_x[k], views.centre_y[k] = to_world(views, seen.box_x[at], seen.box_y[at])
-    views.length[k], views.width[k] = seen.box_length[at], seen.box_width[at]
-    views.chord[k], views.near[k], views.odds[k] = seen.width[at], seen.r_min[at], seen.odds[at]
-    visibility = seen.visibility[at]
+    views.object[k], views.shape[k], views.size[k] = at, seen.found.shape[at], seen.found.beams[at]
+    views.middle_x[k], views.middle_y[k] = to_world(views, seen.found.x[at], seen.found.y[at])
+    views.centre_x[k], views.centre_y[k] = to_world(views, seen.found.box_x[at], seen.found.box_y[at])
+    views.length[k], views.width[k] = seen.found.box_length[at], seen.found.box_width[at]
+    views.chord[k], views.near[k], views.odds[k] = seen.found.width[at], seen.found.r_min[at], seen.odds[at]
+    visibility = seen.found.visibility[at]
     views.start[k] = views.end[k] = HIDDEN
     if visibility in (FULL, END_HIDDEN):
         # A known difference means that the neighbour has a range, a farther one.
-        views.start[k] = OWN if seen.s_i[at] == seen.s_i[at] else OPEN
+        views.start[k] = OWN if seen.found.s_i[at] == seen.found.s_i[at] else OPEN
     if visibility in (FULL, START_HIDDEN):
-        views.end[k] = OWN if seen.s_f[at] == seen.s_f[at] else OPEN
+        views.end[k] = OWN if seen.found.s_f[at] == seen.found.s_f[at] else OPEN
     _add_points(views, seen, scans, at)
     place_sensor(views, 0.0)
     views.count += 1
@@ -326,14 +282,15 @@ def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     """Add the points of an object, and the lines of its faces."""
     k = views.count
     n, f = views.begin[k], views.face_begin[k]
-    face, last_face = seen.face_offsets[at], seen.face_offsets[at + 1]
-    first = position_of(views, seen.beam_f[at] if views.reverse else seen.beam_i[at])
-    last = position_of(views, seen.beam_i[at] if views.reverse else seen.beam_f[at])
+    face, last_face = seen.found.face_offsets[at], seen.found.face_offsets[at + 1]
+    first = position_of(views, seen.found.beam_f[at] if views.reverse else seen.found.beam_i[at])
+    last = position_of(views, seen.found.beam_i[at] if views.reverse else seen.found.beam_f[at])
     if last < first:
         last += views.bearings
-    cos, sin = math.cos(seen.box_yaw[at]), math.sin(seen.box_yaw[at])
+    cos, sin = math.cos(seen.found.box_yaw[at]), math.sin(seen.found.box_yaw[at])
     beside = BOX_MARGIN + 4.0 * views.sigma
-    half_length, half_width = 0.5 * seen.box_length[at] + beside, 0.5 * seen.box_width[at] + beside
+    half_length = 0.5 * seen.found.box_length[at] + beside
+    half_width = 0.5 * seen.found.box_width[at] + beside
     begin = views.row * scans.width
     directions = scans.direction[views.row] * scans.width
     views.face_first[f] = n
@@ -344,11 +301,11 @@ def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
         if r != r or n >= 2 * views.bearings:
             continue
         x, y = r * scans.cos[directions + k], r * scans.sin[directions + k]
-        dx, dy = x - seen.box_x[at], y - seen.box_y[at]
+        dx, dy = x - seen.found.box_x[at], y - seen.found.box_y[at]
         if abs(dx * cos + dy * sin) > half_length or abs(dy * cos - dx * sin) > half_width:
             continue
         theta = views.first + views.step * position
-        while face < last_face and theta > seen.face_theta_f[face] + 0.25 * views.step:
+        while face < last_face and theta > seen.found.face_theta_f[face] + 0.25 * views.step:
             f = _end_face(views, f, n)
             face += 1
         # Beams of an object across the seam were taken at the end and at the start of the sweep.
