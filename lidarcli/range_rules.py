@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli import ranges as _ranges
+import lidarcli.ranges
 from lidarcli.errors import OptionError
 from lidarcli.sweeps import (
     TURN,
@@ -238,7 +238,9 @@ def judge(
     if raw.size:
         verdicts = np.array([_verdict(word, words) for word in _KINDS], np.uint8)
         most = np.nextafter(high, np.float32(-np.inf)) if "max" in words else high
-        _ranges.judge(raw, np.ascontiguousarray(beams, np.int32), low, most, high, verdicts, clean, status)
+        lidarcli.ranges.judge(
+            raw, np.ascontiguousarray(beams, np.int32), low, most, high, verdicts, clean, status
+        )
     return clean, status
 
 
@@ -257,5 +259,5 @@ def count_statuses(status: UInt8) -> Int32:
     if status.max(initial=0) >= len(Status):
         raise ValueError(f"{status.max()} is no status of a beam")
     counts = np.zeros((len(Status), len(status)), np.int32)
-    _ranges.count_statuses(np.ascontiguousarray(status, np.uint8), counts)
+    lidarcli.ranges.count_statuses(np.ascontiguousarray(status, np.uint8), counts)
     return counts

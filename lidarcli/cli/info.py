@@ -54,7 +54,7 @@ def info(say: Messages, told: InfoCommand) -> int:
     from lidarcli.errors import NoScanError
     from lidarcli.logs.options import clouds_hint, no_scan_topic
     from lidarcli.pipeline.inspecting import LogInfo, inspect_logs
-    from lidarcli.pipeline.runs.over_logs import Failure, exit_code
+    from lidarcli.pipeline.runs.outcomes import Failure, exit_code
 
     sources = chosen_logs(told)
     if told["dry_run"]:

@@ -90,7 +90,8 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
     from lidarcli.pipeline.api.options import detect_options, tracking_of
     from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.overlaying import OverlayOptions, refuse_overlay, write_overlay
-    from lidarcli.pipeline.runs.over_logs import outcome_of, progress_of
+    from lidarcli.pipeline.runs.outcomes import outcome_of
+    from lidarcli.pipeline.runs.over_logs import progress_of
 
     keep_freed_memory()
     say.of_missing_core()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.objects.options import DetectOptions
     from lidarcli.pipeline.runs.cluster import Cluster
     from lidarcli.pipeline.runs.folder_run import FolderRun, Plan
-    from lidarcli.pipeline.runs.over_logs import Outcome
+    from lidarcli.pipeline.runs.outcomes import Outcome
 
     Report = Callable[[Source, int], None] | None
 
@@ -45,7 +45,7 @@ def chosen_logs(told: Mapping[str, Any]) -> list[Source | Nothing]:
 
 def print_reads(sources: Iterable[Source | Nothing], writes: Iterable[str] = ()) -> int:
     """Print what would be read and written, a line each; return the exit code."""
-    from lidarcli.pipeline.runs.over_logs import exit_code
+    from lidarcli.pipeline.runs.outcomes import exit_code
 
     code = exit_code([print_read(source) for source in sources])
     for output in writes:
@@ -212,7 +212,7 @@ def refuse_elsewhere(outcome: Outcome) -> None:
 def _print_plan(run: FolderRun, plan: Plan, options: DetectOptions) -> int:
     """Print what would be done, a line for each file; the exit code that can be foreseen."""
     from lidarcli.errors import OutputError
-    from lidarcli.pipeline.runs.over_logs import exit_code
+    from lidarcli.pipeline.runs.outcomes import exit_code
 
     codes = []
     for step, outputs in run.dry(plan):

@@ -29,7 +29,8 @@ from lidarcli.pipeline.reading.pose_sources import (
     pose_infos,
 )
 from lidarcli.pipeline.reading.posing import alike_note
-from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, progress_of
+from lidarcli.pipeline.runs.outcomes import Failure, attempt
+from lidarcli.pipeline.runs.over_logs import LogProgress, progress_of
 from lidarcli.range_rules import RangeRules, closure, normalise
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
 

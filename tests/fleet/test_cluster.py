@@ -26,7 +26,7 @@ from lidarcli.errors import OutputError
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.runs import cluster
 from lidarcli.pipeline.runs.manifest import read_entries
-from lidarcli.pipeline.runs.over_logs import Outcome
+from lidarcli.pipeline.runs.outcomes import Outcome
 from tests.conftest import Ran
 from tests.descendants import descendants, gone
 from tests.fleet.conftest import tables

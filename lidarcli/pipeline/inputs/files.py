@@ -5,13 +5,17 @@ from __future__ import annotations
 import errno
 import glob
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from enum import Enum
-from fnmatch import fnmatch
+from fnmatch import fnmatch, fnmatchcase
 from pathlib import Path, PurePosixPath
 
 from lidarcli.errors import UnreadableError
-from lidarcli.stores.url import Place, Url, place
+from lidarcli.stores.url import Place, State, Url, has_bucket, listing, place, read_object
+
+Objects = Mapping[Url, State]
+"""Objects of a store, each with the state it was found in."""
 
 
 class Named(Enum):
@@ -179,8 +183,6 @@ def fixed_part(pattern: str) -> str:
 def all_files(folder: Place, suffix: str) -> list[Place]:
     """Return the files of a folder by name; none of a missing folder, `UnreadableError` where it cannot be searched."""
     if isinstance(folder, Url):
-        from lidarcli.stores.url import listing
-
         return [found for found, _ in listing(folder) if found.name.endswith(suffix)]
     try:
         return [folder / name for name in sorted(os.listdir(folder)) if name.endswith(suffix)]  # noqa: PTH208
@@ -194,8 +196,6 @@ def read_file(name: str) -> bytes:
     """Read a file as a whole; `UnreadableError` where it cannot be read."""
     where = place(name)
     if isinstance(where, Url):
-        from lidarcli.stores.url import read_object
-
         return read_object(where)
     try:
         return where.read_bytes()
@@ -204,9 +204,6 @@ def read_file(name: str) -> bytes:
 
 
 def _stored(url: Url) -> tuple[Named, list[Place], list[UnreadableError]]:
-    from lidarcli.pipeline.inputs.search import objects_matching
-    from lidarcli.stores.url import has_bucket, listing
-
     if url.has_magic():
         return Named.PATTERN, [*objects_matching(url)], []
     if url.key and url.exists():
@@ -224,3 +221,33 @@ def _stored(url: Url) -> tuple[Named, list[Place], list[UnreadableError]]:
 
 def _is_shown(path: PurePosixPath) -> bool:
     return not any(part.startswith((".", "_")) for part in path.parts)
+
+
+def objects_matching(pattern: Url) -> list[Url]:
+    """Return the objects that match a pattern, by name."""
+    matches = matcher_of(pattern)
+    return [url for url in folder_of_pattern(pattern)[1] if matches(url.key)]
+
+
+def folder_of_pattern(pattern: Url) -> tuple[Url, Objects]:
+    """Return the folder of a pattern before its first part with signs, and all that is below it."""
+    base = replace(pattern, key=fixed_part(pattern.key).strip("/"))
+    return base, dict(listing(base))
+
+
+def matcher_of(pattern: Url) -> Callable[[str], bool]:
+    parts = pattern.key.split("/")
+    return lambda key: _matches(parts, key.split("/"))
+
+
+def _matches(pattern: Sequence[str], key: Sequence[str]) -> bool:
+    """Match a name with a pattern, part by part as in a shell; no sign stands for the dot of a hidden name."""
+    if not pattern:
+        return not key
+    first, rest = pattern[0], pattern[1:]
+    if first == "**":
+        more = bool(key) and not key[0].startswith(".") and _matches(pattern, key[1:])
+        return more or _matches(rest, key)
+    if not key or (key[0].startswith(".") and not first.startswith(".")):
+        return False
+    return fnmatchcase(key[0], first) and _matches(rest, key[1:])

@@ -8,19 +8,25 @@ import os
 import re
 import stat
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from hashlib import blake2b
 from pathlib import Path, PurePath, PurePosixPath
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.rosbag2.folder import is_bag
-from lidarcli.pipeline.inputs.files import fixed_part, matching, read_file
+from lidarcli.pipeline.inputs.files import (
+    Objects,
+    fixed_part,
+    folder_of_pattern,
+    matcher_of,
+    matching,
+    read_file,
+)
 from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source, hold_one_sweep_each
-from lidarcli.stores.url import Place, State, Url, is_url, place
+from lidarcli.stores.url import Place, State, Url, has_bucket, head, is_folder, is_url, listing, place
 
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *TEXT_LOG_SUFFIXES)
 """Suffixes of logs in a folder that is searched; a file that is named is opened whatever its suffix."""
@@ -243,16 +249,11 @@ def known_suffixes() -> str:
     return "searched for " + " ".join(f"*{suffix}" for suffix in SUFFIXES)
 
 
-Objects = Mapping[Url, State]
-
-
 def find_stored(text: str) -> list[Source | Nothing]:
     """Return the logs of a URL: an object, all below a folder, or those that match a pattern; sorted by name.
 
     In a pattern `*` and `?` stop at a slash and `**/` stands for any folders. Where listing fails, one `Nothing` says why.
     """
-    from lidarcli.stores.url import head, is_folder, listing
-
     url = place(text)
     assert isinstance(url, Url)
     try:
@@ -271,8 +272,6 @@ def find_stored(text: str) -> list[Source | Nothing]:
 
 
 def _why_none(url: Url, objects: Objects) -> str:
-    from lidarcli.stores.url import has_bucket
-
     if objects:
         return f"no log in this folder ({known_suffixes()})"
     return "no such object or folder" if has_bucket(url) else "there is no such bucket"
@@ -307,10 +306,8 @@ def _stored_below(base: Url, objects: Objects) -> list[Source | Nothing]:
 
 def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
     """Return the logs of a pattern, by their places below its part without signs."""
-    from lidarcli.stores.url import has_bucket
-
-    base, objects = _beside(pattern)
-    matches = _matcher(pattern)
+    base, objects = folder_of_pattern(pattern)
+    matches = matcher_of(pattern)
     urls = [url for url in objects if matches(url.key)]
     if hold_one_sweep_each([url for url in urls if url.suffix in (".csv", ".tsv", ".txt")]):
         return [_of_objects(str(pattern), urls[0].parent.name, urls, objects)]
@@ -336,38 +333,6 @@ def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
         return [found[path] for path in sorted(found)]
     why = "no object matches this pattern" if objects or has_bucket(pattern) else "there is no such bucket"
     return [Nothing(text, UnreadableError(why))]
-
-
-def objects_matching(pattern: Url) -> list[Url]:
-    """Return the objects that match a pattern, by name."""
-    matches = _matcher(pattern)
-    return [url for url in _beside(pattern)[1] if matches(url.key)]
-
-
-def _beside(pattern: Url) -> tuple[Url, Objects]:
-    """Return the folder of a pattern before its first part with signs, and all that is below it."""
-    from lidarcli.stores.url import listing
-
-    base = replace(pattern, key=fixed_part(pattern.key).strip("/"))
-    return base, dict(listing(base))
-
-
-def _matcher(pattern: Url) -> Callable[[str], bool]:
-    parts = pattern.key.split("/")
-    return lambda key: _matches(parts, key.split("/"))
-
-
-def _matches(pattern: Sequence[str], key: Sequence[str]) -> bool:
-    """Match a name with a pattern, part by part as in a shell; no sign stands for the dot of a hidden name."""
-    if not pattern:
-        return not key
-    first, rest = pattern[0], pattern[1:]
-    if first == "**":
-        more = bool(key) and not key[0].startswith(".") and _matches(pattern, key[1:])
-        return more or _matches(rest, key)
-    if not key or (key[0].startswith(".") and not first.startswith(".")):
-        return False
-    return fnmatchcase(key[0], first) and _matches(rest, key[1:])
 
 
 def _source(url: Url, name: str, objects: Objects) -> Source | Nothing:

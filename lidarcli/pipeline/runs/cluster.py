@@ -37,7 +37,7 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.machine import keep_freed_memory
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, Outcome, Work, outcome_of
+from lidarcli.pipeline.runs.outcomes import INTERNAL_ERROR, Outcome, Work, outcome_of
 from lidarcli.pipeline.runs.processes import signals_held
 from lidarcli.stores.url import absolute, is_url
 

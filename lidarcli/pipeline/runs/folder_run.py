@@ -27,7 +27,7 @@ from lidarcli.pipeline.runs.manifest import (
     remove_file,
     state_of,
 )
-from lidarcli.pipeline.runs.over_logs import Outcome
+from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.stores.url import Place, Url, absolute, place
 from lidarcli.tabular.reading import file_metadata, note_value
 from lidarcli.tabular.runs import DAMAGED, FAILED, OK, Entry, newest

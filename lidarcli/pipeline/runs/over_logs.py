@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol
 
-from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, UnreadableError, is_short_of_memory
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary
+from lidarcli.pipeline.runs.outcomes import Outcome, outcome_of
 
-INTERNAL_ERROR = 70
 WORTH_A_PROCESS = 16 << 20
 """Bytes of logs beside the largest one from which on worker processes pay."""
 
@@ -21,68 +18,11 @@ STORED = 2 << 20
 LogProgress = Callable[[Source, int], None]
 """Progress: the log, and the position in it [bytes]."""
 
-Work = Callable[[Source], RunSummary]
-T = TypeVar("T")
-
 
 class LogWork(Protocol):
     """Work on one log that tells its progress."""
 
     def __call__(self, source: Source, /, *, progress: Progress | None = None) -> RunSummary: ...
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Outcome of one input."""
-
-    label: str
-    """The input as the user wrote it, or the log found below it."""
-    exit_code: int
-    summary: RunSummary | None = None
-    error: str | None = None
-    trace: str | None = None
-    """Traceback of an internal error."""
-    remark: str | None = None
-    """Note on trouble that was overcome."""
-    source: Source | Nothing | None = field(default=None, compare=False)
-    """The input it is about."""
-    skipped: bool = False
-    """True where it was done before, and nothing was read now."""
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """Reason for which there is no result for one input."""
-
-    error: str
-    exit_code: int
-    trace: str | None = None
-
-
-def attempt(source: Source | Nothing, work: Callable[[Source], T]) -> T | Failure:
-    """Do the work for one input, and turn its errors into a `Failure`, so that the other inputs are done."""
-    if isinstance(source, Nothing):
-        return Failure(str(source.error), source.error.exit_code)
-    try:
-        return work(source)
-    except LidarcliError as err:
-        return Failure(str(err).removeprefix(f"{source.path}: "), err.exit_code)
-    except BrokenPipeError:
-        raise
-    except OSError as err:
-        return Failure(err.strerror or str(err), UnreadableError.exit_code)
-    except Exception as err:
-        if is_short_of_memory(err):
-            return Failure(OUT_OF_MEMORY, UnreadableError.exit_code)
-        return Failure(f"internal error: {type(err).__name__}: {err}", INTERNAL_ERROR, traceback.format_exc())
-
-
-def outcome_of(source: Source | Nothing, work: Work) -> Outcome:
-    """Do the work for one input and return its outcome."""
-    result = attempt(source, work)
-    if isinstance(result, Failure):
-        return Outcome(source.label, result.exit_code, error=result.error, trace=result.trace, source=source)
-    return Outcome(source.label, result.exit_code, summary=result, source=source)
 
 
 def over_logs(
@@ -131,8 +71,3 @@ def logs_at_once(sources: Sequence[Source | Nothing], jobs: int) -> int:
     # A log of unknown size, a pipe, may be long; one in a store keeps waiting however small it is.
     sizes = sorted(max(source.size or WORTH_A_PROCESS, STORED * (source.url is not None)) for source in logs)
     return min(jobs, len(logs)) if sum(sizes[:-1]) >= WORTH_A_PROCESS else 1
-
-
-def exit_code(codes: Iterable[int]) -> int:
-    """Return the exit code of a run over several logs: the first that is not zero."""
-    return next((code for code in codes if code), 0)
