@@ -42,6 +42,8 @@ class Number:
         """Refuse a value of Python that is no such number (`OptionError`)."""
         if not isinstance(value, Integral if self.whole else Real) or isinstance(value, bool):
             raise OptionError(f"{value!r} is no {'whole ' if self.whole else ''}number")
+        if not math.isfinite(value):
+            raise OptionError(f"{value} is not a finite number")
         self._check(value, f"{value:g}")  # type: ignore[arg-type]
 
     def _check(self, number: float, words: str) -> None:

@@ -561,7 +561,7 @@ class _Reader(pickle.Unpickler):
 
 
 def load_data(data: Any, *, buffers: Iterable[Any] = ()) -> Any:
-    """Read a pickle as data; distributed calls it in the place of `pickle.loads`."""
+    """Read a pickle as data; distributed calls it in the place of its own reader."""
     return _Reader(io.BytesIO(data), buffers=buffers).load()
 
 
