@@ -308,7 +308,7 @@ def test_track_refuses_what_has_no_meaning() -> None:
         TypeError, match=r"^track\(\) has no option 'signifcance'; did you mean 'significance'\?$"
     ):
         lidarcli.track("run.mcap", signifcance=1e-3)
-    with pytest.raises(OptionError, match="--significance: 1 is above 0.1"):
+    with pytest.raises(OptionError, match=r"--significance: 1 is above 0\.1"):
         lidarcli.track("run.mcap", significance=1)
     batch = lidarcli.formalism.sweep(block().ranges, angle_increment=np.pi / 180)
     with pytest.raises(TypeError, match=r"^only a log can be read with every, pose_delay$"):
