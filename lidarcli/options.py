@@ -2,8 +2,8 @@
 
 The command line, the keywords of the Python functions, `lidarcli.toml`, the variables of the environment, docs/cli.md and
 docs/python.md are made from these declarations. A group is a `TypedDict`: type checkers read the types of the keywords from
-it, and each field carries an `Option` beside its type. Options that one command alone
-has stand in the file of that command. Nothing here imports click or numpy, so that `--help` answers soon.
+it, and each field carries an `Option` beside its type. Options of one command alone stand in the file of that command.
+Nothing here imports click or numpy, so that `--help` answers soon.
 """
 
 import math

@@ -372,7 +372,7 @@ def _counts(run: RunSummary) -> str:
     if run.things is None:
         return f"{sweeps}, {counted(run.objects, 'object')}"
     objects = f"{counted(run.objects + run.agents, 'object')} ({run.agents:,} of agents)"
-    return f"{sweeps}, {objects}, {counted(run.things, 'thing')} ({counted(run.moved, 'agent')})"
+    return f"{sweeps}, {objects}, {counted(run.things, 'track')} ({counted(run.moved, 'agent')})"
 
 
 def _speed(run: RunSummary) -> str:

@@ -267,7 +267,7 @@ def test_a_log_of_which_nothing_is_read_is_warned_of() -> None:
         (lidarcli.map, {"resolution": "5 cm"}, "--resolution: '5 cm' is no number"),
         (lidarcli.map, {"max_size": 0}, "--max-size: 0 is not above 0"),
         (lidarcli.map, {"occupied_ratio": 1.5}, "--occupied-ratio: 1.5 is above 1"),
-        (lidarcli.map, {"voxel": float("nan")}, "--voxel: nan is below 0"),
+        (lidarcli.map, {"voxel": float("nan")}, "--voxel: nan is not a finite number"),
         (lidarcli.map, {"min_hits": 1.5}, "--min-hits: 1.5 is no whole number"),
         (lidarcli.learn, {"station_distance": -1}, "--station-distance: -1 is not above 0"),
         (lidarcli.detect, {"jobs": -3}, "--jobs: -3 is below 1"),

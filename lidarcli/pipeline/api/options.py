@@ -295,7 +295,7 @@ def parameters_of(parameters: Parameters | None, told: Values, *, subtracted: bo
     if parameters is not None:
         if not isinstance(parameters, Parameters):
             raise TypeError(f"parameters have to be Parameters, not {type(parameters).__name__}")
-        asked = sorted(name for name, value in given.items() if value not in (None, False, "robust"))
+        asked = sorted(name for name, value in defaults_of(Objects).items() if given[name] != value)
         if asked:
             raise TypeError(f"give either parameters or {', '.join(asked)}")
         return parameters
