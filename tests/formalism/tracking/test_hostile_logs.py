@@ -65,7 +65,7 @@ def test_some_hostile_logs_are_followed_and_definition_4_sums() -> None:
 
 @pytest.mark.whole
 def test_many_hostile_logs_are_followed_and_definition_4_sums() -> None:
-    for log, parameters in hostile_logs(2000, seed=7):
+    for log, parameters in hostile_logs(1000, seed=7):
         assert_sums(follow(log, parameters), detect(joined(log), parameters))
 
 
@@ -77,7 +77,7 @@ def test_hostile_logs_touch_nothing_outside_of_their_arrays() -> None:
 
 @pytest.mark.whole
 def test_hostile_logs_are_told_alike_however_they_are_cut() -> None:
-    for log, parameters in hostile_logs(1500):
+    for log, parameters in hostile_logs(600):
         whole = joined(log)
         told = follow(log, parameters)
         for size in (1, 5, len(whole)):
