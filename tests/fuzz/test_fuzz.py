@@ -44,7 +44,7 @@ GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     "counts": (("counts",), 30),
     "maps": (("maps",), 70),
     "trajectories": (("trajectories",), 40),
-    "tables": (("tables",), 20),
+    "tables": (("tables",), 10),
     "names of tables": (("table-names",), 7),
     "settings": (("settings",), 20),
     "manifests": (("manifests",), 12),
