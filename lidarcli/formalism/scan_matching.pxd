@@ -1,0 +1,123 @@
+cimport cython
+cimport libc.math as math
+
+from lidarcli cimport native
+
+cdef double NAN, TURN, TINY, NEAREST_RANGE, FARTHEST_RANGE, GRAIN, LINE_REACH, GAP, GAP_BEAMS, LINE_VAR, LINE_VAR_GROWS
+cdef double STRETCHED, EVEN, LONGEST_CHORD, CELL, MOST_HITS, SAME_SIDE, SMALL_STEP, GREATEST_STEP, GREATEST_TURN
+cdef double POINT_WEIGHT, LEAST_WEIGHT, SLIDES, FITS, FITS_GROWS, FITS_POINT, SHARP, GOOD_FIT, LEAST_FIT, BETTER
+cdef double TRIED_TURN, FARTHEST_STEP, WIDEST_STEP, HORIZON
+cdef Py_ssize_t MOST_POINTS, LEAST_POINTS, MOST_NEIGHBOURS, LEAST_NEIGHBOURS, SIDE, MOST_SURFELS, MOST_STEPS, TRIED_TURNS
+cdef Py_ssize_t PATIENCE, COLUMNS
+
+
+cdef class Outline:
+    cdef list owner
+    cdef Py_ssize_t most, count, takes_time
+    cdef double* x
+    cdef double* y
+    cdef double* nx
+    cdef double* ny
+    cdef double* late
+    cdef double* r
+    cdef Py_ssize_t* line
+    cdef double* at_x
+    cdef double* at_y
+    cdef double* at_nx
+    cdef double* at_ny
+    cdef double* beam_x
+    cdef double* beam_y
+    cdef double* beam_r
+
+
+cdef class Surfels:
+    cdef list owner
+    cdef Py_ssize_t count
+    cdef double* x
+    cdef double* y
+    cdef double* nx
+    cdef double* ny
+    cdef double* hits
+    cdef Py_ssize_t* line
+    cdef Py_ssize_t* column
+    cdef Py_ssize_t* row
+    cdef Py_ssize_t* next
+    cdef Py_ssize_t* head
+
+
+cdef class Alignment:
+    cdef double x, y, yaw, fit, sharp, least, along_x, along_y
+
+
+cdef class Matcher:
+    cdef readonly Py_ssize_t beams, pieces
+    cdef Outline points, first
+    cdef Surfels map
+    cdef Alignment found, best
+    cdef bint begun, moves, alone
+    cdef double x, y, yaw, vx, vy, vyaw, time, told_x, told_y, told_yaw, told_part
+    cdef Py_ssize_t misses
+
+    @cython.locals(rows=Py_ssize_t, width=Py_ssize_t, row=Py_ssize_t, k=Py_ssize_t)
+    cpdef follow(self, ranges, beams, angle_min, angle_increment, timing, told, found)
+
+
+@cython.locals(closed=Py_ssize_t, last=Py_ssize_t, k=Py_ssize_t, i=Py_ssize_t)
+cdef void read_outline(
+    Outline points, float* r, Py_ssize_t at, Py_ssize_t beams, double first, double step, double begin, double end
+) noexcept nogil
+@cython.locals(
+    most=Py_ssize_t, number=Py_ssize_t, fewest=Py_ssize_t, side=Py_ssize_t, d=Py_ssize_t, before=Py_ssize_t,
+    taken=Py_ssize_t, q=Py_ssize_t, j=Py_ssize_t, u=Py_ssize_t, v=Py_ssize_t
+)
+cdef Py_ssize_t fit_line(
+    Outline points, Py_ssize_t i, Py_ssize_t k, Py_ssize_t beams, Py_ssize_t closed, double turn
+) noexcept nogil
+cdef Py_ssize_t beam_beside(Py_ssize_t k, Py_ssize_t beams, Py_ssize_t closed) noexcept nogil
+cdef Py_ssize_t is_even(
+    Outline points, Py_ssize_t one, Py_ssize_t middle, Py_ssize_t other, double turn
+) noexcept nogil
+cdef void set_normal(Outline points, Py_ssize_t i, double nx, double ny) noexcept nogil
+cdef void deskew(Outline points, double vx, double vy, double vyaw) noexcept nogil
+cdef (double, double, double) driven(double vx, double vy, double vyaw, double seconds) noexcept nogil
+cdef (double, double, double) velocity_of(double x, double y, double yaw, double seconds) noexcept nogil
+cdef (double, double, double) step_between(
+    double x, double y, double yaw, double to_x, double to_y, double to_yaw
+) noexcept nogil
+cdef (double, double, double) pose_after(
+    double x, double y, double yaw, double dx, double dy, double turn
+) noexcept nogil
+@cython.locals(
+    column=Py_ssize_t, row=Py_ssize_t, around=Py_ssize_t, found=Py_ssize_t, ring=Py_ssize_t, i=Py_ssize_t, j=Py_ssize_t,
+    at=Py_ssize_t, edge=bint
+)
+cdef Py_ssize_t nearest_surfel(
+    Surfels surfels, double x, double y, double nx, double ny, Py_ssize_t line, double reach
+) noexcept nogil
+@cython.locals(at=Py_ssize_t, column=Py_ssize_t, row=Py_ssize_t)
+cdef void add_surfel(Surfels surfels, double x, double y, double nx, double ny, Py_ssize_t line) noexcept nogil
+cdef void chain_surfel(Surfels surfels, Py_ssize_t at) noexcept nogil
+@cython.locals(kept=Py_ssize_t, at=Py_ssize_t, cell=Py_ssize_t)
+cdef void forget_far(Surfels surfels, double x, double y, double reach) noexcept nogil
+@cython.locals(i=Py_ssize_t, reach=double)
+cdef void enter_sweep(Matcher matcher, Outline points, double vx, double vy, double vyaw) noexcept nogil
+@cython.locals(scale=Py_ssize_t, reach=double, kernel=double)
+cdef (double, double, double) align(
+    Matcher matcher, double x, double y, double yaw, double vx, double vy, double vyaw, double seconds, Py_ssize_t wide
+) noexcept nogil
+@cython.locals(fits=Py_ssize_t, sharp=Py_ssize_t, number=Py_ssize_t, at=Py_ssize_t, i=Py_ssize_t)
+cdef void refine(
+    Outline points, Surfels surfels, Alignment found, double reach, double kernel
+) noexcept nogil
+cdef void copy_alignment(Alignment to, Alignment of) noexcept nogil
+@cython.locals(i=Py_ssize_t)
+cdef void copy_outline(Outline to, Outline of) noexcept nogil
+cdef void begin_map(Matcher matcher, double time) noexcept nogil
+@cython.locals(seconds=double, follows=bint, guided=bint, wide=Py_ssize_t)
+cdef void place_sweep(
+    Matcher matcher, double time, double* told, Py_ssize_t at, double* out, Py_ssize_t to
+) noexcept nogil
+@cython.locals(place=Py_ssize_t, k=Py_ssize_t)
+cdef (double, double, double) look_around(
+    Matcher matcher, double x, double y, double yaw, double vx, double vy, double vyaw, double seconds
+) noexcept nogil

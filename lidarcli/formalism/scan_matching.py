@@ -1,0 +1,687 @@
+"""The path of a sensor from its sweeps alone: each sweep is laid, point to line, onto a local map of surfels.
+
+A *surfel* is a short piece of a wall: a point with a normal, or a point alone. The map holds them in square cells, as far as
+the sensor reaches. A sweep that takes time is deskewed by the velocity that its own alignment gives. Where the walls in view
+do not fix the place along some direction, as in a straight corridor, the guess decides along it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from lidarcli import native
+
+NAN = float("nan")
+TURN = 2.0 * math.pi
+TINY = 1e-9
+
+NEAREST_RANGE = 0.02
+"""Ranges below this are left out [m]."""
+FARTHEST_RANGE = 30.0
+"""Ranges above this are left out [m]: flat views of far walls say little of the place, and the map stays bounded."""
+GRAIN = 0.05
+"""Distance between points of a sweep, and between surfels [m]."""
+MOST_POINTS = 400
+"""Points of a sweep that are used; of more, evenly chosen ones."""
+LEAST_POINTS = 15
+"""A sweep of fewer points has no pose."""
+LINE_REACH = 0.12
+"""Length of wall to each side of a point to which its line is fitted [m]."""
+MOST_NEIGHBOURS = 12
+LEAST_NEIGHBOURS = 2
+GAP = 0.15
+"""Neighbours further apart than this are not of one wall [m], ..."""
+GAP_BEAMS = 4.0
+"""... and than this many times the distance of neighbours on a wall seen head on."""
+LINE_VAR, LINE_VAR_GROWS = 4e-4, 2.5e-5
+"""Greatest variance across a line [m²], and its growth per squared range."""
+STRETCHED = 6.0
+"""A line is this many times longer than wide, in variance."""
+EVEN = 0.05
+"""Three beams lie on one line if the middle one is no further off than this [m]; for walls seen at a flat angle."""
+LONGEST_CHORD = 1.5
+"""Points of a flat wall whose neighbours are further apart than this are not used [m]."""
+
+CELL = 0.2
+"""Side of the cells of the map [m]."""
+SIDE = 512
+"""Cells of the map in each direction, which repeat beyond: more than the reach of all ranges to both sides."""
+MOST_SURFELS = 1 << 16
+MOST_HITS = 20.0
+"""The mean of a surfel forgets beyond this many points."""
+SAME_SIDE = 0.5
+"""Cosine of the angle between two normals of one wall."""
+
+MOST_STEPS = 12
+"""Steps of an alignment for each scale."""
+SMALL_STEP = 3e-4
+"""An alignment has converged at a step below this [m, rad]."""
+GREATEST_STEP, GREATEST_TURN = 0.5, 0.3
+"""Limits of one step of an alignment [m, rad]."""
+POINT_WEIGHT = 0.3
+"""Weight of a point without a line."""
+LEAST_WEIGHT = 5.0
+SLIDES = 0.02
+"""Where the curvature along a direction is a smaller share of all weights, the walls do not fix the place along it."""
+FITS, FITS_GROWS = 0.05, 0.005
+"""A point fits that is no further from a line than this [m], and this share of its range more."""
+FITS_POINT = 0.08
+SHARP = 0.015
+"""[m] Residuals below tell a sharp map from one of sweeps that are deskewed wrongly."""
+
+GOOD_FIT = 0.6
+"""Share of points that fit; below it, other turns are tried."""
+LEAST_FIT = 0.5
+"""Below this share a sweep has no pose."""
+BETTER = 0.03
+"""Another turn counts only if the share of points that fit is greater by this."""
+TRIED_TURN, TRIED_TURNS = 0.12, 4
+"""Other turns are tried in steps of so much [rad], so many to each side."""
+FARTHEST_STEP, WIDEST_STEP = 3.0, 1.2
+"""A sweep is no further from its guess than this [m, rad]."""
+PATIENCE = 10
+"""After this many sweeps in a row that fit nowhere, the map begins anew."""
+HORIZON = 1.0
+"""A velocity holds for this long [s]."""
+COLUMNS = 8
+"""Numbers of each sweep in the result of `Matcher.follow`."""
+
+
+class Outline:
+    """The points of one sweep, thinned, each with the normal of its wall where it lies on one."""
+
+    def __init__(self, beams: int) -> None:
+        self.owner: list[Any] = []
+        self.most = beams
+        self.count = 0
+        self.takes_time = 0
+        self.x = native.doubles(self.owner, beams)
+        self.y = native.doubles(self.owner, beams)
+        self.nx = native.doubles(self.owner, beams)
+        self.ny = native.doubles(self.owner, beams)
+        self.late = native.doubles(self.owner, beams)
+        self.r = native.doubles(self.owner, beams)
+        self.line = native.integers(self.owner, beams)
+        # Seen from where the sensor was at the header stamp.
+        self.at_x = native.doubles(self.owner, beams)
+        self.at_y = native.doubles(self.owner, beams)
+        self.at_nx = native.doubles(self.owner, beams)
+        self.at_ny = native.doubles(self.owner, beams)
+        # All beams of the sweep: place, and range 0 where there is none.
+        self.beam_x = native.doubles(self.owner, beams)
+        self.beam_y = native.doubles(self.owner, beams)
+        self.beam_r = native.doubles(self.owner, beams)
+
+
+class Surfels:
+    """A map: points with normals in cells that repeat every `SIDE`."""
+
+    def __init__(self) -> None:
+        self.owner: list[Any] = []
+        self.count = 0
+        self.x = native.doubles(self.owner, MOST_SURFELS)
+        self.y = native.doubles(self.owner, MOST_SURFELS)
+        self.nx = native.doubles(self.owner, MOST_SURFELS)
+        self.ny = native.doubles(self.owner, MOST_SURFELS)
+        self.hits = native.doubles(self.owner, MOST_SURFELS)
+        self.line = native.integers(self.owner, MOST_SURFELS)
+        self.column = native.integers(self.owner, MOST_SURFELS)
+        self.row = native.integers(self.owner, MOST_SURFELS)
+        self.next = native.integers(self.owner, MOST_SURFELS)
+        """Next surfel of the chain, counted from 1; 0 at its end."""
+        self.head = native.integers(self.owner, SIDE * SIDE)
+
+
+class Alignment:
+    """A pose on the map, and how well the points fit there."""
+
+    def __init__(self) -> None:
+        self.x = self.y = self.yaw = 0.0
+        self.fit = self.sharp = 0.0
+        """Share of points that fit, and of those within `SHARP`."""
+        self.least = 0.0
+        """Curvature along the direction that is fixed worst, as a share of all weights."""
+        self.along_x = self.along_y = 0.0
+        """That direction."""
+
+
+class Matcher:
+    """The path of one sensor: `follow` takes sweeps in log order, however they are cut into batches."""
+
+    def __init__(self, beams: int) -> None:
+        self.beams = beams
+        self.points = Outline(beams)
+        self.first = Outline(beams)
+        """The sweep with which the map begins, while it is all there is of it."""
+        self.map = Surfels()
+        self.found, self.best = Alignment(), Alignment()
+        self.begun = self.moves = self.alone = False
+        self.x = self.y = self.yaw = 0.0
+        self.vx = self.vy = self.vyaw = 0.0
+        self.time = 0.0
+        self.told_x = self.told_y = self.told_yaw = NAN
+        self.told_part = 0.0
+        self.misses = 0
+        self.pieces = 0
+
+    def follow(
+        self, ranges: Any, beams: Any, angle_min: Any, angle_increment: Any, timing: Any, told: Any, found: Any
+    ) -> None:
+        """Find the poses of S sweeps.
+
+        Parameters
+        ----------
+        ranges : (S, B) float32 [m], NaN without a return; B at most the `beams` of this matcher
+        beams : (S,) int32 number of beams of each sweep
+        angle_min, angle_increment : (S,) float64 [rad]
+        timing : (S, 3) float64: header stamp, and how long after it the first and the last beam are sent [s]
+        told : (S, 4) float64: x, y, yaw of a pose told for the sensor, NaN for none, and the number of the part of the
+            told path, within which steps are believed
+        found : (S, 8) float64 to write to: x, y, yaw, NaN without a pose; share of points that fit; least curvature; share of
+            points within `SHARP`; number of the piece of the path, from 1; whether the guess was told
+        """
+        rows, width = ranges.shape
+        r, counted = native.at_singles(ranges), native.at_ints(beams)
+        first, step = native.at_doubles(angle_min), native.at_doubles(angle_increment)
+        times, guesses, out = native.at_doubles(timing), native.at_doubles(told), native.at_doubles(found)
+        lock = native.release()
+        for row in range(rows):
+            for k in range(COLUMNS):
+                out[COLUMNS * row + k] = NAN
+            read_outline(
+                self.points, r, row * width, counted[row], first[row], step[row], times[3 * row + 1], times[3 * row + 2]
+            )
+            place_sweep(self, times[3 * row], guesses, 4 * row, out, COLUMNS * row)
+        native.resume(lock)
+
+
+def read_outline(
+    points: Outline, r: Any, at: int, beams: int, first: float, step: float, begin: float, end: float
+) -> None:
+    """Take the points of a sweep, and fit lines to them."""
+    points.count = 0
+    points.takes_time = 1 if begin != 0.0 or end != 0.0 else 0
+    x, y, ranges = points.beam_x, points.beam_y, points.beam_r
+    cos, sin = math.cos(first), math.sin(first)
+    by_cos, by_sin = math.cos(step), math.sin(step)
+    for k in range(beams):
+        if k % 64 == 0:
+            cos, sin = math.cos(first + step * k), math.sin(first + step * k)
+        ranges[k] = r[at + k] if r[at + k] > NEAREST_RANGE and r[at + k] < FARTHEST_RANGE else 0.0
+        x[k], y[k] = ranges[k] * cos, ranges[k] * sin
+        cos, sin = cos * by_cos - sin * by_sin, sin * by_cos + cos * by_sin
+    turn = abs(step)
+    closed = 1 if abs(turn * beams - TURN) < 1.5 * turn else 0
+    lag = (end - begin) / (beams - 1) if beams > 1 else 0.0
+    last = -1
+    for k in range(beams):
+        if ranges[k] == 0.0:
+            continue
+        if last >= 0:
+            dx, dy = x[k] - x[last], y[k] - y[last]
+            if dx * dx + dy * dy < GRAIN * GRAIN:
+                continue
+        last = k
+        i = points.count
+        points.x[i], points.y[i], points.r[i] = x[k], y[k], ranges[k]
+        points.late[i] = begin + lag * k
+        points.line[i] = 0
+        points.nx[i] = points.ny[i] = 0.0
+        if fit_line(points, i, k, beams, closed, turn):
+            points.count += 1
+    if points.count > MOST_POINTS:
+        for i in range(MOST_POINTS):
+            k = i * points.count // MOST_POINTS
+            points.x[i], points.y[i], points.r[i], points.late[i] = points.x[k], points.y[k], points.r[k], points.late[k]
+            points.nx[i], points.ny[i], points.line[i] = points.nx[k], points.ny[k], points.line[k]
+        points.count = MOST_POINTS
+
+
+def fit_line(points: Outline, i: int, k: int, beams: int, closed: int, turn: float) -> int:
+    """Find the normal of the wall at beam k, for point i; return 0 if the point is not to be used."""
+    x, y, r = points.beam_x, points.beam_y, points.beam_r
+    spacing = max(r[k] * turn, 1e-4)
+    most = int(math.ceil(min(LINE_REACH / spacing, 1e6)))
+    most = max(min(most, MOST_NEIGHBOURS), LEAST_NEIGHBOURS)
+    gap = max(GAP, GAP_BEAMS * spacing)
+    sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0
+    number, fewest = 1, beams
+    for side in range(2):
+        d = 2 * side - 1
+        before, taken = k, 0
+        for q in range(1, most + 1):
+            j = beam_beside(k + d * q, beams, closed)
+            if j < 0 or r[j] == 0.0:
+                break
+            dx, dy = x[j] - x[before], y[j] - y[before]
+            if dx * dx + dy * dy > gap * gap:
+                break
+            dx, dy = x[j] - x[k], y[j] - y[k]
+            sx += dx
+            sy += dy
+            sxx += dx * dx
+            sxy += dx * dy
+            syy += dy * dy
+            before = j
+            taken += 1
+        number += taken
+        fewest = min(fewest, taken)
+    if fewest >= LEAST_NEIGHBOURS:
+        mx, my = sx / number, sy / number
+        a, b, c = sxx / number - mx * mx, sxy / number - mx * my, syy / number - my * my
+        root = math.sqrt(0.25 * (a - c) * (a - c) + b * b)
+        across, along = 0.5 * (a + c) - root, 0.5 * (a + c) + root
+        if across < LINE_VAR + LINE_VAR_GROWS * r[k] * r[k] and along > STRETCHED * across:
+            bearing = 0.5 * math.atan2(2.0 * b, a - c)
+            set_normal(points, i, -math.sin(bearing), math.cos(bearing))
+            return 1
+    # Walls seen at a flat angle: in 1/r three beams of a line are even.
+    one, other = beam_beside(k - 1, beams, closed), beam_beside(k + 1, beams, closed)
+    left, right = beam_beside(k - 2, beams, closed), beam_beside(k + 2, beams, closed)
+    u, v = -1, -1
+    if is_even(points, one, k, other, turn):
+        u, v = one, other
+    elif is_even(points, left, one, k, turn):
+        u, v = left, k
+    elif is_even(points, k, other, right, turn):
+        u, v = k, right
+    if u >= 0:
+        dx, dy = x[v] - x[u], y[v] - y[u]
+        chord = math.sqrt(dx * dx + dy * dy)
+        if chord > 2.0 * spacing:
+            set_normal(points, i, -dy / chord, dx / chord)
+            if chord > LONGEST_CHORD:
+                return 0
+    return 1
+
+
+def beam_beside(k: int, beams: int, closed: int) -> int:
+    """Return the beam at a position, -1 beyond the ends of a sweep that is no full circle."""
+    if k >= 0 and k < beams:
+        return k
+    if closed and k >= -beams and k < 2 * beams:
+        return k + beams if k < 0 else k - beams
+    return -1
+
+
+def is_even(points: Outline, one: int, middle: int, other: int, turn: float) -> int:
+    """Return 1 if three beams lie on one line."""
+    r = points.beam_r
+    if one < 0 or middle < 0 or other < 0 or r[one] == 0.0 or r[middle] == 0.0 or r[other] == 0.0:
+        return 0
+    between = 2.0 * math.cos(turn) / (1.0 / r[one] + 1.0 / r[other])
+    return 1 if abs(between - r[middle]) < EVEN else 0
+
+
+def set_normal(points: Outline, i: int, nx: float, ny: float) -> None:
+    """Make point i one of a wall, whose normal looks towards the sensor."""
+    sign = -1.0 if nx * points.x[i] + ny * points.y[i] > 0.0 else 1.0
+    points.nx[i], points.ny[i], points.line[i] = sign * nx, sign * ny, 1
+
+
+def deskew(points: Outline, vx: float, vy: float, vyaw: float) -> None:
+    """Place all points as seen from where the sensor was at the header stamp, for a velocity in its frame."""
+    if not points.takes_time:
+        for i in range(points.count):
+            points.at_x[i], points.at_y[i] = points.x[i], points.y[i]
+            points.at_nx[i], points.at_ny[i] = points.nx[i], points.ny[i]
+        return
+    for i in range(points.count):
+        dx, dy, turn = driven(vx, vy, vyaw, points.late[i])
+        cos, sin = math.cos(turn), math.sin(turn)
+        points.at_x[i] = dx + cos * points.x[i] - sin * points.y[i]
+        points.at_y[i] = dy + sin * points.x[i] + cos * points.y[i]
+        points.at_nx[i] = cos * points.nx[i] - sin * points.ny[i]
+        points.at_ny[i] = sin * points.nx[i] + cos * points.ny[i]
+
+
+def driven(vx: float, vy: float, vyaw: float, seconds: float) -> tuple[float, float, float]:
+    """Return the step that a constant velocity makes, along an arc."""
+    turn = vyaw * seconds
+    ahead, aside = 1.0, 0.0
+    if abs(turn) > TINY:
+        ahead, aside = math.sin(turn) / turn, (1.0 - math.cos(turn)) / turn
+    return seconds * (vx * ahead - vy * aside), seconds * (vx * aside + vy * ahead), turn
+
+
+def velocity_of(x: float, y: float, yaw: float, seconds: float) -> tuple[float, float, float]:
+    """Return the constant velocity that makes a step: the inverse of `driven`."""
+    half = 0.5 * yaw
+    along = half / math.tan(half) if abs(half) > TINY else 1.0
+    return (along * x + half * y) / seconds, (along * y - half * x) / seconds, yaw / seconds
+
+
+def step_between(
+    x: float, y: float, yaw: float, to_x: float, to_y: float, to_yaw: float
+) -> tuple[float, float, float]:
+    """Return the step from one pose to another, in the frame of the first."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    dx, dy = to_x - x, to_y - y
+    return cos * dx + sin * dy, cos * dy - sin * dx, math.remainder(to_yaw - yaw, TURN)
+
+
+def pose_after(
+    x: float, y: float, yaw: float, dx: float, dy: float, turn: float
+) -> tuple[float, float, float]:
+    """Return the pose after a step in the frame of a pose."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return x + cos * dx - sin * dy, y + sin * dx + cos * dy, math.remainder(yaw + turn, TURN)
+
+
+def nearest_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, line: int, reach: float) -> int:
+    """Return the nearest surfel of the same side of a wall, -1 where there is none within `reach` [m]."""
+    column, row = int(math.floor(x / CELL)), int(math.floor(y / CELL))
+    around = int(math.ceil(reach / CELL))
+    best, found = reach * reach, -1
+    own_x, own_y = x - column * CELL, y - row * CELL
+    for ring in range(around + 1):
+        # All cells of this ring are further off than the nearest so far.
+        least = (ring - 1) * CELL + min(min(own_x, CELL - own_x), min(own_y, CELL - own_y))
+        if ring > 0 and least * least > best:
+            break
+        for i in range(column - ring, column + ring + 1):
+            edge = i == column - ring or i == column + ring
+            j = row - ring
+            while j <= row + ring:
+                at = surfels.head[(i & (SIDE - 1)) * SIDE + (j & (SIDE - 1))] - 1
+                while at >= 0:
+                    if surfels.column[at] == i and surfels.row[at] == j:
+                        dx, dy = surfels.x[at] - x, surfels.y[at] - y
+                        d = dx * dx + dy * dy
+                        if d < best and not (
+                            line and surfels.line[at] and nx * surfels.nx[at] + ny * surfels.ny[at] < SAME_SIDE
+                        ):
+                            best, found = d, at
+                    at = surfels.next[at] - 1
+                j += 1 if edge else max(2 * ring, 1)
+    return found
+
+
+def add_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, line: int) -> None:
+    """Add a point to the surfel that it is one of, or as a new one."""
+    at = nearest_surfel(surfels, x, y, nx, ny, line, GRAIN)
+    if at >= 0:
+        if surfels.line[at] and line:
+            off = surfels.nx[at] * (x - surfels.x[at]) + surfels.ny[at] * (y - surfels.y[at])
+            share = 1.0 / (min(surfels.hits[at], MOST_HITS) + 1.0)
+            surfels.x[at] += share * off * surfels.nx[at]
+            surfels.y[at] += share * off * surfels.ny[at]
+            ax = surfels.nx[at] + share * (nx - surfels.nx[at])
+            ay = surfels.ny[at] + share * (ny - surfels.ny[at])
+            norm = math.sqrt(ax * ax + ay * ay)
+            surfels.nx[at], surfels.ny[at] = ax / norm, ay / norm
+            surfels.hits[at] += 1.0
+        elif line:
+            surfels.x[at], surfels.y[at], surfels.nx[at], surfels.ny[at] = x, y, nx, ny
+            surfels.line[at], surfels.hits[at] = 1, 1.0
+        else:
+            surfels.hits[at] += 1.0
+        return
+    if surfels.count == MOST_SURFELS:
+        return
+    at = surfels.count
+    surfels.count += 1
+    surfels.x[at], surfels.y[at], surfels.nx[at], surfels.ny[at] = x, y, nx, ny
+    surfels.line[at], surfels.hits[at] = line, 1.0
+    column, row = int(math.floor(x / CELL)), int(math.floor(y / CELL))
+    surfels.column[at], surfels.row[at] = column, row
+    chain_surfel(surfels, at)
+
+
+def chain_surfel(surfels: Surfels, at: int) -> None:
+    """Put a surfel into the chain of its cell."""
+    cell = (surfels.column[at] & (SIDE - 1)) * SIDE + (surfels.row[at] & (SIDE - 1))
+    surfels.next[at] = surfels.head[cell]
+    surfels.head[cell] = at + 1
+
+
+def forget_far(surfels: Surfels, x: float, y: float, reach: float) -> None:
+    """Keep only surfels within `reach` of a place [m]; none for a reach of 0."""
+    for cell in range(SIDE * SIDE):
+        surfels.head[cell] = 0
+    kept = 0
+    for at in range(surfels.count):
+        dx, dy = surfels.x[at] - x, surfels.y[at] - y
+        if dx * dx + dy * dy >= reach * reach:
+            continue
+        surfels.x[kept], surfels.y[kept], surfels.nx[kept] = surfels.x[at], surfels.y[at], surfels.nx[at]
+        surfels.ny[kept], surfels.hits[kept], surfels.line[kept] = surfels.ny[at], surfels.hits[at], surfels.line[at]
+        surfels.column[kept], surfels.row[kept] = surfels.column[at], surfels.row[at]
+        chain_surfel(surfels, kept)
+        kept += 1
+    surfels.count = kept
+
+
+def enter_sweep(matcher: Matcher, points: Outline, vx: float, vy: float, vyaw: float) -> None:
+    """Add a sweep to the map at the pose of the matcher."""
+    reach = 2.0 * FARTHEST_RANGE
+    while matcher.map.count > MOST_SURFELS - MOST_POINTS:
+        forget_far(matcher.map, matcher.x, matcher.y, reach)
+        reach *= 0.7
+    deskew(points, vx, vy, vyaw)
+    cos, sin = math.cos(matcher.yaw), math.sin(matcher.yaw)
+    for i in range(points.count):
+        x = matcher.x + cos * points.at_x[i] - sin * points.at_y[i]
+        y = matcher.y + sin * points.at_x[i] + cos * points.at_y[i]
+        nx = cos * points.at_nx[i] - sin * points.at_ny[i]
+        ny = sin * points.at_nx[i] + cos * points.at_ny[i]
+        add_surfel(matcher.map, x, y, nx, ny, points.line[i])
+
+
+def align(
+    matcher: Matcher, x: float, y: float, yaw: float, vx: float, vy: float, vyaw: float, seconds: float, wide: int
+) -> tuple[float, float, float]:
+    """Lay the sweep onto the map, from a guess; return its velocity.
+
+    The result is `matcher.found`. `seconds` since the last pose, 0 where the step between says nothing of the velocity.
+    """
+    matcher.found.x, matcher.found.y, matcher.found.yaw = x, y, yaw
+    for scale in range(4):
+        if scale == 0:
+            if not wide:
+                continue
+            reach, kernel = 0.8, 0.3
+        elif scale == 1:
+            reach, kernel = (0.4, 0.12) if wide else (0.5, 0.15)
+        elif scale == 2:
+            reach, kernel = 0.2, 0.05
+        else:
+            reach, kernel = 0.15, 0.03
+        deskew(matcher.points, vx, vy, vyaw)
+        refine(matcher.points, matcher.map, matcher.found, reach, kernel)
+        if matcher.points.takes_time and seconds > 0.0:
+            dx, dy, turn = step_between(matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw)
+            vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
+    return vx, vy, vyaw
+
+
+def refine(points: Outline, surfels: Surfels, found: Alignment, reach: float, kernel: float) -> None:
+    """Take Gauss-Newton steps with weights (k² / (k² + e²))² of residuals e, and do not slide along walls."""
+    k2 = kernel * kernel
+    for _ in range(MOST_STEPS):
+        hxx, hxy, hyy, hxt, hyt, htt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        gx, gy, gt, total = 0.0, 0.0, 0.0, 0.0
+        fits, sharp = 0, 0
+        cos, sin = math.cos(found.yaw), math.sin(found.yaw)
+        for i in range(points.count):
+            px = cos * points.at_x[i] - sin * points.at_y[i]
+            py = sin * points.at_x[i] + cos * points.at_y[i]
+            x, y = px + found.x, py + found.y
+            nx = cos * points.at_nx[i] - sin * points.at_ny[i]
+            ny = sin * points.at_nx[i] + cos * points.at_ny[i]
+            at = nearest_surfel(surfels, x, y, nx, ny, points.line[i], reach)
+            if at < 0:
+                continue
+            dx, dy = x - surfels.x[at], y - surfels.y[at]
+            if surfels.line[at]:
+                nx, ny = surfels.nx[at], surfels.ny[at]
+                e = nx * dx + ny * dy
+                w = k2 / (k2 + e * e)
+                w *= w
+                jt = ny * px - nx * py
+                hxx += w * nx * nx
+                hxy += w * nx * ny
+                hyy += w * ny * ny
+                hxt += w * nx * jt
+                hyt += w * ny * jt
+                htt += w * jt * jt
+                gx += w * nx * e
+                gy += w * ny * e
+                gt += w * jt * e
+                total += w
+                if abs(e) < FITS + FITS_GROWS * points.r[i]:
+                    fits += 1
+                if abs(e) < SHARP:
+                    sharp += 1
+            else:
+                e = math.sqrt(dx * dx + dy * dy)
+                w = k2 / (k2 + e * e)
+                w *= w * POINT_WEIGHT
+                hxx += w
+                hyy += w
+                hxt -= w * py
+                hyt += w * px
+                htt += w * (px * px + py * py)
+                gx += w * dx
+                gy += w * dy
+                gt += w * (px * dy - py * dx)
+                total += w
+                if e < FITS_POINT + FITS_GROWS * points.r[i]:
+                    fits += 1
+        number = max(points.count, 1)
+        found.fit, found.sharp = fits / (1.0 * number), sharp / (1.0 * number)
+        if total < LEAST_WEIGHT:
+            break
+        # Yaw is taken out (Schur complement), so that translation is judged by itself.
+        htt = max(htt, TINY)
+        a, b, c = hxx - hxt * hxt / htt, hxy - hxt * hyt / htt, hyy - hyt * hyt / htt
+        bearing = 0.5 * math.atan2(2.0 * b, a - c)
+        root = math.sqrt(0.25 * (a - c) * (a - c) + b * b)
+        most, least = 0.5 * (a + c) + root, 0.5 * (a + c) - root
+        cos, sin = math.cos(bearing), math.sin(bearing)
+        found.least = least / total
+        found.along_x, found.along_y = -sin, cos
+        gx -= hxt * gt / htt
+        gy -= hyt * gt / htt
+        along = -(cos * gx + sin * gy) / most if most > 1e-6 else 0.0
+        aside = -(cos * gy - sin * gx) / least if least > SLIDES * total else 0.0
+        dx, dy = cos * along - sin * aside, sin * along + cos * aside
+        turn = -(gt + hxt * dx + hyt * dy) / htt
+        far = math.sqrt(dx * dx + dy * dy)
+        if far > GREATEST_STEP:
+            dx, dy = dx * GREATEST_STEP / far, dy * GREATEST_STEP / far
+        turn = max(-GREATEST_TURN, min(GREATEST_TURN, turn))
+        found.x += dx
+        found.y += dy
+        found.yaw = math.remainder(found.yaw + turn, TURN)
+        if far < SMALL_STEP and abs(turn) < SMALL_STEP:
+            break
+
+
+def copy_alignment(to: Alignment, of: Alignment) -> None:
+    """Write one alignment over another."""
+    to.x, to.y, to.yaw, to.fit, to.sharp = of.x, of.y, of.yaw, of.fit, of.sharp
+    to.least, to.along_x, to.along_y = of.least, of.along_x, of.along_y
+
+
+def copy_outline(to: Outline, of: Outline) -> None:
+    """Write the points of one sweep over those of another."""
+    to.count, to.takes_time = of.count, of.takes_time
+    for i in range(of.count):
+        to.x[i], to.y[i], to.nx[i], to.ny[i] = of.x[i], of.y[i], of.nx[i], of.ny[i]
+        to.late[i], to.r[i], to.line[i] = of.late[i], of.r[i], of.line[i]
+
+
+def begin_map(matcher: Matcher, time: float) -> None:
+    """Begin a map with the sweep at hand, at the last known pose."""
+    forget_far(matcher.map, 0.0, 0.0, 0.0)
+    enter_sweep(matcher, matcher.points, 0.0, 0.0, 0.0)
+    copy_outline(matcher.first, matcher.points)
+    matcher.begun, matcher.alone, matcher.moves = True, True, False
+    matcher.vx = matcher.vy = matcher.vyaw = 0.0
+    matcher.time, matcher.misses = time, 0
+    matcher.pieces += 1
+    matcher.found.x, matcher.found.y, matcher.found.yaw = matcher.x, matcher.y, matcher.yaw
+    matcher.found.fit, matcher.found.least, matcher.found.sharp = 1.0, NAN, NAN
+
+
+def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to: int) -> None:
+    """Find the pose of the sweep in `matcher.points`, write it down and enter it into the map."""
+    if matcher.points.count < LEAST_POINTS or (matcher.begun and time == matcher.time):
+        return
+    guided = False
+    if not matcher.begun:
+        begin_map(matcher, time)
+    else:
+        seconds = time - matcher.time
+        follows = seconds > 0.0 and seconds <= HORIZON
+        if not follows:
+            seconds = 0.0
+        x, y, yaw = matcher.x, matcher.y, matcher.yaw
+        vx, vy, vyaw = matcher.vx, matcher.vy, matcher.vyaw
+        if follows and matcher.moves:
+            dx, dy, turn = driven(vx, vy, vyaw, seconds)
+            x, y, yaw = pose_after(x, y, yaw, dx, dy, turn)
+        guided = told[at] == told[at] and matcher.told_x == matcher.told_x and told[at + 3] == matcher.told_part
+        if guided:
+            dx, dy, turn = step_between(
+                matcher.told_x, matcher.told_y, matcher.told_yaw, told[at], told[at + 1], told[at + 2]
+            )
+            x, y, yaw = pose_after(matcher.x, matcher.y, matcher.yaw, dx, dy, turn)
+            if follows:
+                vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
+        wide = 0 if guided or (follows and matcher.moves) else 1
+        vx, vy, vyaw = align(matcher, x, y, yaw, vx, vy, vyaw, seconds, wide)
+        if matcher.found.fit < GOOD_FIT:
+            vx, vy, vyaw = look_around(matcher, x, y, yaw, vx, vy, vyaw, seconds)
+        if follows and matcher.alone and matcher.first.takes_time and matcher.found.fit >= 0.8 * LEAST_FIT:
+            # Now that the motion is known, the first sweep can be deskewed as well.
+            forget_far(matcher.map, 0.0, 0.0, 0.0)
+            enter_sweep(matcher, matcher.first, vx, vy, vyaw)
+            vx, vy, vyaw = align(matcher, matcher.found.x, matcher.found.y, matcher.found.yaw, vx, vy, vyaw, seconds, 1)
+        dx, dy, turn = step_between(x, y, yaw, matcher.found.x, matcher.found.y, matcher.found.yaw)
+        if matcher.found.fit < LEAST_FIT or dx * dx + dy * dy >= FARTHEST_STEP * FARTHEST_STEP or abs(turn) >= WIDEST_STEP:
+            matcher.misses += 1
+            if matcher.misses < PATIENCE:
+                return
+            begin_map(matcher, time)
+        else:
+            matcher.moves = follows
+            if follows:
+                dx, dy, turn = step_between(
+                    matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw
+                )
+                vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
+                matcher.vx, matcher.vy, matcher.vyaw = vx, vy, vyaw
+            matcher.x, matcher.y, matcher.yaw, matcher.time = matcher.found.x, matcher.found.y, matcher.found.yaw, time
+            matcher.alone, matcher.misses = False, 0
+            enter_sweep(matcher, matcher.points, vx, vy, vyaw)
+    matcher.told_x, matcher.told_y, matcher.told_yaw = told[at], told[at + 1], told[at + 2]
+    matcher.told_part = told[at + 3]
+    out[to], out[to + 1], out[to + 2] = matcher.x, matcher.y, matcher.yaw
+    out[to + 3], out[to + 4], out[to + 5] = matcher.found.fit, matcher.found.least, matcher.found.sharp
+    out[to + 6], out[to + 7] = 1.0 * matcher.pieces, 1.0 if guided else 0.0
+
+
+def look_around(
+    matcher: Matcher, x: float, y: float, yaw: float, vx: float, vy: float, vyaw: float, seconds: float
+) -> tuple[float, float, float]:
+    """Try other turns, at the guess and at the last pose; return the velocity of the matcher.best."""
+    copy_alignment(matcher.best, matcher.found)
+    for place in range(2):
+        for k in range(-TRIED_TURNS, TRIED_TURNS + 1):
+            if place == 0 and k == 0:
+                continue
+            tx, ty, tyaw = (x, y, yaw) if place == 0 else (matcher.x, matcher.y, matcher.yaw)
+            tyaw = math.remainder(tyaw + k * TRIED_TURN, TURN)
+            wx, wy, wyaw = 0.0, 0.0, 0.0
+            if seconds > 0.0:
+                dx, dy, turn = step_between(matcher.x, matcher.y, matcher.yaw, tx, ty, tyaw)
+                wx, wy, wyaw = velocity_of(dx, dy, turn, seconds)
+            wx, wy, wyaw = align(matcher, tx, ty, tyaw, wx, wy, wyaw, seconds, 1)
+            if matcher.found.fit > matcher.best.fit + BETTER:
+                copy_alignment(matcher.best, matcher.found)
+                vx, vy, vyaw = wx, wy, wyaw
+    copy_alignment(matcher.found, matcher.best)
+    return vx, vy, vyaw
