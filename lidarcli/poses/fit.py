@@ -1,0 +1,252 @@
+"""Whether told poses fit the sweeps: steps of the told path beside those of the path that is matched from the sweeps.
+
+Both paths are compared over pairs of sweeps between which the sensor went a little way. A delay of the poses and a mount
+that the log does not tell are found from the same pairs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.sweeps import Bool, Float64, Int64
+
+PAIR_LENGTH, PAIR_TURN = 0.3, 0.15
+"""A pair ends at the first sweep that is so far from its beginning [m, rad], ..."""
+PAIR_SECONDS = 3.0
+"""... or after so long [s], where either path has gone `MOVED_LENGTH` or `MOVED_TURN` by then."""
+MOVED_LENGTH, MOVED_TURN = 0.1, 0.05
+MOST_PAIRS = 400
+LEAST_PAIRS = 8
+MOST_UNPLACED = 0.3
+"""Nothing is judged where a greater share of the sweeps has no matched pose."""
+OFF_LENGTH, OFF_LENGTH_GROWS = 0.05, 0.12
+"""Two steps agree if their ends are no further apart than this [m], and this share of their length more, ..."""
+OFF_TURN, OFF_TURN_GROWS = np.deg2rad(2.0), 0.1
+"""... and their turns differ by no more than this [rad], and this share of the turn more."""
+JUMP_SPEED, JUMP_LENGTH = 10.0, 0.5
+"""A told step that is longer than this and faster [m/s, m] is a jump."""
+LONGEST_DELAY, DELAY_STEP = 0.6, 0.05
+"""Delays that are tried, to both sides [s]."""
+ACCEPTED = 0.8
+"""Share of agreeing pairs from which poses are accepted as they are told."""
+CORRECTED, GAIN = 0.5, 0.1
+"""Share from which they are accepted with a delay and a mount, and by how much these must better it."""
+RATIOS = 0.8, 1.25
+"""Told lengths and turns as a share of the matched ones, from least to most."""
+STRETCH, STRETCH_FIT, STRETCHES = 10, 0.7, 0.4
+"""Pairs of a stretch, the share that agrees in a good one, and the share of good ones from which these are accepted."""
+MOUNT_SCALE = 0.05
+"""Scale of the robust weights of a mount [m]."""
+
+Steps = Float64
+"""(K, 3): x, y [m] and turn [rad], in the frame at the beginning of each step."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseFit:
+    """How well the told poses of one sensor fit its sweeps."""
+
+    verdict: str
+    """accepted, corrected, stretches, rejected or unchecked."""
+    share: float
+    """Share of pairs that agree, after the correction where there is one; NaN where there are too few."""
+    pairs: int
+    delay: float = 0.0
+    """The pose of a sweep is that at its header stamp and this much later [s]."""
+    mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where the sensor is in the frame that the poses tell of: x, y [m], yaw [rad]."""
+    cuts: tuple[int, ...] = ()
+    """Stamps of sweeps before which the told poses jump [ns]."""
+    jumps: tuple[float, ...] = ()
+    """Length of each jump [m]."""
+    ratio: float = float("nan")
+    """Told lengths as a share of the matched ones."""
+    turn_ratio: float = float("nan")
+    good: tuple[tuple[int, int], ...] = ()
+    """First and last stamp of the stretches that are accepted [ns]."""
+
+
+def wrapped(angle: Float64) -> Float64:
+    """Return angles within ±π [rad]."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def steps_between(begin: Float64, end: Float64) -> Steps:
+    """Return the steps from poses (K, 3) to others, each in the frame of the first."""
+    cos, sin = np.cos(begin[:, 2]), np.sin(begin[:, 2])
+    x, y = end[:, 0] - begin[:, 0], end[:, 1] - begin[:, 1]
+    return np.column_stack([cos * x + sin * y, cos * y - sin * x, wrapped(end[:, 2] - begin[:, 2])])
+
+
+def poses_after(begin: Float64, step: Float64) -> Float64:
+    """Return the poses (K, 3) after steps (K, 3) or (3,) in their frames."""
+    step = np.broadcast_to(step, begin.shape)
+    cos, sin = np.cos(begin[:, 2]), np.sin(begin[:, 2])
+    return np.column_stack(
+        [
+            begin[:, 0] + cos * step[:, 0] - sin * step[:, 1],
+            begin[:, 1] + sin * step[:, 0] + cos * step[:, 1],
+            wrapped(begin[:, 2] + step[:, 2]),
+        ]
+    )
+
+
+def judge_poses(stamp_ns: Int64, matched: Float64, told_at: Callable[[Int64], Float64]) -> PoseFit:
+    """Compare a told path with the matched one.
+
+    Parameters
+    ----------
+    stamp_ns : (S,) header stamps, increasing
+    matched : (S, 3) x, y, yaw of the matched path, NaN where a sweep has no pose
+    told_at : gives the told poses of the sensor (K, 3) at stamps (K,), NaN where none is told
+
+    Returns
+    -------
+    The verdict by the first rule that holds: unchecked, accepted, corrected, accepted in stretches, rejected.
+    """
+    told = told_at(stamp_ns)
+    seconds = (stamp_ns - stamp_ns[0]) * 1e-9 if len(stamp_ns) else np.zeros(0)
+    there = np.flatnonzero(np.isfinite(told[:, 0]))
+    lengths = np.hypot(*np.diff(told[there, :2], axis=0).T)
+    jumped = lengths > np.maximum(JUMP_SPEED * np.diff(seconds[there]), JUMP_LENGTH)
+    # Poses that jump all the time are no path with cuts.
+    jumps = there[1:][jumped] if np.count_nonzero(jumped) < 0.2 * len(there) else there[:0]
+    cuts = tuple(stamp_ns[jumps].tolist())
+    sizes = tuple(lengths[jumped].tolist()) if len(jumps) else ()
+    begin, end = _pairs(seconds, matched, told)
+    cut = np.searchsorted(jumps, begin, "right") != np.searchsorted(jumps, end, "right")
+    begin, end = begin[~cut], end[~cut]
+    placed = float(np.isfinite(matched[:, 0]).mean()) if len(matched) else 0.0
+    if placed < 1.0 - MOST_UNPLACED or len(begin) < LEAST_PAIRS:
+        return PoseFit("unchecked", float("nan"), len(begin), cuts=cuts, jumps=sizes)
+    step = steps_between(matched[begin], matched[end])
+    as_told = steps_between(told[begin], told[end])
+    agree = _agree(step, as_told)
+    share = float(agree.mean())
+    if share >= ACCEPTED:
+        return PoseFit("accepted", share, len(begin), cuts=cuts, jumps=sizes)
+    delay, mount, best = _corrected(stamp_ns, begin, end, step, told_at)
+    ratio, turn_ratio = _ratios(step, best)
+    corrected = _agree(step, _mounted(best, mount))
+    better = float(corrected.mean())
+    # Of poses that lie at the bound, a greater delay may fit better yet.
+    found = better >= CORRECTED and better >= share + GAIN and abs(delay) < LONGEST_DELAY - 0.5 * DELAY_STEP
+    fits = all(not np.isfinite(one) or RATIOS[0] <= one <= RATIOS[1] for one in (ratio, turn_ratio))
+    more = {"cuts": cuts, "jumps": sizes, "ratio": ratio, "turn_ratio": turn_ratio}
+    if found and fits:
+        return PoseFit("corrected", better, len(begin), delay, mount, **more)
+    parts = np.array_split(np.arange(len(begin)), max(1, len(begin) // STRETCH))
+    good = [part for part in parts if agree[part].mean() >= STRETCH_FIT]
+    if fits and len(good) >= STRETCHES * len(parts):
+        spans = tuple((int(stamp_ns[begin[part[0]]]), int(stamp_ns[end[part[-1]]])) for part in good)
+        return PoseFit("stretches", share, len(begin), good=spans, **more)
+    return PoseFit("rejected", share, len(begin), **more)
+
+
+def _pairs(seconds: Float64, matched: Float64, told: Float64) -> tuple[Int64, Int64]:
+    """Return the sweeps where pairs begin and end: a pair is a short way of the sensor."""
+    known = np.flatnonzero(np.isfinite(matched[:, 0]) & np.isfinite(told[:, 0]))
+    pairs = []
+    for at, first in enumerate(known.tolist()):
+        last = int(np.searchsorted(seconds[known], seconds[first] + PAIR_SECONDS))
+        later = known[at + 1 : last + 1]
+        if not len(later):
+            continue
+        step = steps_between(np.broadcast_to(matched[first], (len(later), 3)), matched[later])
+        far = (np.hypot(step[:, 0], step[:, 1]) > PAIR_LENGTH) | (np.abs(step[:, 2]) > PAIR_TURN)
+        if far.any():
+            pairs.append((first, int(later[far.argmax()])))
+            continue
+        other = steps_between(told[first : first + 1], told[later[-1:]])
+        both = np.vstack([step[-1:], other])
+        moved = (np.hypot(both[:, 0], both[:, 1]) > MOVED_LENGTH) | (np.abs(both[:, 2]) > MOVED_TURN)
+        if seconds[later[-1]] - seconds[first] >= PAIR_SECONDS and moved.any():
+            pairs.append((first, int(later[-1])))
+    if len(pairs) > MOST_PAIRS:
+        pairs = [pairs[k] for k in np.linspace(0, len(pairs) - 1, MOST_PAIRS).astype(int)]
+    found = np.array(pairs, np.int64).reshape(-1, 2)
+    return found[:, 0], found[:, 1]
+
+
+def _off(step: Steps, other: Steps) -> tuple[Float64, Float64]:
+    """Return how far steps are from others in place and in turn, as a share of what is allowed."""
+    length = np.hypot(step[:, 0], step[:, 1])
+    off = np.hypot(step[:, 0] - other[:, 0], step[:, 1] - other[:, 1])
+    turn = np.abs(wrapped(step[:, 2] - other[:, 2]))
+    return off / (OFF_LENGTH + OFF_LENGTH_GROWS * length), turn / (OFF_TURN + OFF_TURN_GROWS * np.abs(step[:, 2]))
+
+
+def _agree(step: Steps, other: Steps) -> Bool:
+    """Return which steps (K,) agree with the others; one that is not known does not."""
+    off, turn = _off(step, other)
+    with np.errstate(invalid="ignore"):
+        found: Bool = (off < 1.0) & (turn < 1.0)
+    return found
+
+
+def _mounted(step: Steps, mount: tuple[float, float, float]) -> Steps:
+    """Return the steps of a sensor that is mounted so on what makes `step`."""
+    where = np.broadcast_to(np.array(mount), step.shape)
+    return steps_between(where, poses_after(step, np.array(mount)))
+
+
+def _corrected(
+    stamp_ns: Int64, begin: Int64, end: Int64, step: Steps, told_at: Callable[[Int64], Float64]
+) -> tuple[float, tuple[float, float, float], Steps]:
+    """Find the delay and the mount with which the told steps fit best; return them and the told steps so delayed."""
+    found: tuple[float, float, tuple[float, float, float], Steps] | None = None
+    tried = round(LONGEST_DELAY / DELAY_STEP)
+    for number in sorted(range(-tried, tried + 1), key=lambda one: (abs(one), one)):
+        delay_ns = round(number * DELAY_STEP * 1e9)
+        told = steps_between(told_at(stamp_ns[begin] + delay_ns), told_at(stamp_ns[end] + delay_ns))
+        known = np.isfinite(told[:, 0])
+        if known.mean() < 0.6:
+            continue
+        mount = _mount(step[known], told[known])
+        off, turn = _off(step[known], _mounted(told[known], mount))
+        cost = float(np.mean(np.minimum(off, 3.0) + np.minimum(turn, 3.0)))
+        if found is None or cost < found[0] - 0.05 * max(1.0, found[0]):
+            found = cost, number * DELAY_STEP, mount, told
+    if found is None:
+        return 0.0, (0.0, 0.0, 0.0), np.full_like(step, np.nan)
+    return found[1], found[2], found[3]
+
+
+def _mount(step: Steps, told: Steps) -> tuple[float, float, float]:
+    """Find where a sensor that makes `step` is mounted on what makes `told`: robust hand-eye calibration in the plane."""
+    straight = (np.abs(step[:, 2]) < 0.1) & (np.hypot(*step[:, :2].T) > 0.1) & (np.hypot(*told[:, :2].T) > 0.1)
+    yaws = [0.0]
+    if np.count_nonzero(straight) >= 5:
+        apart = np.arctan2(told[straight, 1], told[straight, 0]) - np.arctan2(step[straight, 1], step[straight, 0])
+        yaws = [float(np.arctan2(np.median(np.sin(apart)), np.median(np.cos(apart)))), 0.0]
+        yaws += [0.5 * np.pi, -0.5 * np.pi, np.pi]
+    best, most = (0.0, 0.0, 0.0), -1.0
+    cos, sin = np.cos(told[:, 2]), np.sin(told[:, 2])
+    lever = np.stack([np.stack([cos - 1.0, -sin], 1), np.stack([sin, cos - 1.0], 1)], 1)
+    for yaw in yaws:
+        turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        apart = step[:, :2] @ turn.T - told[:, :2]
+        place = np.zeros(2)
+        for _ in range(8):
+            left = np.einsum("kij,j->ki", lever, place) - apart
+            weight = 1.0 / (1.0 + (left * left).sum(1) / MOUNT_SCALE**2) ** 2
+            # A mount that the turns do not tell stays near 0.
+            normal = np.einsum("k,kij,kil->jl", weight, lever, lever) + 0.2 * np.eye(2)
+            place = np.linalg.solve(normal, np.einsum("k,kij,ki->j", weight, lever, apart))
+        mount = float(place[0]), float(place[1]), yaw
+        share = float(_agree(step, _mounted(told, mount)).mean())
+        if share > most + 0.02:
+            best, most = mount, share
+    return best
+
+
+def _ratios(step: Steps, told: Steps) -> tuple[float, float]:
+    """Return told lengths and told turns as a share of those seen, by medians; NaN where there are too few."""
+    length, far = np.hypot(step[:, 0], step[:, 1]), np.hypot(told[:, 0], told[:, 1])
+    long, turns = (length > 0.15) & np.isfinite(far), (np.abs(step[:, 2]) > 0.08) & np.isfinite(far)
+    ratio = float(np.median(far[long] / length[long])) if np.count_nonzero(long) > 5 else float("nan")
+    turned = wrapped(told[turns, 2]) / step[turns, 2]
+    return ratio, float(np.median(turned)) if len(turned) > 5 else float("nan")
