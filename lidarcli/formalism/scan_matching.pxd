@@ -50,7 +50,7 @@ cdef class Alignment:
 
 
 cdef class Matcher:
-    cdef readonly Py_ssize_t beams, pieces
+    cdef readonly Py_ssize_t beams, columns, pieces
     cdef Outline points, first
     cdef Surfels map
     cdef Alignment found, best

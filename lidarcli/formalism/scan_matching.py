@@ -84,7 +84,7 @@ PATIENCE = 10
 """After this many sweeps in a row that fit nowhere, the map begins anew."""
 HORIZON = 1.0
 """A velocity holds for this long [s]."""
-COLUMNS = 8
+COLUMNS = 9
 """Numbers of each sweep in the result of `Matcher.follow`."""
 
 
@@ -150,7 +150,7 @@ class Matcher:
     """The path of one sensor: `follow` takes sweeps in log order, however they are cut into batches."""
 
     def __init__(self, beams: int) -> None:
-        self.beams = beams
+        self.beams, self.columns = beams, COLUMNS
         self.points = Outline(beams)
         self.first = Outline(beams)
         """The sweep with which the map begins, while it is all there is of it."""
@@ -178,19 +178,24 @@ class Matcher:
         timing : (S, 3) float64: header stamp, and how long after it the first and the last beam are sent [s]
         told : (S, 4) float64: x, y, yaw of a pose told for the sensor, NaN for none, and the number of the part of the
             told path, within which steps are believed
-        found : (S, 8) float64 to write to: x, y, yaw, NaN without a pose; share of points that fit; least curvature; share of
-            points within `SHARP`; number of the piece of the path, from 1; whether the guess was told
+        found : (S, columns) float64 to write to: x, y, yaw, NaN without a pose; share of points that fit; least curvature; share of
+            points within `SHARP`; number of the piece of the path, from 1; 1 where the guess was told; 1 where it may slide
         """
         rows, width = ranges.shape
+        if width > self.beams:
+            first, self.points = self.first, Outline(width)
+            self.first = Outline(width)
+            copy_outline(self.first, first)
+            self.beams = width
         r, counted = native.at_singles(ranges), native.at_ints(beams)
-        first, step = native.at_doubles(angle_min), native.at_doubles(angle_increment)
+        angles, step = native.at_doubles(angle_min), native.at_doubles(angle_increment)
         times, guesses, out = native.at_doubles(timing), native.at_doubles(told), native.at_doubles(found)
         lock = native.release()
         for row in range(rows):
             for k in range(COLUMNS):
                 out[COLUMNS * row + k] = NAN
             read_outline(
-                self.points, r, row * width, counted[row], first[row], step[row], times[3 * row + 1], times[3 * row + 2]
+                self.points, r, row * width, counted[row], angles[row], step[row], times[3 * row + 1], times[3 * row + 2]
             )
             place_sweep(self, times[3 * row], guesses, 4 * row, out, COLUMNS * row)
         native.resume(lock)
@@ -662,6 +667,7 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
     out[to], out[to + 1], out[to + 2] = matcher.x, matcher.y, matcher.yaw
     out[to + 3], out[to + 4], out[to + 5] = matcher.found.fit, matcher.found.least, matcher.found.sharp
     out[to + 6], out[to + 7] = 1.0 * matcher.pieces, 1.0 if guided else 0.0
+    out[to + 8] = 1.0 if matcher.found.least < SLIDES else 0.0
 
 
 def look_around(

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from lidarcli.errors import OptionError
-from lidarcli.poses.matched import PATIENCE, Matching
+from lidarcli.poses.matched import MatchedPath
 from lidarcli.poses.tracks import SECOND_NS, Track, planar
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate import entities as make
@@ -21,13 +19,6 @@ from lidarcli.simulate.scene import Motion, Scene, Sensor
 from lidarcli.sweeps import TURN, Float64, Int64, SweepBatch, concatenate
 from tests.places import SAMPLES
 
-
-@pytest.fixture
-def _library() -> None:
-    pytest.importorskip("kiss_icp")
-
-
-needs_library = pytest.mark.usefixtures("_library")
 
 SENSOR = Sensor(noise=0.01, lost=0.005, mixed_pixels=0.3, range_max=8.0)
 
@@ -72,7 +63,7 @@ def cut(batch: SweepBatch, size: int) -> Iterator[SweepBatch]:
 
 def matched(batch: SweepBatch, size: int = 1000) -> Track:
     """The way that the sweeps of a batch tell."""
-    matching = Matching()
+    matching = MatchedPath()
     for part in cut(batch, size):
         matching.add(part)
     track = matching.track("/scan", "laser")
@@ -101,7 +92,6 @@ def same(first: Track, second: Track) -> bool:
     return all(a.tobytes() == b.tobytes() for a, b in pairs)
 
 
-@needs_library
 def test_a_loop_through_a_building_is_5_cm_from_the_truth() -> None:
     batch, true = simulated(building())
     track = matched(batch)
@@ -117,7 +107,6 @@ def test_a_loop_through_a_building_is_5_cm_from_the_truth() -> None:
     assert rms(turned) < np.radians(0.5)
 
 
-@needs_library
 def test_two_runs_and_any_cut_into_batches_give_the_same_bits() -> None:
     batch, _ = simulated(building(sweeps=60))
     whole = matched(batch)
@@ -126,7 +115,6 @@ def test_two_runs_and_any_cut_into_batches_give_the_same_bits() -> None:
     assert same(whole, matched(batch, 7))
 
 
-@needs_library
 @pytest.mark.parametrize("backwards", [False, True])
 def test_sweeps_that_take_time_are_told_at_their_header_stamp(backwards: bool) -> None:
     scene = load_scene(SAMPLES / "drive.toml")
@@ -154,12 +142,11 @@ def test_sweeps_that_take_time_are_told_at_their_header_stamp(backwards: bool) -
     assert rms(instant) > rms(away)
 
 
-@needs_library
 def test_sweeps_that_say_nothing_have_no_pose() -> None:
     batch, true = simulated(building(sweeps=40))
     batch.ranges[10:13] = np.nan
     batch.ranges[20, 1:] = np.nan
-    matching = Matching()
+    matching = MatchedPath()
     matching.add(batch)
     track = matching.track("/scan", "laser")
     assert track is not None
@@ -171,21 +158,20 @@ def test_sweeps_that_say_nothing_have_no_pose() -> None:
     assert away.max() < 0.1
 
 
-@needs_library
 def test_odd_logs_do_not_raise() -> None:
     batch, _ = simulated(building(sweeps=12))
-    empty = Matching()
+    empty = MatchedPath()
     empty.add(batch.rows(np.arange(0)))
     assert empty.track("/scan", "laser") is None
-    blind = Matching()
+    blind = MatchedPath()
     blind.add(replace(batch, ranges=np.full_like(batch.ranges, np.nan)))
     assert blind.track("/scan", "laser") is None
     assert blind.unplaced == 12
     for beams in (0, 1, 2, 3):
-        narrow = Matching()
+        narrow = MatchedPath()
         narrow.add(replace(batch, beams=np.full(12, beams, np.int32), ranges=batch.ranges[:, :beams]))
         assert narrow.track("/scan", "laser") is None
-    standing = Matching()
+    standing = MatchedPath()
     standing.add(replace(batch, stamp_ns=np.full(12, START_NS)))
     track = standing.track("/scan", "laser")
     assert track is not None
@@ -193,7 +179,6 @@ def test_odd_logs_do_not_raise() -> None:
     assert standing.unplaced == 11
 
 
-@needs_library
 def test_a_clock_that_is_set_back_keeps_the_track_sorted() -> None:
     batch, _ = simulated(building(sweeps=30))
     stamps = batch.stamp_ns.copy()
@@ -204,12 +189,11 @@ def test_a_clock_that_is_set_back_keeps_the_track_sorted() -> None:
     assert np.isfinite(track.motion.position).all()
 
 
-@needs_library
 def test_after_a_gap_in_another_place_the_map_begins_anew() -> None:
     batch, _ = simulated(building(sweeps=40))
     there, _ = simulated(replace(load_scene(SAMPLES / "corridor.toml"), sensor=SENSOR, sweeps=40))
     later = replace(there, stamp_ns=there.stamp_ns + 60 * SECOND_NS, topic=batch.topic)
-    matching = Matching()
+    matching = MatchedPath()
     matching.add(batch)
     before = matching.track("/scan", "laser")
     matching.add(later)
@@ -217,14 +201,6 @@ def test_after_a_gap_in_another_place_the_map_begins_anew() -> None:
     assert before is not None
     assert track is not None
     assert matching.restarts == 1
-    assert matching.unplaced == PATIENCE - 1
+    assert matching.unplaced == 9
     gone = track.motion.position[len(before.stamp_ns)] - before.motion.position[-1]
     assert np.hypot(*gone[:2]) == 0.0
-
-
-def test_without_the_library_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [one for one in sys.modules if one.partition(".")[0] == "kiss_icp"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "kiss_icp", None)
-    with pytest.raises(OptionError, match=r"pip install 'lidarcli\[odometry\]'"):
-        Matching()

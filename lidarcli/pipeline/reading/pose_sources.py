@@ -257,7 +257,7 @@ def find_poses(
 def _matched(log: Log, topics: Collection[str] | None, rules: RangeRules) -> FoundPoses:
     """Match the path of every sensor of a log from its own sweeps: of each frame, from the first topic that has it."""
     from lidarcli.logs.batches import ReadOptions, read_batches
-    from lidarcli.poses.matched import Matching
+    from lidarcli.poses.matched import MatchedPath
     from lidarcli.poses.sources import GivenPaths
 
     if log.size is None:
@@ -265,7 +265,7 @@ def _matched(log: Log, topics: Collection[str] | None, rules: RangeRules) -> Fou
             "--pose match reads a log twice, and a pipe is read only once: give the file's name"
         )
     report = ReadReport()
-    paths: dict[str, tuple[str, Matching]] = {}
+    paths: dict[str, tuple[str, MatchedPath]] = {}
     for batch in read_batches(
         log, ReadOptions(topics, rules=rules), report, TopicChoice(topics, log.topics())
     ):
@@ -275,7 +275,7 @@ def _matched(log: Log, topics: Collection[str] | None, rules: RangeRules) -> Fou
                     raise OptionError(
                         f"--pose match: the log has more than {MOST_MATCHED} sensor frames; name a topic with --topic"
                     )
-                paths[frame] = batch.topic, Matching()
+                paths[frame] = batch.topic, MatchedPath()
             topic, path = paths[frame]
             if topic == batch.topic:
                 path.add(mine)
