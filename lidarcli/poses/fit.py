@@ -41,6 +41,11 @@ STRETCH, STRETCH_FIT, STRETCHES = 10, 0.7, 0.4
 MOUNT_SCALE = 0.05
 """Scale of the robust weights of a mount [m]."""
 
+STANDING_OFF, STANDING_TURN = 0.02, np.deg2rad(0.5)
+"""A sensor stands whose matched poses are no further from their middle [m, rad], but for 1 % of them."""
+STILL_SECONDS, STILL_OFF, STILL_TURN = 2.0, 0.05, 0.035
+"""It stands at a sweep if the poses at both ends of so many seconds around it are no further apart [m, rad]."""
+
 Steps = Float64
 """(K, 3): x, y [m] and turn [rad], in the frame at the beginning of each step."""
 
@@ -112,8 +117,9 @@ def judge_poses(stamp_ns: Int64, matched: Float64, told_at: Callable[[Int64], Fl
     there = np.flatnonzero(np.isfinite(told[:, 0]))
     lengths = np.hypot(*np.diff(told[there, :2], axis=0).T)
     jumped = lengths > np.maximum(JUMP_SPEED * np.diff(seconds[there]), JUMP_LENGTH)
-    # Poses that jump all the time are no path with cuts.
-    jumps = there[1:][jumped] if np.count_nonzero(jumped) < 0.2 * len(there) else there[:0]
+    jumps = there[1:][jumped]
+    if np.count_nonzero(jumped) >= 0.2 * len(there) > 0:
+        return PoseFit("rejected", 0.0, len(there), jumps=tuple(np.sort(lengths[jumped])[-1:].tolist()))
     cuts = tuple(stamp_ns[jumps].tolist())
     sizes = tuple(lengths[jumped].tolist()) if len(jumps) else ()
     begin, end = _pairs(seconds, matched, told)
@@ -250,3 +256,73 @@ def _ratios(step: Steps, told: Steps) -> tuple[float, float]:
     ratio = float(np.median(far[long] / length[long])) if np.count_nonzero(long) > 5 else float("nan")
     turned = wrapped(told[turns, 2]) / step[turns, 2]
     return ratio, float(np.median(turned)) if len(turned) > 5 else float("nan")
+
+
+def joined(
+    stamp_ns: Int64,
+    matched: Float64,
+    piece: Float64,
+    told_at: Callable[[Int64], Float64],
+    cuts: tuple[int, ...],
+) -> tuple[Int64, Float64, bool]:
+    """Join the parts of a told path between jumps by the matched path.
+
+    Returns
+    -------
+    gaps : (G, 2) stamps of the last sweep before each jump and of the first after it [ns]
+    moves : (G + 1, 3) motion of the world for each part; NaN where it is not known
+    lost : True where a part could not be joined
+    """
+    told = told_at(stamp_ns)
+    known = np.isfinite(told[:, 0]) & np.isfinite(matched[:, 0])
+    gaps, moves = [], [np.zeros((1, 3))]
+    for cut in cuts:
+        after = int(np.searchsorted(stamp_ns, cut))
+        gaps.append((int(stamp_ns[max(after - 1, 0)]), int(stamp_ns[after])))
+        before, behind = np.flatnonzero(known[:after]), np.flatnonzero(known[after:])
+        if not len(before) or not len(behind) or piece[before[-1]] != piece[after + behind[0]]:
+            moves.append(np.full((1, 3), np.nan))
+            continue
+        i, j = before[-1:], after + behind[:1]
+        here = poses_after(poses_after(moves[-1], told[i]), steps_between(matched[i], matched[j]))
+        # The motion that takes the told pose after the jump there.
+        back = steps_between(told[j], np.zeros((1, 3)))
+        moves.append(poses_after(here, back))
+    found = np.vstack(moves)
+    return np.array(gaps, np.int64).reshape(-1, 2), found, bool(np.isnan(found).any())
+
+
+def stands_still(stamp_ns: Int64, matched: Float64, slides: Float64) -> tuple[bool, Bool | None]:
+    """Tell from the matched path whether the sensor stands.
+
+    Returns
+    -------
+    stands : True where it never moves
+    still : (S,) True where it stands at that sweep; None where too few sweeps have a pose
+    """
+    known = np.isfinite(matched[:, 0])
+    if len(known) == 0 or known.mean() < 1.0 - MOST_UNPLACED:
+        return False, None
+    middle = np.median(matched[known], axis=0)
+    off = np.hypot(matched[known, 0] - middle[0], matched[known, 1] - middle[1])
+    turn = np.abs(wrapped(matched[known, 2] - middle[2]))
+    fixed = float(np.mean(slides[known] > 0)) < 0.5
+    if fixed and np.quantile(off, 0.99) < STANDING_OFF and np.quantile(turn, 0.99) < STANDING_TURN:
+        return True, np.ones(len(known), bool)
+    seconds = (stamp_ns[-1] - stamp_ns[0]) * 1e-9
+    third = max(1, round(STILL_SECONDS / 3.0 * len(stamp_ns) / max(seconds, 1e-3)))
+    numbers = np.arange(len(known))
+    filled = np.column_stack(
+        [
+            np.interp(numbers, numbers[known], matched[known, 0]),
+            np.interp(numbers, numbers[known], matched[known, 1]),
+            np.interp(numbers, numbers[known], np.unwrap(matched[known, 2])),
+        ]
+    )
+    padded = np.pad(filled, ((third, third), (0, 0)), mode="edge")
+    middles = np.median(np.lib.stride_tricks.sliding_window_view(padded, third, axis=0), axis=2)
+    # Medians of the third of the window before each sweep, and of the third after it.
+    apart = middles[third + 1 :] - middles[: -(third + 1)]
+    apart = apart[: len(known)]
+    still = (np.hypot(apart[:, 0], apart[:, 1]) < STILL_OFF) & (np.abs(apart[:, 2]) < STILL_TURN)
+    return False, still

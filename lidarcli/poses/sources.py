@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from lidarcli.poses.messages import ODOMETRY, TRANSFORMS, WITH_COVARIANCE, frame_name
-from lidarcli.poses.tracks import Motion, Track, planar
+from lidarcli.poses.tracks import Motion, Track, compose, planar
 from lidarcli.poses.tree import FrameTree, Step, along
 from lidarcli.sweeps import TURN, Float64, Int64, SweepPoses
 
@@ -29,6 +29,35 @@ _FARTHEST_NS = np.iinfo(np.int64).max - 2_000_000_000
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Correction:
+    """Difference between the poses that are told and those that fit the sweeps."""
+
+    delay_ns: int = 0
+    """The pose of a time is the one that is told this much later [ns]."""
+    mount: Motion | None = None
+    """Pose of the sensor in the frame that the poses tell of (N = 1); None where that is the sensor's own."""
+    gaps: Int64 = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    """(G, 2) stamps between which told poses jump [ns]: the last before each jump, and the first after it."""
+    moves: Motion | None = None
+    """G + 1 motions of the world, one for each part between gaps, that join the parts; NaN where they cannot be joined."""
+
+    def at(self, steps: Sequence[Step], stamp_ns: Int64) -> Motion:
+        """Return the corrected poses at times (S,), NaN where they are not known."""
+        most = _FARTHEST_NS - abs(self.delay_ns)
+        at_ns = np.clip(stamp_ns, -most, most) + self.delay_ns if self.delay_ns else stamp_ns
+        found = along(steps, at_ns)
+        if self.mount is not None:
+            found = compose(found, self.mount)
+        if self.moves is not None:
+            part = np.searchsorted(self.gaps[:, 1], stamp_ns, "right")
+            found = compose(Motion(self.moves.position[part], self.moves.rotation[part]), found)
+            after = np.minimum(part, len(self.gaps) - 1)
+            inside = (stamp_ns > self.gaps[after, 0]) & (stamp_ns < self.gaps[after, 1])
+            found.position[inside], found.rotation[inside] = np.nan, np.nan
+        return found
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Way:
     """A way to the pose of one sensor frame in the world."""
 
@@ -40,6 +69,8 @@ class Way:
     """The fixed frame."""
     steps: tuple[Step, ...]
     """Steps from the sensor to the world."""
+    correction: Correction | None = None
+    """Correction that makes the told poses fit the sweeps."""
     assumption: str = ""
     """Assumption in words; empty without one."""
 
@@ -66,6 +97,8 @@ class Way:
 
     def at(self, stamp_ns: Int64) -> Motion:
         """Return the pose of the sensor in the world at each time (S,), NaN outside the span of any moving link."""
+        if self.correction is not None:
+            return self.correction.at(self.steps, stamp_ns)
         return along(self.steps, stamp_ns)
 
     def going(self, here: SweepPoses, at_ns: Int64, lasts_ns: Int64 | None) -> SweepPoses:
@@ -218,7 +251,7 @@ class PoseSources:
                 return Way((track.topic, *helping), frame, track.parent, (*mount, last))
         taken = f"the sensor {frame or 'without a frame name'} is taken to be at "
         taken += f"{track.child}: its mount is not in the log" if track.child else "the pose itself"
-        return Way((track.topic,), frame, track.parent, (last,), taken)
+        return Way((track.topic,), frame, track.parent, (last,), assumption=taken)
 
 
 def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.machine import Beside
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source
-from lidarcli.pipeline.reading.pose_sources import PoseOptions, first_delays
+from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
 from lidarcli.sweeps import STATUSES, Int64, SweepBatch
@@ -215,11 +215,12 @@ class Reading:
         self._posing = Posing.of(log, poses, options.topics, options.rules)
         # A pipe is read only once.
         wanted = purpose and poses.delay is None and poses.source != MATCH and log.size is not None
-        if wanted and self._posing.found is not None:
+        if wanted:
+            from lidarcli.pipeline.reading.path_check import check_paths
+
             self._posing.purpose = purpose
-            self._posing.delays = first_delays(
-                log, self._posing.found.sources, choice, options.rules, poses.deskew
-            )
+            sources = None if self._posing.found is None else self._posing.found.sources
+            self._posing.paths = check_paths(log, sources, choice, options.rules, named=poses.source is not None)
         self._position = 0
         self._thread: Beside | None = None
 

@@ -25,6 +25,7 @@ from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
+    from lidarcli.pipeline.reading.path_check import CheckedPath
     from lidarcli.poses.sources import GivenPaths, PoseSources, Way
     from lidarcli.poses.tracks import Motion
 
@@ -78,6 +79,8 @@ class Posing:
     levelled: Collection[str] = ()
     """Topics of point clouds, whose sweeps are level however their sensor leans."""
     seen: dict[str, _Seen] = field(default_factory=dict)
+    paths: Mapping[tuple[str, str], CheckedPath] = field(default_factory=dict)
+    """Topic and frame → what a first pass over its sweeps tells of its path."""
 
     @classmethod
     def of(
@@ -118,7 +121,7 @@ class Posing:
 
     def attach(self, batch: SweepBatch) -> SweepBatch:
         """Return the batch with its poses, if the log has some for its sensor."""
-        if self.found is None or not len(batch):
+        if (self.found is None and not self.paths) or not len(batch):
             return batch
         from lidarcli.poses.tracks import planar, tilt
 
@@ -130,7 +133,7 @@ class Posing:
             seen = self.seen.setdefault(batch.frame_ids[code], _Seen())
             at_ns = later(batch.stamp_ns[rows], self.delay)
             seen.add(at_ns, batch.record_ns[rows])
-            way = self.found.sources.way(batch.frame_ids[code])
+            way = self._way(batch.topic, batch.frame_ids[code])
             if way is None:
                 continue
             some = True
@@ -155,11 +158,16 @@ class Posing:
 
     def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
         """Yield for each frame of a batch that has poses: its name, its rows, their poses in space, and the world frame."""
-        if self.found is None:
-            return
         for frame, rows, mine in batch.by_frame():
-            if (way := self.found.sources.way(frame)) is not None:
+            if (way := self._way(batch.topic, frame)) is not None:
                 yield frame, rows, way.at(later(mine.stamp_ns, self.delay)), way.world
+
+    def _way(self, topic: str, frame: str) -> Way | None:
+        """Return the path to use for the sweeps of a topic and frame."""
+        path = self.paths.get((topic, frame))
+        if path is not None and path.way is not None:
+            return path.way
+        return None if self.found is None else self.found.sources.way(frame)
 
     def _lasts_ns(self, batch: SweepBatch, rows: Int64) -> Int64 | None:
         """Return the durations of some sweeps [ns]; None where they do not matter."""
@@ -171,12 +179,15 @@ class Posing:
         """Return notes on the choice of poses, its alternatives and its gaps, a line each."""
         if self.found is None:
             unused = "no poses in this log: --pose-delay changes nothing" if self.delay else ""
-            return [line for line in (self.missed or unused,) if line]
+            return [line for line in (self.missed or unused,) if line] + self._path_notes()
         lines: list[str] = []
         for frame in sorted(self.seen):
             lines += self._frame_notes(frame, self.found.sources)
         lines += [delay.note_of_use(topic, self.purpose) for (topic, _), delay in sorted(self.delays.items())]
-        return [*dict.fromkeys(lines), *self.found.notes]
+        return [*dict.fromkeys(lines), *self.found.notes, *self._path_notes()]
+
+    def _path_notes(self) -> list[str]:
+        return [note for _, path in sorted(self.paths.items(), key=lambda one: one[0]) for note in path.notes]
 
     def leave_out(self, topics: Collection[str]) -> None:
         """Forget the delays of topics whose sweeps turned out to be unused."""
