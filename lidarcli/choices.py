@@ -41,6 +41,8 @@ BINS = 720
 """Beams of a sweep that is made of a point cloud: half a degree each in a full turn."""
 MATCH_BY = ("position", "constellation", "auto")
 """Ways to match the things of several runs."""
+BEAM_ORDERS = ("auto", "forward", "reverse", "once")
+"""Orders in which the beams of a sweep are sent; the first by default."""
 MATCH = "match"
 """Value of `--pose` for poses found by matching sweeps, and the name of their world frame."""
 MAP_RESOLUTION = 0.05

@@ -12,6 +12,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
 from lidarcli.choices import (
+    BEAM_ORDERS,
     BINS,
     ECHOES,
     GREATEST_COUNT,
@@ -214,7 +215,13 @@ class Poses(TypedDict, total=False):
     deskew: Annotated[
         bool,
         Option(POSES, None, True),
-        "Correct sweeps for the motion of the sensor while they are taken (needs poses and time_increment).",
+        "Correct sweeps for the motion of the sensor while they are taken (needs poses).",
+    ]
+    beam_order: Annotated[
+        Literal["auto", "forward", "reverse", "once"],
+        Option(POSES, BEAM_ORDERS, BEAM_ORDERS[0]),
+        "Order in which the beams of a sweep are taken: from the first to the last, in reverse, or all at once; auto: "
+        "learned from the sweeps of a moving sensor, else as the headers tell.",
     ]
 
 

@@ -284,7 +284,7 @@ class SweepBatch:
     intensities : (S, B) float32, how strong each return is, in the sensor's own unit; NaN where the log does not tell, and
         in sweeps where all are 0, which nobody has measured. None: no sweep of these has any
     poses : where the sensor was (`SweepPoses`), where that has been asked for and the log tells
-    true_poses : where it was by the delay that makes the world sharpest, where `poses` are late or early: for tracks
+    still : (S,) True where the sensor stood since the sweep before, where that is known
     log : name of the log that it was read from, where that has been told
     """
 
@@ -306,7 +306,7 @@ class SweepBatch:
     first_ns: int = 0
     intensities: Float32 | None = None
     poses: SweepPoses | None = None
-    true_poses: SweepPoses | None = None
+    still: Bool | None = None
     log: str = ""
 
     def __len__(self) -> int:
@@ -317,10 +317,8 @@ class SweepBatch:
         if np.ndim(index) != 1:
             raise TypeError(f"rows are given as an array or list, not as {index!r}: rows([{index!r}])")
         picked = {name: getattr(self, name)[index] for name in _BATCH_ROW_FIELDS}
-        for name in ("poses", "true_poses"):
-            told = getattr(self, name)
-            picked[name] = None if told is None else told.rows(index)
-        for name in ("duration", "intensities"):
+        picked["poses"] = None if self.poses is None else self.poses.rows(index)
+        for name in ("duration", "intensities", "still"):
             told = getattr(self, name)
             picked[name] = None if told is None else told[index]
         return replace(self, **picked)

@@ -1,8 +1,8 @@
 """The path of a sensor from its sweeps alone: each sweep is laid, point to line, onto a local map of surfels.
 
-A *surfel* is a short piece of a wall: a point with a normal, or a point alone. The map holds them in square cells, as far as
-the sensor reaches. A sweep that takes time is deskewed by the velocity that its own alignment gives. Where the walls in view
-do not fix the place along some direction, as in a straight corridor, the guess decides along it.
+A *surfel* is a short piece of a wall: a point with a normal, or a point alone. The map holds them in square cells, as far
+as the sensor reaches. A sweep that takes time is deskewed by the velocity that its own alignment gives. Where the walls in
+view do not fix the place along some direction, as in a straight corridor, the guess decides along it.
 """
 
 from __future__ import annotations
@@ -166,7 +166,14 @@ class Matcher:
         self.pieces = 0
 
     def follow(
-        self, ranges: Any, beams: Any, angle_min: Any, angle_increment: Any, timing: Any, told: Any, found: Any
+        self,
+        ranges: Any,
+        beams: Any,
+        angle_min: Any,
+        angle_increment: Any,
+        timing: Any,
+        told: Any,
+        found: Any,
     ) -> None:
         """Find the poses of S sweeps.
 
@@ -178,8 +185,9 @@ class Matcher:
         timing : (S, 3) float64: header stamp, and how long after it the first and the last beam are sent [s]
         told : (S, 4) float64: x, y, yaw of a pose told for the sensor, NaN for none, and the number of the part of the
             told path, within which steps are believed
-        found : (S, columns) float64 to write to: x, y, yaw, NaN without a pose; share of points that fit; least curvature; share of
-            points within `SHARP`; number of the piece of the path, from 1; 1 where the guess was told; 1 where it may slide
+        found : (S, columns) float64 to write to: x, y, yaw, NaN without a pose; share of points that fit; least curvature;
+            share of points within `SHARP`; number of the piece of the path, from 1; 1 where the guess was told; 1 where it
+            may slide
         """
         rows, width = ranges.shape
         if width > self.beams:
@@ -195,7 +203,14 @@ class Matcher:
             for k in range(COLUMNS):
                 out[COLUMNS * row + k] = NAN
             read_outline(
-                self.points, r, row * width, counted[row], angles[row], step[row], times[3 * row + 1], times[3 * row + 2]
+                self.points,
+                r,
+                row * width,
+                counted[row],
+                angles[row],
+                step[row],
+                times[3 * row + 1],
+                times[3 * row + 2],
             )
             place_sweep(self, times[3 * row], guesses, 4 * row, out, COLUMNS * row)
         native.resume(lock)
@@ -238,7 +253,12 @@ def read_outline(
     if points.count > MOST_POINTS:
         for i in range(MOST_POINTS):
             k = i * points.count // MOST_POINTS
-            points.x[i], points.y[i], points.r[i], points.late[i] = points.x[k], points.y[k], points.r[k], points.late[k]
+            points.x[i], points.y[i], points.r[i], points.late[i] = (
+                points.x[k],
+                points.y[k],
+                points.r[k],
+                points.late[k],
+            )
             points.nx[i], points.ny[i], points.line[i] = points.nx[k], points.ny[k], points.line[k]
         points.count = MOST_POINTS
 
@@ -247,7 +267,7 @@ def fit_line(points: Outline, i: int, k: int, beams: int, closed: int, turn: flo
     """Find the normal of the wall at beam k, for point i; return 0 if the point is not to be used."""
     x, y, r = points.beam_x, points.beam_y, points.beam_r
     spacing = max(r[k] * turn, 1e-4)
-    most = int(math.ceil(min(LINE_REACH / spacing, 1e6)))
+    most = int(math.ceil(min(LINE_REACH / spacing, 1e6)))  # noqa: RUF046
     most = max(min(most, MOST_NEIGHBOURS), LEAST_NEIGHBOURS)
     gap = max(GAP, GAP_BEAMS * spacing)
     sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -374,10 +394,12 @@ def pose_after(
     return x + cos * dx - sin * dy, y + sin * dx + cos * dy, math.remainder(yaw + turn, TURN)
 
 
-def nearest_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, line: int, reach: float) -> int:
+def nearest_surfel(
+    surfels: Surfels, x: float, y: float, nx: float, ny: float, line: int, reach: float
+) -> int:
     """Return the nearest surfel of the same side of a wall, -1 where there is none within `reach` [m]."""
-    column, row = int(math.floor(x / CELL)), int(math.floor(y / CELL))
-    around = int(math.ceil(reach / CELL))
+    column, row = int(math.floor(x / CELL)), int(math.floor(y / CELL))  # noqa: RUF046
+    around = int(math.ceil(reach / CELL))  # noqa: RUF046
     best, found = reach * reach, -1
     own_x, own_y = x - column * CELL, y - row * CELL
     for ring in range(around + 1):
@@ -395,7 +417,9 @@ def nearest_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, l
                         dx, dy = surfels.x[at] - x, surfels.y[at] - y
                         d = dx * dx + dy * dy
                         if d < best and not (
-                            line and surfels.line[at] and nx * surfels.nx[at] + ny * surfels.ny[at] < SAME_SIDE
+                            line
+                            and surfels.line[at]
+                            and nx * surfels.nx[at] + ny * surfels.ny[at] < SAME_SIDE
                         ):
                             best, found = d, at
                     at = surfels.next[at] - 1
@@ -429,7 +453,7 @@ def add_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, line:
     surfels.count += 1
     surfels.x[at], surfels.y[at], surfels.nx[at], surfels.ny[at] = x, y, nx, ny
     surfels.line[at], surfels.hits[at] = line, 1.0
-    column, row = int(math.floor(x / CELL)), int(math.floor(y / CELL))
+    column, row = int(math.floor(x / CELL)), int(math.floor(y / CELL))  # noqa: RUF046
     surfels.column[at], surfels.row[at] = column, row
     chain_surfel(surfels, at)
 
@@ -451,7 +475,11 @@ def forget_far(surfels: Surfels, x: float, y: float, reach: float) -> None:
         if dx * dx + dy * dy >= reach * reach:
             continue
         surfels.x[kept], surfels.y[kept], surfels.nx[kept] = surfels.x[at], surfels.y[at], surfels.nx[at]
-        surfels.ny[kept], surfels.hits[kept], surfels.line[kept] = surfels.ny[at], surfels.hits[at], surfels.line[at]
+        surfels.ny[kept], surfels.hits[kept], surfels.line[kept] = (
+            surfels.ny[at],
+            surfels.hits[at],
+            surfels.line[at],
+        )
         surfels.column[kept], surfels.row[kept] = surfels.column[at], surfels.row[at]
         chain_surfel(surfels, kept)
         kept += 1
@@ -475,7 +503,15 @@ def enter_sweep(matcher: Matcher, points: Outline, vx: float, vy: float, vyaw: f
 
 
 def align(
-    matcher: Matcher, x: float, y: float, yaw: float, vx: float, vy: float, vyaw: float, seconds: float, wide: int
+    matcher: Matcher,
+    x: float,
+    y: float,
+    yaw: float,
+    vx: float,
+    vy: float,
+    vyaw: float,
+    seconds: float,
+    wide: int,
 ) -> tuple[float, float, float]:
     """Lay the sweep onto the map, from a guess; return its velocity.
 
@@ -496,7 +532,9 @@ def align(
         deskew(matcher.points, vx, vy, vyaw)
         refine(matcher.points, matcher.map, matcher.found, reach, kernel)
         if matcher.points.takes_time and seconds > 0.0:
-            dx, dy, turn = step_between(matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw)
+            dx, dy, turn = step_between(
+                matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw
+            )
             vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
     return vx, vy, vyaw
 
@@ -628,7 +666,9 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
         if follows and matcher.moves:
             dx, dy, turn = driven(vx, vy, vyaw, seconds)
             x, y, yaw = pose_after(x, y, yaw, dx, dy, turn)
-        guided = told[at] == told[at] and matcher.told_x == matcher.told_x and told[at + 3] == matcher.told_part
+        guided = (
+            told[at] == told[at] and matcher.told_x == matcher.told_x and told[at + 3] == matcher.told_part
+        )
         if guided:
             dx, dy, turn = step_between(
                 matcher.told_x, matcher.told_y, matcher.told_yaw, told[at], told[at + 1], told[at + 2]
@@ -644,9 +684,15 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
             # Now that the motion is known, the first sweep can be deskewed as well.
             forget_far(matcher.map, 0.0, 0.0, 0.0)
             enter_sweep(matcher, matcher.first, vx, vy, vyaw)
-            vx, vy, vyaw = align(matcher, matcher.found.x, matcher.found.y, matcher.found.yaw, vx, vy, vyaw, seconds, 1)
+            vx, vy, vyaw = align(
+                matcher, matcher.found.x, matcher.found.y, matcher.found.yaw, vx, vy, vyaw, seconds, 1
+            )
         dx, dy, turn = step_between(x, y, yaw, matcher.found.x, matcher.found.y, matcher.found.yaw)
-        if matcher.found.fit < LEAST_FIT or dx * dx + dy * dy >= FARTHEST_STEP * FARTHEST_STEP or abs(turn) >= WIDEST_STEP:
+        if (
+            matcher.found.fit < LEAST_FIT
+            or dx * dx + dy * dy >= FARTHEST_STEP * FARTHEST_STEP
+            or abs(turn) >= WIDEST_STEP
+        ):
             matcher.misses += 1
             if matcher.misses < PATIENCE:
                 return
@@ -659,7 +705,12 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
                 )
                 vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
                 matcher.vx, matcher.vy, matcher.vyaw = vx, vy, vyaw
-            matcher.x, matcher.y, matcher.yaw, matcher.time = matcher.found.x, matcher.found.y, matcher.found.yaw, time
+            matcher.x, matcher.y, matcher.yaw, matcher.time = (
+                matcher.found.x,
+                matcher.found.y,
+                matcher.found.yaw,
+                time,
+            )
             matcher.alone, matcher.misses = False, 0
             enter_sweep(matcher, matcher.points, vx, vy, vyaw)
     matcher.told_x, matcher.told_y, matcher.told_yaw = told[at], told[at + 1], told[at + 2]

@@ -58,7 +58,7 @@ class Building:
     def add(self, source: Source, progress: Progress | None = None) -> RunSummary:
         """Learn from the sweeps of one log."""
         options = self._options
-        with read_log(source, options) as reading:
+        with read_log(source, options, needs_paths=True) as reading:
             for batch in reading.batches(progress):
                 self._take(batch)
             summary = reading.close()

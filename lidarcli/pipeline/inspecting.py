@@ -11,24 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.choices import MATCH
 from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.clock import Clock, ClockInfo
 from lidarcli.logs.doubts import MOST, Doubts
-from lidarcli.logs.options import scan_topics
+from lidarcli.logs.options import TopicChoice, scan_topics
 from lidarcli.logs.piles import Settling
 from lidarcli.pipeline.inputs.sources import Nothing, Source, made_of_clouds, open_source
 from lidarcli.pipeline.reading.one_log import damage_lines
-from lidarcli.pipeline.reading.pose_sources import (
-    DelaySearch,
-    FoundPoses,
-    PoseInfo,
-    PoseOptions,
-    find_poses,
-    pose_infos,
-)
-from lidarcli.pipeline.reading.posing import alike_note
+from lidarcli.pipeline.reading.pose_sources import FoundPoses, PoseInfo, PoseOptions, pose_infos
+from lidarcli.pipeline.reading.posing import Posing, alike_note
 from lidarcli.pipeline.runs.outcomes import Failure, attempt
 from lidarcli.pipeline.runs.over_logs import LogProgress, progress_of
 from lidarcli.range_rules import RangeRules, closure, normalise
@@ -113,9 +105,9 @@ def inspect_log(
     found: dict[tuple[str, str], _Scan] = {}
     only_counted: Counter[str] = Counter()
     with open_source(source, opening) as log:
-        poses = find_poses(log, wanted, rules=rules)
-        search = poses is not None and wanted.source != MATCH
-        delays = DelaySearch(poses.sources, wanted.deskew) if poses is not None and search else None
+        choice = TopicChoice(None, log.topics())
+        posing = Posing.of(log, wanted, choice, rules)
+        poses = posing.found
         report, doubts = ReadReport(), Doubts(made_of_clouds(log))
         count: Counter[str] = Counter()
         for block, judging in Settling(rules, report).blocks(log.scans(None, report)):
@@ -132,8 +124,6 @@ def inspect_log(
                 else:
                     only_counted[block.topic] += int(sweeps)
             count[block.topic] += len(block)
-            if delays is not None:
-                delays.add(block, judging)
             if progress is not None:
                 progress(log.position)
         topics = _with_counts(log.topics() or (), found, only_counted)
@@ -156,7 +146,7 @@ def inspect_log(
             notes=(
                 *report.notes,
                 *report.doubted(),
-                *_pose_notes(poses, delays, found),
+                *_pose_notes(posing, found),
                 *_not_shown(only_counted),
             ),
             damage=tuple(damage_lines(report)),
@@ -176,18 +166,15 @@ def _pose(poses: FoundPoses | None, frame_id: str) -> str:
     return f"{' and '.join(way.topics)} ({way.chain})" if way is not None else ""
 
 
-def _pose_notes(
-    poses: FoundPoses | None, delays: DelaySearch | None, found: Mapping[tuple[str, str], _Scan]
-) -> list[str]:
-    """Return notes on the poses: frames with several alike, delays that fit better, and notes of reading them."""
-    if poses is None:
-        return []
-    sources = poses.sources
-    unclear = [frame for frame in sorted({frame for _, frame in found}) if sources.alike(frame)]
-    notes = [alike_note(frame, sources.alike(frame), sources.alternatives(frame)) for frame in unclear]
-    if delays is not None:
-        notes += [delay.note(topic) for (topic, _), delay in delays.best().items()]
-    return [*notes, *poses.notes]
+def _pose_notes(posing: Posing, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
+    """Return notes on the poses: frames with several alike, the verdict on told poses, and notes of reading them."""
+    notes = []
+    if posing.found is not None:
+        sources = posing.found.sources
+        unclear = [frame for frame in sorted({frame for _, frame in found}) if sources.alike(frame)]
+        notes = [alike_note(frame, sources.alike(frame), sources.alternatives(frame)) for frame in unclear]
+        notes += posing.found.notes
+    return notes + posing.path_notes()
 
 
 class _Scan:

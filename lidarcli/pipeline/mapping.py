@@ -22,7 +22,7 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps.clouds import CloudPoints, CloudWriter, VoxelFilter
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import MAP, NONE, PoseOptions
+from lidarcli.pipeline.reading.pose_sources import NONE, PoseOptions
 from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
 
 MIN_HITS, MIN_HITS_OF_ALL = 2, 4
@@ -130,7 +130,7 @@ class Mapping:
             The ground that it saw is larger than a map may be.
         """
         options = self.options
-        with read_log(source, options, MAP) as reading:
+        with read_log(source, options, needs_paths=True) as reading:
             taken = _Taken(options.min_move, bool(options.read.topics))
             for batch, sets in self._with_sets(reading.batches(progress)):
                 for frame, rows, mine in batch.by_frame():
@@ -197,7 +197,7 @@ class Mapping:
         clouds: Sequence[CloudWriter],
     ) -> None:
         """Count the sweeps of one sensor that tell something new."""
-        poses = batch.true_poses or batch.poses
+        poses = batch.poses
         rows = taken.rows(batch.topic, frame, poses, batch.stamp_ns)
         if poses is None or not len(rows):
             return

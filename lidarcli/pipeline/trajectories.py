@@ -73,7 +73,7 @@ def write_path(
     """
     is_table = path.suffix.lower() == PARQUET
     with (
-        read_log(source, options) as reading,
+        read_log(source, options, needs_paths=True) as reading,
         new_files([path], options.overwrite) as new,
     ):
         written = _Written(is_table, options.poses.source == MATCH)

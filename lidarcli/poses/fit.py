@@ -7,10 +7,11 @@ that the log does not tell are found from the same pairs.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lidarcli.poses.sources import Way
 from lidarcli.sweeps import Bool, Float64, Int64
 
 PAIR_LENGTH, PAIR_TURN = 0.3, 0.15
@@ -28,8 +29,12 @@ OFF_TURN, OFF_TURN_GROWS = np.deg2rad(2.0), 0.1
 """... and their turns differ by no more than this [rad], and this share of the turn more."""
 JUMP_SPEED, JUMP_LENGTH = 10.0, 0.5
 """A told step that is longer than this and faster [m/s, m] is a jump."""
-LONGEST_DELAY, DELAY_STEP = 0.6, 0.05
-"""Delays that are tried, to both sides [s]."""
+MOST_JUMPS = 0.2
+"""Share of told steps that jump from which on the poses of two bodies are mixed."""
+LONGEST_DELAY, DELAY_STEP, FINE_STEP = 0.6, 0.05, 0.01
+"""Delays that are tried, to both sides, first in large steps and then around the best in small ones [s]."""
+LEAST_TOLD, MOST_OFF, CLEARLY_BETTER = 0.6, 3.0, 0.05
+"""Least share of pairs with a delayed pose; greatest cost of a pair; share by which a larger delay has to be better."""
 ACCEPTED = 0.8
 """Share of agreeing pairs from which poses are accepted as they are told."""
 CORRECTED, GAIN = 0.5, 0.1
@@ -43,6 +48,8 @@ MOUNT_SCALE = 0.05
 
 STANDING_OFF, STANDING_TURN = 0.02, np.deg2rad(0.5)
 """A sensor stands whose matched poses are no further from their middle [m, rad], but for 1 % of them."""
+MOST_SLIDING = 0.5
+"""Share of sweeps that may slide of a sensor that is known to stand."""
 STILL_SECONDS, STILL_OFF, STILL_TURN = 2.0, 0.05, 0.035
 """It stands at a sweep if the poses at both ends of so many seconds around it are no further apart [m, rad]."""
 
@@ -63,8 +70,8 @@ class PoseFit:
     """The pose of a sweep is that at its header stamp and this much later [s]."""
     mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where the sensor is in the frame that the poses tell of: x, y [m], yaw [rad]."""
-    cuts: tuple[int, ...] = ()
-    """Stamps of sweeps before which the told poses jump [ns]."""
+    cuts: tuple[tuple[int, int], ...] = ()
+    """Stamps of the told poses before and after each jump [ns]."""
     jumps: tuple[float, ...] = ()
     """Length of each jump [m]."""
     ratio: float = float("nan")
@@ -99,7 +106,40 @@ def poses_after(begin: Float64, step: Float64) -> Float64:
     )
 
 
-def judge_poses(stamp_ns: Int64, matched: Float64, told_at: Callable[[Int64], Float64]) -> PoseFit:
+@dataclass(frozen=True, slots=True)
+class Jumps:
+    """Jumps of told poses: no sensor is that fast."""
+
+    gaps_ns: Int64
+    """(G, 2) stamps before and after each jump [ns]."""
+    lengths: Float64
+    """(G,) metres."""
+    share: float
+    """Share of the told steps that jump."""
+
+
+def jumps_of(way: Way) -> Jumps:
+    """Find the jumps in the moving poses that make a way, of which the first kind that jumps counts."""
+    for step in way.steps:
+        track = step.track
+        if track.static or len(track.stamp_ns) < 2:
+            continue
+        lengths = np.hypot(*np.diff(track.motion.position[:, :2], axis=0).T)
+        seconds = np.diff(track.stamp_ns) * 1e-9
+        jumps = np.flatnonzero(lengths > np.maximum(JUMP_SPEED * seconds, JUMP_LENGTH))
+        if len(jumps):
+            gaps = np.column_stack([track.stamp_ns[jumps], track.stamp_ns[jumps + 1]])
+            return Jumps(gaps, lengths[jumps], len(jumps) / len(lengths))
+    return Jumps(np.zeros((0, 2), np.int64), np.zeros(0), 0.0)
+
+
+def judge_poses(
+    stamp_ns: Int64,
+    matched: Float64,
+    told_at: Callable[[Int64], Float64],
+    pieces: Float64 | None = None,
+    jumps: Jumps | None = None,
+) -> PoseFit:
     """Compare a told path with the matched one.
 
     Parameters
@@ -107,6 +147,8 @@ def judge_poses(stamp_ns: Int64, matched: Float64, told_at: Callable[[Int64], Fl
     stamp_ns : (S,) header stamps, increasing
     matched : (S, 3) x, y, yaw of the matched path, NaN where a sweep has no pose
     told_at : gives the told poses of the sensor (K, 3) at stamps (K,), NaN where none is told
+    pieces : (S,) number of the piece of the matched path; steps from one to another are not known
+    jumps : jumps of the told poses
 
     Returns
     -------
@@ -114,16 +156,18 @@ def judge_poses(stamp_ns: Int64, matched: Float64, told_at: Callable[[Int64], Fl
     """
     told = told_at(stamp_ns)
     seconds = (stamp_ns - stamp_ns[0]) * 1e-9 if len(stamp_ns) else np.zeros(0)
-    there = np.flatnonzero(np.isfinite(told[:, 0]))
-    lengths = np.hypot(*np.diff(told[there, :2], axis=0).T)
-    jumped = lengths > np.maximum(JUMP_SPEED * np.diff(seconds[there]), JUMP_LENGTH)
-    jumps = there[1:][jumped]
-    if np.count_nonzero(jumped) >= 0.2 * len(there) > 0:
-        return PoseFit("rejected", 0.0, len(there), jumps=tuple(np.sort(lengths[jumped])[-1:].tolist()))
-    cuts = tuple(stamp_ns[jumps].tolist())
-    sizes = tuple(lengths[jumped].tolist()) if len(jumps) else ()
+    cuts: tuple[tuple[int, int], ...] = ()
+    sizes: tuple[float, ...] = ()
+    if jumps is not None and len(jumps.gaps_ns):
+        if jumps.share >= MOST_JUMPS:
+            return PoseFit("rejected", 0.0, 0, jumps=(float(jumps.lengths.max()),))
+        cuts = tuple((int(before), int(after)) for before, after in jumps.gaps_ns)
+        sizes = tuple(jumps.lengths.tolist())
     begin, end = _pairs(seconds, matched, told)
-    cut = np.searchsorted(jumps, begin, "right") != np.searchsorted(jumps, end, "right")
+    ends = np.array([after for _, after in cuts], np.int64)
+    cut = np.searchsorted(ends, stamp_ns[begin], "right") != np.searchsorted(ends, stamp_ns[end], "right")
+    if pieces is not None:
+        cut |= pieces[begin] != pieces[end]
     begin, end = begin[~cut], end[~cut]
     placed = float(np.isfinite(matched[:, 0]).mean()) if len(matched) else 0.0
     if placed < 1.0 - MOST_UNPLACED or len(begin) < LEAST_PAIRS:
@@ -136,20 +180,19 @@ def judge_poses(stamp_ns: Int64, matched: Float64, told_at: Callable[[Int64], Fl
         return PoseFit("accepted", share, len(begin), cuts=cuts, jumps=sizes)
     delay, mount, best = _corrected(stamp_ns, begin, end, step, told_at)
     ratio, turn_ratio = _ratios(step, best)
-    corrected = _agree(step, _mounted(best, mount))
-    better = float(corrected.mean())
+    better = float(_agree(step, _mounted(best, mount)).mean())
     # Of poses that lie at the bound, a greater delay may fit better yet.
     found = better >= CORRECTED and better >= share + GAIN and abs(delay) < LONGEST_DELAY - 0.5 * DELAY_STEP
     fits = all(not np.isfinite(one) or RATIOS[0] <= one <= RATIOS[1] for one in (ratio, turn_ratio))
-    more = {"cuts": cuts, "jumps": sizes, "ratio": ratio, "turn_ratio": turn_ratio}
+    fit = PoseFit("rejected", share, len(begin), cuts=cuts, jumps=sizes, ratio=ratio, turn_ratio=turn_ratio)
     if found and fits:
-        return PoseFit("corrected", better, len(begin), delay, mount, **more)
+        return replace(fit, verdict="corrected", share=better, delay=delay, mount=mount)
     parts = np.array_split(np.arange(len(begin)), max(1, len(begin) // STRETCH))
     good = [part for part in parts if agree[part].mean() >= STRETCH_FIT]
     if fits and len(good) >= STRETCHES * len(parts):
         spans = tuple((int(stamp_ns[begin[part[0]]]), int(stamp_ns[end[part[-1]]])) for part in good)
-        return PoseFit("stretches", share, len(begin), good=spans, **more)
-    return PoseFit("rejected", share, len(begin), **more)
+        return replace(fit, verdict="stretches", good=spans)
+    return fit
 
 
 def _pairs(seconds: Float64, matched: Float64, told: Float64) -> tuple[Int64, Int64]:
@@ -182,7 +225,9 @@ def _off(step: Steps, other: Steps) -> tuple[Float64, Float64]:
     length = np.hypot(step[:, 0], step[:, 1])
     off = np.hypot(step[:, 0] - other[:, 0], step[:, 1] - other[:, 1])
     turn = np.abs(wrapped(step[:, 2] - other[:, 2]))
-    return off / (OFF_LENGTH + OFF_LENGTH_GROWS * length), turn / (OFF_TURN + OFF_TURN_GROWS * np.abs(step[:, 2]))
+    return off / (OFF_LENGTH + OFF_LENGTH_GROWS * length), turn / (
+        OFF_TURN + OFF_TURN_GROWS * np.abs(step[:, 2])
+    )
 
 
 def _agree(step: Steps, other: Steps) -> Bool:
@@ -199,34 +244,58 @@ def _mounted(step: Steps, mount: tuple[float, float, float]) -> Steps:
     return steps_between(where, poses_after(step, np.array(mount)))
 
 
+@dataclass(frozen=True, slots=True)
+class _Tried:
+    """A delay that was tried, with the mount that fits best with it."""
+
+    cost: float
+    delay: float
+    mount: tuple[float, float, float]
+    told: Steps
+
+
 def _corrected(
     stamp_ns: Int64, begin: Int64, end: Int64, step: Steps, told_at: Callable[[Int64], Float64]
 ) -> tuple[float, tuple[float, float, float], Steps]:
     """Find the delay and the mount with which the told steps fit best; return them and the told steps so delayed."""
-    found: tuple[float, float, tuple[float, float, float], Steps] | None = None
-    tried = round(LONGEST_DELAY / DELAY_STEP)
-    for number in sorted(range(-tried, tried + 1), key=lambda one: (abs(one), one)):
-        delay_ns = round(number * DELAY_STEP * 1e9)
+
+    def tried(delay: float) -> _Tried | None:
+        delay_ns = round(delay * 1e9)
         told = steps_between(told_at(stamp_ns[begin] + delay_ns), told_at(stamp_ns[end] + delay_ns))
         known = np.isfinite(told[:, 0])
-        if known.mean() < 0.6:
-            continue
+        if known.mean() < LEAST_TOLD:
+            return None
         mount = _mount(step[known], told[known])
         off, turn = _off(step[known], _mounted(told[known], mount))
-        cost = float(np.mean(np.minimum(off, 3.0) + np.minimum(turn, 3.0)))
-        if found is None or cost < found[0] - 0.05 * max(1.0, found[0]):
-            found = cost, number * DELAY_STEP, mount, told
-    if found is None:
+        cost = float(np.mean(np.minimum(off, MOST_OFF) + np.minimum(turn, MOST_OFF)))
+        return _Tried(cost, delay, mount, told)
+
+    best: _Tried | None = None
+    count = round(LONGEST_DELAY / DELAY_STEP)
+    # A small delay is more likely than a large one that fits as well.
+    for number in sorted(range(-count, count + 1), key=lambda one: (abs(one), one)):
+        one = tried(number * DELAY_STEP)
+        if one is not None and (best is None or one.cost < best.cost - CLEARLY_BETTER * max(1.0, best.cost)):
+            best = one
+    if best is None:
         return 0.0, (0.0, 0.0, 0.0), np.full_like(step, np.nan)
-    return found[1], found[2], found[3]
+    if best.delay:
+        fine = round(DELAY_STEP / FINE_STEP)
+        near = [tried(best.delay + number * FINE_STEP) for number in range(1 - fine, fine)]
+        best = min((one for one in near if one is not None), key=lambda one: one.cost)
+    return round(best.delay, 3), best.mount, best.told
 
 
 def _mount(step: Steps, told: Steps) -> tuple[float, float, float]:
     """Find where a sensor that makes `step` is mounted on what makes `told`: robust hand-eye calibration in the plane."""
-    straight = (np.abs(step[:, 2]) < 0.1) & (np.hypot(*step[:, :2].T) > 0.1) & (np.hypot(*told[:, :2].T) > 0.1)
+    straight = (
+        (np.abs(step[:, 2]) < 0.1) & (np.hypot(*step[:, :2].T) > 0.1) & (np.hypot(*told[:, :2].T) > 0.1)
+    )
     yaws = [0.0]
     if np.count_nonzero(straight) >= 5:
-        apart = np.arctan2(told[straight, 1], told[straight, 0]) - np.arctan2(step[straight, 1], step[straight, 0])
+        apart = np.arctan2(told[straight, 1], told[straight, 0]) - np.arctan2(
+            step[straight, 1], step[straight, 0]
+        )
         yaws = [float(np.arctan2(np.median(np.sin(apart)), np.median(np.cos(apart)))), 0.0]
         yaws += [0.5 * np.pi, -0.5 * np.pi, np.pi]
     best, most = (0.0, 0.0, 0.0), -1.0
@@ -261,54 +330,70 @@ def _ratios(step: Steps, told: Steps) -> tuple[float, float]:
 def joined(
     stamp_ns: Int64,
     matched: Float64,
-    piece: Float64,
-    told_at: Callable[[Int64], Float64],
-    cuts: tuple[int, ...],
+    pieces: Float64,
+    told: Float64,
+    cuts: tuple[tuple[int, int], ...],
 ) -> tuple[Int64, Float64, bool]:
     """Join the parts of a told path between jumps by the matched path.
 
+    Parameters
+    ----------
+    stamp_ns : (S,) stamps at which the poses of the sweeps are told, increasing [ns]
+    matched, told : (S, 3) x, y, yaw, NaN where they are not known
+    pieces : (S,) number of the piece of the matched path
+    cuts : stamps of the told poses before and after each jump [ns]
+
     Returns
     -------
-    gaps : (G, 2) stamps of the last sweep before each jump and of the first after it [ns]
+    gaps : (G, 2) stamps before and after each jump [ns]
     moves : (G + 1, 3) motion of the world for each part; NaN where it is not known
     lost : True where a part could not be joined
     """
-    told = told_at(stamp_ns)
     known = np.isfinite(told[:, 0]) & np.isfinite(matched[:, 0])
-    gaps, moves = [], [np.zeros((1, 3))]
-    for cut in cuts:
-        after = int(np.searchsorted(stamp_ns, cut))
-        gaps.append((int(stamp_ns[max(after - 1, 0)]), int(stamp_ns[after])))
-        before, behind = np.flatnonzero(known[:after]), np.flatnonzero(known[after:])
-        if not len(before) or not len(behind) or piece[before[-1]] != piece[after + behind[0]]:
+    moves = [np.zeros((1, 3))]
+    for gap in cuts:
+        first, second = np.searchsorted(stamp_ns, gap[0], "right"), np.searchsorted(stamp_ns, gap[1])
+        before, behind = np.flatnonzero(known[:first]), np.flatnonzero(known[second:])
+        if not len(before) or not len(behind) or pieces[before[-1]] != pieces[second + behind[0]]:
             moves.append(np.full((1, 3), np.nan))
             continue
-        i, j = before[-1:], after + behind[:1]
+        i, j = before[-1:], second + behind[:1]
         here = poses_after(poses_after(moves[-1], told[i]), steps_between(matched[i], matched[j]))
         # The motion that takes the told pose after the jump there.
         back = steps_between(told[j], np.zeros((1, 3)))
         moves.append(poses_after(here, back))
     found = np.vstack(moves)
-    return np.array(gaps, np.int64).reshape(-1, 2), found, bool(np.isnan(found).any())
+    return np.array(cuts, np.int64).reshape(-1, 2), found, bool(np.isnan(found).any())
 
 
-def stands_still(stamp_ns: Int64, matched: Float64, slides: Float64) -> tuple[bool, Bool | None]:
-    """Tell from the matched path whether the sensor stands.
+def stands(matched: Float64, slides: Float64) -> bool:
+    """Tell from the matched path whether the sensor never moves.
 
-    Returns
-    -------
-    stands : True where it never moves
-    still : (S,) True where it stands at that sweep; None where too few sweeps have a pose
+    Parameters
+    ----------
+    matched : (S, 3) x, y, yaw, NaN where a sweep has no pose
+    slides : (S,) 1 where the place is not fixed along some direction
     """
     known = np.isfinite(matched[:, 0])
     if len(known) == 0 or known.mean() < 1.0 - MOST_UNPLACED:
-        return False, None
+        return False
     middle = np.median(matched[known], axis=0)
     off = np.hypot(matched[known, 0] - middle[0], matched[known, 1] - middle[1])
     turn = np.abs(wrapped(matched[known, 2] - middle[2]))
-    fixed = float(np.mean(slides[known] > 0)) < 0.5
-    if fixed and np.quantile(off, 0.99) < STANDING_OFF and np.quantile(turn, 0.99) < STANDING_TURN:
-        return True, np.ones(len(known), bool)
+    fixed = float(np.mean(slides[known] > 0)) < MOST_SLIDING
+    return bool(fixed and np.quantile(off, 0.99) < STANDING_OFF and np.quantile(turn, 0.99) < STANDING_TURN)
+
+
+def still_at(stamp_ns: Int64, matched: Float64, slides: Float64) -> Bool:
+    """Tell at which sweeps (S,) the sensor stands; empty where too few sweeps have a pose.
+
+    Parameters are as of `stands`, with the stamps of the sweeps (S,) [ns], increasing.
+    """
+    known = np.isfinite(matched[:, 0])
+    if len(known) == 0 or known.mean() < 1.0 - MOST_UNPLACED:
+        return np.zeros(0, bool)
+    if stands(matched, slides):
+        return np.ones(len(known), bool)
     seconds = (stamp_ns[-1] - stamp_ns[0]) * 1e-9
     third = max(1, round(STILL_SECONDS / 3.0 * len(stamp_ns) / max(seconds, 1e-3)))
     numbers = np.arange(len(known))
@@ -325,4 +410,5 @@ def stands_still(stamp_ns: Int64, matched: Float64, slides: Float64) -> tuple[bo
     apart = middles[third + 1 :] - middles[: -(third + 1)]
     apart = apart[: len(known)]
     still = (np.hypot(apart[:, 0], apart[:, 1]) < STILL_OFF) & (np.abs(apart[:, 2]) < STILL_TURN)
-    return False, still
+    found: Bool = still
+    return found

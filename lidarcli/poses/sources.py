@@ -43,18 +43,28 @@ class Correction:
 
     def at(self, steps: Sequence[Step], stamp_ns: Int64) -> Motion:
         """Return the corrected poses at times (S,), NaN where they are not known."""
-        most = _FARTHEST_NS - abs(self.delay_ns)
-        at_ns = np.clip(stamp_ns, -most, most) + self.delay_ns if self.delay_ns else stamp_ns
+        at_ns = later(stamp_ns, self.delay_ns)
         found = along(steps, at_ns)
         if self.mount is not None:
             found = compose(found, self.mount)
         if self.moves is not None:
-            part = np.searchsorted(self.gaps[:, 1], stamp_ns, "right")
+            part = np.searchsorted(self.gaps[:, 1], at_ns, "right")
             found = compose(Motion(self.moves.position[part], self.moves.rotation[part]), found)
             after = np.minimum(part, len(self.gaps) - 1)
-            inside = (stamp_ns > self.gaps[after, 0]) & (stamp_ns < self.gaps[after, 1])
+            inside = (at_ns > self.gaps[after, 0]) & (at_ns < self.gaps[after, 1])
             found.position[inside], found.rotation[inside] = np.nan, np.nan
         return found
+
+    def after(self, other: Correction | None) -> Correction:
+        """Return this correction of poses that another one has delayed."""
+        return self if other is None else replace(self, delay_ns=self.delay_ns + other.delay_ns)
+
+
+def later(stamp_ns: Int64, delay_ns: int | Int64) -> Int64:
+    """Add delays [ns] to stamps (N,) [ns], limited to the range of int64."""
+    most = np.iinfo(np.int64).max - np.abs(delay_ns)
+    moved: Int64 = np.clip(stamp_ns, -most, most) + delay_ns
+    return moved
 
 
 @dataclass(frozen=True, eq=False, slots=True)

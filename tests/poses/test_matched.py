@@ -19,7 +19,6 @@ from lidarcli.simulate.scene import Motion, Scene, Sensor
 from lidarcli.sweeps import TURN, Float64, Int64, SweepBatch, concatenate
 from tests.places import SAMPLES
 
-
 SENSOR = Sensor(noise=0.01, lost=0.005, mixed_pixels=0.3, range_max=8.0)
 
 

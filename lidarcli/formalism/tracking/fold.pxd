@@ -11,7 +11,7 @@ from lidarcli.formalism.tracking.observation cimport Memory, Seen, Views
 cdef Py_ssize_t PRISMATIC, UNKNOWN, BOX_BEAMS, BOX_SIGHTINGS, SIZE_BEAMS, YAW_POINTS, DELAY, AHEAD, LEFT, POSE_SIGHTINGS
 cdef double SLIMMEST_BOX, LEAST_YAW_VAR, FARTHEST_DRIFT, POSE_DRIFT, YAW_DRIFT, TURN_DRIFT, PAST_SIDE, AT_LEAST_VAR, MOST_PAUSE
 cdef double EXTENT_VAR, SIZE_OUTLIER
-cdef double DELAY_SD, FOUND_DELAY_SD, PLACE_SD, LEAST_DELAY_VAR, LEAST_PLACE_VAR, MOST_POSE_RESIDUAL, MOST_POSE_EVIDENCE
+cdef double DELAY_SD, PLACE_SD, LEAST_DELAY_VAR, LEAST_PLACE_VAR, MOST_POSE_RESIDUAL, MOST_POSE_EVIDENCE
 cdef double POSE_SIDE_VAR, MOST_DELAY
 
 
@@ -73,7 +73,6 @@ cdef class Correction:
     cdef double* product
     cdef double* change
 
-    cpdef trust(self)
     cpdef tuple estimate(self)
 
 

@@ -51,8 +51,6 @@ DELAY, AHEAD, LEFT = 0, 1, 2
 """Places of the three numbers of a correction."""
 DELAY_SD = 0.2
 """[s] Standard deviation of the delay at first."""
-FOUND_DELAY_SD = 0.03
-"""[s] Standard deviation of the delay where one was found beforehand."""
 PLACE_SD = 0.1
 """[m] Standard deviation of the place of the sensor at first."""
 LEAST_DELAY_VAR = 1e-4
@@ -488,10 +486,6 @@ class Correction:
         """Effect of the three numbers on the current point, for both axes of its body."""
         self.product = native.doubles(self.owner, 3)
         self.change = native.doubles(self.owner, 3)
-
-    def trust(self) -> None:
-        """Expect a small delay, because a larger one was found beforehand."""
-        self.cov[0] = FOUND_DELAY_SD * FOUND_DELAY_SD
 
     def estimate(self) -> tuple[float, float, float, float, float]:
         """Return the delay [s], the place ahead and left [m], and the standard deviations of the delay and of the place."""

@@ -83,7 +83,6 @@ class Tracker:
         self._first_ns: int | None = None
         self._topic = ""
         self._standing = Standing()
-        self._is_corrected = False
         self._fold = Fold(
             -math.log(self.parameters.significance),
             Bodies(BODIES_AT_FIRST),
@@ -129,9 +128,7 @@ class Tracker:
             self._windows.pop()
         while self._windows:
             self._settle()
-        self.notes = notes_of(
-            self._topic, self._fold.correction, self._register.tracks, self._fold.moves, self._is_corrected
-        )
+        self.notes = notes_of(self._topic, self._fold.correction, self._register.tracks, self._fold.moves)
         return self._answers(), tracks_of(self._register.tracks)
 
     def _follow(self, batch: SweepBatch, detection: Detection) -> None:
@@ -146,12 +143,10 @@ class Tracker:
         seen = Seen(detection, poses, seconds, way, shares)
         self._make_room(seen.most, batch.width)
         fold.moves = batch.poses is not None
-        if batch.true_poses is not None and not self._is_corrected:
-            self._is_corrected = True
-            fold.correction.trust()
         fold.objects = self._objects
         frames = self._frames(batch)
-        placed = np.full(len(batch), batch.poses is not None) | self._standing.see(batch)
+        stood = self._standing.see(batch) if batch.still is None else batch.still
+        placed = np.full(len(batch), batch.poses is not None) | stood
         looks = None
         if self._naming is not None:
             then = poses[detection.row]
@@ -304,7 +299,7 @@ def _least_odds(share: float) -> float:
 
 def _poses(batch: SweepBatch) -> Float64:
     """Return (S, 4) x, y, yaw and side of the sensor; without poses it is taken to stand."""
-    poses = batch.true_poses or batch.poses
+    poses = batch.poses
     if poses is None:
         return np.tile([0.0, 0.0, 0.0, 1.0], (len(batch), 1))
     columns = np.column_stack([poses.x, poses.y, poses.yaw, np.where(poses.upside_down, -1.0, 1.0)])
@@ -314,7 +309,7 @@ def _poses(batch: SweepBatch) -> Float64:
 
 def _way(batch: SweepBatch) -> Float64:
     """Return (S, 3) the way of the sensor in x, y, yaw during each sweep."""
-    poses = batch.true_poses or batch.poses
+    poses = batch.poses
     return np.zeros((len(batch), 3)) if poses is None or poses.way is None else poses.way
 
 
@@ -353,18 +348,13 @@ class Standing:
         return stood
 
 
-def notes_of(
-    topic: str, correction: Correction, tracks: list[Track], has_poses: bool, is_corrected: bool
-) -> list[str]:
-    """Return notes for the user on a topic that was tracked: the error of its poses, or that it should have some.
-
-    `is_corrected`: True if a delay was found beforehand; the one of `correction` adds to it.
-    """
-    of_poses = _of_poses(topic, correction, is_corrected) if has_poses else []
+def notes_of(topic: str, correction: Correction, tracks: list[Track], has_poses: bool) -> list[str]:
+    """Return notes for the user on a topic that was tracked: the error of its poses, or that it should have some."""
+    of_poses = _of_poses(topic, correction) if has_poses else []
     return of_poses + _of_motion(topic, tracks, has_poses)
 
 
-def _of_poses(topic: str, correction: Correction, is_corrected: bool) -> list[str]:
+def _of_poses(topic: str, correction: Correction) -> list[str]:
     """Return notes on the delay of the poses and the place of the sensor."""
     if correction.way < NOTED_WAY:
         return []
@@ -372,10 +362,9 @@ def _of_poses(topic: str, correction: Correction, is_corrected: bool) -> list[st
     lines = []
     if abs(delay) > max(NOTED_DELAY, NOTED_SDS * delay_sd):
         when = "late" if delay > 0 else "early"
-        also = "" if is_corrected else f"; --pose-delay {delay:.2f} also corrects the world columns"
-        more = " a further" if is_corrected else ""
         lines.append(
-            f"{topic}: static objects show the poses{more} {abs(delay):.2f} s {when}: corrected for tracks{also}"
+            f"{topic}: static objects show the poses {abs(delay):.2f} s {when}: corrected for tracks; --pose-delay "
+            f"{delay:.2f} also corrects the world columns"
         )
     if math.hypot(ahead, left) > max(NOTED_DISTANCE, NOTED_SDS * place_sd):
         lines.append(

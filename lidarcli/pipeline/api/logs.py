@@ -13,7 +13,7 @@ from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import read_batches
-from lidarcli.logs.options import clouds_hint, no_scan_topic
+from lidarcli.logs.options import TopicChoice, clouds_hint, no_scan_topic
 from lidarcli.option_forms import options_of
 from lidarcli.options import AnyPath, Inspecting, Learning, Mapping, Paths, Reading
 from lidarcli.pipeline.api.options import LogOptions, log_options, several, sources_of, with_keywords
@@ -61,7 +61,7 @@ def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBa
     failed = Failed(len(sources))
     for source in sources:
         with failed.noted(source), open_source(source, opening) as log:
-            posing = Posing.of(log, poses, read.topics, read.rules)
+            posing = Posing.of(log, poses, TopicChoice(read.topics, log.topics()), read.rules)
             report = ReadReport()
             is_empty = True
             for batch in read_batches(log, read, report):

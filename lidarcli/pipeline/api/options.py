@@ -220,7 +220,7 @@ def opening_options(told: Values) -> OpenOptions:
 def pose_options(told: Values) -> PoseOptions:
     """Return where poses come from, and how they are used."""
     file = None if told["poses"] is None else fspath(told["poses"])
-    return PoseOptions(told["pose"], file, told.get("pose_delay"), told["deskew"])
+    return PoseOptions(told["pose"], file, told.get("pose_delay"), told["beam_order"], told["deskew"])
 
 
 def detect_options(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
-from lidarcli.choices import ECHOES, MATCH
+from lidarcli.choices import ECHOES
 from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.formalism.detection import SETS, Detection
 from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
@@ -185,11 +185,10 @@ class Reading:
     ----------
     log : open log
     options, poses : sweeps to read, and the poses for them
-    purpose : use of poses at a delay that fits better (`TRACKS`, `MAP`): without a `delay` of the user, batches then also
-        have `true_poses`; empty for none
+    needs_paths : True to match the path of a moving sensor that has no poses
     """
 
-    def __init__(self, log: Log, options: ReadOptions, poses: PoseOptions, purpose: str = "") -> None:
+    def __init__(self, log: Log, options: ReadOptions, poses: PoseOptions, needs_paths: bool = False) -> None:
         self._log = log
         self._report = ReadReport()
         self.summary = RunSummary()
@@ -212,15 +211,7 @@ class Reading:
             known = [count for count in counts if count is not None]
             if len(known) == len(counts):
                 self._expected = sum(known) // options.every
-        self._posing = Posing.of(log, poses, options.topics, options.rules)
-        # A pipe is read only once.
-        wanted = purpose and poses.delay is None and poses.source != MATCH and log.size is not None
-        if wanted:
-            from lidarcli.pipeline.reading.path_check import check_paths
-
-            self._posing.purpose = purpose
-            sources = None if self._posing.found is None else self._posing.found.sources
-            self._posing.paths = check_paths(log, sources, choice, options.rules, named=poses.source is not None)
+        self._posing = Posing.of(log, poses, choice, options.rules, needs_paths=needs_paths)
         self._position = 0
         self._thread: Beside | None = None
 
@@ -327,11 +318,11 @@ class ReadingOptions(Protocol):
 
 
 @contextmanager
-def read_log(source: Source, options: ReadingOptions, purpose: str = "") -> Iterator[Reading]:
-    """Open a log for its sweeps; `purpose` as of `Reading`."""
+def read_log(source: Source, options: ReadingOptions, needs_paths: bool = False) -> Iterator[Reading]:
+    """Open a log for its sweeps; `needs_paths` as of `Reading`."""
     with (
         open_source(source, options.opening) as log,
-        Reading(log, options.read, options.poses, purpose) as reading,
+        Reading(log, options.read, options.poses, needs_paths) as reading,
     ):
         yield reading
 

@@ -1,32 +1,44 @@
-"""A first pass over the sweeps of a log: the path that they tell, and whether told poses fit it."""
+"""The path of each sensor of a log, by its sweeps: told poses that fit, corrected, or matched where none fit."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidarcli.choices import MATCH
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
-from lidarcli.poses.fit import PoseFit, judge_poses, joined, stands_still
-from lidarcli.poses.matched import MatchedPath
-from lidarcli.poses.sources import Correction, Way
-from lidarcli.poses.tracks import Motion, planar
+from lidarcli.poses.fit import PoseFit, joined, judge_poses, jumps_of, stands, still_at
+from lidarcli.poses.matched import AUTO, LEAST_SKEWED, SKEWED, MatchedPath, Timing, duration_of, order_of
+from lidarcli.poses.sources import Correction, Way, later
+from lidarcli.poses.tracks import SECOND_NS, Motion, planar
 from lidarcli.poses.tree import Step
 from lidarcli.range_rules import RangeRules
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
 
 if TYPE_CHECKING:
-    from lidarcli.poses.sources import PoseSources, Told
+    from lidarcli.poses.sources import GivenPaths, PoseSources
 
 MOST_MATCHED = 16
 """Topics and frames whose paths are matched: each has a map in memory."""
+ENOUGH, ENOUGH_WAY = 2000, 30.0
+"""A told path is judged by its first so many sweeps, once the sensor has gone so far [m]."""
+SAMPLE, PERIOD = 20, 200
+"""Of a sensor that has stood for a period of sweeps, so many of each period are matched."""
+ENOUGH_SKEWED, MOST_HELD = 300, 3000
+"""Sweeps during which the sensor moves that tell the order of the beams, and most sweeps that are held for it."""
+WELL_CORRECTED = 0.9
+"""Share of steps that agree from which on corrected poses are the path; below, they guide the matched one."""
+WORTH_A_GUESS = 0.2
+"""Share of told steps that agree from which on the told steps guide the search."""
 SLIDING = 0.05
 """Share of the sweeps that may slide along walls from which there is a note."""
+SHOWN_JUMPS = 3
+"""Jumps of told poses that have a note each."""
 
 Key = tuple[str, str]
 """Topic and frame of sweeps."""
@@ -39,100 +51,276 @@ class CheckedPath:
     verdict: str
     """accepted, corrected, stretches, rejected, matched, unchecked or none."""
     way: Way | None = None
-    """Way to use in place of the told one."""
+    """Path to use; None for none."""
+    told: Way | None = None
+    """Told path, corrected, that does not fit well enough to be used, but guides a second look."""
     fit: PoseFit | None = None
-    stamp_ns: Int64 | None = None
-    """(S,) stamps of the sweeps [ns], increasing, ..."""
-    still: Bool | None = None
-    """... and whether the sensor stood; None where the sweeps do not tell."""
+    timing: Timing = field(default_factory=Timing)
+    """Times at which the beams are sent."""
+    stamp_ns: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(S,) stamps of sweeps [ns], increasing."""
+    still: Bool = field(default_factory=lambda: np.zeros(0, bool))
+    """(S,) True where the sensor stands at that sweep; empty where the sweeps do not tell."""
     notes: tuple[str, ...] = ()
+
+    @property
+    def follows_told(self) -> bool:
+        """True where the path to use is the told one."""
+        if self.fit is None or self.fit.verdict in ("rejected", "stretches"):
+            return False
+        return self.fit.verdict != "corrected" or self.fit.share >= WELL_CORRECTED
+
+    def stood(self, stamp_ns: Int64) -> Bool:
+        """Tell whether the sensor stood at stamps (S,) [ns], as at the sweep before."""
+        at = np.maximum(np.searchsorted(self.stamp_ns, stamp_ns, "right") - 1, 0)
+        found: Bool = self.still[at]
+        return found
+
+    def facts(self) -> dict[str, Any]:
+        """Return the verdict for the tables' metadata and `info`."""
+        told: dict[str, Any] = {"pose_verdict": self.verdict}
+        if self.fit is not None:
+            fit = round(self.fit.share, 3) if np.isfinite(self.fit.share) else None
+            told |= {"pose_fit": fit, "pose_delay": self.fit.delay, "pose_cuts": len(self.fit.cuts)}
+        return told | ({} if self.timing.order == AUTO else {"beam_order": self.timing.order})
+
+
+class _Look:
+    """A look at the sweeps of one topic and frame, in log order."""
+
+    def __init__(
+        self, told: Way | None, order: str, *, whole: bool = False, guess: Way | None = None
+    ) -> None:
+        self.told = told
+        self.path = MatchedPath(Timing(order))
+        self.is_whole = True
+        """True where every sweep was matched."""
+        self.sweeps = 0
+        self._whole, self._guess = whole, guess
+        self._held: list[SweepBatch] | None = [] if order == AUTO else None
+
+    def add(self, sweeps: SweepBatch) -> None:
+        """Take sweeps; of a sensor that has stood so far, only some are matched."""
+        if not self._whole and self.sweeps >= PERIOD and self.stands:
+            part = np.flatnonzero((self.sweeps + np.arange(len(sweeps))) % PERIOD < SAMPLE)
+            self.is_whole = False
+        else:
+            part = np.arange(len(sweeps))
+        self.sweeps += len(sweeps)
+        if not len(part):
+            return
+        sweeps = sweeps if len(part) == len(sweeps) else sweeps.rows(part)
+        self.path.add(sweeps, self._guessed(sweeps))
+        if self._held is not None:
+            self._held.append(sweeps)
+            held = len(self.path.stamp_ns)
+            if held >= MOST_HELD or self._skewed() >= ENOUGH_SKEWED:
+                self.settle()
+
+    def settle(self) -> None:
+        """Find the order of the beams by the sweeps so far."""
+        held, self._held = self._held, None
+        if not held or self._skewed(held) < LEAST_SKEWED:
+            return
+        own, duration = duration_of(held)
+        paths = {}
+        for order in ("forward", "reverse", "once"):
+            path = paths[order] = MatchedPath(Timing(order, own))
+            for sweeps in held:
+                path.add(sweeps, self._guessed(sweeps))
+        if order := order_of(paths, duration):
+            self.path = paths[order]
+
+    @property
+    def stands(self) -> bool:
+        """True where the sensor has not moved so far."""
+        return stands(self.path.poses, self.path.slides)
+
+    @property
+    def is_enough(self) -> bool:
+        """True where the told path can be judged by the sweeps so far."""
+        return self.told is not None and self.sweeps >= ENOUGH and self.path.length >= ENOUGH_WAY
+
+    def _skewed(self, held: list[SweepBatch] | None = None) -> int:
+        """Return the number of sweeps during which the sensor moved."""
+        duration = duration_of(held or self._held or [])[1]
+        return int(np.count_nonzero(self.path.skews(duration) > SKEWED))
+
+    def _guessed(self, sweeps: SweepBatch) -> Float64 | None:
+        """Return the told poses of sweeps, as `MatchedPath.add` takes them."""
+        if self._guess is None:
+            return None
+        told, mirrored = _seen(self._guess, sweeps.stamp_ns)
+        cuts = np.zeros(0) if self._guess.correction is None else self._guess.correction.gaps[:, 1]
+        part = np.searchsorted(cuts, sweeps.stamp_ns, "right")
+        return np.column_stack([told * _mirror(mirrored), part])
 
 
 def check_paths(
     log: Log,
-    sources: PoseSources | Told | None,
+    sources: PoseSources | GivenPaths | None,
     choice: TopicChoice,
     rules: RangeRules,
     *,
+    delay_ns: int = 0,
     named: bool = False,
     match: bool = False,
+    needed: bool = True,
+    wanted: bool = True,
+    order: str = AUTO,
 ) -> dict[Key, CheckedPath]:
-    """Match the sweeps of a log that can be read twice, and compare the told poses with their paths.
+    """Match the sweeps of a log that can be read twice, and compare the told poses with these paths.
 
     Parameters
     ----------
     sources : told poses of the log, None for none
     choice : topics to read
-    named : the user has named the poses, so they are taken in any case
+    delay_ns : the pose of a sweep is told so much after its stamp [ns]
+    named : the user has named the poses, so they are taken as they are
     match : the matched paths are taken in any case
+    needed : a moving sensor without told poses needs a path
+    wanted : False to tell only when the sensor stands
+    order : order of the beams, of `BEAM_ORDERS`
+
+    Returns
+    -------
+    By topic and frame, for at most `MOST_MATCHED`; without those that need no look.
     """
-    paths: dict[Key, MatchedPath] = {}
-    report = ReadReport()
-    for batch in read_batches(log, ReadOptions(choice.wanted or None, rules=rules), report, choice):
-        for frame, _, mine in batch.by_frame():
-            key = batch.topic, frame
-            if key not in paths and len(paths) < MOST_MATCHED:
-                paths[key] = MatchedPath()
-            if key in paths:
-                paths[key].add(mine)
-    return {key: _checked(key, path, sources, named, match) for key, path in paths.items()}
+
+    def told_by(frame: str) -> Way | None:
+        way = None if sources is None or match else sources.way(frame)
+        return way if way is None or not delay_ns else replace(way, correction=Correction(delay_ns))
+
+    looks: dict[Key, _Look] = {}
+    expected = {topic.name for topic in log.topics() or () if topic.messages != 0} & set(choice.chosen)
+    for key, sweeps in _sweeps(log, choice, rules):
+        if key not in looks:
+            told = told_by(key[1])
+            if len(looks) == MOST_MATCHED or (told is None and not needed):
+                continue
+            looks[key] = _Look(told, order, whole=match)
+        looks[key].add(sweeps)
+        if {topic for topic, _ in looks} >= expected > set() and all(
+            look.is_enough for look in looks.values()
+        ):
+            for look in looks.values():
+                look.is_whole = False
+            break
+    found = {}
+    again: dict[Key, _Look] = {}
+    for key, look in looks.items():
+        look.settle()
+        found[key] = _checked(key, look, named, match)
+        if not wanted:
+            found[key] = replace(found[key], verdict="none", way=None, notes=())
+        elif (second := _second_look(look, found[key], named)) is not None:
+            again[key] = second
+    if again:
+        for key, sweeps in _sweeps(log, choice, rules):
+            if key in again:
+                again[key].add(sweeps)
+        for key, look in again.items():
+            look.settle()
+            better = _checked(key, look, named, match)
+            # Poses that do not fit are no help as a guess.
+            is_worse = better.verdict in ("rejected", "unchecked") and looks[key].is_whole
+            found[key] = found[key] if is_worse else better
+    return found
 
 
-def _checked(
-    key: Key, path: MatchedPath, sources: PoseSources | Told | None, named: bool, match: bool
-) -> CheckedPath:
-    topic, frame = key
+def _sweeps(log: Log, choice: TopicChoice, rules: RangeRules) -> Iterator[tuple[Key, SweepBatch]]:
+    """Yield the sweeps of a log by topic and frame; the pass that makes the tables reports the damage."""
+    for batch in read_batches(log, ReadOptions(choice.wanted or None, rules=rules), ReadReport(), choice):
+        for frame, _, sweeps in batch.by_frame():
+            yield (batch.topic, frame), sweeps
+
+
+def _second_look(look: _Look, first: CheckedPath, named: bool) -> _Look | None:
+    """Return a second look where the first does not do: at all sweeps, or with told steps as the guess."""
+    if named or first.verdict == "none":
+        return None
+    if first.verdict == "corrected" and not first.follows_told:
+        return _again(look, first.told)
+    if first.fit is None or first.verdict in ("accepted", "corrected"):
+        is_done = look.is_whole or (first.fit is not None and not first.fit.cuts)
+        return None if is_done else _again(look)
+    if first.verdict != "rejected" or first.fit.share >= WORTH_A_GUESS:
+        return _again(look, look.told)
+    return None if look.is_whole else _again(look)
+
+
+def _again(look: _Look, guess: Way | None = None) -> _Look:
+    again = _Look(look.told, look.path.timing.order, whole=True, guess=guess)
+    again.path = MatchedPath(look.path.timing)
+    return again
+
+
+def _seen(way: Way, stamp_ns: Int64) -> tuple[Float64, bool]:
+    """Return the told poses (S, 3), and whether the sensor hangs head down at most of them."""
+    there = planar(way.at(stamp_ns))
+    known = np.isfinite(there.x)
+    mirrored = bool(np.count_nonzero(there.upside_down & known) * 2 > np.count_nonzero(known))
+    return np.column_stack([there.x, there.y, there.yaw]), mirrored
+
+
+def _mirror(mirrored: bool) -> Float64:
+    """Return the signs of x, y and yaw of a sensor that sees the world mirrored."""
+    return np.array([1.0, -1.0, -1.0]) if mirrored else np.ones(3)
+
+
+def _checked(key: Key, look: _Look, named: bool, match: bool) -> CheckedPath:
+    """Judge the told poses of a sensor by its matched path, and choose the path to use."""
+    path, way = look.path, look.told
     stamp_ns, order = np.unique(path.stamp_ns, return_index=True)
-    poses = path.poses[order]
-    stands, still = stands_still(stamp_ns, poses, path.slides[order])
-    way = None if sources is None or match else sources.way(frame)
-    told = None if way is None else planar(way.at(stamp_ns))
-    if way is None or told is None or np.isnan(told.x).all():
-        return _without_poses(key, path, stands, still, match)
-    # A sensor that hangs head down sees the world mirrored.
-    mirrored = bool(np.count_nonzero(told.upside_down) * 2 > len(told.x))
-    seen = poses * np.array([1.0, -1.0, -1.0]) if mirrored else poses
-    own = way
-
-    def told_at(at_ns: Int64) -> Float64:
-        there = planar(own.at(at_ns))
-        return np.column_stack([there.x, there.y, there.yaw])
-
-    fit = judge_poses(stamp_ns, seen, told_at)
-    notes = [_fit_note(way, fit)]
-    if fit.verdict == "rejected" and not named:
-        matched = _without_poses(key, path, stands, still, True)
-        return replace(matched, verdict="rejected", fit=fit, notes=(*notes, *matched.notes))
-    if named and fit.verdict in ("rejected", "stretches"):
-        return CheckedPath(fit.verdict, None, fit, stamp_ns, still, tuple(notes))
-    correction = Correction(round(fit.delay * 1e9), _mount(fit.mount)) if fit.verdict == "corrected" else None
-    if fit.cuts:
-        gaps, moves, lost = joined(stamp_ns, seen, path.pieces[order], told_at, fit.cuts)
-        position = np.column_stack([moves[:, :2], np.zeros(len(moves))])
-        correction = replace(correction or Correction(), gaps=gaps, moves=Motion(position, _turns(moves[:, 2])))
-        notes += [f"poses from {way.topics[0]} jump by {jump:,.1f} m: cut there" for jump in fit.jumps[:3]]
-        if lost:
-            notes.append(f"after a jump of {way.topics[0]} the path cannot be joined: no world columns from there on")
-    return CheckedPath(
-        fit.verdict,
-        None if correction is None else replace(way, correction=correction),
-        fit,
-        stamp_ns,
-        still,
-        tuple(notes),
+    poses, pieces = path.poses[order], path.pieces[order]
+    mine = CheckedPath(
+        "none", way, None, path.timing, stamp_ns, still_at(stamp_ns, poses, path.slides[order])
     )
+    if way is None or not np.isfinite(_told_at(way, stamp_ns)).any():
+        return mine if named else _unposed(key, look, replace(mine, way=None), match)
+    seen = poses * _mirror(_seen(way, stamp_ns)[1])
+    fit = judge_poses(stamp_ns, seen, partial(_told_at, way), pieces, jumps_of(way))
+    mine = replace(mine, verdict=fit.verdict, fit=fit, notes=(_fit_note(way, fit, named),))
+    if named:
+        return mine
+    if fit.verdict == "corrected":
+        correction = Correction(round(fit.delay * SECOND_NS), _mount(fit.mount)).after(way.correction)
+        way = replace(way, correction=correction)
+    if not mine.follows_told:
+        return replace(_unposed(key, look, replace(mine, way=None), True), verdict=fit.verdict, told=way)
+    if not fit.cuts or fit.verdict == "unchecked":
+        return replace(mine, way=way)
+    correction = way.correction or Correction()
+    told_ns = later(stamp_ns, correction.delay_ns)
+    gaps, moves, lost = joined(told_ns, seen, pieces, _told_at(way, stamp_ns), fit.cuts)
+    motion = Motion(np.column_stack([moves[:, :2], np.zeros(len(moves))]), _turns(moves[:, 2]))
+    way = replace(way, correction=replace(correction, gaps=gaps, moves=motion))
+    topic = way.topics[0]
+    notes = [f"poses from {topic} jump by {jump:,.1f} m: cut there" for jump in fit.jumps[:SHOWN_JUMPS]]
+    if len(fit.jumps) > SHOWN_JUMPS:
+        notes.append(f"poses from {topic} jump {len(fit.jumps) - SHOWN_JUMPS:,} more times")
+    if lost:
+        notes.append(f"after a jump of {topic} the path cannot be joined: no world columns from there on")
+    return replace(mine, way=way, notes=(*mine.notes, *notes))
 
 
-def _without_poses(key: Key, path: MatchedPath, stands: bool, still: Bool | None, match: bool) -> CheckedPath:
+def _told_at(way: Way, stamp_ns: Int64) -> Float64:
+    """Return the told poses (S, 3) at stamps."""
+    return _seen(way, stamp_ns)[0]
+
+
+def _unposed(key: Key, look: _Look, mine: CheckedPath, match: bool) -> CheckedPath:
     """Return the matched path of a sensor that moves."""
-    topic, frame = key
-    if stands and not match:
-        return CheckedPath("none", None, None, path.stamp_ns, still)
+    if look.stands and not match:
+        return mine
+    (topic, frame), path = key, look.path
     track = path.track(topic, frame)
-    notes = []
     name = frame or "without a name"
     if track is None:
-        return CheckedPath("none", None, None, None, None, (f"no path of frame {name}: the sweeps of {topic} cannot be matched",))
+        return replace(
+            mine, notes=(*mine.notes, f"no path of frame {name}: the sweeps of {topic} cannot be matched")
+        )
+    notes = []
     if path.restarts:
         notes.append(
             f"the path of frame {name} was lost {path.restarts:,} times, and begins anew at its last known pose: what was "
@@ -141,39 +329,53 @@ def _without_poses(key: Key, path: MatchedPath, stands: bool, still: Bool | None
     sliding = float(np.nanmean(path.slides))
     if sliding > SLIDING:
         notes.append(
-            f"{sliding:.0%} of the sweeps of {topic} do not fix the place along their walls: the path may be too short there"
+            f"{sliding:.0%} of the sweeps of {topic} may slide along their walls: the path may be too short there"
         )
     way = Way((topic,), frame, track.parent, (Step(track, down=False),))
-    return CheckedPath("matched", way, None, path.stamp_ns, still, tuple(notes))
+    return replace(mine, verdict="matched", way=way, notes=(*mine.notes, *notes))
 
 
-def _fit_note(way: Way, fit: PoseFit) -> str:
+def _fit_note(way: Way, fit: PoseFit, named: bool) -> str:
     """Return the verdict on told poses in words."""
-    topic = way.topics[0]
+    topic, steps = way.topics[0], f"{fit.share:.0%} of {fit.pairs:,} steps" if fit.pairs else "no step"
     if fit.verdict == "unchecked":
-        return f"poses from {topic} are taken as they are: too few sweeps could be matched to check them"
+        jumps = f", and they jump {len(fit.jumps):,} times" if fit.jumps else ""
+        return (
+            f"poses from {topic} are taken as they are: too few sweeps could be matched to check them{jumps}"
+        )
     if fit.verdict == "accepted":
-        return f"poses from {topic} fit the sweeps: {fit.share:.0%} of {fit.pairs} steps"
+        return f"poses from {topic} fit the sweeps: {steps}"
     if fit.verdict == "corrected":
-        changes = []
-        if fit.delay:
-            side = "after" if fit.delay > 0 else "before"
-            changes.append(f"{abs(fit.delay):.2f} s {side} the header stamps")
-        x, y, yaw = fit.mount
-        if abs(yaw) > 0.02:
-            changes.append(f"with the sensor turned by {np.degrees(yaw):.0f} degrees")
-        if max(abs(x), abs(y)) > 0.02:
-            changes.append(f"with the sensor {x:.2f}, {y:.2f} m from there")
-        return f"poses from {topic} fit the sweeps {' and '.join(changes)}: {fit.share:.0%} of {fit.pairs} steps"
+        words = " and ".join(_changes(fit))
+        hint = "" if fit.share >= WELL_CORRECTED else "; they guide the path that is matched from the sweeps"
+        hint = "; they are taken as they are, because they were named" if named else hint
+        return f"poses from {topic} fit the sweeps {words}: {steps}{hint}"
     causes = []
     if np.isfinite(fit.ratio) and not 0.8 <= fit.ratio <= 1.25:
         causes.append(f"told steps are {fit.ratio:.3g} times those seen")
     if np.isfinite(fit.turn_ratio) and fit.turn_ratio < -0.5:
-        causes.append("it turns the other way")
+        causes.append("the sensor turns the other way")
+    if fit.jumps and not fit.cuts:
+        causes.append(f"they jump by up to {fit.jumps[0]:,.1f} m and back")
     cause = f"; {'; '.join(causes)}" if causes else ""
+    end = "they are taken because they were named" if named else "the path is matched from the sweeps"
     if fit.verdict == "stretches":
-        return f"poses from {topic} fit the sweeps in {len(fit.good)} stretches only ({fit.share:.0%} of {fit.pairs} steps{cause})"
-    return f"poses from {topic} do not fit the sweeps ({fit.share:.0%} of {fit.pairs} steps{cause}): the path is matched from the sweeps"
+        return f"poses from {topic} fit the sweeps in {len(fit.good)} stretches only ({steps}{cause}): {end}"
+    return f"poses from {topic} do not fit the sweeps ({steps}{cause}): {end}"
+
+
+def _changes(fit: PoseFit) -> list[str]:
+    """Return the delay and the mount of a correction in words."""
+    changes = []
+    if fit.delay:
+        side = "after" if fit.delay > 0 else "before"
+        changes.append(f"{abs(fit.delay):.2f} s {side} the header stamps")
+    x, y, yaw = fit.mount
+    if abs(yaw) > 0.02:
+        changes.append(f"with the sensor turned by {np.degrees(yaw):.0f} degrees")
+    if max(abs(x), abs(y)) > 0.02:
+        changes.append(f"with the sensor at {x:.2f}, {y:.2f} m")
+    return changes
 
 
 def _mount(mount: tuple[float, float, float]) -> Motion | None:

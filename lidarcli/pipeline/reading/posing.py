@@ -8,19 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidarcli.choices import BEAM_ORDERS, MATCH
 from lidarcli.display import moment
 from lidarcli.logs.base import Log, ReadReport
+from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.inputs.sources import made_of_clouds
-from lidarcli.pipeline.reading.pose_sources import (
-    NONE,
-    SECOND,
-    TRACKS,
-    Delay,
-    FoundPoses,
-    PoseOptions,
-    find_poses,
-    later,
-)
+from lidarcli.pipeline.reading.pose_sources import NONE, SECOND, FoundPoses, PoseOptions, find_poses
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 
@@ -29,6 +22,7 @@ if TYPE_CHECKING:
     from lidarcli.poses.sources import GivenPaths, PoseSources, Way
     from lidarcli.poses.tracks import Motion
 
+AUTO = BEAM_ORDERS[0]
 TILTED = np.deg2rad(10.0)
 """Lean of a sensor from which on there is a note [rad]."""
 _WITHOUT_POSES = ("csv", "json lines")
@@ -69,13 +63,11 @@ class Posing:
     file: str = ""
     """Name of the file of the poses, if they are from one."""
     delay: float = 0.0
-    """The pose of a sweep is that at its header stamp and this much later [s]."""
+    """The pose of a sweep is told at its header stamp and this much later [s], as the user says."""
+    order: str = AUTO
+    """Order in which the beams are sent, of `BEAM_ORDERS`."""
     deskew: bool = True
     """True where batches also tell the way of the sensor during a sweep."""
-    delays: Mapping[tuple[str, str], Delay] = field(default_factory=dict)
-    """Topic and frame → delay that fits better, where it is another one."""
-    purpose: str = TRACKS
-    """Purpose for which these delays are used unasked."""
     levelled: Collection[str] = ()
     """Topics of point clouds, whose sweeps are level however their sensor leans."""
     seen: dict[str, _Seen] = field(default_factory=dict)
@@ -86,23 +78,49 @@ class Posing:
     def of(
         cls,
         log: Log,
-        options: PoseOptions | None = None,
-        topics: Collection[str] | None = None,
-        rules: RangeRules | None = None,
+        options: PoseOptions,
+        choice: TopicChoice,
+        rules: RangeRules,
+        *,
+        needs_paths: bool = False,
     ) -> Posing:
-        """Find the poses of a log, as far as it has some and can be read twice; parameters as of `find_poses`."""
-        options = options or PoseOptions()
-        found = find_poses(log, options, topics, rules)
+        """Find the poses of a log, as far as it has some and can be read twice, and check them by its sweeps.
+
+        Parameters
+        ----------
+        choice, rules : the topics to read, and how their ranges are judged
+        needs_paths : True to match the path of a moving sensor that has no poses
+        """
+        found = find_poses(log, options)
         is_pipe = log.size is None and log.topics() is None and not log.format.startswith(_WITHOUT_POSES)
         missed = _PIPE if is_pipe and found is None and options.source != NONE else ""
-        return cls(
+        posing = cls(
             found,
             missed,
             str(options.file or ""),
             options.delay or 0.0,
+            options.order,
             options.deskew,
             levelled=frozenset(made_of_clouds(log)),
         )
+        match = options.source == MATCH
+        if log.size is not None and (found is not None or needs_paths or match):
+            from lidarcli.pipeline.reading.path_check import check_paths
+
+            posing.paths = check_paths(
+                log,
+                None if found is None else found.sources,
+                choice,
+                rules,
+                delay_ns=round(posing.delay / SECOND),
+                named=found is not None
+                and any(one is not None for one in (options.source, options.file, options.delay)),
+                match=match,
+                needed=needs_paths,
+                wanted=options.source != NONE,
+                order=options.order,
+            )
+        return posing
 
     def together(self, report: ReadReport) -> ReadReport:
         """Return the report of both passes, over sweeps and poses, with poses of another time as damage."""
@@ -123,91 +141,95 @@ class Posing:
         """Return the batch with its poses, if the log has some for its sensor."""
         if (self.found is None and not self.paths) or not len(batch):
             return batch
+        from lidarcli.poses.sources import later
         from lidarcli.poses.tracks import planar, tilt
 
-        better: list[tuple[Int64, SweepPoses]] = []
         some = False
-        poses = _nowhere(len(batch), self.deskew and batch.duration is not None)
-        for code in np.unique(batch.frame).tolist():
-            rows = np.flatnonzero(batch.frame == code)
-            seen = self.seen.setdefault(batch.frame_ids[code], _Seen())
-            at_ns = later(batch.stamp_ns[rows], self.delay)
-            seen.add(at_ns, batch.record_ns[rows])
-            way = self._way(batch.topic, batch.frame_ids[code])
-            if way is None:
+        takes_time = batch.duration is not None or any(path.timing.duration for path in self.paths.values())
+        poses = _nowhere(len(batch), self.deskew and takes_time)
+        still, knows = np.zeros(len(batch), bool), False
+        for frame, rows, mine in batch.by_frame():
+            path = self.paths.get((batch.topic, frame))
+            seen = self.seen.setdefault(frame, _Seen())
+            seen.add(mine.stamp_ns, mine.record_ns)
+            if path is not None and len(path.still):
+                knows, still[rows] = True, path.stood(mine.stamp_ns)
+            if (way := self._way(batch.topic, frame)) is None:
                 continue
             some = True
+            first_ns, lasts_ns = self._times_ns(mine, path)
+            at_ns = later(mine.stamp_ns, first_ns)
             motion = way.at(at_ns)
             here = planar(motion)
-            lasts_ns = self._lasts_ns(batch, rows)
             _put(poses, rows, way.going(here, at_ns, lasts_ns))
             seen.without += int(np.count_nonzero(np.isnan(here.x)))
             if batch.topic not in self.levelled:
                 seen.tilt = max(seen.tilt, tilt(motion))
-            if (best := self.delays.get((batch.topic, batch.frame_ids[code]))) is not None:
-                true_ns = later(at_ns, best.seconds)
-                better.append((rows, way.going(planar(way.at(true_ns)), true_ns, lasts_ns)))
-        if not some:
-            return batch
-        if not better:
-            return replace(batch, poses=poses)
-        true = poses.rows(np.arange(len(batch)))
-        for rows, there in better:
-            _put(true, rows, there)
-        return replace(batch, poses=poses, true_poses=true)
+        return replace(batch, poses=poses if some else None, still=still if knows else None)
 
     def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
         """Yield for each frame of a batch that has poses: its name, its rows, their poses in space, and the world frame."""
         for frame, rows, mine in batch.by_frame():
             if (way := self._way(batch.topic, frame)) is not None:
-                yield frame, rows, way.at(later(mine.stamp_ns, self.delay)), way.world
+                yield frame, rows, way.at(mine.stamp_ns), way.world
 
     def _way(self, topic: str, frame: str) -> Way | None:
         """Return the path to use for the sweeps of a topic and frame."""
-        path = self.paths.get((topic, frame))
-        if path is not None and path.way is not None:
+        if (path := self.paths.get((topic, frame))) is not None:
             return path.way
-        return None if self.found is None else self.found.sources.way(frame)
+        way = None if self.found is None else self.found.sources.way(frame)
+        if way is None or not self.delay:
+            return way
+        from lidarcli.poses.sources import Correction
 
-    def _lasts_ns(self, batch: SweepBatch, rows: Int64) -> Int64 | None:
-        """Return the durations of some sweeps [ns]; None where they do not matter."""
-        if not self.deskew or batch.duration is None:
-            return None
-        return np.rint(batch.duration[rows] / SECOND).astype(np.int64)
+        return replace(way, correction=Correction(round(self.delay / SECOND)))
+
+    def _times_ns(self, sweeps: SweepBatch, path: CheckedPath | None) -> tuple[Int64, Int64 | None]:
+        """Return the times of the first beams after the header stamps, and from the first beam to the last [ns]."""
+        if not self.deskew or (path is None and sweeps.duration is None):
+            return np.zeros(len(sweeps), np.int64), None
+        from lidarcli.poses.matched import Timing
+
+        timing = Timing(self.order) if path is None else path.timing
+        firsts, lasts = (np.rint(times / SECOND).astype(np.int64) for times in timing.of(sweeps))
+        return firsts, lasts - firsts
 
     def notes(self) -> list[str]:
         """Return notes on the choice of poses, its alternatives and its gaps, a line each."""
         if self.found is None:
             unused = "no poses in this log: --pose-delay changes nothing" if self.delay else ""
-            return [line for line in (self.missed or unused,) if line] + self._path_notes()
+            return [line for line in (self.missed or unused,) if line] + self.path_notes()
         lines: list[str] = []
         for frame in sorted(self.seen):
             lines += self._frame_notes(frame, self.found.sources)
-        lines += [delay.note_of_use(topic, self.purpose) for (topic, _), delay in sorted(self.delays.items())]
-        return [*dict.fromkeys(lines), *self.found.notes, *self._path_notes()]
+        return [*dict.fromkeys(lines), *self.found.notes, *self.path_notes()]
 
-    def _path_notes(self) -> list[str]:
+    def path_notes(self) -> list[str]:
+        """Return the notes on the paths that were checked or matched."""
         return [note for _, path in sorted(self.paths.items(), key=lambda one: one[0]) for note in path.notes]
 
     def leave_out(self, topics: Collection[str]) -> None:
-        """Forget the delays of topics whose sweeps turned out to be unused."""
-        self.delays = {key: delay for key, delay in self.delays.items() if key[0] not in topics}
+        """Forget the paths of topics whose sweeps turned out to be unused."""
+        self.paths = {key: path for key, path in self.paths.items() if key[0] not in topics}
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """Return the source of the poses of each sensor frame, for the tables' metadata."""
-        if self.found is None:
-            return {}
-        ways = {frame: self.found.sources.way(frame) for frame in sorted(self.seen)}
-        return {
-            frame: {"world": way.world, "topic": way.topics[0], **self._delays_of(frame)}
-            for frame, way in ways.items()
-            if way is not None
-        }
+        """Return the poses of each sensor frame and the verdict on them, for the tables' metadata.
 
-    def _delays_of(self, frame: str) -> dict[str, dict[str, float]]:
-        """Return the delays that are used unasked in a frame, for the tables' metadata."""
-        mine = {topic: best.seconds for (topic, name), best in sorted(self.delays.items()) if name == frame}
-        return {"track_delay" if self.purpose == TRACKS else "map_delay": mine} if mine else {}
+        The verdict has a value per topic: `pose_verdict`, `pose_fit`, `pose_delay` [s], `pose_cuts`, `beam_order`.
+        """
+        found: dict[str, dict[str, Any]] = {}
+        for frame in sorted(self.seen):
+            told = None if self.found is None else self.found.sources.way(frame)
+            paths = [(topic, path) for (topic, name), path in sorted(self.paths.items()) if name == frame]
+            ways = [path.way for _, path in paths if path.way is not None] or (
+                [] if paths or told is None else [told]
+            )
+            if ways:
+                found[frame] = {"world": ways[0].world, "topic": ways[0].topics[0]}
+            for topic, path in paths:
+                for key, value in path.facts().items():
+                    found.setdefault(frame, {}).setdefault(key, {})[topic] = value
+        return found
 
     def _frame_notes(self, frame: str, sources: PoseSources | GivenPaths) -> list[str]:
         way, seen, others = sources.way(frame), self.seen[frame], sources.alternatives(frame)
