@@ -274,7 +274,11 @@ def _checked(key: Key, look: _Look, named: bool, match: bool) -> CheckedPath:
     stamp_ns, order = np.unique(path.stamp_ns, return_index=True)
     poses, pieces = path.poses[order], path.pieces[order]
     mine = CheckedPath(
-        "none", way, None, path.timing, stamp_ns, still_at(stamp_ns, poses, path.slides[order])
+        "none",
+        way,
+        timing=path.timing,
+        stamp_ns=stamp_ns,
+        still=still_at(stamp_ns, poses, path.slides[order]),
     )
     if way is None or not np.isfinite(_told_at(way, stamp_ns)).any():
         return mine if named else _unposed(key, look, replace(mine, way=None), match)
