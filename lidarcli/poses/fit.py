@@ -35,6 +35,8 @@ LONGEST_DELAY, DELAY_STEP, FINE_STEP = 0.6, 0.05, 0.01
 """Delays that are tried, to both sides, first in large steps and then around the best in small ones [s]."""
 LEAST_TOLD, MOST_OFF, CLEARLY_BETTER = 0.6, 3.0, 0.05
 """Least share of pairs with a delayed pose; greatest cost of a pair; share by which a larger delay has to be better."""
+SMALL_DELAY, LEAST_DELAY, SHARPER = 0.2, 0.03, 0.7
+"""Greatest and least delay of poses that fit also without [s], and the cost with it as a share of that without."""
 ACCEPTED = 0.8
 """Share of agreeing pairs from which poses are accepted as they are told."""
 CORRECTED, GAIN = 0.5, 0.1
@@ -177,7 +179,8 @@ def judge_poses(
     agree = _agree(step, as_told)
     share = float(agree.mean())
     if share >= ACCEPTED:
-        return PoseFit("accepted", share, len(begin), cuts=cuts, jumps=sizes)
+        accepted = PoseFit("accepted", share, len(begin), cuts=cuts, jumps=sizes)
+        return _sharper(accepted, stamp_ns, begin, end, step, told_at)
     delay, mount, best = _corrected(stamp_ns, begin, end, step, told_at)
     ratio, turn_ratio = _ratios(step, best)
     better = float(_agree(step, _mounted(best, mount)).mean())
@@ -242,6 +245,27 @@ def _mounted(step: Steps, mount: tuple[float, float, float]) -> Steps:
     """Return the steps of a sensor that is mounted so on what makes `step`."""
     where = np.broadcast_to(np.array(mount), step.shape)
     return steps_between(where, poses_after(step, np.array(mount)))
+
+
+def _sharper(
+    fit: PoseFit, stamp_ns: Int64, begin: Int64, end: Int64, step: Steps, told_at: Callable[[Int64], Float64]
+) -> PoseFit:
+    """Return the fit of accepted poses, with the delay that is clearly better than none."""
+
+    def cost(delay: float) -> float:
+        delay_ns = round(delay * 1e9)
+        told = steps_between(told_at(stamp_ns[begin] + delay_ns), told_at(stamp_ns[end] + delay_ns))
+        off, turn = _off(step, told)
+        # Steps beyond the ends of the told path count as much as those that are far off.
+        return float(np.mean(np.nan_to_num(np.minimum(off + turn, MOST_OFF), nan=MOST_OFF)))
+
+    count = round(SMALL_DELAY / FINE_STEP)
+    delays = [number * FINE_STEP for number in range(-count, count + 1)]
+    costs = [cost(delay) for delay in delays]
+    best = int(np.argmin(costs))
+    if abs(delays[best]) < LEAST_DELAY or costs[best] > SHARPER * costs[count]:
+        return fit
+    return replace(fit, verdict="corrected", delay=round(delays[best], 3))
 
 
 @dataclass(frozen=True, slots=True)
