@@ -90,7 +90,6 @@ def test_a_map_in_python(drives: Path, tmp_path: Path) -> None:
 
 
 def test_paths_that_are_matched_lie_in_worlds_of_their_own(drives: Path) -> None:
-    pytest.importorskip("kiss_icp")
     options = MapOptions(poses=PoseOptions("match"), read=ReadOptions(end=1.0))
     with MapRun(find_logs([str(drives / log) for log in LOGS[:2]]), [], options) as run:
         run.add(find_logs([str(drives / LOGS[0])])[0])  # type: ignore[arg-type]
