@@ -19,7 +19,7 @@ from lidarcli.newfiles import refuse, write_whole
 from lidarcli.pipeline.inputs.search import SUFFIXES, files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, over_logs
 from lidarcli.stores.url import Place
@@ -58,7 +58,7 @@ class Building:
     def add(self, source: Source, progress: Progress | None = None) -> RunSummary:
         """Learn from the sweeps of one log."""
         options = self._options
-        with read_log(source, options, needs_paths=True) as reading:
+        with read_log(source, options, Need.MOVING) as reading:
             for batch in reading.batches(progress):
                 self._take(batch)
             summary = reading.close()

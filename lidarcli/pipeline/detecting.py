@@ -37,7 +37,7 @@ def detect_to_files(
     if known_before:
         refuse(options.outputs(source, folder).values(), options.overwrite, options.inputs([source]))
     with (
-        read_log(source, options, options.needs_paths) as reading,
+        read_log(source, options, options.need) as reading,
         ExitStack() as stack,
     ):
 
@@ -70,7 +70,7 @@ def detect_to_sinks(
 ) -> tuple[RunSummary, dict[str, Any]]:
     """Pass the rows of one log to the sinks of their tables; returns the counts and the description of the source."""
     with (
-        read_log(source, options, options.needs_paths) as reading,
+        read_log(source, options, options.need) as reading,
         TopicOrder(sinks, reading.first) as order,
         Splitting(reading, options.recipe(source, tuple(sinks)), options.threads) as work,
     ):

@@ -22,7 +22,7 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps.clouds import CloudPoints, CloudWriter, VoxelFilter
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import NONE, PoseOptions
+from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions
 from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
 
 MIN_HITS, MIN_HITS_OF_ALL = 2, 4
@@ -130,7 +130,7 @@ class Mapping:
             The ground that it saw is larger than a map may be.
         """
         options = self.options
-        with read_log(source, options, needs_paths=True) as reading:
+        with read_log(source, options, Need.ALL) as reading:
             taken = _Taken(options.min_move, bool(options.read.topics))
             for batch, sets in self._with_sets(reading.batches(progress)):
                 for frame, rows, mine in batch.by_frame():
@@ -276,7 +276,7 @@ class Mapping:
         self, source: Source, summary: RunSummary, described: dict[str, Any], taken: _Taken
     ) -> None:
         """Keep the results of a log, and add notes on it to the summary."""
-        worlds = {told["world"]: None for told in described.get("poses", {}).values()}
+        worlds = {told["world"]: None for told in described.get("poses", {}).values() if "world" in told}
         if not taken.count:
             told = [note for note in summary.notes if note not in summary.doubts]
             why = "; ".join(told) or "nothing in the log tells where the sensor was"

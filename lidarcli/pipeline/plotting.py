@@ -23,7 +23,7 @@ from lidarcli.pipeline.inputs.tables import one_pair, read_table
 from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
 from lidarcli.pipeline.reading.one_log import damage_lines, read_log
-from lidarcli.pipeline.reading.pose_sources import NO_POSES, PoseOptions
+from lidarcli.pipeline.reading.pose_sources import NO_POSES, Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import RangeRules
 from lidarcli.reports import map_picture
@@ -421,7 +421,7 @@ def _snapshots(source: Source, options: MapOptions, sweeps: Sequence[int]) -> di
     """Return some sweeps in the world, by their index; of several topics, those of the first that has them."""
     wanted = np.array(sorted(set(sweeps)))
     found: dict[int, Snapshot] = {}
-    with read_log(source, options, needs_paths=True) as reading:
+    with read_log(source, options, Need.ALL) as reading:
         for batch in reading.batches(None):
             for row in np.flatnonzero(np.isin(batch.sweep, wanted)).tolist():
                 one = batch.rows(np.array([row]))

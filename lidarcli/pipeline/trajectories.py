@@ -17,7 +17,7 @@ from lidarcli.newfiles import new_files, refuse, unwritable
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, read_log, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.arrays import floats, plain
@@ -73,7 +73,7 @@ def write_path(
     """
     is_table = path.suffix.lower() == PARQUET
     with (
-        read_log(source, options, needs_paths=True) as reading,
+        read_log(source, options, Need.ALL) as reading,
         new_files([path], options.overwrite) as new,
     ):
         written = _Written(is_table, options.poses.source == MATCH)

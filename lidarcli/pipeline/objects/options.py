@@ -14,7 +14,7 @@ from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.making import Recipe
 from lidarcli.pipeline.reading.one_log import reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.stores.url import Place
 from lidarcli.tabular.writing import table_paths
 
@@ -71,9 +71,9 @@ class DetectOptions:
         return [*files_of(sources), *(path for path in (*options, self.poses.file) if path)]
 
     @property
-    def needs_paths(self) -> bool:
-        """True where a moving sensor needs a path, as of `Reading`."""
-        return self.tracking is not None
+    def need(self) -> Need:
+        """Sensors whose path is matched where the log tells none."""
+        return Need.TOLD if self.tracking is None else Need.MOVING
 
     def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
         """Return the instructions for every batch of a log."""

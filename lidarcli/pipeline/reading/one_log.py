@@ -20,7 +20,7 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.machine import Beside
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
 from lidarcli.sweeps import STATUSES, Int64, SweepBatch
@@ -185,10 +185,10 @@ class Reading:
     ----------
     log : open log
     options, poses : sweeps to read, and the poses for them
-    needs_paths : True to match the path of a moving sensor that has no poses
+    need : sensors whose path is matched where the log tells none
     """
 
-    def __init__(self, log: Log, options: ReadOptions, poses: PoseOptions, needs_paths: bool = False) -> None:
+    def __init__(self, log: Log, options: ReadOptions, poses: PoseOptions, need: Need = Need.TOLD) -> None:
         self._log = log
         self._report = ReadReport()
         self.summary = RunSummary()
@@ -211,7 +211,7 @@ class Reading:
             known = [count for count in counts if count is not None]
             if len(known) == len(counts):
                 self._expected = sum(known) // options.every
-        self._posing = Posing.of(log, poses, choice, options.rules, needs_paths=needs_paths)
+        self._posing = Posing.of(log, poses, choice, options.rules, need)
         self._position = 0
         self._thread: Beside | None = None
 
@@ -318,11 +318,11 @@ class ReadingOptions(Protocol):
 
 
 @contextmanager
-def read_log(source: Source, options: ReadingOptions, needs_paths: bool = False) -> Iterator[Reading]:
-    """Open a log for its sweeps; `needs_paths` as of `Reading`."""
+def read_log(source: Source, options: ReadingOptions, need: Need = Need.TOLD) -> Iterator[Reading]:
+    """Open a log for its sweeps; `need` as of `Reading`."""
     with (
         open_source(source, options.opening) as log,
-        Reading(log, options.read, options.poses, needs_paths) as reading,
+        Reading(log, options.read, options.poses, need) as reading,
     ):
         yield reading
 

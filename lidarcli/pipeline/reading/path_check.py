@@ -12,6 +12,7 @@ import numpy as np
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
+from lidarcli.pipeline.reading.pose_sources import Need
 from lidarcli.poses.fit import PoseFit, joined, judge_poses, jumps_of, stands, still_at
 from lidarcli.poses.matched import AUTO, LEAST_SKEWED, SKEWED, MatchedPath, Timing, duration_of, order_of
 from lidarcli.poses.sources import Correction, Way, later
@@ -165,7 +166,7 @@ def check_paths(
     delay_ns: int = 0,
     named: bool = False,
     match: bool = False,
-    needed: bool = True,
+    need: Need = Need.MOVING,
     wanted: bool = True,
     order: str = AUTO,
 ) -> dict[Key, CheckedPath]:
@@ -178,7 +179,7 @@ def check_paths(
     delay_ns : the pose of a sweep is told so much after its stamp [ns]
     named : the user has named the poses, so they are taken as they are
     match : the matched paths are taken in any case
-    needed : a moving sensor without told poses needs a path
+    need : sensors without told poses that need a path
     wanted : False to tell only when the sensor stands
     order : order of the beams, of `BEAM_ORDERS`
 
@@ -191,12 +192,13 @@ def check_paths(
         way = None if sources is None or match else sources.way(frame)
         return way if way is None or not delay_ns else replace(way, correction=Correction(delay_ns))
 
+    matched = match or need is Need.ALL
     looks: dict[Key, _Look] = {}
     expected = {topic.name for topic in log.topics() or () if topic.messages != 0} & set(choice.chosen)
     for key, sweeps in _sweeps(log, choice, rules):
         if key not in looks:
             told = told_by(key[1])
-            if len(looks) == MOST_MATCHED or (told is None and not needed):
+            if len(looks) == MOST_MATCHED or (told is None and need is Need.TOLD and not match):
                 continue
             looks[key] = _Look(told, order, whole=match)
         looks[key].add(sweeps)
@@ -210,7 +212,7 @@ def check_paths(
     again: dict[Key, _Look] = {}
     for key, look in looks.items():
         look.settle()
-        found[key] = _checked(key, look, named, match)
+        found[key] = _checked(key, look, named, matched)
         if not wanted:
             found[key] = replace(found[key], verdict="none", way=None, notes=())
         elif (second := _second_look(look, found[key], named)) is not None:
@@ -221,7 +223,7 @@ def check_paths(
                 again[key].add(sweeps)
         for key, look in again.items():
             look.settle()
-            better = _checked(key, look, named, match)
+            better = _checked(key, look, named, matched)
             # Poses that do not fit are no help as a guess.
             is_worse = better.verdict in ("rejected", "unchecked") and looks[key].is_whole
             found[key] = found[key] if is_worse else better

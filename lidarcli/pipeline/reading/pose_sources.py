@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,17 @@ def of_one_run(world: str) -> bool:
     [True, True, True, False]
     """
     return _ODOMETRY in world or world == MATCH
+
+
+class Need(Enum):
+    """Sensors whose path a command needs."""
+
+    TOLD = "told"
+    """None but those that the log tells."""
+    MOVING = "moving"
+    """Those of moving sensors as well."""
+    ALL = "all"
+    """Those of all sensors."""
 
 
 @dataclass(frozen=True, slots=True)

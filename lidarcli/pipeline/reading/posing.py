@@ -13,7 +13,7 @@ from lidarcli.display import moment
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.inputs.sources import made_of_clouds
-from lidarcli.pipeline.reading.pose_sources import NONE, SECOND, FoundPoses, PoseOptions, find_poses
+from lidarcli.pipeline.reading.pose_sources import NONE, SECOND, FoundPoses, Need, PoseOptions, find_poses
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 
@@ -82,14 +82,14 @@ class Posing:
         choice: TopicChoice,
         rules: RangeRules,
         *,
-        needs_paths: bool = False,
+        need: Need = Need.TOLD,
     ) -> Posing:
         """Find the poses of a log, as far as it has some and can be read twice, and check them by its sweeps.
 
         Parameters
         ----------
         choice, rules : the topics to read, and how their ranges are judged
-        needs_paths : True to match the path of a moving sensor that has no poses
+        need : sensors whose path is matched where the log tells none
         """
         found = find_poses(log, options)
         is_pipe = log.size is None and log.topics() is None and not log.format.startswith(_WITHOUT_POSES)
@@ -104,7 +104,7 @@ class Posing:
             levelled=frozenset(made_of_clouds(log)),
         )
         match = options.source == MATCH
-        if log.size is not None and (found is not None or needs_paths or match):
+        if log.size is not None and (found is not None or need is not Need.TOLD or match):
             from lidarcli.pipeline.reading.path_check import check_paths
 
             posing.paths = check_paths(
@@ -116,7 +116,7 @@ class Posing:
                 named=found is not None
                 and any(one is not None for one in (options.source, options.file, options.delay)),
                 match=match,
-                needed=needs_paths,
+                need=need,
                 wanted=options.source != NONE,
                 order=options.order,
             )
