@@ -211,7 +211,7 @@ class Reading:
             known = [count for count in counts if count is not None]
             if len(known) == len(counts):
                 self._expected = sum(known) // options.every
-        self._posing = Posing.of(log, poses, choice, options.rules, need)
+        self._posing = Posing.of(log, poses, choice, options.rules, need=need)
         self._position = 0
         self._thread: Beside | None = None
 
