@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,9 @@ from lidarcli.pipeline.runs.outcomes import Failure, attempt
 from lidarcli.pipeline.runs.over_logs import LogProgress, progress_of
 from lidarcli.range_rules import RangeRules, closure, normalise
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
+
+FACTS = ("pose_verdict", "pose_fit", "pose_delay", "pose_cuts", "beam_order")
+"""Keys of the verdict on told poses; null where there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +64,8 @@ class ScanInfo:
     """`valid`, `no_return`, `too_close`, `invalid` → beams."""
     pose: str = ""
     """Topics and frames by which `detect` would tell where the sensor was; empty where it could not."""
+    verdict: Mapping[str, Any] = field(default_factory=dict)
+    """Verdict on these poses (`CheckedPath.facts`); empty where none was made."""
     made_of: str = ""
     """Type of the messages that the sweeps are made of, where that is no LaserScan."""
 
@@ -137,7 +142,13 @@ def inspect_log(
             size=log.size,
             topics=topics,
             scans=tuple(
-                found[key].info(*key, doubts.clock(*key), _pose(poses, key[1]), made_of.get(key[0], ""))
+                found[key].info(
+                    *key,
+                    doubts.clock(*key),
+                    _pose(poses, key[1]),
+                    posing.paths[key].facts() if key in posing.paths else {},
+                    made_of.get(key[0], ""),
+                )
                 for key in sorted(found)
             ),
             pose_topics=tuple(topic.name for topic in topics if topic.type in POSE_TYPES),
@@ -206,7 +217,9 @@ class _Scan:
             self._spans[name] = self._spans[name].with_values(value)
         self._statuses += np.bincount(batch.status.ravel(), minlength=len(Status))
 
-    def info(self, topic: str, frame_id: str, clock: Clock, pose: str, made_of: str) -> ScanInfo:
+    def info(
+        self, topic: str, frame_id: str, clock: Clock, pose: str, verdict: Mapping[str, Any], made_of: str
+    ) -> ScanInfo:
         """Return the state so far."""
         return ScanInfo(
             topic=topic,
@@ -215,6 +228,7 @@ class _Scan:
             closure=tuple(Closure(code).name.lower() for code in sorted(self._closures)),
             clock=clock.info(),
             pose=pose,
+            verdict=verdict,
             made_of=made_of,
             by_status={
                 status.name.lower(): int(self._statuses[status])
@@ -307,6 +321,7 @@ def _scan_json(scan: ScanInfo) -> dict[str, Any]:
         },
         "beams_by_status": dict(scan.by_status),
         "pose": scan.pose or None,
+        **{name: scan.verdict.get(name) for name in FACTS},
         "made_of": scan.made_of or None,
     }
 

@@ -93,6 +93,11 @@ def test_json(logs: Path, lidarcli: Run) -> None:
         "end_ns": 1_700_000_001_900_000_000,
         "beams_by_status": {"valid": 7180, "no_return": 20, "too_close": 0, "invalid": 0},
         "pose": None,
+        "pose_verdict": None,
+        "pose_fit": None,
+        "pose_delay": None,
+        "pose_cuts": None,
+        "beam_order": None,
         "made_of": None,
     }
 
