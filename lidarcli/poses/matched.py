@@ -137,6 +137,12 @@ class MatchedPath:
         return max(self._matcher.pieces - 1, 0)
 
     @property
+    def placed(self) -> float:
+        """Share of the sweeps that have a pose; 0 of none."""
+        poses = self.poses
+        return float(np.isfinite(poses[:, 0]).mean()) if len(poses) else 0.0
+
+    @property
     def length(self) -> float:
         """Length of the path [m]."""
         steps = np.diff(self.poses[:, :2], axis=0)

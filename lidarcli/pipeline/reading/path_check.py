@@ -36,6 +36,8 @@ WELL_CORRECTED = 0.9
 """Share of steps that agree from which on corrected poses are the path; below, they guide the matched one."""
 WORTH_A_GUESS = 0.2
 """Share of told steps that agree from which on the told steps guide the search."""
+LEAST_PLACED = 0.7
+"""Least share of sweeps with a pose that tell the order of the beams."""
 SLIDING = 0.05
 """Share of the sweeps that may slide along walls from which there is a note."""
 SHOWN_JUMPS = 3
@@ -121,7 +123,7 @@ class _Look:
     def settle(self) -> None:
         """Find the order of the beams by the sweeps so far."""
         held, self._held = self._held, None
-        if not held or self._skewed(held) < LEAST_SKEWED:
+        if not held or self._skewed(held) < LEAST_SKEWED or self.path.placed < LEAST_PLACED:
             return
         own, duration = duration_of(held)
         paths = {}
