@@ -230,9 +230,8 @@ class Delay(TypedDict, total=False):
 
     pose_delay: Annotated[
         float | None,
-        Option(POSES, Number("SECONDS"), shown="0; for tracks and maps what fits best"),
-        "Use the pose from this long after the header stamp of a sweep; negative: before it. `info` tells where "
-        "another value than 0 fits better.",
+        Option(POSES, Number("SECONDS"), shown="what fits the sweeps"),
+        "Use the pose from this long after the header stamp of a sweep; negative: before it.",
     ]
 
 

@@ -30,6 +30,7 @@ MARKS = {
     "observation": {"HIDDEN", "OPEN", "OWN", "NO_RANGE", "FREE_RANGE"},
     "estimation": {"AT_LEAST"},
     "fold": {"DELAY", "AHEAD", "LEFT"},
+    "scan_matching": {"COLUMNS"},
 }
 """Codes of modules that have constants, too."""
 BACKGROUND = {path.stem for path in (Path(formalism.__file__).parent / "background").glob("*.py")}
@@ -125,7 +126,8 @@ def module_of(path: Path) -> str:
 
 
 def test_every_constant_is_documented_with_its_value() -> None:
-    rows = [*table("Constants"), *table("Constants of tracking")]
+    titles = ("Constants", "Constants of tracking", "Constants of scan matching")
+    rows = [row for title in titles for row in table(title)]
     documented = {row[0].strip("`"): [float(value) for value in row[1].split(",")] for row in rows}
     assert len(documented) == len(rows)
     assert documented == {name: value for name, value in constants().items() if not DERIVED.fullmatch(name)}
