@@ -30,7 +30,7 @@ MARKS = {
     "observation": {"HIDDEN", "OPEN", "OWN", "NO_RANGE", "FREE_RANGE"},
     "estimation": {"AT_LEAST"},
     "fold": {"DELAY", "AHEAD", "LEFT"},
-    "scan_matching": {"COLUMNS"},
+    "scan_matching": {"COLUMNS", "TURN"},
 }
 """Codes of modules that have constants, too."""
 BACKGROUND = {path.stem for path in (Path(formalism.__file__).parent / "background").glob("*.py")}
