@@ -66,7 +66,7 @@ def _kind(value: float, least: float, limit: float) -> int:
 
 
 def count_statuses(status: Any, counts: Any) -> None:
-    """Count the beams of each row of (S, B) uint8 by status, into (5, S) int32 that are 0."""
+    """Count the beams of each row of (S, B) uint8 by status, into (6, S) int32 that are 0."""
     rows, width = status.shape
     codes, out = native.at_bytes(status), native.at_ints(counts)
     lock = native.release()

@@ -6,7 +6,7 @@ beam count changes from turn to turn stay in one batch: short rows are padded, p
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING, TypeVar, dataclass_transform
@@ -50,11 +50,18 @@ class Status(IntEnum):
     NO_RETURN = 1
     TOO_CLOSE = 2
     INVALID = 3
-    PADDING = 4
+    MASKED = 4
+    """Its range lies under the mask of the robot itself (`masks`)."""
+    PADDING = 5
 
 
 STATUSES = tuple(status.name.lower() for status in Status if status != Status.PADDING)
 """Names of `Status` by code; padding is no beam and has none."""
+
+
+def worth_telling(statuses: Mapping[str, int]) -> dict[str, int]:
+    """Return the numbers of beams by status for people, who need not know of masks where there is none."""
+    return {name: count for name, count in statuses.items() if count or name != Status.MASKED.name.lower()}
 
 
 class Closure(IntEnum):
@@ -343,7 +350,8 @@ class SweepBatch:
     def facts(self) -> Facts:
         """Return the description of these sweeps."""
         real = self.status != Status.PADDING
-        counts = np.bincount(self.status[real], minlength=len(Status))
+        counts = np.bincount(self.status[real], minlength=len(Status)).tolist()
+        told = worth_telling(dict(zip(STATUSES, counts, strict=False)))
         last = self.angle_min + self.angle_increment * np.maximum(self.beams - 1, 0)
         angles = np.degrees(np.concatenate([self.angle_min, last]))
         posed = 0 if self.poses is None else int(np.count_nonzero(~np.isnan(self.poses.x)))
@@ -358,7 +366,7 @@ class SweepBatch:
             ("beams", span(self.beams.tolist(), ",", "per sweep")),
             ("view", span(angles.tolist(), ".2f", "deg")),
             ("ranges", span(self.ranges[self.status == Status.VALID].tolist(), ".3f", "m")),
-            ("status", ", ".join(f"{count:,} {name}" for name, count in zip(STATUSES, counts, strict=False))),
+            ("status", ", ".join(f"{count:,} {name}" for name, count in told.items())),
             ("poses", f"known for {counted(posed, 'sweep')}" if posed else "none"),
         ]
         if self.intensities is not None:

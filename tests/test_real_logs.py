@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
+from functools import reduce
 from pathlib import Path
 
 import pyarrow.compute as pc
@@ -11,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.cli import run
+from lidarcli.sweeps import STATUSES
 from tests.places import REAL_LOGS, needs_real_logs
 
 pytestmark = [needs_real_logs, pytest.mark.slow]
@@ -102,8 +104,8 @@ def test_every_beam_is_in_exactly_one_set(
 
     sets = pc.add(pc.add(sweeps["object_beams"], sweeps["agent_beams"]), sweeps["noise_beams"])
     assert sets.equals(sweeps["beams"])
-    statuses = [sweeps[name] for name in ("valid", "no_return", "too_close", "invalid")]
-    assert pc.add(pc.add(statuses[0], statuses[1]), pc.add(statuses[2], statuses[3])).equals(sweeps["beams"])
+    statuses = [sweeps[name] for name in STATUSES]
+    assert reduce(pc.add, statuses).equals(sweeps["beams"])
 
     # Each beam has one row, and its set is that of the object which claims it.
     key = ["topic", "sweep", "beam"]

@@ -14,7 +14,7 @@ from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, closure, duration,
 from lidarcli.sweeps import TURN, Closure, RawSweeps, Status, SweepBatch, SweepPoses, concatenate
 from tests.sweeping import raw_sweeps
 
-VALID, NO_RETURN, TOO_CLOSE, INVALID, PADDING = Status
+VALID, NO_RETURN, TOO_CLOSE, INVALID, MASKED, PADDING = Status
 
 
 def ragged(rows: list[list[float]], **columns: Any) -> RawSweeps:

@@ -55,7 +55,7 @@ STEADY = {name: title for name, (title, _) in TITLES.items() if name != "bearing
 """Figure that may be constant → its title then."""
 CYCLE = (palette.BLUE, palette.VERMILION, palette.GREEN, palette.PURPLE, palette.ORANGE, palette.BLACK)
 DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
-STATUS_COLOURS = (palette.BLUE, palette.LIGHT, palette.ORANGE, palette.PURPLE)
+STATUS_COLOURS = (palette.BLUE, palette.LIGHT, palette.ORANGE, palette.PURPLE, palette.BLACK)
 """Colours of beams by status, in their order."""
 MOST_CELLS = 60
 """Most cells along a side of the picture."""

@@ -43,6 +43,7 @@ COUNTS: dict[str, Figure] = {
     "no_return_share": Figure("1", "share of the beams without a return"),
     "too_close_share": Figure("1", "share of the beams below the range limit"),
     "invalid_share": Figure("1", "share of the beams without a usable value"),
+    "masked_share": Figure("1", "share of the beams left out by `--mask`"),
     "object_share": Figure("1", "share of the beams on objects, agents among them"),
     "agent_share": Figure("1", "share of the beams on agents"),
     "noise_share": Figure("1", "share of the beams on walls and the rest (set S); no noise in metres"),

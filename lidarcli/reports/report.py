@@ -48,7 +48,7 @@ from lidarcli.reports.wording import (
     stamp,
     track_kinds,
 )
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps import Float64, worth_telling
 
 STREAMS, STREAMS_OF_PAGE = 12, 100
 """Most logs and topics that tables show; the JSON holds all."""
@@ -269,7 +269,8 @@ def _kinds(summary: Summary) -> Iterator[tuple[str, Section]]:
 
 def _beams(summary: Summary) -> dict[str, int]:
     """Return the beams by status and then by set."""
-    status = {name.replace("_", " "): count for name, count in summary.status.items()}
+    told = worth_telling(summary.status)
+    status = {name.replace("_", " "): count for name, count in told.items()}
     return status | beams_by_set(summary)
 
 

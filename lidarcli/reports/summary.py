@@ -304,7 +304,7 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
     kinds = {name: run.objects.counts(name, mine) for name in CATEGORIES if name != "change"}
     # What has gone is no object of the sweep, but one of the changes.
     kinds["change"] = run.objects.counts("change")
-    status = {name: int(run.sweeps.numbers(name).sum()) for name in STATUSES}
+    status = {name: int(np.nansum(run.sweeps.numbers(name))) for name in STATUSES}
     sets = {letter: int(run.sweeps.numbers(f"{name}_beams").sum()) for name, letter in SET_COLUMNS.items()}
     tracked = tracked_of(run, streams)
     differences = unlike_of(streams.all)

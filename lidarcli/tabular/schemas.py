@@ -77,6 +77,7 @@ _STATUSES = {
     "no_return": "beams without a return",
     "too_close": "beams below the range limit",
     "invalid": "beams without a usable value",
+    "masked": "beams whose range is left out, as that of the robot itself",
 }
 """Status of a beam → meaning of the column that counts such beams."""
 
@@ -107,7 +108,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "sweeps": (
         *(_LOG, _TOPIC, _FRAME, _SWEEP, _STAMP, _SECONDS),
         Column("beams", "int32", "1", "beams of the sweep"),
-        *(Column(name, "int32", "1", _STATUSES[name]) for name in STATUSES),
+        *(Column(name, "int32", "1", _STATUSES[name], later=name == "masked") for name in STATUSES),
         *_between(COLUMNS, "nearest", "noise_beams"),
         *_POSE,
         COLUMNS["station"],
@@ -121,7 +122,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "beams": (
         *(_LOG, _TOPIC, _SWEEP, _BEAM, _THETA),
         Column("r", "float64", "m", "range; null where the beam has none"),
-        Column("status", "text", "", "valid, no_return, too_close or invalid", words=STATUSES),
+        Column("status", "text", "", "valid, no_return, too_close, invalid or masked", words=STATUSES),
         *(COLUMNS[name] for name in ("beam_s", "beam_set", "beam_object", "beam_difference")),
     ),
     "background": (

@@ -91,7 +91,7 @@ def test_json(logs: Path, lidarcli: Run) -> None:
         "range_max": [12.0, 12.0],
         "start_ns": 1_700_000_000_000_000_000,
         "end_ns": 1_700_000_001_900_000_000,
-        "beams_by_status": {"valid": 7180, "no_return": 20, "too_close": 0, "invalid": 0},
+        "beams_by_status": {"valid": 7180, "no_return": 20, "too_close": 0, "invalid": 0, "masked": 0},
         "pose": None,
         "pose_verdict": None,
         "pose_fit": None,
@@ -105,7 +105,13 @@ def test_json(logs: Path, lidarcli: Run) -> None:
 def test_range_options_change_the_status(logs: Path, lidarcli: Run) -> None:
     ran = lidarcli("info", logs / "run.mcap", "--range", "1.8", "3", "--no-return", "inf", "--format", "json")
     (scan,) = json.loads(ran.out)[0]["scans"]
-    assert scan["beams_by_status"] == {"valid": 400, "no_return": 20, "too_close": 300, "invalid": 6480}
+    assert scan["beams_by_status"] == {
+        "valid": 400,
+        "no_return": 20,
+        "too_close": 300,
+        "invalid": 6480,
+        "masked": 0,
+    }
 
 
 def test_brief_is_a_line_per_log(logs: Path, tmp_path: Path, lidarcli: Run) -> None:

@@ -31,7 +31,7 @@ def test_tables_of_one_log(tmp_path: Path, opened: Opens) -> None:
     positions: list[int] = []
     summary = detect_to_files(SOURCE, tmp_path, DetectOptions(beams=True), positions.append)
     assert (summary.sweeps, summary.objects, summary.beams) == (4, 4, 1440)
-    assert summary.by_status == {"valid": 1440, "no_return": 0, "too_close": 0, "invalid": 0}
+    assert summary.by_status == {"valid": 1440, "no_return": 0, "too_close": 0, "invalid": 0, "masked": 0}
     assert summary.by_set == {"O": 80, "A": 0, "S": 1360}
     assert summary.exit_code == 0
     assert positions == [100]

@@ -29,7 +29,13 @@ def test_inspection(opened: Opens) -> None:
     assert (scan.beams.low, scan.beams.high) == (360, 361)
     assert (scan.view.low, scan.view.high) == pytest.approx((2 * np.pi, 2 * np.pi))
     assert scan.closure == ("closed", "shared")
-    assert scan.by_status == {"valid": 4 * 360 + 2 * 361, "no_return": 0, "too_close": 0, "invalid": 0}
+    assert scan.by_status == {
+        "valid": 4 * 360 + 2 * 361,
+        "no_return": 0,
+        "too_close": 0,
+        "invalid": 0,
+        "masked": 0,
+    }
     assert scan.clock.rate == pytest.approx(10)
     assert scan.clock.span == pytest.approx(0.5)
     assert scan.clock.offset == pytest.approx(0.05)

@@ -36,6 +36,7 @@ def sweep(index: int, objects: int = 0, **other: Any) -> dict[str, Any]:
         "no_return": 1,
         "too_close": 0,
         "invalid": 0,
+        "masked": 0,
         "d_mean": 0.5,
         "d_th": 0.1,
         "noise": 0.01,

@@ -56,7 +56,7 @@ def test_figures_of_a_small_run() -> None:
     for name, value in wanted.items():
         assert found.figures[name] == (value if value is None else pytest.approx(value)), name
     assert found.kinds["shape"] == {"prismatic": 6}
-    assert found.status == {"valid": 396, "no_return": 4, "too_close": 0, "invalid": 0}
+    assert found.status == {"valid": 396, "no_return": 4, "too_close": 0, "invalid": 0, "masked": 0}
     assert found.sets == {"O": 30, "A": 0, "S": 370}
     assert found.histograms["objects_per_sweep"].counts.tolist() == [1, 1, 1, 1]
     assert all(one.counts.sum() == 6 for name, one in found.histograms.items() if name != "objects_per_sweep")

@@ -54,7 +54,7 @@ CONTRACT = {
     ],
     "sweeps": [
         *SOURCE,
-        *counts("beams valid no_return too_close invalid"),
+        *counts("beams valid no_return too_close invalid masked"),
         *doubles("nearest nearest_theta d_mean d_th noise"),
         *counts("objects agents object_beams agent_beams noise_beams"),
         *doubles("pose_x pose_y pose_yaw"),
