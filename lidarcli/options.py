@@ -254,6 +254,12 @@ class Ranges(TypedDict, total=False):
         "Values that mean 'no return', comma separated: inf, zero, max, above, pile (a far range that very many beams "
         "have), nan, negative, below, or metres such as 81.91.",
     ]
+    mask: Annotated[
+        AnyPath | None,
+        Option(RANGES, File("FILE|auto|none"), shown="none"),
+        "Leave out the robot's own body: the beams that end on a [[mask]] of this file (TOML, docs/formats.md); auto: "
+        "those that always end near by while the sensor drives.",
+    ]
     angle_min: Annotated[
         float | None,
         Option(GEOMETRY, ANGLE, shown="from the file, or centred on --fov", rare=True),

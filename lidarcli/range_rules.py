@@ -9,6 +9,7 @@ import numpy as np
 
 import lidarcli.ranges
 from lidarcli.errors import OptionError
+from lidarcli.masks import Masks
 from lidarcli.sweeps import (
     TURN,
     Bool,
@@ -38,6 +39,8 @@ class RangeRules:
     """Range from which on there is no return [m], because many beams tell this one (`logs.piles`)."""
     stuck: tuple[tuple[int, float], ...] = ()
     """Beams that always tell one range [m], which is none, because they do (`logs.piles`)."""
+    masks: Masks | None = None
+    """Where the robot itself is in the way of its beams."""
 
     @property
     def words(self) -> frozenset[str]:
@@ -135,8 +138,9 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
     Notes
     -----
     By default NaN and negative values are INVALID, +inf, 0, exactly `range_max` and anything above are NO_RETURN, and
-    -inf and values below `range_min` are TOO_CLOSE. A limit that is not finite, or not above the other, is no limit;
-    outside of `NEAREST` to `FARTHEST` there is nothing all the same.
+    -inf and values below `range_min` are TOO_CLOSE. What is a range then and lies under a mask is MASKED.
+    A limit that is not finite, or not above the other, is no limit; outside of `NEAREST` to `FARTHEST` there is nothing
+    all the same.
     """
     rows = len(raw)
     time_ns = raw.time_ns
@@ -151,6 +155,10 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
         marked = is_marked(raw.ranges, rules) & (status != Status.PADDING.value)
         clean[marked] = np.nan
         status[marked] = Status.NO_RETURN
+    if rules.masks is not None:
+        masked = rules.masks.under(raw, clean)
+        clean[masked] = np.nan
+        status[masked] = Status.MASKED
     return SweepBatch(
         topic=raw.topic,
         frame_ids=raw.frame_ids,
@@ -255,7 +263,7 @@ def _verdict(kind: str, words: frozenset[str]) -> int:
 
 
 def count_statuses(status: UInt8) -> Int32:
-    """Count the beams of each row of (S, B) by `Status`, as (5, S); `ValueError` where a code is no status."""
+    """Count the beams of each row of (S, B) by `Status`, as (6, S); `ValueError` where a code is no status."""
     if status.max(initial=0) >= len(Status):
         raise ValueError(f"{status.max()} is no status of a beam")
     counts = np.zeros((len(Status), len(status)), np.int32)

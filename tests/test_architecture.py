@@ -13,7 +13,7 @@ MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if 
 
 GROUND = {"_version", "choices", "columns", "errors", "native"}
 OPTIONS = {"option_forms", "options"}
-CORE = GROUND | {"display", "range_rules", "sweeps", "times"}
+CORE = GROUND | {"display", "masks", "range_rules", "sweeps", "times"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
@@ -33,7 +33,8 @@ MAY_IMPORT = {
     "ranges": {"native"},
     "display": set[str](),
     "sweeps": {"columns", "display"},
-    "range_rules": {"errors", "ranges", "sweeps"},
+    "masks": {"errors", "sweeps"},
+    "range_rules": {"errors", "masks", "ranges", "sweeps"},
     "logs": CORE | {"foxglove", "ros"},
     "poses": CORE | {"foxglove", "logs", "ros"},
     "formalism": CORE,

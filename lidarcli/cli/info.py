@@ -13,7 +13,8 @@ from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted, moment
 from lidarcli.option_forms import Option
-from lidarcli.options import OUTPUT, Inspecting, ManyLogs, TextOrJson
+from lidarcli.options import OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
+from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import Topic
@@ -21,9 +22,14 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
 
 
-class InfoCommand(ManyLogs, TextOrJson, Inspecting, total=False):
+class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
     """Options of `info`."""
 
+    output: Annotated[
+        str | None,
+        output("FILE.toml", shown="none"),
+        "Write the mask that --mask auto learns from a log, for --mask FILE.",
+    ]
     brief: Annotated[
         bool,
         Option(OUTPUT, None, False),
@@ -38,6 +44,7 @@ class InfoCommand(ManyLogs, TextOrJson, Inspecting, total=False):
   lidarcli info bags/ --brief
   lidarcli info bags/ --format json | jq '.[].scans[].rate'
   lidarcli info ranges.csv --fov 270 --degrees --range-unit mm
+  lidarcli info run.bag --mask auto -o robot.toml
   lidarcli info --help-all""",
 )
 def info(say: Messages, told: InfoCommand) -> int:
@@ -49,16 +56,26 @@ def info(say: Messages, told: InfoCommand) -> int:
     kind, brief = told["format"], told["brief"]
     if brief and kind != "text":
         raise click.UsageError(f"--brief is for text; leave it out for {kind}")
+    if told["output"] is not None and told["mask"] != "auto":
+        raise click.UsageError("-o writes the mask that is learned from a log: add --mask auto")
     read, opening, poses = log_options(told)
 
     from lidarcli.errors import NoScanError
     from lidarcli.logs.options import clouds_hint, no_scan_topic
+    from lidarcli.newfiles import refuse, write_whole
+    from lidarcli.pipeline.inputs.masks import mask_text
+    from lidarcli.pipeline.inputs.search import files_of
     from lidarcli.pipeline.inspecting import LogInfo, inspect_logs
     from lidarcli.pipeline.runs.outcomes import Failure, exit_code
 
     sources = chosen_logs(told)
+    path = None if told["output"] is None else place(told["output"])
+    if path is not None and len(sources) != 1:
+        raise click.UsageError(f"-o is for the mask of one log, and these are {len(sources):,}")
     if told["dry_run"]:
-        return print_reads(sources)
+        return print_reads(sources, [] if path is None else [str(path)])
+    if path is not None:
+        refuse([path], told["overwrite"], files_of(sources))
     found: list[LogInfo] = []
     codes = []
     with progress_bar(sources, say) as report:
@@ -80,6 +97,11 @@ def info(say: Messages, told: InfoCommand) -> int:
                     click.echo(as_line(result) if brief else between + as_text(result))
     if kind == "json":
         click.echo(as_json(found))
+    if path is not None and found:
+        say.notes(
+            write_whole(path, mask_text(found[0].learned, found[0].proposed).encode(), told["overwrite"])
+        )
+        say.wrote([path])
     return exit_code(codes)
 
 
@@ -186,6 +208,8 @@ def _pose_lines(info: "LogInfo") -> list[str]:
 
 
 def _scan_lines(scan: "ScanInfo") -> list[str]:
+    from lidarcli.sweeps import worth_telling
+
     frame = f"frame {scan.frame_id}" if scan.frame_id else "no frame"
     clock = scan.clock
     total = sum(scan.by_status.values())
@@ -211,7 +235,7 @@ def _scan_lines(scan: "ScanInfo") -> list[str]:
         lines.append(_line("made of", f"point clouds ({scan.made_of})", 4))
     if scan.pose:
         lines.append(_line("pose", scan.pose, 4))
-    for name, count in scan.by_status.items():
+    for name, count in worth_telling(scan.by_status).items():
         share = f"{count / total:.2%}" if total else "-"
         lines.append(_line(name.replace("_", " "), f"{count:,} beams ({share})", 4))
     return lines

@@ -170,7 +170,7 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
     overwrite = told["overwrite"]
     if output != STDOUT:
         others = [str(table) for table in table_files([tracks] if tracks else [])]
-        others += [file for file in (background, poses.file) if file]
+        others += [file for file in (background, told["mask"], poses.file) if file]
         refuse(paths, overwrite, [*files_of([source]), *others])
     found_with = parameters_of(None, told)
     if in_world:

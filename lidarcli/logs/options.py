@@ -9,6 +9,7 @@ from fnmatch import fnmatchcase
 from lidarcli.choices import BINS, ECHOES, UNITS
 from lidarcli.errors import LidarcliError, NoScanError, OptionError, UnreadableError
 from lidarcli.logs.base import CLOUD_TYPES, LASERSCAN, SCAN_TYPES, OpenOptions, Slice, Topic
+from lidarcli.masks import Masks
 from lidarcli.range_rules import FARTHEST, RangeRules
 from lidarcli.sweeps import TURN
 
@@ -17,9 +18,11 @@ MOST_BINS = 100_000
 
 
 def range_rules(
-    limits: tuple[float, float] | None, no_return: tuple[frozenset[str], tuple[float, ...]]
+    limits: tuple[float, float] | None,
+    no_return: tuple[frozenset[str], tuple[float, ...]],
+    masks: Masks | None = None,
 ) -> RangeRules:
-    """Return the rules for ranges, from limits [m] and from words and markers of `range_rules.parse_no_return`.
+    """Return the rules for ranges, from limits [m], words and markers of `range_rules.parse_no_return`, and masks.
 
     Raises
     ------
@@ -34,7 +37,7 @@ def range_rules(
             )
         limits = least, most
     words, markers = no_return
-    return RangeRules(no_return=words, markers=markers, limits=limits)
+    return RangeRules(no_return=words, markers=markers, limits=limits, masks=masks)
 
 
 def open_options(

@@ -17,7 +17,9 @@ from lidarcli.logs.clock import Clock, ClockInfo
 from lidarcli.logs.doubts import MOST, Doubts
 from lidarcli.logs.options import TopicChoice, scan_topics
 from lidarcli.logs.piles import Settling
+from lidarcli.masks import Masks
 from lidarcli.pipeline.inputs.sources import Nothing, Source, made_of_clouds, open_source
+from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.pose_sources import FoundPoses, PoseInfo, PoseOptions, pose_infos
 from lidarcli.pipeline.reading.posing import Posing, alike_note
@@ -61,7 +63,7 @@ class ScanInfo:
     range_max: Span
     clock: ClockInfo
     by_status: Mapping[str, int]
-    """`valid`, `no_return`, `too_close`, `invalid` → beams."""
+    """`valid`, `no_return`, `too_close`, `invalid`, `masked` → beams."""
     pose: str = ""
     """Topics and frames by which `detect` would tell where the sensor was; empty where it could not."""
     verdict: Mapping[str, Any] = field(default_factory=dict)
@@ -88,6 +90,10 @@ class LogInfo:
     notes: tuple[str, ...]
     damage: tuple[str, ...]
     """One line per loss, the dropped messages included."""
+    learned: Masks = field(default_factory=Masks)
+    """Mask of the robot itself that was learned from the log."""
+    proposed: Masks = field(default_factory=Masks)
+    """What looks like the robot itself before sensors that stood."""
 
     @property
     def exit_code(self) -> int:
@@ -105,13 +111,13 @@ def inspect_log(
     progress: Callable[[int], None] | None = None,
 ) -> LogInfo:
     """Read a log from end to end, in bounded memory, and return its contents; its poses are read first."""
-    rules = rules or RangeRules()
     wanted = poses_from or PoseOptions()
     found: dict[tuple[str, str], _Scan] = {}
     only_counted: Counter[str] = Counter()
     with open_source(source, opening) as log:
-        choice = TopicChoice(None, log.topics())
-        posing = Posing.of(log, wanted, choice, rules)
+        masking = masking_of(log, rules or RangeRules(), wanted)
+        rules = masking.rules
+        posing = Posing.of(log, wanted, TopicChoice(None, log.topics()), rules)
         poses = posing.found
         report, doubts = ReadReport(), Doubts(made_of_clouds(log))
         count: Counter[str] = Counter()
@@ -156,11 +162,14 @@ def inspect_log(
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
             notes=(
                 *report.notes,
+                *masking.notes,
                 *report.doubted(),
                 *_pose_notes(posing, found),
                 *_not_shown(only_counted),
             ),
             damage=tuple(damage_lines(report)),
+            learned=masking.learned,
+            proposed=masking.proposed,
         )
 
 

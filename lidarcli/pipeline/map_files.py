@@ -22,7 +22,7 @@ from lidarcli.newfiles import WholeFiles, new_files, refuse, scratch_folder, unw
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.mapping import MapOptions, Mapping
-from lidarcli.pipeline.reading.one_log import Progress, RunSummary
+from lidarcli.pipeline.reading.one_log import Progress, RunSummary, named_files
 from lidarcli.pipeline.reading.pose_sources import of_one_run
 from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
@@ -79,7 +79,7 @@ class MapRun:
         self._options = options
         self._outputs = tuple(outputs)
         self._files = _files(outputs)
-        read = [*([options.poses.file] if options.poses.file else [])]
+        read = named_files(options)
         if true is not None:
             read += [str(true), str(image_of(true))]
         inputs = [*files_of(sources), *read]

@@ -22,6 +22,7 @@ from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import one_pair, read_table
 from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
+from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines, read_log
 from lidarcli.pipeline.reading.pose_sources import NO_POSES, Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
@@ -97,12 +98,10 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
     with open_source(source, options.opening) as log:
         choice = TopicChoice([options.topic] if options.topic else [], log.topics())
         topic, notes = _topic(choice)
+        topics = frozenset({topic}) if topic else None
+        masking = masking_of(log, options.rules, options.poses, topics)
         read = ReadOptions(
-            topics=frozenset({topic}) if topic else None,
-            start=options.start,
-            end=options.end,
-            batch_size=BATCH,
-            rules=options.rules,
+            topics=topics, start=options.start, end=options.end, batch_size=BATCH, rules=masking.rules
         )
         rows: list[SweepBatch] = []
         seen = -1
@@ -128,7 +127,7 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
     by_index = {int(row.sweep[0]): row for row in rows}
     order = options.sweeps if options.sweeps is not None else tuple(sorted(by_index))
     pictures = tuple(work.picture(by_index[index]) for index in order)
-    return Drawn(pictures, (*notes, *report.doubted(), *work.notes()), damage)
+    return Drawn(pictures, (*notes, *masking.notes, *report.doubted(), *work.notes()), damage)
 
 
 def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: OpenOptions) -> int:

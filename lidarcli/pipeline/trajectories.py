@@ -16,7 +16,14 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import new_files, refuse, unwritable
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, read_log, reading_as_dict
+from lidarcli.pipeline.reading.one_log import (
+    Progress,
+    Reading,
+    RunSummary,
+    named_files,
+    read_log,
+    reading_as_dict,
+)
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
@@ -55,8 +62,7 @@ def refuse_path(path: Place, source: Source, options: PathOptions) -> None:
     """
     if path.suffix.lower() not in SUFFIXES:
         raise OptionError(f"{path}: the suffix of a trajectory has to be one of {', '.join(SUFFIXES)}")
-    told = [options.poses.file] if options.poses.file else []
-    refuse([path], options.overwrite, [*files_of([source]), *told])
+    refuse([path], options.overwrite, [*files_of([source]), *named_files(options)])
 
 
 def write_path(

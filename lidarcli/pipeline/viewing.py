@@ -131,7 +131,7 @@ def _from_log(
     """Read the ranges as `detect` did, by the parameters in the tables."""
     gathered: dict[str, _Gathered] = {}
     with open_source(log, opening_of(source.parameters)) as opened:
-        options = ReadOptions(topics=frozenset(topics), rules=rules_of(source.parameters))
+        options = ReadOptions(topics=frozenset(topics), rules=rules_of(source.parameters, source.mask))
         for batch in read_batches(opened, options, ReadReport()):
             rows = np.flatnonzero(np.isin(batch.sweep, topics.get(batch.topic, [])))
             if not len(rows):

@@ -32,6 +32,8 @@ class Origin:
     size: int | None = None
     version: str = ""
     parameters: dict[str, Any] = field(default_factory=dict)
+    mask: dict[str, Any] = field(default_factory=dict)
+    """Tables of the mask of the robot itself, as of a mask file."""
     damage: tuple[str, ...] = ()
     tracked: bool = False
     """Whether a tracks table lies beside."""

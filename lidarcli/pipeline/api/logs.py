@@ -23,6 +23,7 @@ from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inspecting import info_dict, inspect_log
 from lidarcli.pipeline.map_files import MapRun
 from lidarcli.pipeline.mapping import MapOptions
+from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.stores.url import place
@@ -61,14 +62,15 @@ def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBa
     failed = Failed(len(sources))
     for source in sources:
         with failed.noted(source), open_source(source, opening) as log:
-            posing = Posing.of(log, poses, TopicChoice(read.topics, log.topics()), read.rules)
+            masking = masking_of(log, read.rules, poses, read.topics)
+            posing = Posing.of(log, poses, TopicChoice(read.topics, log.topics()), masking.rules)
             report = ReadReport()
             is_empty = True
-            for batch in read_batches(log, read, report):
+            for batch in read_batches(log, replace(read, rules=masking.rules), report):
                 is_empty = False
                 yield replace(posing.attach(batch), log=source.name)
             # Notes are for reading, but a log without a sweep needs its reason, and ranges that are none theirs.
-            notes = [*(report.notes if is_empty else []), *report.doubted()]
+            notes = [*masking.doubts, *(report.notes if is_empty else []), *report.doubted()]
             for line in [*damage_lines(posing.together(report)), *notes]:
                 warn(f"{source.path}: {line}")
     failed.conclude()

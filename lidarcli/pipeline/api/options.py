@@ -23,13 +23,15 @@ from lidarcli.formalism.parameters import Parameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.options import open_options, range_rules
+from lidarcli.masks import Masks
 from lidarcli.option_forms import Number, Option, defaults_of, options_of, python_words
 from lidarcli.options import Objects, Paths
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
+from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.pose_sources import NONE, PoseOptions
 from lidarcli.range_rules import RangeRules, parse_no_return
 
 if TYPE_CHECKING:
@@ -204,7 +206,14 @@ def rules(told: Values) -> RangeRules:
     """Return how ranges are judged."""
     no_return = told["no_return"]
     text = no_return if isinstance(no_return, str) else ",".join(map(str, no_return))
-    return range_rules(told["range"], parse_no_return(text))
+    return range_rules(told["range"], parse_no_return(text), _masks(told["mask"]))
+
+
+def _masks(mask: str | PathLike[str] | None) -> Masks | None:
+    """Return the masks of a file, those that each log is to tell (`auto`), or none."""
+    if mask is None or mask == NONE:
+        return None
+    return Masks(learn=True) if mask == AUTO else read_masks(path_text(mask))
 
 
 def opening_options(told: Values) -> OpenOptions:

@@ -202,7 +202,7 @@ def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
     """Return the origin of a log as its sweeps table tells it; other programs that write tables may leave it out."""
     notes = notes_of(sweeps)
     origin = note_value(notes, SOURCE, dict)
-    size = origin.get("size")
+    size, mask = origin.get("size"), origin.get("mask")
     # The name of the log as its rows have it: with its place below the folder that was given.
     log = str(sweeps["log"][0].as_py()) if sweeps.num_rows else pair.log
     return Origin(
@@ -212,6 +212,7 @@ def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
         size=size if isinstance(size, int) else None,
         version=notes.get(VERSION, ""),
         parameters=note_value(notes, PARAMETERS, dict),
+        mask=mask if isinstance(mask, dict) else {},
         damage=tuple(map(str, note_value(notes, DAMAGE, list))),
     )
 

@@ -13,7 +13,7 @@ from lidarcli.machine import cores
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.making import Recipe
-from lidarcli.pipeline.reading.one_log import reading_as_dict
+from lidarcli.pipeline.reading.one_log import named_files, reading_as_dict
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.stores.url import Place
 from lidarcli.tabular.writing import table_paths
@@ -68,7 +68,7 @@ class DetectOptions:
     def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
         """Return the files that are read, none of which an output may replace."""
         options = [each.path for each in (self.background, self.catalogue) if each is not None]
-        return [*files_of(sources), *(path for path in (*options, self.poses.file) if path)]
+        return [*files_of(sources), *filter(None, options), *named_files(self)]
 
     @property
     def need(self) -> Need:

@@ -5,21 +5,25 @@ from __future__ import annotations
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
 from lidarcli.choices import ECHOES
-from lidarcli.errors import NoScanError, UnreadableError
+from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS, Detection
 from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.machine import Beside
+from lidarcli.masks import Masks
+from lidarcli.pipeline.inputs.masks import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source
+from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
@@ -43,7 +47,7 @@ class RunSummary:
     moved: int = 0
     """Tracks of agents."""
     by_status: Counter[str] = field(default_factory=Counter)
-    """`valid`, `no_return`, `too_close`, `invalid` → beams."""
+    """`valid`, `no_return`, `too_close`, `invalid`, `masked` → beams."""
     by_set: Counter[str] = field(default_factory=lambda: Counter(dict.fromkeys(SETS, 0)))
     """`O`, `A`, `S` (Def. 4) → beams."""
     topics: set[str] = field(default_factory=set)
@@ -158,6 +162,11 @@ def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions)
         "every": read.every,
         "range": list(rules.limits) if rules.limits else None,
         "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
+        **(
+            {}
+            if rules.masks is None
+            else {"mask": AUTO if rules.masks.learn else Path(rules.masks.path).name}
+        ),
         **({"csv": told} if told else {}),
         **({} if part is None else {"slice": [part.low, part.high], "bins": part.bins}),
         **({"echo": opening.echo} if opening.echo != _AS_IT_IS.echo else {}),
@@ -193,7 +202,6 @@ class Reading:
         self._report = ReadReport()
         self.summary = RunSummary()
         """Counts so far."""
-        self._read = options
         topics = log.topics()
         self._choice = choice = TopicChoice(options.topics, topics)
         self.first = choice.first
@@ -211,6 +219,10 @@ class Reading:
             known = [count for count in counts if count is not None]
             if len(known) == len(counts):
                 self._expected = sum(known) // options.every
+        masking = masking_of(log, options.rules, poses, options.topics)
+        self._report.notes += masking.notes
+        self._doubts = masking.doubts
+        self._read = options = replace(options, rules=masking.rules)
         self._posing = Posing.of(log, poses, choice, options.rules, need=need)
         self._position = 0
         self._thread: Beside | None = None
@@ -267,6 +279,7 @@ class Reading:
         """Return the counts, or raise the error of a log that turned out to have no LaserScan."""
         summary = self.summary
         summary.close(self._report, self._posing)
+        summary.doubts += self._doubts
         summary.seconds = time.perf_counter() - self._started
         if not self._choice.is_listed:
             self._judge_topics()
@@ -278,6 +291,7 @@ class Reading:
             "poses": self._posing.described(),
             "made_of_clouds": made_of_clouds(self._log),
             "no_return_from": dict(sorted(self._report.no_return.items())),
+            "mask": plain(self._read.rules.masks or Masks()),
         }
         told = {name: what for name, what in told.items() if what}
         return describe_source(source, self._log) | told
@@ -317,6 +331,12 @@ class ReadingOptions(Protocol):
     def poses(self) -> PoseOptions: ...
 
 
+def named_files(options: ReadingOptions) -> list[str]:
+    """Return the files that the options name, none of which an output may replace."""
+    masks = options.read.rules.masks
+    return [file for file in (options.poses.file, masks and masks.path) if file]
+
+
 @contextmanager
 def read_log(source: Source, options: ReadingOptions, need: Need = Need.TOLD) -> Iterator[Reading]:
     """Open a log for its sweeps; `need` as of `Reading`."""
@@ -327,17 +347,23 @@ def read_log(source: Source, options: ReadingOptions, need: Need = Need.TOLD) ->
         yield reading
 
 
-def rules_of(parameters: dict[str, Any]) -> RangeRules:
-    """Return the rules for ranges of a run, by the parameters in the metadata of its tables."""
+def rules_of(parameters: dict[str, Any], mask: dict[str, Any] | None = None) -> RangeRules:
+    """Return the rules for ranges of a run, by the parameters and the mask in the metadata of its tables."""
     limits = parameters.get("range")
     no_return = parameters.get("no_return")
     if not isinstance(no_return, list):
         return RangeRules()
     known = isinstance(limits, list) and len(limits) == 2 and all(map(_is_number, limits))
+    masks = None
+    if mask:
+        # Anybody may have written the metadata.
+        with suppress(OptionError):
+            masks = masks_of("the tables", mask)
     return RangeRules(
         no_return=frozenset(word for word in NO_RETURN_WORDS if word in no_return),
         markers=tuple(float(value) for value in no_return if _is_number(value)),
         limits=(float(limits[0]), float(limits[1])) if known and limits else None,
+        masks=masks,
     )
 
 

@@ -1,0 +1,333 @@
+"""The mask of the robot itself for one log: frames that its transforms place, and beams that a first pass learns."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lidarcli.display import counted
+from lidarcli.errors import OptionError
+from lidarcli.logs.base import Log, ReadReport
+from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.options import TopicChoice
+from lidarcli.masks import Mask, Masks, Mount, Sector
+from lidarcli.pipeline.inputs.sources import read_pose_messages
+from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions
+from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.range_rules import RangeRules
+from lidarcli.sweeps import TURN, Float32, Float64, Int64, SweepBatch, SweepPoses
+
+WINDOW, SHARE = 0.08, 0.6
+"""The robot itself is where a beam ends within so short a stretch [m] in at least this share of the sweeps ..."""
+REACH = 1.2
+"""... and no farther away than this [m]."""
+GRAIN = 0.005
+"""Step in which ranges are counted [m]."""
+LEAST_WAY, LEAST_TURN = 3.0, 2.0
+"""What a sensor has to drive [m] and turn [rad]: what stays before it then is carried by it."""
+MOVED, TURNED = 0.05, 0.05
+"""A sweep counts where the sensor went so far [m] or turned so much [rad] since the last one that did."""
+FAR_GRAIN, FAR_WINDOW, FAR_REACH = 0.25, 0.5, 60.0
+"""Where most beams that end farther away do so within such a stretch [m], the sensor stood, whatever poses tell."""
+SEEN = 0.3
+"""Least share of the sweeps in which such a beam ends farther away than `REACH`."""
+LONGEST = 0.16
+"""Neighbouring beams share one sector as long as it spans no more than this [m]."""
+STOOD_REACH, STOOD_WIDTH, DETACHED = 0.45, 0.2, 0.15
+"""Of what a parked sensor sees, what is so near, so narrow and so far before things beside it [m] may be the robot."""
+LEAST_SWEEPS = 10
+"""Fewest sweeps of a sensor that tell anything."""
+MOST_BEAMS, MOST_SENSORS = 10_000, 16
+"""Most beams of a sweep, and most sensors, of which the mask is learned: ranges are counted for each beam."""
+_PIPE = "--mask auto reads a log twice, and a pipe is read only once: give the file's name, or a mask FILE"
+
+
+@dataclass(frozen=True, slots=True)
+class Masking:
+    """The rules for the ranges of one log, its mask known, and what there is to say of it."""
+
+    rules: RangeRules
+    found: tuple[str, ...] = ()
+    """Notes on what is masked ..."""
+    doubts: tuple[str, ...] = ()
+    """... and on what is not, though that was asked for."""
+    learned: Masks = field(default_factory=Masks)
+    """What was found out of the log itself."""
+    proposed: Masks = field(default_factory=Masks)
+    """What looks like the robot itself before sensors that stood, and is not masked."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """All there is to say."""
+        return (*self.found, *self.doubts)
+
+
+def masking_of(
+    log: Log, rules: RangeRules, poses: PoseOptions | None = None, topics: Collection[str] | None = None
+) -> Masking:
+    """Return the rules for the ranges of a log, with its mask learned and placed where that is asked for.
+
+    Parameters
+    ----------
+    poses, topics : how to find out where the sensor was, and the topics that matter, by default all: for `--mask auto`
+
+    Raises
+    ------
+    OptionError
+        The mask is to be learned from a log that can be read only once.
+    """
+    masks = rules.masks
+    if masks is None:
+        return Masking(rules)
+    if masks.learn:
+        return _learned(log, rules, poses or PoseOptions(), topics)
+    frames = {mask.frame for mask in masks.masks if mask.frame}
+    if not frames or log.size is None or log.topics() is None:
+        return Masking(rules)
+    mounts = (*masks.mounts, *_mounts(log, sorted(frames)))
+    return Masking(replace(rules, masks=replace(masks, mounts=mounts)))
+
+
+def _mounts(log: Log, frames: list[str]) -> Iterator[Mount]:
+    """Yield where the static transforms of a log place its frames in others."""
+    from lidarcli.poses.messages import frame_name
+    from lidarcli.poses.tracks import planar
+    from lidarcli.poses.tree import FrameTree, along
+
+    links = [track for track in read_pose_messages(log).tracks if track.is_link and track.static]
+    tree = FrameTree(links)
+    for frame in dict.fromkeys(name for link in links for name in (link.child, link.parent)):
+        for target in map(frame_name, frames):
+            if steps := tree.path(frame, target):
+                here = planar(along(steps, np.zeros(1, np.int64)))
+                x, y, yaw = (float(each[0]) for each in (here.x, here.y, here.yaw))
+                yield Mount(frame, target, x, y, yaw, bool(here.upside_down[0]))
+
+
+def _learned(log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[str] | None) -> Masking:
+    if log.size is None:
+        raise OptionError(_PIPE)
+    rules = replace(rules, masks=None)
+    poses = replace(poses, source=None) if poses.source == NONE else poses
+    bodies = _watch(log, rules, poses, topics)
+    masks: list[Mask] = []
+    proposed: list[Mask] = []
+    seen: list[str] = []
+    doubts: list[str] = []
+    sensors = Counter(topic for topic, _ in bodies)
+    for (topic, _), body in sorted(bodies.items()):
+        doubt = body.doubt() if sensors[topic] == 1 else "several sensors share the topic"
+        runs = body.proposals() if doubt else body.own()
+        into = proposed if doubt else masks
+        into += [body.mask(topic, run) for run in runs]
+        if doubt:
+            doubts.append(f"{topic}: nothing is masked: {doubt}")
+        if runs or not doubt:
+            (doubts if doubt else seen).append(f"{topic}: {_words(runs, proposed=bool(doubt))}")
+    learned = Masks(tuple(masks))
+    return Masking(
+        replace(rules, masks=learned if masks else None),
+        tuple(seen),
+        tuple(doubts),
+        learned,
+        Masks(tuple(proposed)),
+    )
+
+
+def _watch(
+    log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[str] | None
+) -> dict[tuple[str, str], _Body]:
+    """Count the ranges of each topic and frame of a log."""
+    choice = TopicChoice(topics, log.topics())
+    posing = Posing.of(log, poses, choice, rules, need=Need.ALL)
+    bodies: dict[tuple[str, str], _Body] = {}
+    # The pass over all sweeps reports the damage.
+    for batch in read_batches(log, ReadOptions(topics, rules=rules), ReadReport(), choice):
+        for frame, _, mine in posing.attach(batch).by_frame():
+            key = batch.topic, frame
+            if key not in bodies:
+                if len(bodies) == MOST_SENSORS:
+                    raise OptionError(
+                        f"--mask auto: the log has more than {MOST_SENSORS} sensors; name some with --topic"
+                    )
+                bodies[key] = _Body(mine)
+            bodies[key].add(mine)
+    return bodies
+
+
+class _Counts:
+    """How often each beam ended in each step of range."""
+
+    def __init__(self, beams: int, grain: float, reach: float) -> None:
+        self._grain, self._steps = grain, round(reach / grain)
+        self._cells = np.zeros(beams * self._steps, np.int64)
+        self.sweeps = 0
+
+    def add(self, ranges: Float32) -> None:
+        """Take sweeps (S, B)."""
+        with np.errstate(invalid="ignore"):
+            row, beam = np.nonzero(ranges < np.float32(self._grain * self._steps))
+        step = np.minimum((ranges[row, beam] / self._grain).astype(np.int64), self._steps - 1)
+        self._cells += np.bincount(beam * self._steps + step, minlength=len(self._cells))
+        self.sweeps += len(ranges)
+
+    def beyond(self, least: float) -> Int64:
+        """Return how often each beam (B,) ended from a range on."""
+        found: Int64 = self._table()[:, round(least / self._grain) :].sum(axis=1)
+        return found
+
+    def fullest(self, window: float, least: float = 0.0) -> tuple[Int64, Float64]:
+        """Return for each beam (B,) the most that one window holds, and where the middle one of such windows begins [m]."""
+        width = round(window / self._grain)
+        ends = np.cumsum(np.pad(self._table(), ((0, 0), (1, 0))), axis=1)
+        held = (ends[:, width:] - ends[:, :-width])[:, round(least / self._grain) :]
+        first, last = held.argmax(axis=1), held.shape[1] - 1 - held[:, ::-1].argmax(axis=1)
+        return held.max(axis=1), least + 0.5 * (first + last) * self._grain
+
+    def _table(self) -> Int64:
+        return self._cells.reshape(-1, self._steps)
+
+
+Run = list[tuple[int, float]]
+"""Neighbouring beams, and for each the range at which its window begins [m]."""
+
+
+class _Body:
+    """What one sensor sees that stays where it is: a fold over its sweeps, whose beams are told by their bearings."""
+
+    def __init__(self, batch: SweepBatch) -> None:
+        self._beams = batch.width
+        self._first, self._step = float(batch.angle_min[0]), float(batch.angle_increment[0])
+        self._is_countable = self._beams <= MOST_BEAMS and self._step != 0.0
+        beams = self._beams if self._is_countable else 0
+        self._always, self._driving = (_Counts(beams, GRAIN, REACH) for _ in range(2))
+        self._far = _Counts(beams, FAR_GRAIN, FAR_REACH)
+        self._last: tuple[float, float, float] | None = None
+        self._way = self._turn = 0.0
+        """How far the sensor went [m], and how far it is turned from where it began [rad]."""
+        self._turns = 0.0, 0.0
+
+    @property
+    def is_placed(self) -> bool:
+        """True if something told where the sensor was."""
+        return self._last is not None
+
+    def add(self, batch: SweepBatch) -> None:
+        """Take sweeps."""
+        if not self._is_countable:
+            return
+        ranges = self._in_columns(batch)
+        self._always.add(ranges)
+        moved = [] if batch.poses is None else list(self._moved(batch.poses))
+        self._driving.add(ranges[moved])
+        self._far.add(ranges[moved])
+
+    def _in_columns(self, batch: SweepBatch) -> Float32:
+        """Return the ranges (S, B) by the beams of the first sweep, which others may not share."""
+        if (
+            batch.width == self._beams
+            and (batch.angle_min == self._first).all()
+            and (batch.angle_increment == self._step).all()
+        ):
+            return batch.ranges
+        columns = np.rint((batch.bearings() - self._first) / self._step)
+        row, beam = np.nonzero((columns >= 0) & (columns < self._beams))
+        ranges = np.full((len(batch), self._beams), np.nan, np.float32)
+        ranges[row, columns[row, beam].astype(np.int64)] = batch.ranges[row, beam]
+        return ranges
+
+    def _moved(self, poses: SweepPoses) -> Iterator[int]:
+        """Yield the sweeps before which the sensor has moved, and measure its way."""
+        for row, (x, y, yaw) in enumerate(
+            zip(poses.x.tolist(), poses.y.tolist(), poses.yaw.tolist(), strict=True)
+        ):
+            if not math.isfinite(x + y + yaw):
+                continue
+            if self._last is None:
+                self._last = x, y, yaw
+            step = math.hypot(x - self._last[0], y - self._last[1])
+            turn = math.remainder(yaw - self._last[2], TURN)
+            if step < MOVED and abs(turn) < TURNED:
+                continue
+            self._last = x, y, yaw
+            self._way += step
+            self._turn += turn
+            self._turns = min(self._turns[0], self._turn), max(self._turns[1], self._turn)
+            yield row
+
+    def doubt(self) -> str:
+        """Return why the robot itself cannot be told from what is around; empty where it can."""
+        if not self._is_countable:
+            return f"its sweeps have more than {MOST_BEAMS:,} beams, or no step between them"
+        if not self.is_placed:
+            return "nothing tells whether the sensor drove"
+        turned = self._turns[1] - self._turns[0]
+        if self._way < LEAST_WAY or turned < LEAST_TURN or self._driving.sweeps < LEAST_SWEEPS:
+            return (
+                f"the sensor drove {self._way:.1f} m and turned by {math.degrees(turned):.0f} degrees; to tell its own "
+                f"body from what stands around takes {LEAST_WAY:g} m and {math.degrees(LEAST_TURN):.0f} degrees"
+            )
+        least = SHARE * self._far.sweeps
+        seen = self._far.beyond(REACH) >= SEEN * self._far.sweeps
+        same = seen & (self._far.fullest(FAR_WINDOW, REACH)[0] >= least)
+        if 2 * np.count_nonzero(same) >= np.count_nonzero(seen):
+            return "most of what the sensor sees stays where it is, though poses tell that it drove"
+        return ""
+
+    def own(self) -> list[Run]:
+        """Return the beams that end on the robot itself, of a sensor that drove."""
+        return _runs(self._driving)
+
+    def proposals(self) -> list[Run]:
+        """Return the beams that look like that, of one that stood."""
+        if self._always.sweeps < LEAST_SWEEPS:
+            return []
+        runs = _runs(self._always)
+        at = {beam: low for run in runs for beam, low in run}
+        found = []
+        for run in runs:
+            near, far = min(low for _, low in run), max(low for _, low in run)
+            beside = [at.get(beam, math.inf) for beam in (run[0][0] - 1, run[-1][0] + 1)]
+            width = len(run) * abs(self._step) * (far + WINDOW)
+            if far + WINDOW <= STOOD_REACH and width < STOOD_WIDTH and min(beside) > near + DETACHED:
+                found.append(run)
+        return found
+
+    def mask(self, topic: str, run: Run) -> Mask:
+        """Return the mask of such beams: half a step around them."""
+        ends = [
+            self._first + (beam + side) * self._step for beam, side in ((run[0][0], -0.5), (run[-1][0], 0.5))
+        ]
+        low, high = min(low for _, low in run), max(low for _, low in run) + WINDOW
+        return Mask(Sector(min(ends), max(ends), low, high), topic)
+
+
+def _runs(counts: _Counts) -> list[Run]:
+    """Return the beams that mostly end within one window, neighbours together."""
+    held, low = counts.fullest(WINDOW)
+    runs: list[Run] = []
+    for beam in np.flatnonzero(held >= max(SHARE * counts.sweeps, 1)).tolist():
+        begin = float(low[beam])
+        last = runs[-1] if runs else []
+        lows = [begin, *(other for _, other in last)]
+        if last and last[-1][0] == beam - 1 and max(lows) - min(lows) + WINDOW <= LONGEST:
+            last.append((beam, begin))
+        else:
+            runs.append([(beam, begin)])
+    return runs
+
+
+def _words(runs: list[Run], proposed: bool) -> str:
+    """Return what is said of some beams."""
+    if not runs:
+        return "no beam sees the robot itself"
+    beams = counted(sum(map(len, runs)), "beam")
+    lows = [low for run in runs for _, low in run]
+    where = f"{beams} at {min(lows):.2f} to {max(lows) + WINDOW:.2f} m"
+    if proposed:
+        return f"{where} look like the robot itself: --mask FILE masks them (lidarcli info proposes one, docs/formats.md)"
+    return f"{where} see the robot itself: masked"
