@@ -48,6 +48,7 @@ ONLY_SHELL = {
     "detect": {"output", "beams"},
     "track": {"output", "beams"},
     "map": {"jobs", "compare"},
+    "info": {"output"},
     "plot": {"sweeps", "map", "animate", "fps", "start", "end"},
 }
 """Options whose work Python has elsewhere, or not: `tables(beams=True)`, `map` for a map, a loop for several sweeps."""

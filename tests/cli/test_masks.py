@@ -1,0 +1,88 @@
+"""`--mask` on the command line: refusals, notes, and the file that `info` writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarcli.simulate.writers import write_log
+from tests.sweeping import raw_sweeps
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def parked(tmp_path: Path) -> Path:
+    """A log of a sensor that stands, with a post before it."""
+    ranges = np.full((20, 360), 4.0, np.float32)
+    ranges[:, 90:96] = 0.3
+    write_log(tmp_path / "parked.mcap", [raw_sweeps(ranges)])
+    return tmp_path / "parked.mcap"
+
+
+def test_what_a_parked_sensor_sees_is_proposed(lidarcli: Run, parked: Path, tmp_path: Path) -> None:
+    pytest.importorskip("kiss_icp")
+    file = tmp_path / "robot.toml"
+    ran = lidarcli("info", parked, "--mask", "auto", "-o", file)
+    assert ran.code == 0
+    assert "nothing is masked: the sensor drove 0.0 m and turned by 0 degrees" in ran.out
+    assert "6 beams at 0.26 to 0.34 m look like the robot itself: --mask FILE masks them" in ran.out
+    assert f"wrote    {file}" in ran.err
+    assert file.read_text() == (
+        "# The sensor stood: what follows looks like the robot itself. Remove the # where it is.\n\n"
+        "# [[mask]]\n"
+        '# topic = "/scan"\n'
+        "# sector = { from = -90.500006, to = -84.500006, nearest = 0.2625, farthest = 0.3425 }\n"
+    )
+    assert lidarcli("info", parked, "--mask", file).code == 2
+    file.write_text("".join(line[2:] for line in file.read_text().splitlines(keepends=True)[2:]))
+    assert "masked    120 beams (1.67%)" in lidarcli("info", parked, "--mask", file).out
+    ran = lidarcli("detect", parked, "--mask", file, "-o", tmp_path)
+    assert "masked 120 (1.7%)" in ran.err
+
+
+def test_a_file_is_not_replaced_unasked(lidarcli: Run, parked: Path, tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text("mine")
+    ran = lidarcli("info", parked, "--mask", "auto", "-o", tmp_path / "robot.toml")
+    assert ran.code != 0
+    assert "--overwrite" in ran.err
+    assert (tmp_path / "robot.toml").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (["run.mcap", "-o", "new.toml"], 2, "-o writes the mask that is learned from a log: add --mask auto"),
+        (["run.mcap", "run.mcap", "--mask", "auto", "-o", "new.toml"], 2, "-o is for the mask of one log"),
+        (
+            ["run.mcap", "--mask", "nowhere.toml"],
+            3,
+            "nowhere.toml: cannot read the mask: No such file or directory",
+        ),
+    ],
+)
+def test_refusals(
+    lidarcli: Run,
+    logs: Path,
+    words: list[str],
+    code: int,
+    says: str,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ran = lidarcli("info", *(logs / word if word == "run.mcap" else word for word in words))
+    assert ran.code == code
+    assert says in ran.err
+    assert not (tmp_path / "new.toml").exists()
+
+
+@pytest.mark.slow
+def test_a_pipe_is_read_only_once(process: Run, logs: Path) -> None:
+    ran = process("detect", "-", "-o", "-", "--mask", "auto", input=(logs / "run.mcap").read_bytes())
+    assert ran.returncode == 2
+    assert b"--mask auto reads a log twice, and a pipe is read only once: give the file's name" in ran.stderr
