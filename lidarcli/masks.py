@@ -15,6 +15,8 @@ from lidarcli.sweeps import TURN, Bool, Float32, Float64, RawSweeps
 
 _CLOSE = 1e-9
 """Rounding of a bearing [rad]."""
+_TOGETHER = 1 << 14
+"""Bearings that are looked at together: a polygon takes memory for each of them and each of its corners."""
 
 
 class Rays(NamedTuple):
@@ -118,6 +120,32 @@ class Mount:
     upside_down: bool = False
 
 
+class _Part(NamedTuple):
+    """Sweeps of some geometries."""
+
+    ranges: Float32
+    masked: Bool
+    """(S, B) of all sweeps, to write to."""
+    rows: NDArray[np.intp]
+    """(K,) those that are meant."""
+    which: NDArray[np.intp]
+    """(K,) their geometries."""
+
+    def mark(self, least: Float64, most: Float64) -> None:
+        """Mark the ranges within a stretch of the beams (G, B)."""
+        columns = np.flatnonzero((least <= most).any(axis=0))
+        if not len(columns):
+            return
+        # Ranges are float32: the edge of a circle of 0.3 m is where they say 0.3.
+        low, high = (edge[:, columns].astype(np.float32) for edge in (least, most))
+        if len(low) > 1:
+            low, high = low[self.which], high[self.which]
+        here = np.ix_(self.rows, columns)
+        values = self.ranges[here]
+        with np.errstate(invalid="ignore"):
+            self.masked[here] |= (values >= low) & (values <= high)
+
+
 @dataclass(frozen=True, slots=True)
 class Masks:
     """The masks of a log, and where its sensors are mounted. A leading slash of a name does not matter."""
@@ -139,18 +167,28 @@ class Masks:
             Nothing tells where a sensor is in the frame of a mask.
         """
         masked = np.zeros(ranges.shape, np.bool_)
-        for code in np.flatnonzero(np.bincount(raw.frame)).tolist():
+        masks = [mask for mask in self.masks if not mask.topic or same_name(mask.topic, raw.topic)]
+        for code in np.flatnonzero(np.bincount(raw.frame)).tolist() if masks else ():
             rows = np.flatnonzero(raw.frame == code)
             # Most sweeps of a sensor have one geometry.
             geometry = np.column_stack([raw.angle_min[rows], raw.angle_increment[rows]])
             geometry, which = np.unique(geometry, axis=0, return_inverse=True)
-            bearing = geometry[:, :1] + geometry[:, 1:] * np.arange(ranges.shape[1])
-            for mask in self.masks:
-                if not mask.topic or same_name(mask.topic, raw.topic):
-                    rays = self._rays(mask.frame, raw.frame_ids[code], bearing)
-                    for least, most in mask.shape.spans(rays):
-                        _mark(masked, ranges, rows, which.reshape(-1), least, most)
+            some = max(_TOGETHER // max(ranges.shape[1], 1), 1)
+            for first in range(0, len(geometry), some):
+                here = (which.reshape(-1) >= first) & (which.reshape(-1) < first + some)
+                part = _Part(ranges, masked, rows[here], which.reshape(-1)[here] - first)
+                self._mark(part, masks, raw.frame_ids[code], geometry[first : first + some])
         return masked
+
+    def _mark(self, part: _Part, masks: list[Mask], sensor: str, geometry: Float64) -> None:
+        """Mark what is under masks in sweeps of some geometries (G, 2)."""
+        bearing = geometry[:, :1] + geometry[:, 1:] * np.arange(part.ranges.shape[1])
+        rays: dict[str, Rays] = {}
+        for mask in masks:
+            if mask.frame not in rays:
+                rays[mask.frame] = self._rays(mask.frame, sensor, bearing)
+            for least, most in mask.shape.spans(rays[mask.frame]):
+                part.mark(least, most)
 
     def _rays(self, frame: str, sensor: str, bearing: Float64) -> Rays:
         """Return the beams of a sensor in a frame."""
@@ -177,25 +215,3 @@ class Masks:
 def same_name(one: str, other: str) -> bool:
     """Return True for two names of topics or frames that differ by a leading slash at most."""
     return one.lstrip("/") == other.lstrip("/")
-
-
-def _mark(
-    masked: Bool,
-    ranges: Float32,
-    rows: NDArray[np.intp],
-    which: NDArray[np.intp],
-    least: Float64,
-    most: Float64,
-) -> None:
-    """Mark the ranges of some rows that lie in a stretch of the beams of their geometry."""
-    columns = np.flatnonzero((least <= most).any(axis=0))
-    if not len(columns):
-        return
-    # Ranges are float32: the edge of a circle of 0.3 m is where they say 0.3.
-    low, high = (edge[:, columns].astype(np.float32) for edge in (least, most))
-    if len(low) > 1:
-        low, high = low[which], high[which]
-    here = np.ix_(rows, columns)
-    values = ranges[here]
-    with np.errstate(invalid="ignore"):
-        masked[here] |= (values >= low) & (values <= high)

@@ -43,6 +43,7 @@ GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     "texts": (("metadata", "scenes", "checks", "numbers"), 37),
     "counts": (("counts",), 30),
     "maps": (("maps",), 70),
+    "masks": (("masks",), 25),
     "trajectories": (("trajectories",), 40),
     "tables": (("tables",), 10),
     "names of tables": (("table-names",), 7),

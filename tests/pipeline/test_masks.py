@@ -178,6 +178,15 @@ def test_masked_beams_are_on_nothing_and_stay_in_the_sums(tmp_path: Path) -> Non
     assert (batch.to_pandas()["status"] == "masked").sum() == sweeps["masked"][: len(batch)].sum()
 
 
+def test_a_mask_for_a_topic_that_is_not_there_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(CIRCLE + "topic = '/rear'\n" + CIRCLE + "topic = 'scan'\n")
+    with pytest.warns(
+        UserWarning, match=r"room.mcap: --mask: no topic /rear in this log, for which a \[\[mask\]\] is$"
+    ):
+        lidarcli.detect(SAMPLES / "room.mcap", mask=path)
+
+
 def test_none_is_no_mask() -> None:
     log = SAMPLES / "room.mcap"
     assert lidarcli.detect(log, mask="none").equals(lidarcli.detect(log))

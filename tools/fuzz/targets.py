@@ -10,6 +10,7 @@ from tools.fuzz.hostile_logs import hostile_log_targets
 from tools.fuzz.links import link_targets
 from tools.fuzz.manifests import manifest_targets
 from tools.fuzz.maps import map_targets
+from tools.fuzz.masks import mask_targets
 from tools.fuzz.metadata import metadata_targets
 from tools.fuzz.numbers import number_targets
 from tools.fuzz.sample_targets import sample_targets
@@ -34,6 +35,7 @@ TARGETS: dict[str, Target] = {
         *check_targets(),
         *number_targets(),
         *map_targets(),
+        *mask_targets(),
         *settings_targets(),
         *manifest_targets(),
         *twice_targets(),

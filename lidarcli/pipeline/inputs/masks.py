@@ -17,7 +17,7 @@ AUTO = "auto"
 """In place of a file: learn the mask from each log."""
 MOST = 1000
 """Most tables of each kind."""
-MOST_CORNERS = 1000
+MOST_CORNERS = 100
 SHAPES = ("circle", "polygon", "sector")
 DECIMALS = 6
 """Of what is written: micrometres, and far less than the step between two beams."""

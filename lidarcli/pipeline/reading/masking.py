@@ -14,12 +14,12 @@ from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
-from lidarcli.masks import Mask, Masks, Mount, Sector
-from lidarcli.pipeline.inputs.sources import read_pose_messages
+from lidarcli.masks import Mask, Masks, Mount, Sector, same_name
+from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
 from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import RangeRules
-from lidarcli.sweeps import TURN, Float32, Float64, Int64, SweepBatch, SweepPoses
+from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses
 
 WINDOW, SHARE = 0.08, 0.6
 """The robot itself is where a beam ends within so short a stretch [m] in at least this share of the sweeps ..."""
@@ -85,11 +85,18 @@ def masking_of(
         return Masking(rules)
     if masks.learn:
         return _learned(log, rules, poses or PoseOptions(), topics)
-    frames = {mask.frame for mask in masks.masks if mask.frame}
-    if not frames or log.size is None or log.topics() is None:
+    listed = log.topics()
+    if listed is None or log.size is None:
         return Masking(rules)
-    mounts = (*masks.mounts, *_mounts(log, sorted(frames)))
-    return Masking(replace(rules, masks=replace(masks, mounts=mounts)))
+    absent = {
+        mask.topic: None
+        for mask in masks.masks
+        if mask.topic and not any(same_name(mask.topic, topic.name) for topic in listed)
+    }
+    doubts = tuple(f"--mask: no topic {name} in this log, for which a [[mask]] is" for name in absent)
+    if frames := {mask.frame for mask in masks.masks if mask.frame}:
+        masks = replace(masks, mounts=(*masks.mounts, *_mounts(log, sorted(frames))))
+    return Masking(replace(rules, masks=masks), doubts=doubts)
 
 
 def _mounts(log: Log, frames: list[str]) -> Iterator[Mount]:
@@ -98,7 +105,8 @@ def _mounts(log: Log, frames: list[str]) -> Iterator[Mount]:
     from lidarcli.poses.tracks import planar
     from lidarcli.poses.tree import FrameTree, along
 
-    links = [track for track in read_pose_messages(log).tracks if track.is_link and track.static]
+    told = log.poses() if isinstance(log, SlicedLog) else read_pose_messages(log)
+    links = [track for track in told.tracks if track.is_link and track.static]
     tree = FrameTree(links)
     for frame in dict.fromkeys(name for link in links for name in (link.child, link.parent)):
         for target in map(frame_name, frames):
@@ -164,7 +172,7 @@ class _Counts:
 
     def __init__(self, beams: int, grain: float, reach: float) -> None:
         self._grain, self._steps = grain, round(reach / grain)
-        self._cells = np.zeros(beams * self._steps, np.int64)
+        self._cells = np.zeros(beams * self._steps, np.int32)
         self.sweeps = 0
 
     def add(self, ranges: Float32) -> None:
@@ -172,23 +180,23 @@ class _Counts:
         with np.errstate(invalid="ignore"):
             row, beam = np.nonzero(ranges < np.float32(self._grain * self._steps))
         step = np.minimum((ranges[row, beam] / self._grain).astype(np.int64), self._steps - 1)
-        self._cells += np.bincount(beam * self._steps + step, minlength=len(self._cells))
+        self._cells += np.bincount(beam * self._steps + step, minlength=len(self._cells)).astype(np.int32)
         self.sweeps += len(ranges)
 
     def beyond(self, least: float) -> Int64:
         """Return how often each beam (B,) ended from a range on."""
-        found: Int64 = self._table()[:, round(least / self._grain) :].sum(axis=1)
+        found: Int64 = self._table()[:, round(least / self._grain) :].sum(axis=1, dtype=np.int64)
         return found
 
     def fullest(self, window: float, least: float = 0.0) -> tuple[Int64, Float64]:
         """Return for each beam (B,) the most that one window holds, and where the middle one of such windows begins [m]."""
         width = round(window / self._grain)
-        ends = np.cumsum(np.pad(self._table(), ((0, 0), (1, 0))), axis=1)
+        ends = np.cumsum(np.pad(self._table(), ((0, 0), (1, 0))), axis=1, dtype=np.int64)
         held = (ends[:, width:] - ends[:, :-width])[:, round(least / self._grain) :]
         first, last = held.argmax(axis=1), held.shape[1] - 1 - held[:, ::-1].argmax(axis=1)
         return held.max(axis=1), least + 0.5 * (first + last) * self._grain
 
-    def _table(self) -> Int64:
+    def _table(self) -> Int32:
         return self._cells.reshape(-1, self._steps)
 
 
@@ -234,7 +242,9 @@ class _Body:
             and (batch.angle_increment == self._step).all()
         ):
             return batch.ranges
-        columns = np.rint((batch.bearings() - self._first) / self._step)
+        # A header may say anything.
+        with np.errstate(over="ignore", invalid="ignore"):
+            columns = np.rint((batch.bearings() - self._first) / self._step)
         row, beam = np.nonzero((columns >= 0) & (columns < self._beams))
         ranges = np.full((len(batch), self._beams), np.nan, np.float32)
         ranges[row, columns[row, beam].astype(np.int64)] = batch.ranges[row, beam]
