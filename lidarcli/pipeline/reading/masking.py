@@ -25,6 +25,8 @@ WINDOW, SHARE = 0.08, 0.6
 """The robot itself is where a beam ends within so short a stretch [m] in at least this share of the sweeps ..."""
 REACH = 1.2
 """... and no farther away than this [m]."""
+GRAZED = 0.2
+"""Least share of the sweeps where beside it is such a beam, as near: it grazes the robot."""
 GRAIN = 0.005
 """Step in which ranges are counted [m]."""
 LEAST_WAY, LEAST_TURN = 3.0, 2.0
@@ -290,13 +292,13 @@ class _Body:
 
     def own(self) -> list[Run]:
         """Return the beams that end on the robot itself, of a sensor that drove."""
-        return _runs(self._driving)
+        return _runs(self._driving, GRAZED)
 
     def proposals(self) -> list[Run]:
         """Return the beams that look like that, of one that stood."""
         if self._always.sweeps < LEAST_SWEEPS:
             return []
-        runs = _runs(self._always)
+        runs = _runs(self._always, SHARE)
         at = {beam: low for run in runs for beam, low in run}
         found = []
         for run in runs:
@@ -316,11 +318,20 @@ class _Body:
         return Mask(Sector(min(ends), max(ends), low, high), topic)
 
 
-def _runs(counts: _Counts) -> list[Run]:
-    """Return the beams that mostly end within one window, neighbours together."""
+def _runs(counts: _Counts, beside: float) -> list[Run]:
+    """Return the beams that mostly end within one window, neighbours together; `beside`: least share of a neighbour."""
     held, low = counts.fullest(WINDOW)
+    beams = set(np.flatnonzero(held >= max(SHARE * counts.sweeps, 1)).tolist())
+    for step in (1, -1):
+        for beam in sorted(beams, reverse=step < 0):
+            after = beam + step
+            while after not in beams and 0 <= after < len(held):
+                if held[after] < beside * counts.sweeps or abs(low[after] - low[after - step]) > WINDOW:
+                    break
+                beams.add(after)
+                after += step
     runs: list[Run] = []
-    for beam in np.flatnonzero(held >= max(SHARE * counts.sweeps, 1)).tolist():
+    for beam in sorted(beams):
         begin = float(low[beam])
         last = runs[-1] if runs else []
         lows = [begin, *(other for _, other in last)]
