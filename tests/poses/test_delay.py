@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from lidarcli.poses.delay import LEAST_SWEEPS, SWEEPS, DelaySample
 
 import lidarcli
 from lidarcli.cli import run
@@ -22,7 +23,6 @@ from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.reading import pose_sources
 from lidarcli.pipeline.reading.pose_sources import MOST_DELAY, find_poses
 from lidarcli.poses import delay as module
-from lidarcli.poses.delay import LEAST_SWEEPS, SWEEPS, DelaySample
 from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.writers import write_log
