@@ -108,9 +108,9 @@ INPUT = File("LOG")
 
 
 class OneLog(TypedDict, total=False):
-    """One log."""
+    """One log, which may be in parts."""
 
-    log: Annotated[str, Argument("LOG", INPUT)]
+    log: Annotated[tuple[str, ...], Argument("LOG...", INPUT, several=True)]
 
 
 class ManyLogs(TypedDict, total=False):
@@ -306,7 +306,18 @@ class Ranges(TypedDict, total=False):
     ]
 
 
-class Reading(Topics, Poses, Delay, Ranges, total=False):
+class Joining(TypedDict, total=False):
+    """Logs in parts."""
+
+    join: Annotated[
+        bool,
+        Option(MANY, None, False),
+        "Read the recordings that are named as one log, and of a folder those of each name (run_0.bag, run_1.bag): in the "
+        "order of their times, with the transforms and poses of all.",
+    ]
+
+
+class Reading(Joining, Topics, Poses, Delay, Ranges, total=False):
     """Options for reading a log."""
 
 
@@ -396,7 +407,7 @@ class Things(TypedDict, total=False):
     ]
 
 
-class Finding(Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, total=False):
+class Finding(Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, total=False):
     """Keywords that `detect` and `track` share."""
 
     explain: Annotated[
@@ -496,11 +507,11 @@ class Mapping(Reading, total=False):
     path: Annotated[bool, Option(OUTPUT, None, False), "Draw the path of the sensor into the .png."]
 
 
-class Inspecting(Poses, Ranges, total=False):
+class Inspecting(Joining, Poses, Ranges, total=False):
     """Keywords of `info`."""
 
 
-class Plotting(Poses, Delay, Objects, Ranges, total=False):
+class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
     """Keywords of `plot`."""
 
     at: Annotated[

@@ -71,7 +71,7 @@ def build(say: Messages, told: BuildCommand) -> int:
     from lidarcli.pipeline.runs.outcomes import exit_code
 
     path = place(told["output"])
-    sources = chosen_logs(told)
+    sources = chosen_logs(say, told)
     refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
     if told["dry_run"]:
         return print_reads(sources, [told["output"], figure] if figure else [told["output"]])

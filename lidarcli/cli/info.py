@@ -68,7 +68,7 @@ def info(say: Messages, told: InfoCommand) -> int:
     from lidarcli.pipeline.inspecting import LogInfo, inspect_logs
     from lidarcli.pipeline.runs.outcomes import Failure, exit_code
 
-    sources = chosen_logs(told)
+    sources = chosen_logs(say, told)
     path = None if told["output"] is None else place(told["output"])
     if path is not None and len(sources) != 1:
         raise click.UsageError(f"-o is for the mask of one log, and these are {len(sources):,}")

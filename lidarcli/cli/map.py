@@ -81,7 +81,7 @@ def map(say: Messages, told: MapCommand) -> int:
 
     say.of_missing_core()
     logs = log_options(told)
-    sources = chosen_logs(told)
+    sources = chosen_logs(say, told)
     own = {field: told[field] for field in options_of(Mapping).keys() - options_of(Reading).keys()}  # type: ignore[literal-required]
     options = MapOptions(*logs, overwrite=told["overwrite"], jobs=told["jobs"] or 0, **own)
     if told["dry_run"]:

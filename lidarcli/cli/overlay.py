@@ -21,6 +21,7 @@ from lidarcli.options import (
     THINGS,
     Delay,
     Jobs,
+    Joining,
     Objects,
     OneLog,
     Overwrite,
@@ -36,7 +37,9 @@ OF_FINDING = (SELECT, POSES, OBJECTS, THINGS, RANGES, ECHO)
 """Headings of options that say how objects are found."""
 
 
-class OverlayCommand(OneLog, Overwrite, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, total=False):
+class OverlayCommand(
+    OneLog, Joining, Overwrite, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, total=False
+):
     """Options of `overlay`."""
 
     output: Annotated[
@@ -95,7 +98,7 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
 
     keep_freed_memory()
     say.of_missing_core()
-    source, path = one_log(told["log"]), place(told["output"])
+    source, path = one_log(told["log"], told["join"]), place(told["output"])
     options = OverlayOptions(
         detect_options(told, logs, tracking_of({"significance": SIGNIFICANCE, "memory": True})),
         told["objects"],

@@ -146,7 +146,7 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
 
     from lidarcli.pipeline.inputs.search import files_of, one_log
 
-    source = one_log(told["log"])
+    source = one_log(told["log"], told["join"])
     if at is not None:
         from lidarcli.pipeline.plotting import sweep_at
 
@@ -196,7 +196,7 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
         say.wrote(paths)
         say.notes(notes)
     for line in drawn.damage:
-        say.error(told["log"], line)
+        say.error(source.label, line)
     return UnreadableError.exit_code if drawn.damage else 0
 
 

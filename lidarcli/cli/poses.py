@@ -37,7 +37,7 @@ def poses(say: Messages, told: PosesCommand) -> int:
     from lidarcli.pipeline.runs.over_logs import progress_of
     from lidarcli.pipeline.trajectories import PathOptions, refuse_path, write_path
 
-    source, path = one_log(told["log"]), place(told["output"])
+    source, path = one_log(told["log"], told["join"]), place(told["output"])
     options = PathOptions(*logs, told["overwrite"])
     refuse_path(path, source, options)
     with progress_bar([source], say) as report:

@@ -36,11 +36,18 @@ def refuse_no_logs(told: Mapping[str, Any]) -> None:
         raise click.UsageError("standard input is either a log or the list of --files-from")
 
 
-def chosen_logs(told: Mapping[str, Any]) -> list[Source | Nothing]:
-    """Return the logs that `ManyLogs` names; see `search.choose`."""
+def chosen_logs(say: Messages, told: Mapping[str, Any]) -> list[Source | Nothing]:
+    """Return the logs that `ManyLogs` names, with notes on those in parts; see `search.choose`."""
     from lidarcli.pipeline.inputs.search import choose
 
-    return choose(told["logs"], told["files_from"], told["base"], told["shard"])
+    return choose(
+        told["logs"],
+        told["files_from"],
+        told["base"],
+        told["shard"],
+        told["join"],
+        lambda note: say.info(f"note: {note}"),
+    )
 
 
 def print_reads(sources: Iterable[Source | Nothing], writes: Iterable[str] = ()) -> int:
@@ -147,7 +154,7 @@ def _begin(say: Messages, told: Mapping[str, Any], options: DetectOptions) -> li
 
     keep_freed_memory()
     say.of_missing_core()
-    sources = chosen_logs(told)
+    sources = chosen_logs(say, told)
     settings = ", ".join(f"{name}={value}" for name, value in options.as_dict().items())
     say.detail(f"{counted(len(sources), 'log')}; {settings}")
     return sources

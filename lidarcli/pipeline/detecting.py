@@ -203,7 +203,7 @@ def of_logs(sources: Sequence[Source], tables: Sequence[str], options: DetectOpt
             damage += summary.damage
             # Notes are for reading, but a table without a sweep needs its reason.
             for line in [*summary.damage, *(summary.doubts if summary.sweeps else summary.notes)]:
-                warn(f"{source.path}: {line}")
+                warn(f"{source.label}: {line}")
     failed.conclude()
     origins = described[0] if len(described) == 1 else described
     metadata = table_metadata(options.as_dict(), origins, damage)
@@ -283,7 +283,7 @@ class Failed:
         try:
             yield
         except LidarcliError as err:
-            named = type(err)(f"{source.path}: {str(err).removeprefix(f'{source.path}: ')}")
+            named = type(err)(f"{source.label}: {str(err).removeprefix(f'{source.path}: ')}")
             self._errors.append(named)
             if self._logs == 1:
                 raise named from err

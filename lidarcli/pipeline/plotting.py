@@ -235,8 +235,7 @@ class _Work:
     def __init__(self, source: Source, options: PlotOptions) -> None:
         self._options = options
         # A file as people know it, with its suffix.
-        whole = not source.is_stdin and not source.files
-        self._log = source.file_name if whole else source.name
+        self._log = source.file_name
         self._subtracting = None
         if options.background is not None:
             self._subtracting = Subtracting(BackgroundOptions.of(options.background), options.parameters)

@@ -143,6 +143,6 @@ def _found(
     items: Iterator[Any] = iter([log] if isinstance(log, str | PathLike | SweepBatch) else log)
     first = next(items, None)
     if not isinstance(first, SweepBatch):
-        return of_logs(sources_of([] if first is None else [first, *items]), tables, options)
+        return of_logs(sources_of([] if first is None else [first, *items], told["join"]), tables, options)
     refuse_reading(told, Reading, "jobs")
     return of_batches(chain([first], items), tables, options)

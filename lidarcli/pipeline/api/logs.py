@@ -54,7 +54,7 @@ def read(log: Paths, **options: Unpack[Reading]) -> Iterator[SweepBatch]:
     OptionError
         A value has no meaning.
     """
-    return _batches(sources_of(log), log_options(options))
+    return _batches(sources_of(log, options["join"]), log_options(options))
 
 
 def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBatch]:
@@ -72,7 +72,7 @@ def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBa
             # Notes are for reading, but a log without a sweep needs its reason, and ranges that are none theirs.
             notes = [*masking.doubts, *(report.notes if is_empty else []), *report.doubted()]
             for line in [*damage_lines(posing.together(report)), *notes]:
-                warn(f"{source.path}: {line}")
+                warn(f"{source.label}: {line}")
     failed.conclude()
 
 
@@ -95,16 +95,16 @@ def info(log: Paths, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
         As of `read`. A log without LaserScan is warned of.
     """
     read, opening, poses = log_options(options)
-    sources = sources_of(log)
+    sources = sources_of(log, options["join"])
     failed = Failed(len(sources))
     told = []
     for source in sources:
         with failed.noted(source):
             found = inspect_log(source, opening, read.rules, poses)
             for line in found.damage:
-                warn(f"{source.path}: {line}")
+                warn(f"{source.label}: {line}")
             if found.exit_code == NoScanError.exit_code:
-                warn(f"{source.path}: {no_scan_topic()}{clouds_hint(found.topics)}")
+                warn(f"{source.label}: {no_scan_topic()}{clouds_hint(found.topics)}")
             told.append(info_dict(found))
     failed.conclude()
     return told
@@ -138,12 +138,12 @@ def learn(log: Paths, output: AnyPath | None = None, **options: Unpack[Learning]
             angle=math.radians(options["station_angle"]),
         )
     )
-    sources = sources_of(log)
+    sources = sources_of(log, options["join"])
     if output is not None:
         refuse_output(place(fspath(output)), sources, overwrite=True)
     for source in sources:
         for line in building.add(source).damage:
-            warn(f"{source.path}: {line}")
+            warn(f"{source.label}: {line}")
     sensors = building.sensors()
     refuse_nothing(sensors)
     if output is not None:
@@ -180,13 +180,13 @@ def map(log: Paths, output: Paths = (), **options: Unpack[Mapping]) -> Occupancy
         overwrite=True,
         **{name: value for name, value in options.items() if name not in options_of(Reading)},  # type: ignore[arg-type]
     )
-    sources = sources_of(log)
+    sources = sources_of(log, options["join"])
     failed = Failed(len(sources))
     with MapRun(sources, [place(each) for each in several(output)], made_with) as run:
         for source in sources:
             with failed.noted(source):
                 for line in run.add(source).damage:
-                    warn(f"{source.path}: {line}")
+                    warn(f"{source.label}: {line}")
         failed.conclude()
         mapped = run.finish()
     for note in mapped.notes:

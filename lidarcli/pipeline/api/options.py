@@ -124,17 +124,16 @@ def _documented(text: str, known: dict[str, Option]) -> str:
 # Inputs.
 
 
-def sources_of(log: Any) -> list[Source]:
-    """Return the logs that are meant, each with a name of its own.
+def sources_of(log: Any, join: bool) -> list[Source]:
+    """Return the logs that are meant, each with a name of its own; with `join` parts are one log, as of `find_logs`.
 
     Raises
     ------
     UnreadableError
         What was named is not there, or holds no log.
     """
-    paths: list[Any] = [log] if isinstance(log, str | PathLike) else list(log)
-    named = [path_of(path) for path in paths]
-    found = find_logs(named)
+    named = paths_of(log)
+    found = find_logs(named, join)
     for each in found:
         if isinstance(each, Nothing):
             error = type(each.error)(f"{each.path}: {each.error}")
@@ -145,6 +144,12 @@ def sources_of(log: Any) -> list[Source]:
     sources = [each for each in found if isinstance(each, Source)]
     names = Counter(each.name for each in sources)
     return [replace(each, name=each.path) if names[each.name] > 1 else each for each in sources]
+
+
+def paths_of(log: Any) -> list[str]:
+    """Return the paths of one or several logs as text (`TypeError` if they are none)."""
+    is_one = isinstance(log, str | PathLike) or not isinstance(log, Iterable)
+    return [path_of(path) for path in ([log] if is_one else log)]
 
 
 def path_of(log: Any) -> str:

@@ -12,13 +12,13 @@ from lidarcli.choices import VIEWS, Look
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism import Parameters
 from lidarcli.newfiles import refuse, write_whole
-from lidarcli.options import AnyPath, Delay, Paths, Plotting, Poses, Ranges, Reporting
+from lidarcli.options import AnyPath, Delay, Joining, Paths, Plotting, Poses, Ranges, Reporting
 from lidarcli.pipeline.api.options import (
     Values,
     log_options,
     parameters_of,
-    path_of,
     path_text,
+    paths_of,
     refuse_reading,
     several,
     with_keywords,
@@ -50,7 +50,7 @@ HEIGHT = 720
 
 @with_keywords
 def plot(
-    log: AnyPath | SweepBatch,
+    log: Paths | SweepBatch,
     sweep: int = 0,
     output: AnyPath | None = None,
     parameters: Parameters | None = None,
@@ -61,7 +61,7 @@ def plot(
 
     Parameters
     ----------
-    log : one log as of `read`, of which no more than the sweep needs is read; or a batch of `read`
+    log : one log as of `read`, with `join` its parts, of which no more than the sweep needs is read; or a batch of `read`
     sweep : index of the sweep within its topic
     output : picture to write, replaced where it exists: .png, .svg or .pdf; by default none
     parameters : replaces the keywords from `profile` to `walls`
@@ -92,11 +92,11 @@ def plot(
     return figure_of(picture, options["view"], [axes] if isinstance(axes, Axes) else axes, look)
 
 
-class _OfLogs(Poses, Delay, Ranges):
+class _OfLogs(Joining, Poses, Delay, Ranges):
     """Options for reading the log of which a sweep is drawn."""
 
 
-def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | None, told: Values) -> Picture:
+def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None, told: Values) -> Picture:
     read, opening, poses = log_options({**told, "topic": None})
     wanted = PlotOptions(
         sweeps=(sweep,),
@@ -111,7 +111,7 @@ def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | Non
     if isinstance(log, SweepBatch):
         refuse_reading(told, _OfLogs, "topic", "at")
         return picture_of(log, sweep, wanted)
-    source = one_log(path_of(log))
+    source = one_log(paths_of(log), told["join"])
     if (at := told["at"]) is not None:
         if sweep:
             raise OptionError("--at names one sweep: give either at or sweep")
@@ -122,7 +122,7 @@ def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | Non
         wanted = replace(wanted, sweeps=(sweep_at(source, time, wanted.topic, wanted.opening),))
     drawn = take_pictures(source, wanted)
     for line in drawn.damage:
-        warn(f"{source.path}: {line}")
+        warn(f"{source.label}: {line}")
     return drawn.pictures[0]
 
 

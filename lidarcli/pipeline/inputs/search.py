@@ -8,7 +8,7 @@ import os
 import re
 import stat
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from hashlib import blake2b
@@ -25,6 +25,7 @@ from lidarcli.pipeline.inputs.files import (
     matching,
     read_file,
 )
+from lidarcli.pipeline.inputs.joining import joined, joined_by_name, split_notes
 from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source, hold_one_sweep_each
 from lidarcli.stores.url import Place, State, Url, has_bucket, head, is_folder, is_url, listing, place
 
@@ -48,32 +49,49 @@ _CONTAINER = (
 _WRAPPER = (".gz", ".zstd", ".active")
 
 
-def find_logs(inputs: Iterable[str]) -> list[Source | Nothing]:
-    """Return the logs that `inputs` name, in their order; a folder, also of a store, is searched, its logs sorted."""
-    found: list[Source | Nothing] = []
+def find_logs(inputs: Iterable[str], join: bool = False) -> list[Source | Nothing]:
+    """Return the logs that `inputs` name, in their order; a folder, also of a store, is searched, its logs sorted.
+
+    With `join`, the logs that are named are one log, which comes first, and so are those of each recording in parts that a
+    search has found. Where one that is named is not there, none of them is read.
+    """
+    if not join:
+        return [source for text in inputs for source in _named(text)]
+    named: list[Source] = []
+    absent: list[Source | Nothing] = []
+    searched: list[Source | Nothing] = []
     for text in inputs:
-        if is_url(text):
-            found.extend(find_stored(text))
-            continue
-        path = Path(text)
-        if text == STDIN:
-            found.append(Source(STDIN, "stdin"))
-        elif (denied := _denied(path)) is not None:
-            found.append(Nothing(text, UnreadableError(f"cannot be opened: {denied}")))
-        elif not path.exists():
-            found.extend(_pattern(text))
-        elif path.is_dir() and not is_one_log(path):
-            below = _search(path)
-            found.extend(
-                below or [Nothing(text, UnreadableError(f"no log in this folder ({known_suffixes()})"))]
-            )
+        here = _named(text)
+        first = here[0]
+        if len(here) > 1 or (first.path != text and not (is_url(text) and first.path == str(place(text)))):
+            searched += here
+        elif isinstance(first, Source):
+            named.append(first)
         else:
-            found.append(Source(text, log_name(path)))
-    return found
+            absent.append(first)
+    return [*(absent or ([joined(named)] if named else [])), *joined_by_name(searched)]
 
 
-def one_log(log: str) -> Source:
-    """Return the one log of a name, which may be the only one in a folder.
+def _named(text: str) -> list[Source | Nothing]:
+    """Return the logs that one name means, or a `Nothing`."""
+    if is_url(text):
+        return find_stored(text)
+    path = Path(text)
+    if text == STDIN:
+        return [Source(STDIN, "stdin")]
+    if (denied := _denied(path)) is not None:
+        return [Nothing(text, UnreadableError(f"cannot be opened: {denied}"))]
+    if not path.exists():
+        return [*_pattern(text)]
+    if path.is_dir() and not is_one_log(path):
+        return _search(path) or [
+            Nothing(text, UnreadableError(f"no log in this folder ({known_suffixes()})"))
+        ]
+    return [Source(text, log_name(path))]
+
+
+def one_log(logs: Sequence[str], join: bool = False) -> Source:
+    """Return the one log of a name, which may be the only one in a folder, or with `join` that of several names.
 
     Raises
     ------
@@ -82,9 +100,15 @@ def one_log(log: str) -> Source:
     UnreadableError
         There is none.
     """
-    sources = find_logs([log])
+    sources = find_logs(logs, join)
+    log = logs[0]
+    if len(logs) > 1 and not join:
+        raise OptionError(
+            f"{log} and {logs[1]}: name one log; --join reads parts of one recording as one log"
+        )
     if len(sources) > 1:
-        raise OptionError(f"{log}: holds {len(sources)} logs; name one of them")
+        hint = "" if join or not split_notes(sources) else ", or read those of one recording as one by --join"
+        raise OptionError(f"{log}: holds {len(sources)} logs; name one of them{hint}")
     if isinstance(sources[0], Nothing):
         raise UnreadableError(f"{log}: {sources[0].error}")
     return sources[0]
@@ -94,6 +118,9 @@ def files_of(sources: Iterable[Source | Nothing]) -> list[str]:
     """Return the files that sources are read from, none of which may be an output."""
     found: list[str] = []
     for source in sources:
+        if isinstance(source, Source) and source.parts:
+            found += files_of(source.parts)
+            continue
         found += source.files if isinstance(source, Source) and source.files else [source.path]
         with suppress(OSError), os.scandir(source.path) as entries:
             # Of a store nothing is there.
@@ -355,14 +382,19 @@ def _of_objects(path: str, name: str, urls: list[Url], objects: Objects) -> Sour
     """Return several objects as one log."""
     size = sum(objects[url].size for url in urls)
     state = State(size, max(objects[url].mtime_ns for url in urls))
-    return Source(path, name, tuple(map(str, urls)), state)
+    return Source(path, name, tuple(map(str, urls)), found=state)
 
 
 Shard = tuple[int, int]
 
 
 def choose(
-    logs: Sequence[str], listed: str | None = None, base: str | None = None, shard: Shard | None = None
+    logs: Sequence[str],
+    listed: str | None = None,
+    base: str | None = None,
+    shard: Shard | None = None,
+    join: bool = False,
+    note: Callable[[str], None] | None = None,
 ) -> list[Source | Nothing]:
     """Choose the logs of a run, in the order in which they are named, those of a list last.
 
@@ -372,6 +404,8 @@ def choose(
     listed : file (`-` for standard input) with one of these a line; empty lines and those after `#` are left out
     base : folder below which a log keeps its place in its name; by default the one that was searched
     shard : (I, N), 1 to N: only the I-th of N shares, which a log belongs to by its name alone
+    join : whether logs in parts are one log, as of `find_logs`; the logs of a list are taken as found by a search
+    note : hears of logs that look like parts and are not joined
 
     Raises
     ------
@@ -380,12 +414,17 @@ def choose(
     UnreadableError
         The list cannot be read.
     """
-    found = find_logs(logs)
+    found = find_logs(logs, join)
     if listed is not None:
+        below: list[Source | Nothing] = []
         for number, line in _lines(listed):
             for source in _listed(line):
                 place_in_list = f"{listed}: line {number}: {source.path}"
-                found.append(replace(source, path=place_in_list) if isinstance(source, Nothing) else source)
+                below.append(replace(source, path=place_in_list) if isinstance(source, Nothing) else source)
+        found += joined_by_name(below) if join else below
+    if note is not None and not join:
+        for words in split_notes(found):
+            note(words)
     if base is not None:
         found = [_named_below(source, base) if isinstance(source, Source) else source for source in found]
     if shard is not None:

@@ -8,12 +8,13 @@ import tempfile
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, BinaryIO, Self, cast
 
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
+from lidarcli.logs.joined import JoinedLog, Part
 from lidarcli.stores.url import State, Url, is_url, place
 from lidarcli.sweeps import RawSweeps
 
@@ -32,6 +33,8 @@ class Source:
     name: str
     files: tuple[str, ...] = ()
     """The files of a log that a pattern names, one sweep each; in a store, also those of a folder that is one log."""
+    parts: tuple[Source, ...] = ()
+    """Recordings that are joined to this one log, of which `path` is the first by name."""
     found: State | None = field(default=None, compare=False)
     """Its state when the store listed it, or before a run began."""
 
@@ -50,12 +53,16 @@ class Source:
 
     @property
     def file_name(self) -> str:
-        """Name of its file or folder, without what is above."""
+        """Name of its file or folder, without what is above; where it is no single one, its name for outputs."""
+        if self.is_stdin or self.is_pattern or self.parts:
+            return PurePosixPath(self.name).name
         return Path(self.path).absolute().name if (url := self.url) is None else url.name
 
     @property
     def label(self) -> str:
         """Its name in messages: as the user wrote it."""
+        if self.parts:
+            return f"{self.path} and {len(self.parts) - 1} more"
         return "standard input" if self.is_stdin else self.path
 
     @property
@@ -70,8 +77,13 @@ class Source:
 
     def state(self) -> State | None:
         """Its size and last change; None where nobody can tell."""
-        if self.found is not None or self.is_stdin or is_url(self.path):
+        if self.found is not None or self.is_stdin or (is_url(self.path) and not self.parts):
             return self.found
+        if self.parts:
+            states = [part.state() for part in self.parts]
+            known = [state for state in states if state is not None]
+            size, newest = sum(it.size for it in known), max((it.mtime_ns for it in known), default=0)
+            return State(size, newest) if len(known) == len(states) else None
         path = Path(self.path)
         try:
             files = [Path(file) for file in self.files] or ([*path.iterdir()] if path.is_dir() else [path])
@@ -148,6 +160,10 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
 
 @contextmanager
 def _opened_source(source: Source, opening: OpenOptions | None) -> Iterator[Log]:
+    if source.parts:
+        with _joined(source, opening) as log:
+            yield log
+        return
     if (url := source.url) is not None:
         with open_stored(
             url, [found for file in source.files if isinstance(found := place(file), Url)], opening
@@ -156,6 +172,19 @@ def _opened_source(source: Source, opening: OpenOptions | None) -> Iterator[Log]
         return
     with _of_files(source.files, opening) if source.files else open_log(source.path, opening=opening) as log:
         yield log
+
+
+def _joined(source: Source, opening: OpenOptions | None) -> Log:
+    names = [part.file_name for part in source.parts]
+    if len(set(names)) < len(names):
+        names = [part.path for part in source.parts]
+    return JoinedLog(
+        source.label,
+        [
+            Part(part.path, name, part.size, lambda _, part=part: _opened_source(part, opening))  # type: ignore[misc]
+            for part, name in zip(source.parts, names, strict=True)
+        ],
+    )
 
 
 def _of_files(files: Sequence[str], opening: OpenOptions | None) -> Log:
@@ -292,12 +321,18 @@ MOST_WAITING = 256 << 20
 """Bytes of clouds after which none of them waits for others of its topic."""
 
 
+def parts_of(log: Log) -> tuple[Part, ...]:
+    """Return the recordings that a log is joined of, in their order; none of any other log."""
+    return log.parts if isinstance(log, JoinedLog | ChangedLog) else ()
+
+
 class ChangedLog:
     """A `Log` that changes the sweeps of another one and passes everything else on."""
 
     def __init__(self, log: Log) -> None:
         self._log = log
         self.path, self.format = log.path, log.format
+        self.parts = parts_of(log)
 
     @property
     def compression(self) -> str:

@@ -22,7 +22,7 @@ from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.machine import Beside
 from lidarcli.masks import Masks
 from lidarcli.pipeline.inputs.masks import AUTO, masks_of, plain
-from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source
+from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
@@ -180,8 +180,9 @@ def _plain(time: float | Instant | None) -> float | str | None:
 
 def describe_source(source: Source, log: Log) -> dict[str, Any]:
     """Return the description of a source for the tables' metadata: nothing that depends on its place."""
-    name = source.name if source.is_stdin or source.is_pattern else source.file_name
-    return {"name": name, "size": log.size, "format": log.format}
+    told = {"name": source.file_name, "size": log.size, "format": log.format}
+    parts = [{"name": part.name, "size": part.size} for part in parts_of(log)]
+    return told | ({"parts": parts} if parts else {})
 
 
 class Reading:

@@ -431,9 +431,18 @@ def _size(source: Source | Nothing) -> int:
 
 def _sent(source: Source | Nothing) -> Source | Nothing:
     """Return a log for a worker, whose working directory is another."""
-    if isinstance(source, Nothing) or is_url(source.path):
+    return source if isinstance(source, Nothing) else _absolute(source)
+
+
+def _absolute(source: Source) -> Source:
+    if is_url(source.path) and not source.parts:
         return source
-    return replace(source, path=absolute(source.path), files=tuple(map(absolute, source.files)))
+    return replace(
+        source,
+        path=absolute(source.path),
+        files=tuple(map(absolute, source.files)),
+        parts=tuple(map(_absolute, source.parts)),
+    )
 
 
 def _do(name: str, sources: tuple[Source | Nothing, ...]) -> list[Outcome]:

@@ -268,8 +268,11 @@ class FolderRun:
         if state is None or not self._is_by_parameters(notes):
             return None
         # The reader of a folder does not count all of its files.
-        is_one_file = not source.files and (source.url is not None or not Path(source.path).is_dir())
-        if told.get("name") != source.file_name or (is_one_file and told.get("size") != state.size):
+        counts_all = all(
+            not part.files and (part.url is not None or not Path(part.path).is_dir())
+            for part in source.parts or (source,)
+        )
+        if told.get("name") != source.file_name or (counts_all and told.get("size") != state.size):
             return None
         # As make does: the inputs of the tables are older than these.
         written = [found.mtime_ns for output in outputs if (found := there.state(output)) is not None]

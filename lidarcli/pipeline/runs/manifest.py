@@ -40,6 +40,9 @@ def known(sources: Sources) -> list[Source | Nothing]:
 
 
 def _known(source: Source) -> Source:
+    if source.parts:
+        source = replace(source, parts=tuple(map(_known, source.parts)))
+        return replace(source, found=source.state())
     try:
         return replace(source, found=state_of(source.path) if source.url is not None else source.state())
     except LidarcliError:

@@ -1,0 +1,285 @@
+"""Logs in several parts, read one after the other as one stream: files of a bag, and recordings that are joined."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple, Self
+
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport, Topic
+from lidarcli.sweeps import RawSweeps
+
+_NUMBERED = re.compile(r"(.+)_(\d{1,9})(\.[a-z]\w*)?(?:\.[a-z]\w*)*", re.IGNORECASE)
+_DATE = re.compile(r"(?:^|_)\d{4}(?:-\d\d){5}$")
+"""Each part of a ROS 1 bag is named by the time at which it begins."""
+
+
+class Numbered(NamedTuple):
+    """The name of a part, as recorders number them when they split what they record."""
+
+    log: str
+    """Name without the number."""
+    stem: str
+    """What all parts have in common: that name without a date."""
+    number: int
+    """From 0 on."""
+    suffix: str
+    """The first suffix, in lower case: whether a part is compressed or still active makes no difference."""
+
+
+def numbered(name: str) -> Numbered | None:
+    """Take the name of a part to pieces; None for other names.
+
+    >>> numbered("hall_2024-01-01-10-00-00_0.bag")
+    Numbered(log='hall_2024-01-01-10-00-00', stem='hall', number=0, suffix='.bag')
+    >>> numbered("run_12")
+    Numbered(log='run', stem='run', number=12, suffix='')
+    """
+    if (found := _NUMBERED.fullmatch(name)) is None:
+        return None
+    log, number, suffix = found.groups()
+    return Numbered(log, _DATE.sub("", log), int(number), (suffix or "").lower())
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of a log."""
+
+    path: str
+    """As errors of opening it name it."""
+    name: str
+    """As damage in it is told."""
+    size: int
+    """[bytes]."""
+    open: Callable[[ReadReport], AbstractContextManager[Log]]
+    """Opens it for a pass, whose report takes what that meets; raises `UnreadableError`."""
+
+    def cause(self, error: UnreadableError) -> str:
+        """Return the cause of an error of opening it, without its name."""
+        return str(error).removeprefix(f"{self.path}: ")
+
+
+class PartedLog:
+    """A `Log` in parts: each is opened for a pass and closed behind it, and one that cannot be read is damage."""
+
+    format = ""
+
+    def __init__(self, path: str, parts: Sequence[Part], names_parts: bool = True) -> None:
+        """`names_parts`: damage is told with the name of its part."""
+        self.path = path
+        self.position = 0
+        self.parts = tuple(parts)
+        """In the order in which they are read."""
+        self.size: int | None = sum(part.size for part in parts)
+        self._names_parts = names_parts
+        self._opening = ReadReport()
+        self._topics: list[Topic] | None = None
+        self._codecs: set[str] = set()
+
+    @property
+    def compression(self) -> str:
+        """Compression of the parts opened so far."""
+        codecs = self._codecs - {"none"} or {"none"}
+        return "+".join(sorted(codecs))
+
+    def topics(self) -> list[Topic] | None:
+        """Return topics of all parts, with the sum of their messages; None where a part has no index of them."""
+        if self._topics is None:
+            self._topics = self._counted()
+        return None if self._topics is None else list(self._topics)
+
+    def _counted(self) -> list[Topic] | None:
+        """Return the topics from a look at every part; reading meets the damage."""
+        totals: dict[tuple[str, str, str], int | None] = {}
+        for part in self.parts:
+            with self._open(part, ReadReport()) as (log, _):
+                topics = [] if log is None else log.topics()
+            if topics is None:
+                return None
+            for topic in topics:
+                key = (topic.name, topic.type, topic.encoding)
+                before = totals.get(key, 0)
+                known = before is not None and topic.messages is not None
+                totals[key] = (before or 0) + (topic.messages or 0) if known else None
+        return [Topic(*key, messages) for key, messages in totals.items()]
+
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
+        """Yield blocks of sweeps in log order within each topic, part after part."""
+        for _, block in self._blocks(topics, report):
+            yield block
+
+    def _blocks(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[tuple[Part, RawSweeps]]:
+        for number, log, own in self._opened(report):
+            for block in log.scans(topics, own):
+                self._advance(number, log.position / (log.size or 1))
+                yield self.parts[number], block
+
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
+        """Yield raw messages of the given types in log order, part after part."""
+        for _, log, own in self._opened(report):
+            yield from log.messages(types, own)
+
+    def close(self) -> None:
+        """Close nothing: parts are open only while they are read."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _opened(self, report: ReadReport) -> Iterator[tuple[int, Log, ReadReport]]:
+        """Yield the parts that can be opened, each with a report of its own: one pass over the log."""
+        report.add(self._opening)
+        for number, part in enumerate(self.parts):
+            with self._open(part, report) as (log, own):
+                if log is not None:
+                    yield number, log, own
+            self._advance(number, 1.0)
+
+    @contextmanager
+    def _open(self, part: Part, report: ReadReport) -> Iterator[tuple[Log | None, ReadReport]]:
+        """Open a part, with a report of its own; None if it cannot be read."""
+        own = ReadReport()
+        with ExitStack() as stack:
+            log: Log | None = None
+            try:
+                log = stack.enter_context(part.open(report))
+                self._codecs.update(log.compression.split("+"))
+            except UnreadableError as err:
+                report.add_damage(part.name, f"the whole file is lost: {part.cause(err)}")
+            try:
+                yield log, own
+            finally:
+                if log is not None:
+                    self._codecs.update(log.compression.split("+"))
+                report.add(own, f"{part.name}: " if self._names_parts else "")
+
+    def _advance(self, number: int, share: float) -> None:
+        """Set the position after a share of one part."""
+        before = sum(part.size for part in self.parts[:number])
+        self.position = before + int(self.parts[number].size * min(share, 1.0))
+
+
+_TEXTS = ("csv", "carmen", "aria", "player")
+"""Beginnings of formats of text, whose parts have to be alike; messages of ROS are the same in any container."""
+
+
+class JoinedLog(PartedLog):
+    """Recordings that are one log: parts in the order of their first messages, whatever they are called."""
+
+    def __init__(self, path: str, parts: Sequence[Part]) -> None:
+        """Open every part, to learn when it begins.
+
+        Raises
+        ------
+        UnreadableError
+            No part can be read.
+        OptionError
+            Parts are of formats that do not go together, or one is a pipe.
+        """
+        begun: list[_Begun] = []
+        formats: dict[str, str] = {}
+        lost: list[str] = []
+        for part in parts:
+            try:
+                with part.open(ReadReport()) as log:
+                    if log.size is None:
+                        raise OptionError(f"{part.path}: a pipe is read only once, and cannot be joined")
+                    formats.setdefault(log.format, part.name)
+                    begun.append(_Begun(replace(part, size=log.size), _begin(log)))
+            except UnreadableError as err:
+                lost.append(f"{part.name}: {part.cause(err)}")
+                begun.append(_Begun(part, None))
+        if not formats:
+            raise UnreadableError(f"none of its parts can be read; {lost[0]}")
+        _refuse_mixed(formats)
+        begun = _in_order(begun)
+        super().__init__(path, [part for part, _ in begun])
+        self.format = "+".join(formats)
+        self._opening.notes += [*_missing(self.parts), *_alike(begun)]
+
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
+        """Yield blocks of sweeps as `PartedLog` does, with a note on parts that overlap."""
+        ends: dict[str, tuple[int, Part]] = {}
+        for part, block in self._blocks(topics, report):
+            if len(block):
+                begin, end = int(block.record_ns.min()), int(block.record_ns.max())
+                last, before = ends.get(block.topic, (end, part))
+                if before is not part and begin < last:
+                    seconds = (last - begin) / 1e9
+                    note = f"{part.name} begins {seconds:.1f} s before {before.name} ends ({block.topic}): they overlap"
+                    report.add(ReadReport(notes=[note]))
+                ends[block.topic] = max(last, end), part
+            yield block
+
+
+def _refuse_mixed(formats: Mapping[str, str]) -> None:
+    """Refuse formats that are no parts of one recording; each is given with a part that has it (`OptionError`)."""
+    # Bags and their like need none of what reads text.
+    from lidarcli.logs.csv.layouts import PER_SWEEP
+
+    for form, name in formats.items():
+        if PER_SWEEP in form:
+            raise OptionError(
+                f"{name} holds one sweep: name the folder of such files, which is one log by itself"
+            )
+        if form.startswith(_TEXTS) and len(formats) > 1:
+            other, its = next((other, its) for other, its in formats.items() if other != form)
+            raise OptionError(
+                f"{name} ({form}) and {its} ({other}) are no parts of one recording: text is joined with text of the same "
+                "layout alone; name the others apart"
+            )
+
+
+def _begin(log: Log) -> int | None:
+    """Return the time at which the first sweep, else the first pose, was recorded [ns]; None without any.
+
+    Poses come second, for recorders repeat what is latched, with its old time, at the beginning of every part.
+    """
+    for message in log.messages(SCAN_TYPES | CLOUD_TYPES, ReadReport()):
+        return message.record_ns
+    for block in log.scans(None, ReadReport()):
+        if len(block):
+            return int(block.record_ns[0])
+    for message in log.messages(POSE_TYPES, ReadReport()):
+        return message.record_ns
+    return None
+
+
+class _Begun(NamedTuple):
+    """A part, and when it begins [ns]; None where nothing tells."""
+
+    part: Part
+    begin: int | None
+
+
+def _in_order(begun: Sequence[_Begun]) -> list[_Begun]:
+    """Return parts by the times at which they begin; one of which nothing tells stays behind the one before it."""
+    times = []
+    last = min((begin for _, begin in begun if begin is not None), default=0)
+    for _, begin in begun:
+        last = last if begin is None else begin
+        times.append(last)
+    return [begun[number] for number in sorted(range(len(begun)), key=times.__getitem__)]
+
+
+def _missing(parts: Iterable[Part]) -> Iterator[str]:
+    """Yield a note if parts are numbered and some numbers are missing."""
+    names = [numbered(part.name) for part in parts]
+    stems = {name.stem if name else None for name in names}
+    numbers = {name.number for name in names if name}
+    if None not in stems and len(stems) == 1 and (count := max(numbers) + 1 - len(numbers)) > 0:
+        first = next(number for number in range(len(numbers) + 1) if number not in numbers)
+        yield f"parts that are not here, by their numbers: {count:,}, the first is number {first}"
+
+
+def _alike(begun: Sequence[_Begun]) -> Iterator[str]:
+    """Yield a note on each pair of parts that may be one recording twice."""
+    for (one, begin), (other, same) in pairwise(begun):
+        if begin is not None and begin == same and one.size == other.size:
+            yield f"{one.name} and {other.name} begin at the same time and are of the same size: one recording twice?"
