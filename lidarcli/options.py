@@ -555,7 +555,7 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
     ]
 
 
-class Reporting(TypedDict, total=False):
+class Reporting(Joining, total=False):
     """Keywords of `report`."""
 
     check: Annotated[

@@ -29,7 +29,7 @@ TABLES = {
 METADATA = {
     writing.VERSION: "version of lidarcli",
     writing.PARAMETERS: "everything the result depends on, as JSON",
-    writing.SOURCE: "name, size and format of the source log, what tells its poses, and where a pile of ranges "
+    writing.SOURCE: "name, size and format of the source log, its parts where several are joined, what tells its poses, and where a pile of ranges "
     "is no return, as JSON",
     writing.DAMAGE: "what could not be read, a JSON list; only where the source was damaged",
 }

@@ -125,6 +125,10 @@ def as_text(info: "LogInfo") -> str:
         _line("format", f"{info.format}, compression {info.compression}"),
         _line("size", "unknown" if info.size is None else f"{info.size:,} bytes"),
     ]
+    lines += [
+        _line("" if index else "parts", f"{part.name} ({part.size:,} bytes)")
+        for index, part in enumerate(info.parts)
+    ]
     lines += [_line("" if index else "topics", text) for index, text in enumerate(_topics(info.topics))]
     lines += _pose_lines(info)
     lines += [_line("note", note) for note in info.notes]

@@ -78,7 +78,7 @@ def report(say: Messages, told: Mapping[str, Any]) -> int:
     if brief and not {*kinds} & {*SHORT_FORMATS}:
         raise click.UsageError(f"--brief is for {', '.join(SHORT_FORMATS)}; leave it out for {kinds[0]}")
     of_runs = _are_of_runs(tables, baseline, logs)
-    options = ReportOptions(tables, checks, baseline, logs)
+    options = ReportOptions(tables, checks, baseline, logs, told["join"])
     if of_runs:
         understand_runs(checks)
     else:

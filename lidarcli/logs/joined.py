@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple, Self
 
+from lidarcli.display import counted
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport, Topic
 from lidarcli.sweeps import RawSweeps
@@ -165,8 +166,9 @@ class PartedLog:
         self.position = before + int(self.parts[number].size * min(share, 1.0))
 
 
-_TEXTS = ("csv", "carmen", "aria", "player")
-"""Beginnings of formats of text, whose parts have to be alike; messages of ROS are the same in any container."""
+_CAT = ("carmen", "aria", "player")
+"""Formats of text that say at their beginning what the lines behind it need."""
+_CSV = "csv"
 
 
 class JoinedLog(PartedLog):
@@ -206,15 +208,21 @@ class JoinedLog(PartedLog):
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield blocks of sweeps as `PartedLog` does, with a note on parts that overlap."""
         ends: dict[str, tuple[int, Part]] = {}
+        """Topic → time of the last sweep so far [ns], and its part."""
+        begun: set[tuple[str, Part]] = set()
         for part, block in self._blocks(topics, report):
+            topic = block.topic
             if len(block):
                 begin, end = int(block.record_ns.min()), int(block.record_ns.max())
-                last, before = ends.get(block.topic, (end, part))
-                if before is not part and begin < last:
+                last, before = ends.get(topic, (begin, part))
+                if (topic, part) not in begun and begin < last:
                     seconds = (last - begin) / 1e9
-                    note = f"{part.name} begins {seconds:.1f} s before {before.name} ends ({block.topic}): they overlap"
-                    report.add(ReadReport(notes=[note]))
-                ends[block.topic] = max(last, end), part
+                    report.notes.append(
+                        f"{part.name} begins {seconds:.1f} s before {before.name} ends ({topic}): they overlap"
+                    )
+                begun.add((topic, part))
+                if topic not in ends or end > last:
+                    ends[topic] = end, part
             yield block
 
 
@@ -228,11 +236,16 @@ def _refuse_mixed(formats: Mapping[str, str]) -> None:
             raise OptionError(
                 f"{name} holds one sweep: name the folder of such files, which is one log by itself"
             )
-        if form.startswith(_TEXTS) and len(formats) > 1:
-            other, its = next((other, its) for other, its in formats.items() if other != form)
+        if form in _CAT:
             raise OptionError(
-                f"{name} ({form}) and {its} ({other}) are no parts of one recording: text is joined with text of the same "
-                "layout alone; name the others apart"
+                f"{name} is a {form} log, which says at its beginning what holds for all of it: put its parts together "
+                "with cat"
+            )
+        if form.startswith(_CSV) and len(formats) > 1:
+            other = next(other for other in formats if other != form)
+            raise OptionError(
+                f"{name} is {form} and {formats[other]} is {other}: CSV is joined with CSV of the same layout alone; name "
+                "the others apart"
             )
 
 
@@ -275,7 +288,7 @@ def _missing(parts: Iterable[Part]) -> Iterator[str]:
     numbers = {name.number for name in names if name}
     if None not in stems and len(stems) == 1 and (count := max(numbers) + 1 - len(numbers)) > 0:
         first = next(number for number in range(len(numbers) + 1) if number not in numbers)
-        yield f"parts that are not here, by their numbers: {count:,}, the first is number {first}"
+        yield f"missing by their numbers: {counted(count, 'part')}, the first is number {first}"
 
 
 def _alike(begun: Sequence[_Begun]) -> Iterator[str]:

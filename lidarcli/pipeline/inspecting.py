@@ -15,10 +15,11 @@ from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.clock import Clock, ClockInfo
 from lidarcli.logs.doubts import MOST, Doubts
+from lidarcli.logs.joined import Part
 from lidarcli.logs.options import TopicChoice, scan_topics
 from lidarcli.logs.piles import Settling
 from lidarcli.masks import Masks
-from lidarcli.pipeline.inputs.sources import Nothing, Source, made_of_clouds, open_source
+from lidarcli.pipeline.inputs.sources import Nothing, Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.pose_sources import FoundPoses, PoseInfo, PoseOptions, pose_infos
@@ -80,6 +81,8 @@ class LogInfo:
     format: str
     compression: str
     size: int | None
+    parts: tuple[Part, ...]
+    """Recordings that are joined, in their order; none of any other log."""
     topics: tuple[Topic, ...]
     scans: tuple[ScanInfo, ...]
     pose_topics: tuple[str, ...]
@@ -146,6 +149,7 @@ def inspect_log(
             format=log.format,
             compression=log.compression,
             size=log.size,
+            parts=parts_of(log),
             topics=topics,
             scans=tuple(
                 found[key].info(
@@ -288,6 +292,7 @@ def info_dict(info: LogInfo) -> dict[str, Any]:
         "format": info.format,
         "compression": info.compression,
         "size": info.size,
+        "parts": [{"name": part.name, "size": part.size} for part in info.parts],
         "topics": [
             {"name": topic.name, "type": topic.type, "encoding": topic.encoding, "messages": topic.messages}
             for topic in info.topics

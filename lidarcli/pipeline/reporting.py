@@ -73,6 +73,8 @@ class ReportOptions:
     baseline: tuple[str, ...] = ()
     logs: tuple[str, ...] = ()
     """Logs whose raw sweeps the viewer of the HTML shows."""
+    join: bool = False
+    """True where parts of these are one log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +138,7 @@ def _with_page(made: Made, options: ReportOptions) -> Made:
     from lidarcli.reports.map_picture import overview
 
     run = made.run
-    seen = viewer_of(run, made.report.summary, made.pairs, options.logs)
+    seen = viewer_of(run, made.report.summary, made.pairs, options.logs, options.join)
     report = replace(made.report, unread=(*made.report.unread, *seen.problems))
     # Every log has a world of its own.
     above = overview(run.sweeps, run.objects, run.tracks) if len(run.sources) == 1 else None
@@ -148,6 +150,7 @@ def _command(options: ReportOptions) -> str:
     words = ["lidarcli", "report", *_names(options.tables)]
     for name, values in (("--log", _names(options.logs)), ("--baseline", _names(options.baseline))):
         words += [word for value in values for word in (name, value)]
+    words += ["--join"] if options.join else []
     words += [word for check in options.checks for word in ("--check", check)]
     return shlex.join([*words, "-o", "report.html"])
 

@@ -41,11 +41,13 @@ class Viewed:
     """A line for each beams table that cannot be read."""
 
 
-def viewer_of(run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str]) -> Viewed:
+def viewer_of(
+    run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str], join: bool = False
+) -> Viewed:
     """Return the sweeps that the viewer shows, with their beams as far as logs or beams tables have them."""
     choice = choose_sweeps(run, summary)
     wanted = _wanted(run, summary, choice)
-    origins = _match(run.sources, logs)
+    origins = _match(run.sources, logs, join)
     raw: dict[tuple[int, str], Raw] = {}
     problems = []
     for source, topics in wanted.items():
@@ -73,22 +75,24 @@ def _wanted(run: Run, summary: Summary, choice: Choice) -> dict[int, dict[str, I
     return found
 
 
-def _match(sources: Sequence[Origin], logs: Sequence[str]) -> dict[int, Source]:
+def _match(sources: Sequence[Origin], logs: Sequence[str], join: bool) -> dict[int, Source]:
     """Return the log of each pair of tables: by name, or because there is only one of each."""
     found: dict[int, Source] = {}
-    for named in logs:
-        here = find_logs([named])
+    # Parts are found together, or not at all.
+    asked = [logs] if join and logs else [[named] for named in logs]
+    for named in asked:
+        here = find_logs(named, join)
         mine: dict[int, Source] = {}
         for log in here:
             if isinstance(log, Nothing):
                 raise UnreadableError(f"{log.path}: {log.error}")
             names = [source.log for source in sources]
             mine |= {k: log for k, name in enumerate(names) if log.name in (name, name.split("/")[-1])}
-        if not mine and len(here) == len(logs) == len(sources) == 1 and isinstance(here[0], Source):
+        if not mine and len(here) == len(asked) == len(sources) == 1 and isinstance(here[0], Source):
             mine = {0: here[0]}
         # A folder may hold other logs, too.
         if not mine:
-            raise OptionError(f"--log {named}: none of the tables is of this log")
+            raise OptionError(f"--log {', '.join(named)}: none of the tables is of this log")
         found |= mine
     return found
 

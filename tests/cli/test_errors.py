@@ -276,7 +276,7 @@ def test_bug_outside_of_any_log(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_interrupt(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(names: object) -> None:
+    def interrupted(*names: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("lidarcli.pipeline.inputs.search.find_logs", interrupted)

@@ -55,6 +55,7 @@ def test_json(logs: Path, lidarcli: Run) -> None:
         "format",
         "compression",
         "size",
+        "parts",
         "topics",
         "scans",
         "pose_topics",

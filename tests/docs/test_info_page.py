@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
@@ -12,9 +13,11 @@ import pytest
 from lidarcli.cli.info import as_json
 from lidarcli.logs.base import Topic
 from lidarcli.logs.clock import ClockInfo
+from lidarcli.logs.joined import Part
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
 from lidarcli.pipeline.reading.pose_sources import PoseInfo
 from lidarcli.sweeps import Closure, Status
+from tests.fake_log import FakeLog
 from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "info.md").read_text(encoding="utf-8")
@@ -66,6 +69,7 @@ def info(unknown: bool = False) -> LogInfo:
         format="mcap",
         compression="zstd",
         size=None if unknown else 99,
+        parts=(Part("bags/run_0.mcap", "run_0.mcap", 99, lambda _: nullcontext(FakeLog())),),
         topics=(Topic("/scan", "sensor_msgs/msg/LaserScan", "cdr", None if unknown else 2),),
         scans=(scan,),
         pose_topics=("/tf",),

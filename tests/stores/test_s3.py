@@ -14,6 +14,7 @@ import pytest
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from tests.conftest import Ran
+from tests.splitting import split_mcap
 from tests.stores.conftest import CREDENTIALS, Store
 
 CommandLine = Callable[..., Ran]
@@ -116,6 +117,22 @@ def test_many_logs_are_found_by_few_requests(store: Store) -> None:
     assert len(found) == 30
     assert len(store.asked()) == 1
     assert all(isinstance(source, Source) and source.size == 1 for source in found)
+
+
+def test_parts_are_joined_as_those_on_the_disk(store: Store, lidarcli: CommandLine, tmp_path: Path) -> None:
+    parts = split_mcap(SAMPLES / "room.mcap", tmp_path / "parts")
+    urls = [store.put(f"parts/{part.name}", part.read_bytes()) for part in parts]
+    lidarcli("-q", "detect", "--join", tmp_path / "parts", "-o", tmp_path)
+    for log in (
+        [f"s3://{store.bucket}/parts/"],
+        [f"s3://{store.bucket}/parts/*"],
+        urls[::-1],
+        [urls[0], *parts[1:]],
+    ):
+        ran = lidarcli("-q", "detect", "--join", *log, "-o", tmp_path / "there", "--overwrite")
+        assert (ran.code, ran.err) == (0, "")
+        for table in ("room.objects.parquet", "room.sweeps.parquet"):
+            assert (tmp_path / "there" / table).read_bytes() == (tmp_path / table).read_bytes()
 
 
 def test_one_sweep_per_object_is_one_log(store: Store, lidarcli: CommandLine, tmp_path: Path) -> None:

@@ -217,6 +217,7 @@ def report(tables: Paths, output: Paths = (), **options: Unpack[Reporting]) -> R
         checks=(check,) if isinstance(check, str) else tuple(check),
         baseline=tuple(several(options["baseline"])),
         logs=tuple(several(options["log"])),
+        join=options["join"],
     )
     understand(asked)
     files = {place(name): format_of(place(name)) for name in several(output)}

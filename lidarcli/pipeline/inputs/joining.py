@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import PurePath, PurePosixPath
 
+from lidarcli.display import counted
 from lidarcli.errors import OptionError
 from lidarcli.logs.joined import Numbered, numbered
 from lidarcli.logs.rosbag2.folder import natural
@@ -66,7 +67,7 @@ def split_notes(found: Sequence[Source | Nothing]) -> list[str]:
         for group in groups[:_MOST]
     ]
     if len(groups) > _MOST:
-        notes.append(f"so do the files of {len(groups) - _MOST:,} more recordings")
+        notes.append(f"so do the files of {counted(len(groups) - _MOST, 'more recording')}")
     return notes
 
 

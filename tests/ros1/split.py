@@ -1,0 +1,14 @@
+"""Run by the Python of ROS 1: writes the messages of a bag to the bags that are named, about equally many to each."""
+
+import sys
+
+import rosbag
+
+log, *parts = sys.argv[1:]
+with rosbag.Bag(log) as bag:
+    messages = list(bag.read_messages(raw=True, return_connection_header=True))
+size = -(-len(messages) // len(parts))
+for number, part in enumerate(parts):
+    with rosbag.Bag(part, "w", compression=("none", "bz2", "lz4")[number % 3]) as out:
+        for topic, message, time, header in messages[number * size : (number + 1) * size]:
+            out.write(topic, message, time, raw=True, connection_header=header)
