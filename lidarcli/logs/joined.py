@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -94,19 +94,22 @@ class PartedLog:
         return None if self._topics is None else list(self._topics)
 
     def _counted(self) -> list[Topic] | None:
-        """Return the topics from a look at every part; reading meets the damage."""
-        totals: dict[tuple[str, str, str], int | None] = {}
+        """Return the topics from a look at every part; reading meets the damage.
+
+        A topic has the encoding of the first part that has it: parts of ROS 1 and of ROS 2 differ.
+        """
+        found: dict[tuple[str, str], Topic] = {}
         for part in self.parts:
             with self._open(part, ReadReport()) as (log, _):
                 topics = [] if log is None else log.topics()
             if topics is None:
                 return None
             for topic in topics:
-                key = (topic.name, topic.type, topic.encoding)
-                before = totals.get(key, 0)
-                known = before is not None and topic.messages is not None
-                totals[key] = (before or 0) + (topic.messages or 0) if known else None
-        return [Topic(*key, messages) for key, messages in totals.items()]
+                before = found.setdefault((topic.name, topic.type), replace(topic, messages=0))
+                known = before.messages is not None and topic.messages is not None
+                count = (before.messages or 0) + (topic.messages or 0) if known else None
+                found[topic.name, topic.type] = replace(before, messages=count)
+        return [*found.values()]
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield blocks of sweeps in log order within each topic, part after part."""
@@ -203,7 +206,7 @@ class JoinedLog(PartedLog):
         begun = _in_order(begun)
         super().__init__(path, [part for part, _ in begun])
         self.format = "+".join(formats)
-        self._opening.notes += [*_missing(self.parts), *_alike(begun)]
+        self._opening.notes += [*_counts(self.parts), *_alike(begun)]
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield blocks of sweeps as `PartedLog` does, with a note on parts that overlap."""
@@ -281,14 +284,18 @@ def _in_order(begun: Sequence[_Begun]) -> list[_Begun]:
     return [begun[number] for number in sorted(range(len(begun)), key=times.__getitem__)]
 
 
-def _missing(parts: Iterable[Part]) -> Iterator[str]:
-    """Yield a note if parts are numbered and some numbers are missing."""
+def _counts(parts: Sequence[Part]) -> Iterator[str]:
+    """Yield a note if parts are numbered, and numbers are missing or are there twice."""
     names = [numbered(part.name) for part in parts]
     stems = {name.stem if name else None for name in names}
+    if None in stems or len(stems) > 1:
+        return
     numbers = {name.number for name in names if name}
-    if None not in stems and len(stems) == 1 and (count := max(numbers) + 1 - len(numbers)) > 0:
+    if (count := max(numbers) + 1 - len(numbers)) > 0:
         first = next(number for number in range(len(numbers) + 1) if number not in numbers)
         yield f"missing by their numbers: {counted(count, 'part')}, the first is number {first}"
+    if len(numbers) < len(parts):
+        yield "several parts have one number: they look like parts of several recordings"
 
 
 def _alike(begun: Sequence[_Begun]) -> Iterator[str]:

@@ -123,8 +123,9 @@ def test_what_is_latched_and_repeated_with_its_old_time_does_not_move_a_part() -
 
 def test_topics_are_those_of_all_parts() -> None:
     scan, other = Topic("/scan", LASERSCAN, "cdr", 3), Topic("/rear", LASERSCAN, "cdr", 2)
+    same = replace(scan, encoding="ros1")
     log = JoinedLog(
-        "run", [part("a.bag", Recording(0, topics=[scan])), part("b.bag", Recording(5, topics=[scan, other]))]
+        "run", [part("a.bag", Recording(0, topics=[scan])), part("b.bag", Recording(5, topics=[same, other]))]
     )
     assert log.topics() == [replace(scan, messages=6), other]
 
@@ -206,6 +207,16 @@ def test_what_does_not_go_together_is_refused(formats: tuple[str, str], words: s
     with pytest.raises(OptionError) as refused:
         JoinedLog("run", [part(f"{k}.x", Recording(10 * k, form)) for k, form in enumerate(formats)])
     assert str(refused.value).startswith(words)
+
+
+def test_several_recordings_are_told() -> None:
+    names = (
+        "run_2026-11-22-10-00-00_0.bag",
+        "run_2026-11-22-10-05-00_1.bag",
+        "run_2026-11-23-09-00-00_0.bag",
+    )
+    log = JoinedLog("run", [part(name, Recording(10 * at)) for at, name in enumerate(names)])
+    assert notes_of(log) == ["several parts have one number: they look like parts of several recordings"]
 
 
 def test_a_pipe_is_refused() -> None:

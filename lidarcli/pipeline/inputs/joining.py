@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from pathlib import PurePath, PurePosixPath
+from pathlib import PurePosixPath
 
 from lidarcli.display import counted
 from lidarcli.errors import OptionError
 from lidarcli.logs.joined import Numbered, numbered
 from lidarcli.logs.rosbag2.folder import natural
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.stores.url import is_url
+from lidarcli.stores.url import is_url, place
 
 _RECORDED = (".bag", ".mcap", ".db3")
 """Suffixes of what recorders split."""
@@ -51,7 +51,7 @@ def joined_by_name(found: Sequence[Source | Nothing]) -> list[Source | Nothing]:
     whole: dict[str, Source] = {}
     behind: set[str] = set()
     for group in _groups(found):
-        name = numbered(PurePath(group[0].path).name)
+        name = numbered(group[0].file_name)
         assert name is not None, "all parts are numbered"
         first = PurePosixPath(group[0].name)
         whole[group[0].path] = _of(group, str(first.with_name(name.log)))
@@ -80,14 +80,14 @@ def _groups(found: Iterable[Source | Nothing]) -> list[list[Source]]:
     alike: dict[tuple[str, str, str], list[tuple[str, int, Source]]] = {}
     for source in found:
         if isinstance(source, Source) and (name := _recorded(source)) is not None:
-            key = source.path.rpartition("/")[0], name.stem, name.suffix
+            key = str(place(source.path).parent), name.stem, name.suffix
             # Names of one stem differ in their dates, which sort by time.
             alike.setdefault(key, []).append((name.log, name.number, source))
     return [group for parts in alike.values() for group in _split(sorted(parts, key=lambda part: part[:2]))]
 
 
 def _recorded(source: Source) -> Numbered | None:
-    name = None if source.files or source.parts else numbered(PurePath(source.path).name)
+    name = None if source.files or source.parts else numbered(source.file_name)
     return name if name is not None and name.suffix in _RECORDED else None
 
 
