@@ -102,7 +102,13 @@ def test_what_cannot_be_drawn() -> None:
         (lambda: lidarcli.plot(SAMPLES), lidarcli.OptionError, f"{SAMPLES}: holds 7 logs; name one of them"),
         (lambda: lidarcli.plot("no.bag"), lidarcli.UnreadableError, "no.bag: no such file or folder"),
         (lambda: lidarcli.plot(batch, topic="/scan"), TypeError, "only a log can be read with topic"),
-        (lambda: lidarcli.plot([ROOM]), TypeError, "a log is the path of a file or folder, not list"),
+        (lambda: lidarcli.plot(34), TypeError, "a log is the path of a file or folder, not int"),  # type: ignore[arg-type]
+        (lambda: lidarcli.plot([]), lidarcli.OptionError, "no log is named"),
+        (
+            lambda: lidarcli.plot([ROOM, ROOM]),
+            lidarcli.OptionError,
+            f"{ROOM} and {ROOM}: name one log; --join reads parts of one recording as one log",
+        ),
         (
             lambda: lidarcli.plot(batch, axes=axes),
             lidarcli.OptionError,

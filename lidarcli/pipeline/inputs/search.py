@@ -96,22 +96,25 @@ def one_log(logs: Sequence[str], join: bool = False) -> Source:
     Raises
     ------
     OptionError
-        There are several.
+        There are several, or none is named.
     UnreadableError
         There is none.
     """
-    sources = find_logs(logs, join)
+    if not logs:
+        raise OptionError("no log is named")
     log = logs[0]
     if len(logs) > 1 and not join:
         raise OptionError(
             f"{log} and {logs[1]}: name one log; --join reads parts of one recording as one log"
         )
-    if len(sources) > 1:
+    sources = find_logs(logs, join)
+    first = sources[0]
+    if isinstance(first, Nothing) and (join or len(sources) == 1):
+        raise UnreadableError(f"{first.path}: {first.error}")
+    if len(sources) > 1 or isinstance(first, Nothing):
         hint = "" if join or not split_notes(sources) else ", or read those of one recording as one by --join"
         raise OptionError(f"{log}: holds {len(sources)} logs; name one of them{hint}")
-    if isinstance(sources[0], Nothing):
-        raise UnreadableError(f"{log}: {sources[0].error}")
-    return sources[0]
+    return first
 
 
 def files_of(sources: Iterable[Source | Nothing]) -> list[str]:
