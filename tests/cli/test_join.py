@@ -137,6 +137,7 @@ def test_a_damaged_part_is_named_and_the_rest_is_read(drive: Path, lidarcli: Run
     assert damage == [first, second]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [
@@ -194,6 +195,7 @@ def test_info_tells_the_parts_in_their_order(drive: Path, lidarcli: Run) -> None
     ]
 
 
+@pytest.mark.slow
 def test_a_joined_log_is_one_log_of_a_run(drive: Path, lidarcli: Run, tmp_path: Path) -> None:
     shutil.copytree(drive / "parts", tmp_path / "bags" / "parts")
     shutil.copy(SAMPLES / "room.mcap", tmp_path / "bags")
@@ -228,6 +230,7 @@ def test_a_joined_log_is_one_log_of_a_run(drive: Path, lidarcli: Run, tmp_path: 
     assert [line.split()[0] for line in read] == ["skip", "skip"]
 
 
+@pytest.mark.slow
 def test_the_viewer_of_a_report_shows_the_sweeps_of_parts(drive: Path, lidarcli: Run, tmp_path: Path) -> None:
     lidarcli("-q", "detect", "--join", drive / "parts", "-o", tmp_path)
     pages = []
@@ -252,6 +255,7 @@ def test_what_makes_no_sense_is_refused(drive: Path, lidarcli: Run, tmp_path: Pa
     assert not [*tmp_path.glob("*.objects.parquet")]
 
 
+@pytest.mark.slow
 def test_in_python(drive: Path, tmp_path: Path) -> None:
     files = parts(drive, 2, 0, 1)
     whole, joined = python.track(drive / "drive.mcap"), python.track(files, join=True)

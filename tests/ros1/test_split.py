@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pyarrow.parquet as pq
+import pytest
 
 from lidarcli.cli import run
 from tests.places import SAMPLES
@@ -13,6 +14,7 @@ from tests.ros1.tools import HERE, PYTHON, needs_rosbag
 
 
 @needs_rosbag
+@pytest.mark.slow
 def test_tables_of_parts_are_those_of_the_whole_bag(tmp_path: Path) -> None:
     """Parts have the names that `rosbag record --split` gives them: every one is dated."""
     whole = tmp_path / "drive.bag"
