@@ -36,7 +36,7 @@ MAY_IMPORT = {
     "masks": {"errors", "sweeps"},
     "range_rules": {"errors", "masks", "ranges", "sweeps"},
     "logs": CORE | {"foxglove", "ros"},
-    "poses": CORE | {"foxglove", "logs", "ros"},
+    "poses": CORE | {"foxglove", "formalism", "logs", "ros"},
     "formalism": CORE,
     "tabular": CORE | {"formalism", "machine", "newfiles", "stores"},
     "ros": CORE,
