@@ -18,11 +18,13 @@ import pytest
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.logs.base import LASERSCAN, Damage, Message, ReadReport, Topic
+from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.pipeline.reading.pose_sources import NO_POSES, Delay, PoseOptions
+from lidarcli.pipeline.reading.path_check import CheckedPath
+from lidarcli.pipeline.reading.pose_sources import NO_POSES, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.generate import SimulatedPoses, simulate_blocks, simulate_odometry
@@ -106,6 +108,7 @@ def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
     assert summary.notes == [
         "poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)",
         "without a pose: 3 of 12 sweeps of frame laser, whose stamps are outside the span of /tf",
+        "poses from /tf are taken as they are: too few sweeps could be matched to check them",
     ]
     assert summary.exit_code == 0
     sweeps_table = pq.read_table(tmp_path / "run.sweeps.parquet")
@@ -132,10 +135,10 @@ def test_the_batch_size_does_not_matter(tmp_path: Path) -> None:
         batch_of(40),
         PosesLog(messages=[odometry(START + k * SECOND, "odom", "laser", (k, 0, k / 2)) for k in range(5)]),
     )
-    whole = Posing.of(log).attach(batch).poses
+    whole = posing_of(log).attach(batch).poses
     assert whole is not None
     for size in (1, 7):
-        posing = Posing.of(log)
+        posing = posing_of(log)
         parts = [posing.attach(part).poses for part in cut(batch, size)]
         joined = np.concatenate([part.x for part in parts if part is not None])
         np.testing.assert_array_equal(joined, whole.x)
@@ -158,6 +161,11 @@ class PosesLog(FakeLog):
         if self.damage:
             report.add_damage("byte 7", self.damage)
         return super().messages(types, report)
+
+
+def posing_of(log: PosesLog, options: PoseOptions | None = None) -> Posing:
+    """The poses of a log in memory, of which nobody reads the sweeps."""
+    return Posing.of(log, options or PoseOptions(), TopicChoice(None, log.topics()), RangeRules())
 
 
 def batch_of(
@@ -197,7 +205,7 @@ def cut(batch: SweepBatch, size: int) -> Iterator[SweepBatch]:
 
 def posed(messages: list[Message], batch: SweepBatch | None = None) -> tuple[SweepPoses | None, list[str]]:
     """The poses of some sweeps by a log with these messages, and the notes."""
-    posing = Posing.of(PosesLog(messages))
+    posing = posing_of(PosesLog(messages))
     poses = posing.attach(batch or batch_of()).poses
     return poses, posing.notes()
 
@@ -307,16 +315,18 @@ def test_quaternions_that_are_written_w_first_are_noted() -> None:
     assert told == [[], [note], [], [note], []]
 
 
-def test_no_delay_is_told_of_a_topic_that_is_not_used() -> None:
+def test_no_verdict_is_told_of_a_topic_that_is_not_used() -> None:
     messages = [tf(START + k * SECOND, "map", "laser", (k, 0, 0, 0, 0, 0, 1)) for k in range(6)]
-    posing = Posing.of(PosesLog(messages))
-    posing.delays = {(topic, "laser"): Delay(-0.36, 0.2) for topic in ("/scan", "/stable_scan")}
+    posing = posing_of(PosesLog(messages))
+    posing.paths = {
+        (topic, "laser"): CheckedPath("unchecked", notes=(f"poses of {topic}",))
+        for topic in ("/scan", "/stable_scan")
+    }
     posing.attach(batch_of())
-    posing.leave_out({"/scan": "/stable_scan"})
-    told = [note for note in posing.notes() if "fit better" in note]
-    assert len(told) == 1
-    assert told[0].startswith("poses 0.36 s before the header stamps of /stable_scan fit better")
-    assert posing.described()["laser"]["track_delay"] == {"/stable_scan": -0.36}
+    posing.leave_out({"/scan"})
+    assert posing.path_notes() == ["poses of /stable_scan"]
+    assert posing.notes()[-1] == "poses of /stable_scan"
+    assert posing.described()["laser"]["pose_verdict"] == {"/stable_scan": "unchecked"}
 
 
 def test_an_upside_down_sensor() -> None:
@@ -345,7 +355,7 @@ def test_bad_poses_are_noted_and_do_not_end_the_run() -> None:
 
 def test_damage_met_in_the_first_pass_is_kept_once() -> None:
     log = PosesLog([odometry(START, "odom", "laser", (0, 0, 0))], damage="torn")
-    posing, report = Posing.of(log), ReadReport()
+    posing, report = posing_of(log), ReadReport()
     assert posing.together(report).damage == [Damage("byte 7", "torn")]
     report.add_damage("byte 7", "torn, as the sweeps show")
     assert posing.together(report).damage == report.damage == [Damage("byte 7", "torn, as the sweeps show")]
@@ -354,15 +364,15 @@ def test_damage_met_in_the_first_pass_is_kept_once() -> None:
 def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
     plain, pipe = PosesLog(), PosesLog([odometry(START, "odom", "laser", (0, 0, 0))], size=None)
     unasked = PosesLog([odometry(START, "odom", "laser", (0, 0, 0))])
-    assert Posing.of(plain).notes() == []
-    assert Posing.of(plain).attach(batch_of()).poses is None
-    assert Posing.of(unasked, NO_POSES).notes() == []
-    assert Posing.of(pipe, NO_POSES).notes() == []
-    assert Posing.of(pipe).notes() == [
+    assert posing_of(plain).notes() == []
+    assert posing_of(plain).attach(batch_of()).poses is None
+    assert posing_of(unasked, NO_POSES).notes() == []
+    assert posing_of(pipe, NO_POSES).notes() == []
+    assert posing_of(pipe).notes() == [
         "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
     ]
     pipe.format = "json lines"
-    assert Posing.of(pipe).notes() == []
+    assert posing_of(pipe).notes() == []
     assert (plain.passes, pipe.passes, unasked.passes) == (0, 0, 0)
 
 
@@ -392,13 +402,22 @@ def test_a_log_that_is_cut_off_says_so_once(tmp_path: Path, name: str) -> None:
 def test_a_topic_that_is_asked_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     log = str(SAMPLES / "drive.db3")
     assert run(["detect", log, "-o", str(tmp_path), "--pose", "odom"]) == 0
-    assert (
-        "note     poses from /odom and /tf_static (odom > base_link > laser); also available: /tf"
-        in capfd.readouterr().err
-    )
+    said = capfd.readouterr().err
+    assert "note     poses from /odom and /tf_static (odom > base_link > laser); also available: /tf" in said
+    assert "note     poses from /odom fit the sweeps: 100% of 149 steps" in said
     metadata = pq.read_schema(tmp_path / "drive.sweeps.parquet").metadata
     assert json.loads(metadata[b"lidarcli.parameters"])["pose"] == "odom"
-    assert json.loads(metadata[b"lidarcli.source"])["poses"] == {"laser": {"topic": "/odom", "world": "odom"}}
+    assert json.loads(metadata[b"lidarcli.source"])["poses"] == {
+        "laser": {
+            "topic": "/odom",
+            "world": "odom",
+            "pose_verdict": {"/scan": "accepted"},
+            "pose_fit": {"/scan": 1.0},
+            "pose_delay": {"/scan": 0.0},
+            "pose_cuts": {"/scan": 0},
+            "beam_order": {"/scan": "once"},
+        }
+    }
 
 
 def test_no_poses_on_request(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
