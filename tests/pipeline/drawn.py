@@ -16,9 +16,9 @@ from lidarcli.pipeline.reading.pose_sources import find_poses
 from lidarcli.range_rules import RangeRules
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import START_NS, SimulatedPoses, simulate_blocks
+from lidarcli.simulate.generate import START_NS, SimulatedPoses, relative, simulate_blocks
 from lidarcli.simulate.messages import ROS1_BYTES
-from lidarcli.simulate.scene import Mount, Odometry, Scene, Sensor
+from lidarcli.simulate.scene import Odometry, Scene, Sensor
 from lidarcli.simulate.writers import outgoing, write_log
 from lidarcli.sweeps import TURN, Float64, Int64, RawSweeps
 from tests.poses.pose_messages import SECOND
@@ -121,3 +121,9 @@ def checked(path: Path, **options: Any) -> dict[tuple[str, str], CheckedPath]:
         return check_paths(log, None if found is None else found.sources, choice, RangeRules(), **options)
 
 
+def away(found: Float64, way: Callable[[Float64], Float64]) -> Float64:
+    """(S,) distances of poses (S, 3) of the sweeps from the way, both seen from where they begin [m]."""
+    true = way(np.arange(len(found)) / SENSOR.rate)
+    first = int(np.flatnonzero(np.isfinite(found[:, 0]))[0])
+    apart = relative(found, found[[first]]) - relative(true, true[[first]])
+    return np.hypot(apart[:, 0], apart[:, 1])
