@@ -140,9 +140,10 @@ def test_stretches_that_fit_are_told() -> None:
     fit = judged(half)
     assert fit.verdict == "stretches"
     assert 0.4 < fit.share < 0.7
-    first, last = fit.good[0][0], fit.good[-1][1]
-    assert first == STAMPS[0]
-    assert last < STAMPS[0] + 11.5 * SECOND_NS
+    assert fit.good[0][0] == STAMPS[0]
+    # On the spot a wrong heading makes no difference.
+    begins = np.array([(first - STAMPS[0]) / SECOND_NS for first, _ in fit.good])
+    assert np.mean(begins < 10.0) > 0.7
 
 
 def test_too_little_is_unchecked() -> None:
