@@ -153,7 +153,7 @@ def drifting(count: int = 60) -> RawSweeps:
 def test_weak_support_is_told(tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "crowd.mcap", [crowd()])
     file = tmp_path / "b.parquet"
-    ran = lidarcli("background", "build", tmp_path / "crowd.mcap", "-o", file)
+    ran = lidarcli("background", "build", tmp_path / "crowd.mcap", "-o", file, "--pose", "none")
     told = (
         "support below 50%: 40 of 360 beams of /scan (laser): most sweeps saw something else there (--plot "
         "shows where)"
@@ -170,7 +170,7 @@ def test_weak_support_is_told(tmp_path: Path, lidarcli: Run) -> None:
 def test_a_sensor_that_moved_without_poses_is_told(tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "moved.mcap", [drifting()])
     file = tmp_path / "b.parquet"
-    ran = lidarcli("background", "build", tmp_path / "moved.mcap", "-o", file)
+    ran = lidarcli("background", "build", tmp_path / "moved.mcap", "-o", file, "--pose", "none")
     (note,) = [line for line in ran.err.splitlines() if line.startswith("note: ")]
     assert ran.code == 0
     assert note.startswith(
@@ -297,7 +297,9 @@ def test_info_for_people(scene: Path, lidarcli: Run) -> None:
 
 def test_info_for_programs(scene: Path, lidarcli: Run) -> None:
     told = json.loads(lidarcli("background", "info", scene / "empty.parquet", "--format", "json").out)
-    assert told["source"] == [{"format": "mcap", "name": "empty.mcap", "size": told["source"][0]["size"]}]
+    (source,) = told["source"]
+    assert (source["format"], source["name"]) == ("mcap", "empty.mcap")
+    assert source["poses"] == {"laser": {"pose_verdict": {"/scan": "none"}}}
     assert told["parameters"]["start"] is None
     (sensor,) = told["sensors"]
     assert (sensor["stations"], sensor["posed"], sensor["sweeps"], sensor["open"]) == (1, False, 20, 1)
@@ -535,7 +537,10 @@ def test_a_moving_sensor_has_stations(tmp_path: Path, lidarcli: Run) -> None:
     shown = lidarcli("background", "info", route).out
     assert "sweeps within 0.35 m and 10 deg" in shown
     ran = lidarcli("detect", log, "--background", route, "-o", tmp_path, "--removed")
-    assert notes(ran.err)[1:] == ["compared with route.parquet: 0 appeared, 0 removed"]
+    assert notes(ran.err)[1:] == [
+        "poses from /tf fit the sweeps: 89% of 36 steps",
+        "compared with route.parquet: 0 appeared, 0 removed",
+    ]
 
 
 def test_sweeps_without_a_station_are_counted(tmp_path: Path, lidarcli: Run) -> None:

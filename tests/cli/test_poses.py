@@ -15,11 +15,13 @@ from lidarcli.poses.tracks import read_trajectory
 from lidarcli.simulate.writers import write_log
 from lidarcli.tabular.schemas import POSES
 from tests.places import SAMPLES
+from tests.poses.pose_messages import accepted
 from tests.sweeping import START, STEP, raw_sweeps, room_sweeps, round_room
 
 Run = Callable[..., Any]
 DRIVE = SAMPLES / "drive.db3"
 POSES_NOTE = "  note     poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)"
+FITS_NOTE = "  note     poses from /tf fit the sweeps: 100% of 147 steps"
 
 
 def names(folder: Path) -> list[str]:
@@ -55,7 +57,7 @@ def test_tum(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     assert (ran.code, ran.out) == (0, "")
     lines = ran.err.splitlines()
     assert lines[0].startswith(f"{DRIVE}: 150 sweeps")
-    assert lines[1:] == [POSES_NOTE, "  note     150 poses", f"  wrote    {out}"]
+    assert lines[1:] == [POSES_NOTE, FITS_NOTE, "  note     150 poses", f"  wrote    {out}"]
     assert out.read_text().splitlines()[1] == (
         "1700000000.200000000 2.603073 0.100326 0.000000 0.000000000 0.000000000 0.706726729 0.707486629"
     )
@@ -95,7 +97,7 @@ def test_parquet(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     _, numbers = lines_of(tmp_path / "run.tum")
     assert columns(out, "x", "y", "z", "qx", "qy", "qz", "qw") == pytest.approx(numbers, abs=5.1e-7)
     metadata = table.schema.metadata or {}
-    assert json.loads(metadata[b"lidarcli.source"])["poses"] == {"laser": {"topic": "/tf", "world": "odom"}}
+    assert json.loads(metadata[b"lidarcli.source"])["poses"] == {"laser": accepted("/tf", "odom")}
 
 
 def test_options_choose_sweeps_and_source(lidarcli: Run, tmp_path: Path) -> None:
@@ -139,9 +141,7 @@ def test_and_back(
         assert np.abs(apart).max() < 1e-6
     metadata = pq.read_schema(tmp_path / "back" / "drive.sweeps.parquet").metadata
     assert json.loads(metadata[b"lidarcli.parameters"])["poses"] == "run.tum"
-    assert json.loads(metadata[b"lidarcli.source"])["poses"] == {
-        "laser": {"topic": "run.tum", "world": "world"}
-    }
+    assert json.loads(metadata[b"lidarcli.source"])["poses"] == {"laser": accepted("run.tum", "world")}
 
 
 @pytest.mark.parametrize(
@@ -246,7 +246,8 @@ def test_stamps_that_jump_back(lidarcli: Run, tmp_path: Path) -> None:
     path.write_text("1700000000 0 0 0 0 0 0 1\n1700000001 1 0 0 0 0 0 1\n")
     ran = lidarcli("poses", log, "--poses", path, "-o", out)
     assert ran.code == 0
-    assert ran.err.splitlines()[2:4] == [
+    assert ran.err.splitlines()[2:5] == [
+        "  note     poses from in.tum are taken as they are: too few sweeps could be matched to check them",
         "  note     left out, as their stamps are not after those before and evo reads none of these: 3",
         "  note     4 poses",
     ]
@@ -259,19 +260,23 @@ def test_stamps_that_jump_back(lidarcli: Run, tmp_path: Path) -> None:
 
 
 def test_without_poses(lidarcli: Run, tmp_path: Path) -> None:
-    room = SAMPLES / "room.mcap"
+    blind, log = tmp_path / "blind.mcap", tmp_path / "a.tum"
+    write_log(blind, [raw_sweeps(np.full((20, 360), np.inf))])
     for source, options, cause in (
-        (room, (), "nothing in the log tells where the sensor was"),
-        (DRIVE, ("--pose", "none"), "nothing in the log tells where the sensor was"),
+        (blind, (), "no path of frame laser: the sweeps of /scan cannot be matched"),
+        (DRIVE, ("--pose", "none"), "--pose none"),
     ):
         for name in ("a.tum", "a.parquet"):
             ran = lidarcli("poses", source, "-o", tmp_path / name, *options)
-            assert (ran.code, ran.out, ran.err) == (
-                3,
-                "",
-                f"lidarcli: {source}: no poses: {cause}; --pose match finds the path from the sweeps\n",
-            )
-    assert names(tmp_path) == []
+            assert (ran.code, ran.out, len(ran.err.splitlines())) == (3, "", 1)
+            assert ran.err.startswith(f"lidarcli: {source}: no poses: ")
+            assert cause in ran.err
+    assert names(tmp_path) == ["blind.mcap"]
+    # The path of a log that tells none is matched from its sweeps; this sensor stands.
+    assert lidarcli("-q", "poses", SAMPLES / "room.mcap", "-o", log).code == 0
+    stamps, numbers = lines_of(log)
+    assert len(stamps) == 100
+    assert np.abs(numbers[:, :2]).max() < 0.02
 
 
 def test_a_damaged_log(lidarcli: Run, tmp_path: Path) -> None:
