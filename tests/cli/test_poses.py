@@ -264,7 +264,7 @@ def test_without_poses(lidarcli: Run, tmp_path: Path) -> None:
     write_log(blind, [raw_sweeps(np.full((20, 360), np.inf))])
     for source, options, cause in (
         (blind, (), "no path of frame laser: the sweeps of /scan cannot be matched"),
-        (DRIVE, ("--pose", "none"), "--pose none"),
+        (DRIVE, ("--pose", "none"), "nothing in the log tells where the sensor was"),
     ):
         for name in ("a.tum", "a.parquet"):
             ran = lidarcli("poses", source, "-o", tmp_path / name, *options)

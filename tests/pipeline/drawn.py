@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,12 @@ def sweeps_of(scene: Scene) -> list[RawSweeps]:
     return [block.rows(slice(k, k + 1)) for block in blocks for k in range(len(block))]
 
 
+@cache
+def driven() -> list[RawSweeps]:
+    """The sweeps of a robot that goes round about."""
+    return sweeps_of(scene_of())
+
+
 def stamps(count: int = SWEEPS, step: float = 0.1) -> Int64:
     """(S,) stamps of poses at so many seconds, of which the first is that of the first sweep."""
     return START_NS + np.rint(np.arange(count) * step * SECOND).astype(np.int64)
@@ -94,13 +101,13 @@ def told(poses: Float64, stamp_ns: Int64 | None = None, *, tf: bool = False, **s
 
 def write(path: Path, poses: SimulatedPoses | None, scene: Scene | None = None) -> Path:
     """Write the sweeps of a scene with these poses."""
-    write_log(path, sweeps_of(scene or scene_of()), poses=poses)
+    write_log(path, sweeps_of(scene) if scene else driven(), poses=poses)
     return path
 
 
 def write_two_mounts(path: Path, poses: SimulatedPoses, mount: tuple[float, float, float]) -> Path:
     """Write a ROS 1 bag in which a second static transform says that the laser is elsewhere."""
-    messages = list(outgoing(sweeps_of(scene_of()), poses, ROS1_BYTES))
+    messages = list(outgoing(driven(), poses, ROS1_BYTES))
     assert messages[0].topic == "/tf_static"
     data = ROS1_BYTES.mounting(replace(poses, mount=mount))
     messages.insert(1, Outgoing("/tf_static", messages[0].type, START_NS, START_NS, data))

@@ -57,7 +57,7 @@ class Outcome:
         """Verdict, share of the steps that fit, delay and cuts, as the metadata tell them."""
         keys = ("pose_verdict", "pose_fit", "pose_delay", "pose_cuts")
         assert all(set(self.poses[key]) == {"/scan"} for key in keys)
-        return tuple(self.poses[key]["/scan"] for key in keys)  # type: ignore[return-value]
+        return tuple(self.poses[key]["/scan"] for key in keys)
 
 
 def tracked(log: Path, poses: PoseOptions | None = None) -> Outcome:
