@@ -80,7 +80,10 @@ def test_a_leaning_sensor_is_worth_a_note_only_where_its_sweeps_lean_with_it() -
     posing = Posing.of(log, PoseOptions(), TopicChoice(None, log.topics()), RangeRules())
     (block,) = log.scans(None, ReadReport())
     posing.attach(normalise(block, np.arange(3), RangeRules()))
-    assert posing.notes() == ["poses from /tf and /tf_static (odom > base_link > lidar)"]
+    assert posing.notes() == [
+        "poses from /tf and /tf_static (odom > base_link > lidar)",
+        "poses from /tf are taken as they are: too few sweeps could be matched to check them",
+    ]
 
 
 def test_scans_and_clouds_of_one_log() -> None:
