@@ -106,14 +106,12 @@ def drifting() -> Float64:
         pytest.param(TRUE, 0, "", 1e-6, id="honest"),
         pytest.param(drifting(), 0, "", 1.0, id="drifting 3 %"),
         pytest.param(TRUE + np.array([500_000.0, 4_000_000.0, 0.0]), 0, "", 1e-6, id="UTM"),
-        pytest.param(reset(), 1, "poses from /odom jump by {:,.1f} m: cut there", 0.03, id="reset"),
-        pytest.param(
-            moved(100, 115, 3.0), 2, "poses from /odom jump by 3.0 m: cut there", 0.03, id="jump for 1.5 s"
-        ),
+        pytest.param(reset(), 1, "poses from /odom jump by {:,.1f} m", 0.03, id="reset"),
+        pytest.param(moved(100, 115, 3.0), 2, "poses from /odom jump by 3.0 m", 0.03, id="jump for 1.5 s"),
         pytest.param(
             moved(100, SWEEPS, 1e9),
             1,
-            "poses from /odom jump by 1,000,000,000.0 m: cut there",
+            "poses from /odom jump by 1,000,000,000.0 m",
             0.03,
             id="jump of 1e9 m",
         ),
@@ -132,7 +130,8 @@ def test_poses_that_fit_are_used_and_cut_where_they_jump(
     assert told_fit.startswith(f"poses from /odom fit the sweeps: {fit:.0%} of ")
     jumps = [line for line in run.notes if "jump" in line]
     length = float(np.hypot(*(poses[100] - poses[99])[:2]))
-    assert jumps == [note.format(length)] * cuts
+    assert len(jumps) == cuts
+    assert all(line.startswith(note.format(length)) and line.endswith(": cut there") for line in jumps)
     assert not any("fit better" in line or "header stamps" in line for line in run.notes)
     assert run.agents == 0
     # Only between two poses with a jump nothing is known.
