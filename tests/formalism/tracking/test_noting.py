@@ -21,10 +21,8 @@ class Estimate:
         return self.values
 
 
-def notes(
-    estimate: Estimate, tracks: list[Track], *, poses: bool = True, corrected: bool = False
-) -> list[str]:
-    return tracker.notes_of("/scan", estimate, tracks, poses, corrected)  # type: ignore[arg-type]
+def notes(estimate: Estimate, tracks: list[Track], *, poses: bool = True) -> list[str]:
+    return tracker.notes_of("/scan", estimate, tracks, poses)  # type: ignore[arg-type]
 
 
 def test_a_delay_is_told_with_the_option_that_mends_it() -> None:
@@ -32,9 +30,10 @@ def test_a_delay_is_told_with_the_option_that_mends_it() -> None:
     assert line.startswith("/scan: ")
     assert "0.12 s late" in line
     assert "--pose-delay 0.12 " in line
-    (line,) = notes(Estimate(-0.12), [], corrected=True)
-    assert "the poses a further 0.12 s early" in line
-    assert "--pose-delay" not in line
+    (line,) = notes(Estimate(-0.12), [])
+    assert "the poses 0.12 s early" in line
+    assert "--pose-delay -0.12 " in line
+    assert notes(Estimate(0.12), [], poses=False) == []
 
 
 @pytest.mark.parametrize("estimate", [Estimate(0.01), Estimate(0.12, way=0.5), Estimate(0.0, 0.02, 0.02)])
