@@ -304,7 +304,10 @@ def _checked(key: Key, look: _Look, named: bool, match: bool) -> CheckedPath:
     motion = Motion(np.column_stack([moves[:, :2], np.zeros(len(moves))]), _turns(moves[:, 2]))
     way = replace(way, correction=replace(correction, gaps=gaps, moves=motion))
     topic = way.topics[0]
-    notes = [f"poses from {topic} jump by {jump:,.1f} m: cut there" for jump in fit.jumps[:SHOWN_JUMPS]]
+    notes = [
+        f"poses from {topic} jump by {jump:,.1f} m at {(after - stamp_ns[0]) / SECOND_NS:.1f} s: cut there"
+        for jump, (_, after) in zip(fit.jumps[:SHOWN_JUMPS], fit.cuts, strict=False)
+    ]
     if len(fit.jumps) > SHOWN_JUMPS:
         notes.append(f"poses from {topic} jump {len(fit.jumps) - SHOWN_JUMPS:,} more times")
     if lost:
