@@ -25,7 +25,6 @@ def parked(tmp_path: Path) -> Path:
 
 
 def test_what_a_parked_sensor_sees_is_proposed(lidarcli: Run, parked: Path, tmp_path: Path) -> None:
-    pytest.importorskip("kiss_icp")
     file = tmp_path / "robot.toml"
     ran = lidarcli("info", parked, "--mask", "auto", "-o", file)
     assert ran.code == 0

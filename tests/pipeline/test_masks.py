@@ -274,7 +274,6 @@ def test_tables_tell_their_mask(log: Path, tmp_path: Path) -> None:
 
 
 def test_without_told_poses_the_way_is_matched(drive: Scene, tmp_path: Path) -> None:
-    pytest.importorskip("kiss_icp")
     raw, own = drawn(drive, 150)
     path = tmp_path / "unplaced.mcap"
     write_mcap(path, [raw])
@@ -351,7 +350,6 @@ def test_a_pipe_is_refused() -> None:
 @needs_real_logs
 @pytest.mark.slow
 def test_a_real_robot_with_three_lasers() -> None:
-    pytest.importorskip("kiss_icp")
     found = learned(REAL_LOGS / "leg_tracker" / "negative_2.bag")
     beams: dict[str, int] = {}
     for batch in lidarcli.read(REAL_LOGS / "leg_tracker" / "negative_2.bag", mask="auto", pose="none"):
