@@ -57,6 +57,15 @@ def _html(self: Described) -> str:
     return f"<table>{head}{cells}</table>"
 
 
+def times(number: int) -> str:
+    """Return how often in words.
+
+    >>> [times(1), times(2000)]
+    ['once', '2,000 times']
+    """
+    return "once" if number == 1 else f"{number:,} times"
+
+
 def counted(number: int, what: str) -> str:
     """Return a number with its noun.
 

@@ -7,7 +7,7 @@ import pickle
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -23,7 +23,7 @@ from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, named_files
-from lidarcli.pipeline.reading.pose_sources import of_one_run
+from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
 from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
 from lidarcli.stores.url import Place, Url
@@ -86,6 +86,8 @@ class MapRun:
         refuse(self._files, options.overwrite, inputs)
         self._true = None if true is None else _true_map(true, options.resolution)
         needs_sets = options.without_agents or any(path.suffix.lower() == ".parquet" for path in outputs)
+        # Paths that are matched lie each in a world of its own.
+        self._options = options = replace(options, need=Need.ALL if len(sources) == 1 else Need.TOLD)
         self._mapping = Mapping(options, needs_sets)
         self._new: dict[Place, WholeFiles] = {}
         self._clouds: list[CloudWriter] = []

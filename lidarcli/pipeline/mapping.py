@@ -56,6 +56,8 @@ class MapOptions:
     """Parameters of the detection, where sets matter."""
     max_size: float = MAX_MAP_KM2
     """Largest ground that is mapped [km²]."""
+    need: Need = Need.ALL
+    """Sensors whose path is matched where the log tells none."""
     path: bool = False
     """Draw the path of the sensor into the picture."""
     overwrite: bool = False
@@ -130,7 +132,7 @@ class Mapping:
             The ground that it saw is larger than a map may be.
         """
         options = self.options
-        with read_log(source, options, Need.ALL) as reading:
+        with read_log(source, options, options.need) as reading:
             taken = _Taken(options.min_move, bool(options.read.topics))
             for batch, sets in self._with_sets(reading.batches(progress)):
                 for frame, rows, mine in batch.by_frame():

@@ -35,14 +35,18 @@ LONGEST_DELAY, DELAY_STEP, FINE_STEP = 0.6, 0.05, 0.01
 """Delays that are tried, to both sides, first in large steps and then around the best in small ones [s]."""
 LEAST_TOLD, MOST_OFF, CLEARLY_BETTER = 0.6, 3.0, 0.05
 """Least share of pairs with a delayed pose; greatest cost of a pair; share by which a larger delay has to be better."""
-SMALL_DELAY, LEAST_DELAY, SHARPER = 0.2, 0.03, 0.7
-"""Greatest and least delay of poses that fit also without [s], and the cost with it as a share of that without."""
+LEAST_DELAY, SHARPER = 0.03, 0.7
+"""Least delay of poses that fit also without one [s], and the greatest cost with it as a share of that without."""
 ACCEPTED = 0.8
 """Share of agreeing pairs from which poses are accepted as they are told."""
 CORRECTED, GAIN = 0.5, 0.1
 """Share from which they are accepted with a delay and a mount, and by how much these must better it."""
 RATIOS = 0.8, 1.25
 """Told lengths and turns as a share of the matched ones, from least to most."""
+LONG_STEP, LARGE_TURN, LEAST_LONG = 0.15, 0.08, 5
+"""Steps that are longer, or turn more, tell such a share [m, rad]; so many or fewer tell none."""
+ONE_FACTOR = 0.2
+"""Greatest median deviation of such shares where one factor explains them, as a share of the factor."""
 STRETCH, STRETCH_FIT, STRETCHES = 10, 0.7, 0.4
 """Pairs of a stretch, the share that agrees in a good one, and the share of good ones from which these are accepted."""
 MOUNT_SCALE = 0.05
@@ -160,9 +164,7 @@ def judge_poses(
     seconds = (stamp_ns - stamp_ns[0]) * 1e-9 if len(stamp_ns) else np.zeros(0)
     cuts: tuple[tuple[int, int], ...] = ()
     sizes: tuple[float, ...] = ()
-    if jumps is not None and len(jumps.gaps_ns):
-        if jumps.share >= MOST_JUMPS:
-            return PoseFit("rejected", 0.0, 0, jumps=(float(jumps.lengths.max()),))
+    if jumps is not None and len(jumps.gaps_ns) and jumps.share < MOST_JUMPS:
         cuts = tuple((int(before), int(after)) for before, after in jumps.gaps_ns)
         sizes = tuple(jumps.lengths.tolist())
     begin, end = _pairs(seconds, matched, told)
@@ -178,6 +180,13 @@ def judge_poses(
     as_told = steps_between(told[begin], told[end])
     agree = _agree(step, as_told)
     share = float(agree.mean())
+    if jumps is not None and jumps.share >= MOST_JUMPS:
+        ratio, turn_ratio = _ratios(step, as_told)
+        rejected = PoseFit("rejected", share, len(begin), ratio=ratio, turn_ratio=turn_ratio)
+        # Steps that are all too long by one factor do not jump.
+        return (
+            rejected if _is_scaled(step, as_told) else replace(rejected, jumps=(float(jumps.lengths.max()),))
+        )
     if share >= ACCEPTED:
         accepted = PoseFit("accepted", share, len(begin), cuts=cuts, jumps=sizes)
         return _sharper(accepted, stamp_ns, begin, end, step, told_at)
@@ -187,9 +196,12 @@ def judge_poses(
     # Of poses that lie at the bound, a greater delay may fit better yet.
     found = better >= CORRECTED and better >= share + GAIN and abs(delay) < LONGEST_DELAY - 0.5 * DELAY_STEP
     fits = all(not np.isfinite(one) or RATIOS[0] <= one <= RATIOS[1] for one in (ratio, turn_ratio))
-    fit = PoseFit("rejected", share, len(begin), cuts=cuts, jumps=sizes, ratio=ratio, turn_ratio=turn_ratio)
+    turn_told = _ratios(step, as_told)[1]
+    fit = PoseFit("rejected", share, len(begin), cuts=cuts, jumps=sizes, ratio=ratio, turn_ratio=turn_told)
     if found and fits:
-        return replace(fit, verdict="corrected", share=better, delay=delay, mount=mount)
+        return replace(
+            fit, verdict="corrected", share=better, delay=delay, mount=mount, turn_ratio=turn_ratio
+        )
     parts = np.array_split(np.arange(len(begin)), max(1, len(begin) // STRETCH))
     good = [part for part in parts if agree[part].mean() >= STRETCH_FIT]
     if fits and len(good) >= STRETCHES * len(parts):
@@ -259,13 +271,13 @@ def _sharper(
         # Steps beyond the ends of the told path count as much as those that are far off.
         return float(np.mean(np.nan_to_num(np.minimum(off + turn, MOST_OFF), nan=MOST_OFF)))
 
-    count = round(SMALL_DELAY / FINE_STEP)
-    delays = [number * FINE_STEP for number in range(-count, count + 1)]
-    costs = [cost(delay) for delay in delays]
-    best = int(np.argmin(costs))
-    if abs(delays[best]) < LEAST_DELAY or costs[best] > SHARPER * costs[count]:
+    count, fine = round(LONGEST_DELAY / DELAY_STEP), round(DELAY_STEP / FINE_STEP)
+    coarse = min((number * DELAY_STEP for number in range(-count, count + 1)), key=cost)
+    best = min((coarse + number * FINE_STEP for number in range(1 - fine, fine)), key=cost)
+    is_bound = abs(coarse) > LONGEST_DELAY - 0.5 * DELAY_STEP
+    if is_bound or abs(best) < LEAST_DELAY or cost(best) > SHARPER * cost(0.0):
         return fit
-    return replace(fit, verdict="corrected", delay=round(delays[best], 3))
+    return replace(fit, verdict="corrected", delay=round(best, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -345,10 +357,26 @@ def _mount(step: Steps, told: Steps) -> tuple[float, float, float]:
 def _ratios(step: Steps, told: Steps) -> tuple[float, float]:
     """Return told lengths and told turns as a share of those seen, by medians; NaN where there are too few."""
     length, far = np.hypot(step[:, 0], step[:, 1]), np.hypot(told[:, 0], told[:, 1])
-    long, turns = (length > 0.15) & np.isfinite(far), (np.abs(step[:, 2]) > 0.08) & np.isfinite(far)
-    ratio = float(np.median(far[long] / length[long])) if np.count_nonzero(long) > 5 else float("nan")
+    long, turns = (
+        (length > LONG_STEP) & np.isfinite(far),
+        (np.abs(step[:, 2]) > LARGE_TURN) & np.isfinite(far),
+    )
+    ratio = (
+        float(np.median(far[long] / length[long])) if np.count_nonzero(long) > LEAST_LONG else float("nan")
+    )
     turned = wrapped(told[turns, 2]) / step[turns, 2]
-    return ratio, float(np.median(turned)) if len(turned) > 5 else float("nan")
+    return ratio, float(np.median(turned)) if len(turned) > LEAST_LONG else float("nan")
+
+
+def _is_scaled(step: Steps, told: Steps) -> bool:
+    """Tell whether told steps are those seen but for one factor, as those in other units are."""
+    length, far = np.hypot(step[:, 0], step[:, 1]), np.hypot(told[:, 0], told[:, 1])
+    long = (length > LONG_STEP) & np.isfinite(far)
+    if np.count_nonzero(long) <= LEAST_LONG:
+        return False
+    ratios = far[long] / length[long]
+    middle = float(np.median(ratios))
+    return middle > RATIOS[1] and float(np.median(np.abs(ratios - middle))) < ONE_FACTOR * middle
 
 
 def joined(

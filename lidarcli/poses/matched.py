@@ -37,6 +37,11 @@ class Timing:
     duration: float = 0.0
     """Duration of a sweep [s] where the headers tell none that can be; 0 for that of the headers."""
 
+    @property
+    def takes_time(self) -> bool:
+        """True where a sweep takes time whatever the headers tell."""
+        return self.duration > 0.0 and self.order in (FORWARD, REVERSE)
+
     def of(self, sweeps: SweepBatch) -> tuple[Float64, Float64]:
         """Return (S,) the times of the first and of the last beam after the header stamp [s]."""
         none = np.zeros(len(sweeps))

@@ -363,8 +363,7 @@ def _of_poses(topic: str, correction: Correction) -> list[str]:
     if abs(delay) > max(NOTED_DELAY, NOTED_SDS * delay_sd):
         when = "late" if delay > 0 else "early"
         lines.append(
-            f"{topic}: static objects show the poses {abs(delay):.2f} s {when}: corrected for tracks; --pose-delay "
-            f"{delay:.2f} also corrects the world columns"
+            f"{topic}: static objects show the poses {abs(delay):.2f} s {when}: corrected for tracks"
         )
     if math.hypot(ahead, left) > max(NOTED_DISTANCE, NOTED_SDS * place_sd):
         lines.append(

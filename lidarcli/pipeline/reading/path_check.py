@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidarcli.choices import BEAM_ORDERS
+from lidarcli.display import times
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.reading.pose_sources import Need
-from lidarcli.poses.fit import PoseFit, joined, judge_poses, jumps_of, stands, still_at
+from lidarcli.poses.fit import LEAST_PAIRS, PoseFit, joined, judge_poses, jumps_of, stands, still_at
 from lidarcli.poses.matched import AUTO, LEAST_SKEWED, SKEWED, MatchedPath, Timing, duration_of, order_of
 from lidarcli.poses.sources import Correction, Way, later
 from lidarcli.poses.tracks import SECOND_NS, Motion, planar
@@ -34,6 +36,8 @@ ENOUGH_SKEWED, MOST_HELD = 300, 3000
 """Sweeps during which the sensor moves that tell the order of the beams, and most sweeps that are held for it."""
 WELL_CORRECTED = 0.9
 """Share of steps that agree from which on corrected poses are the path; below, they guide the matched one."""
+LESS_PLACED = 0.02
+"""Share of sweeps that have no pose by a guess, from which on the guess is wrong."""
 WORTH_A_GUESS = 0.2
 """Share of told steps that agree from which on the told steps guide the search."""
 LEAST_PLACED = 0.7
@@ -127,7 +131,7 @@ class _Look:
             return
         own, duration = duration_of(held)
         paths = {}
-        for order in ("forward", "reverse", "once"):
+        for order in BEAM_ORDERS[1:]:
             path = paths[order] = MatchedPath(Timing(order, own))
             for sweeps in held:
                 path.add(sweeps, self._guessed(sweeps))
@@ -227,7 +231,12 @@ def check_paths(
             look.settle()
             better = _checked(key, look, named, matched)
             # Poses that do not fit are no help as a guess.
-            is_worse = better.verdict in ("rejected", "unchecked") and looks[key].is_whole
+            first = looks[key].path
+            is_worse = looks[key].is_whole and (
+                better.verdict in ("rejected", "unchecked")
+                or look.path.restarts > first.restarts
+                or look.path.placed < first.placed - LESS_PLACED
+            )
             found[key] = found[key] if is_worse else better
     return found
 
@@ -334,7 +343,7 @@ def _unposed(key: Key, look: _Look, mine: CheckedPath, match: bool) -> CheckedPa
     notes = []
     if path.restarts:
         notes.append(
-            f"the path of frame {name} was lost {path.restarts:,} times, and begins anew at its last known pose: what was "
+            f"the path of frame {name} was lost {times(path.restarts)}, and begins anew at its last known pose: what was "
             "driven unseen is missing"
         )
     sliding = float(np.nanmean(path.slides))
@@ -350,10 +359,9 @@ def _fit_note(way: Way, fit: PoseFit, named: bool) -> str:
     """Return the verdict on told poses in words."""
     topic, steps = way.topics[0], f"{fit.share:.0%} of {fit.pairs:,} steps" if fit.pairs else "no step"
     if fit.verdict == "unchecked":
-        jumps = f", and they jump {len(fit.jumps):,} times" if fit.jumps else ""
-        return (
-            f"poses from {topic} are taken as they are: too few sweeps could be matched to check them{jumps}"
-        )
+        jumps = f"; they jump {times(len(fit.jumps))}" if fit.jumps else ""
+        why = "the sensor hardly moves" if fit.pairs < LEAST_PAIRS else "too few sweeps could be matched"
+        return f"poses from {topic} are taken as they are, unchecked: {why}{jumps}"
     if fit.verdict == "accepted":
         return f"poses from {topic} fit the sweeps: {steps}"
     if fit.verdict == "corrected":

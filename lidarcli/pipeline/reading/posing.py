@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarcli.choices import BEAM_ORDERS, MATCH
-from lidarcli.display import moment
+from lidarcli.display import moment, times
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.inputs.sources import made_of_clouds
@@ -145,7 +145,7 @@ class Posing:
         from lidarcli.poses.tracks import planar, tilt
 
         some = False
-        takes_time = batch.duration is not None or any(path.timing.duration for path in self.paths.values())
+        takes_time = batch.duration is not None or any(path.timing.takes_time for path in self.paths.values())
         poses = _nowhere(len(batch), self.deskew and takes_time)
         still, knows = np.zeros(len(batch), bool), False
         for frame, rows, mine in batch.by_frame():
@@ -249,8 +249,9 @@ class Posing:
         for step in way.steps:
             track = step.track
             if track.jumps_back:
-                times = "once" if track.jumps_back == 1 else f"{track.jumps_back:,} times"
-                lines.append(f"stamps of {track.topic} jump back {times}: poses there may mix two runs")
+                lines.append(
+                    f"stamps of {track.topic} jump back {times(track.jumps_back)}: poses there may mix two runs"
+                )
             if not track.static and track.seems_w_first:
                 lines.append(
                     f"quaternions of {track.topic} roll or hang head down, and never turn: they are probably written w "
