@@ -182,7 +182,9 @@ def judge_poses(
     share = float(agree.mean())
     if jumps is not None and jumps.share >= MOST_JUMPS:
         ratio, turn_ratio = _ratios(step, as_told)
-        rejected = PoseFit("rejected", share, len(begin), ratio=ratio, turn_ratio=turn_ratio)
+        # Where a step jumps, what lies between told poses is of neither body.
+        clean = share * (1.0 - jumps.share)
+        rejected = PoseFit("rejected", clean, len(begin), ratio=ratio, turn_ratio=turn_ratio)
         # Steps that are all too long by one factor do not jump.
         return (
             rejected if _is_scaled(step, as_told) else replace(rejected, jumps=(float(jumps.lengths.max()),))

@@ -22,6 +22,11 @@ from tests.places import SAMPLES
 SENSOR = Sensor(noise=0.01, lost=0.005, mixed_pixels=0.3, range_max=8.0)
 
 
+def unplaced(path: MatchedPath) -> int:
+    """The sweeps without a pose."""
+    return int(np.isnan(path.poses[:, 0]).sum())
+
+
 def slab(x0: float, y0: float, x1: float, y1: float) -> list[list[float]]:
     """A thick piece of wall, as a polyline."""
     return [[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]
@@ -149,7 +154,7 @@ def test_sweeps_that_say_nothing_have_no_pose() -> None:
     matching.add(batch)
     track = matching.track("/scan", "laser")
     assert track is not None
-    assert matching.unplaced == 4
+    assert unplaced(matching) == 4
     assert sorted({*batch.stamp_ns.tolist()} - {*track.stamp_ns.tolist()}) == (
         batch.stamp_ns[[10, 11, 12, 20]].tolist()
     )
@@ -165,7 +170,7 @@ def test_odd_logs_do_not_raise() -> None:
     blind = MatchedPath()
     blind.add(replace(batch, ranges=np.full_like(batch.ranges, np.nan)))
     assert blind.track("/scan", "laser") is None
-    assert blind.unplaced == 12
+    assert unplaced(blind) == 12
     for beams in (0, 1, 2, 3):
         narrow = MatchedPath()
         narrow.add(replace(batch, beams=np.full(12, beams, np.int32), ranges=batch.ranges[:, :beams]))
@@ -175,7 +180,7 @@ def test_odd_logs_do_not_raise() -> None:
     track = standing.track("/scan", "laser")
     assert track is not None
     assert track.stamp_ns.tolist() == [START_NS]
-    assert standing.unplaced == 11
+    assert unplaced(standing) == 11
 
 
 def test_a_clock_that_is_set_back_keeps_the_track_sorted() -> None:
@@ -200,6 +205,6 @@ def test_after_a_gap_in_another_place_the_map_begins_anew() -> None:
     assert before is not None
     assert track is not None
     assert matching.restarts == 1
-    assert matching.unplaced == 9
+    assert unplaced(matching) == 9
     gone = track.motion.position[len(before.stamp_ns)] - before.motion.position[-1]
     assert np.hypot(*gone[:2]) == 0.0

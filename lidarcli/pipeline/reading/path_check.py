@@ -371,7 +371,8 @@ def _fit_note(way: Way, fit: PoseFit, named: bool) -> str:
         return f"poses from {topic} fit the sweeps {words}: {steps}{hint}"
     causes = []
     if np.isfinite(fit.ratio) and not 0.8 <= fit.ratio <= 1.25:
-        causes.append(f"told steps are {fit.ratio:.3g} times those seen")
+        factor = f"{fit.ratio:,.0f}" if fit.ratio >= 100 else f"{fit.ratio:.3g}"
+        causes.append(f"told steps are {factor} times those seen")
     if np.isfinite(fit.turn_ratio) and fit.turn_ratio < -0.5:
         causes.append("the sensor turns the other way")
     if fit.jumps and not fit.cuts:
