@@ -188,7 +188,7 @@ def _stacked(blocks: list[RawSweeps], name: str) -> Float32:
 @shown
 @record
 class SweepPoses:
-    """Poses of the sensor at S sweeps, seen from above, in the world frame. NaN where unknown."""
+    """Poses of the sensor at the first beams of S sweeps, seen from above, in the world frame. NaN where unknown."""
 
     x: Float64
     """(S,) metres."""
@@ -199,6 +199,8 @@ class SweepPoses:
     """(S,) whether the sensor hangs head down, so that its bearings run clockwise in the world."""
     way: Float64 | None = None
     """(S, 3) way in x, y [m] and yaw [rad] from the first beam to the last; None: sweeps take no time."""
+    reverse: Bool | None = None
+    """(S,) True where the last beam is taken first, at the header stamp; None: nowhere."""
 
     def facts(self) -> Facts:
         """Return the description of these poses."""
@@ -221,7 +223,16 @@ class SweepPoses:
     def rows(self, index: NDArray[np.intp] | Int64 | slice) -> SweepPoses:
         """Return the poses of `index`, which may repeat."""
         way = None if self.way is None else self.way[index]
-        return SweepPoses(self.x[index], self.y[index], self.yaw[index], self.upside_down[index], way)
+        reverse = None if self.reverse is None else self.reverse[index]
+        return SweepPoses(
+            self.x[index], self.y[index], self.yaw[index], self.upside_down[index], way, reverse
+        )
+
+    def at_stamp(self) -> SweepPoses:
+        """Return the poses at the header stamps: those of the first beams, or of the last ones in reverse."""
+        if self.reverse is None:
+            return self
+        return self.during(np.arange(len(self.x)), self.reverse.astype(np.float64))
 
     def during(self, row: Int64 | NDArray[np.intp], share: Float64) -> SweepPoses:
         """Return the poses during sweeps `row` (K,), at a `share` (K,) of their time; the sensor moves evenly meanwhile."""

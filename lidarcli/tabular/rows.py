@@ -94,7 +94,8 @@ def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordB
     columns |= zip(STATUSES, map(plain, count_statuses(batch.status)), strict=False)
     if detection.station is not None:
         columns["station"] = masked(detection.station, detection.station < 0)
-    if (poses := batch.poses) is not None:
+    if batch.poses is not None:
+        poses = batch.poses.at_stamp()
         columns |= {"pose_x": floats(poses.x), "pose_y": floats(poses.y), "pose_yaw": floats(poses.yaw)}
     return _SWEEPS.fill(columns, detection, count)
 

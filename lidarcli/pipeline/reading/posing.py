@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lidarcli.poses.sources import GivenPaths, PoseSources, Way
     from lidarcli.poses.tracks import Motion
 
-AUTO = BEAM_ORDERS[0]
+AUTO, _, REVERSE, _ = BEAM_ORDERS
 TILTED = np.deg2rad(10.0)
 """Lean of a sensor from which on there is a note [rad]."""
 _WITHOUT_POSES = ("csv", "json lines")
@@ -146,7 +146,8 @@ class Posing:
 
         some = False
         takes_time = batch.duration is not None or any(path.timing.takes_time for path in self.paths.values())
-        poses = _nowhere(len(batch), self.deskew and takes_time)
+        orders = (self.order, *(path.timing.order for path in self.paths.values()))
+        poses = _nowhere(len(batch), self.deskew and takes_time, REVERSE in orders)
         still, knows = np.zeros(len(batch), bool), False
         for frame, rows, mine in batch.by_frame():
             path = self.paths.get((batch.topic, frame))
@@ -162,6 +163,8 @@ class Posing:
             motion = way.at(at_ns)
             here = planar(motion)
             _put(poses, rows, way.going(here, at_ns, lasts_ns))
+            if poses.reverse is not None and lasts_ns is not None:
+                poses.reverse[rows] = first_ns > 0
             seen.without += int(np.count_nonzero(np.isnan(here.x)))
             if batch.topic not in self.levelled:
                 seen.tilt = max(seen.tilt, tilt(motion))
@@ -269,10 +272,17 @@ def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:
     )
 
 
-def _nowhere(sweeps: int, moving: bool) -> SweepPoses:
-    """Return so many unknown poses, to be filled in; `moving`: with the way during each sweep."""
+def _nowhere(sweeps: int, moving: bool, reverse: bool) -> SweepPoses:
+    """Return so many unknown poses, to be filled in; `moving`: with the way during each sweep, `reverse`: from its end."""
     x, y, yaw = (np.full(sweeps, np.nan) for _ in range(3))
-    return SweepPoses(x, y, yaw, np.zeros(sweeps, bool), np.zeros((sweeps, 3)) if moving else None)
+    return SweepPoses(
+        x,
+        y,
+        yaw,
+        np.zeros(sweeps, bool),
+        np.zeros((sweeps, 3)) if moving else None,
+        np.zeros(sweeps, bool) if moving and reverse else None,
+    )
 
 
 def _put(poses: SweepPoses, rows: Int64, here: SweepPoses) -> None:

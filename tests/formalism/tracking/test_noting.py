@@ -25,14 +25,12 @@ def notes(estimate: Estimate, tracks: list[Track], *, poses: bool = True) -> lis
     return tracker.notes_of("/scan", estimate, tracks, poses)  # type: ignore[arg-type]
 
 
-def test_a_delay_is_told_with_the_option_that_mends_it() -> None:
+def test_a_delay_is_told() -> None:
     (line,) = notes(Estimate(0.12), [])
     assert line.startswith("/scan: ")
     assert "0.12 s late" in line
-    assert "--pose-delay 0.12 " in line
     (line,) = notes(Estimate(-0.12), [])
     assert "the poses 0.12 s early" in line
-    assert "--pose-delay -0.12 " in line
     assert notes(Estimate(0.12), [], poses=False) == []
 
 
