@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
@@ -189,9 +190,9 @@ class Overlay:
         self._ways = {
             frame: (way["world"], str(way.get("topic")))
             for frame, way in poses_of(notes).items()
-            if way["world"]
+            if way["world"] not in ("", MATCH)
         }
-        """Sensor frame → the fixed frame and the topic of its poses."""
+        """Sensor frame → the fixed frame and the topic of its poses; no viewer knows the world of a path that was matched."""
         self._worlds = {frame: world for frame, (world, _) in self._ways.items()}
         """Sensor frame → the fixed frame, where poses are known."""
         self._report, self._copied = ReadReport(), ReadReport()

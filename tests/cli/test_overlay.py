@@ -535,7 +535,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(
 @pytest.mark.parametrize(
     ("name", "frame"),
     [
-        ("comprobo24/drive_square", "odom"),
+        ("comprobo24/drive_square", "base_laser_link"),
         ("datmo/parallel.bag", "map"),
         ("leg_tracker/negative_2.bag", "left_laser"),
         ("pr2/mylaserdata.bag", "odom_combined"),
