@@ -192,7 +192,7 @@ class Overlay:
             for frame, way in poses_of(notes).items()
             if way["world"] not in ("", MATCH)
         }
-        """Sensor frame → the fixed frame and the topic of its poses; no viewer knows the world of a path that was matched."""
+        """Sensor frame → the fixed frame and the topic of its poses; no viewer knows the world of a matched path."""
         self._worlds = {frame: world for frame, (world, _) in self._ways.items()}
         """Sensor frame → the fixed frame, where poses are known."""
         self._report, self._copied = ReadReport(), ReadReport()
