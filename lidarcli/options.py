@@ -202,7 +202,7 @@ class Poses(TypedDict, total=False):
 
     pose: Annotated[
         str | None,
-        Option(POSES, Text("TOPIC"), shown="the best there is", unless=("poses",)),
+        Option(POSES, Text("TOPIC"), shown="the best there is, checked by the sweeps", unless=("poses",)),
         "Topic with the poses of the sensor (docs/poses.md); none: no poses; match: find the path from the sweeps "
         "themselves.",
     ]
