@@ -449,7 +449,7 @@ def still_at(stamp_ns: Int64, matched: Float64, slides: Float64) -> Bool:
     if stands(matched, slides):
         return np.ones(len(known), bool)
     seconds = (stamp_ns[-1] - stamp_ns[0]) * 1e-9
-    third = max(1, round(STILL_SECONDS / 3.0 * len(stamp_ns) / max(seconds, 1e-3)))
+    third = min(max(1, round(STILL_SECONDS / 3.0 * len(stamp_ns) / max(seconds, 1e-3))), len(known))
     numbers = np.arange(len(known))
     filled = np.column_stack(
         [
