@@ -33,18 +33,18 @@ pytestmark = pytest.mark.whole
 
 GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     **{
-        group: (tuple(name for name in CONTAINERS if name.split("-")[0] in group.split("/")), 10)
+        group: (tuple(name for name in CONTAINERS if name.split("-")[0] in group.split("/")), 6)
         for group in ("mcap", "bag/db3/ros2", "csv", "carmen", "aria/player", "rplidar", "jsonl", "clouds")
     },
     "libraries": (LIBRARY_LOGS, 4),
     "databases": (("db3-crafted",), len(KINDS) + 10),
     "hostile logs": (("logs-crafted",), 8),
-    "geometry": (("geometry",), 90),
-    "texts": (("metadata", "scenes", "checks", "numbers"), 37),
+    "geometry": (("geometry",), 50),
+    "texts": (("metadata", "scenes", "checks", "numbers"), 20),
     "counts": (("counts",), 30),
-    "maps": (("maps",), 70),
+    "maps": (("maps",), 40),
     "masks": (("masks",), 25),
-    "trajectories": (("trajectories",), 40),
+    "trajectories": (("trajectories",), 25),
     "tables": (("tables",), 10),
     "names of tables": (("table-names",), 7),
     "settings": (("settings",), 20),

@@ -71,7 +71,7 @@ def test_many_hostile_logs_are_followed_and_definition_4_sums() -> None:
 
 @pytest.mark.whole
 def test_hostile_logs_touch_nothing_outside_of_their_arrays() -> None:
-    done = run("tests.formalism.tracking.digests", "300", LIDARCLI_COMPILED="no", LIDARCLI_BOUNDS="1")
+    done = run("tests.formalism.tracking.digests", "150", LIDARCLI_COMPILED="no", LIDARCLI_BOUNDS="1")
     assert done.returncode == 0, done.stderr
 
 
