@@ -24,7 +24,7 @@ class Rays(NamedTuple):
 
     x: float
     y: float
-    """Where they begin [m]."""
+    """Ranges at which they begin [m]."""
     bearing: Float64
     """(G, B) in the frame of the sensor [rad]."""
     cos: Float64
@@ -108,7 +108,7 @@ class Mask:
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """Where a frame is, seen from above, in the one that carries it."""
+    """Place of a frame, seen from above, in the one that carries it."""
 
     frame: str
     parent: str

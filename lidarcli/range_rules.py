@@ -40,7 +40,7 @@ class RangeRules:
     stuck: tuple[tuple[int, float], ...] = ()
     """Beams that always tell one range [m], which is none, because they do (`logs.piles`)."""
     masks: Masks | None = None
-    """Where the robot itself is in the way of its beams."""
+    """Masks of the robot itself, which is in the way of its beams."""
 
     @property
     def words(self) -> frozenset[str]:

@@ -63,7 +63,7 @@ POINT_WEIGHT = 0.3
 """Weight of a point without a line."""
 LEAST_WEIGHT = 5.0
 SLIDES = 0.02
-"""Where the curvature along a direction is a smaller share of all weights, the walls do not fix the place along it."""
+"""The walls do not fix the place along a direction whose curvature is a smaller share of all weights."""
 FITS, FITS_GROWS = 0.05, 0.005
 """A point fits that is no further from a line than this [m], and this share of its range more."""
 FITS_POINT = 0.08

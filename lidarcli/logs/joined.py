@@ -25,7 +25,7 @@ class Numbered(NamedTuple):
     log: str
     """Name without the number."""
     stem: str
-    """What all parts have in common: that name without a date."""
+    """Name that all parts share: that name without a date."""
     number: int
     """From 0 on."""
     suffix: str

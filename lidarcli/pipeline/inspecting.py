@@ -96,7 +96,7 @@ class LogInfo:
     learned: Masks = field(default_factory=Masks)
     """Mask of the robot itself that was learned from the log."""
     proposed: Masks = field(default_factory=Masks)
-    """What looks like the robot itself before sensors that stood."""
+    """Mask of what looks like the robot itself before sensors that stood."""
 
     @property
     def exit_code(self) -> int:

@@ -1,4 +1,4 @@
-"""Whether told poses fit the sweeps: steps of the told path beside those of the path that is matched from the sweeps.
+"""The fit of told poses: steps of the told path beside those of the path that is matched from the sweeps.
 
 Both paths are compared over pairs of sweeps between which the sensor went a little way. A delay of the poses and a mount
 that the log does not tell are found from the same pairs.
@@ -65,7 +65,7 @@ Steps = Float64
 
 @dataclass(frozen=True, slots=True)
 class PoseFit:
-    """How well the told poses of one sensor fit its sweeps."""
+    """Fit of the told poses of one sensor to its sweeps."""
 
     verdict: str
     """accepted, corrected, stretches, rejected or unchecked."""
@@ -75,7 +75,7 @@ class PoseFit:
     delay: float = 0.0
     """The pose of a sweep is that at its header stamp and this much later [s]."""
     mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Where the sensor is in the frame that the poses tell of: x, y [m], yaw [rad]."""
+    """Pose of the sensor in the frame that the poses tell of: x, y [m], yaw [rad]."""
     cuts: tuple[tuple[int, int], ...] = ()
     """Stamps of the told poses before and after each jump [ns]."""
     jumps: tuple[float, ...] = ()

@@ -30,11 +30,11 @@ GRAZED = 0.2
 GRAIN = 0.005
 """Step in which ranges are counted [m]."""
 LEAST_WAY, LEAST_TURN = 3.0, 2.0
-"""What a sensor has to drive [m] and turn [rad]: what stays before it then is carried by it."""
+"""Least way [m] and turn [rad] of a sensor: the robot carries what stays before it all the time."""
 MOVED, TURNED = 0.05, 0.05
 """A sweep counts where the sensor went so far [m] or turned so much [rad] since the last one that did."""
 FAR_GRAIN, FAR_WINDOW, FAR_REACH = 0.25, 0.5, 60.0
-"""Where most beams that end farther away do so within such a stretch [m], the sensor stood, whatever poses tell."""
+"""A sensor stood, whatever poses tell, if most beams that end farther away do so within such a stretch [m]."""
 SEEN = 0.3
 """Least share of the sweeps in which such a beam ends farther away than `REACH`."""
 LONGEST = 0.16
@@ -58,9 +58,9 @@ class Masking:
     doubts: tuple[str, ...] = ()
     """... and on what is not, though that was asked for."""
     learned: Masks = field(default_factory=Masks)
-    """What was found out of the log itself."""
+    """Mask that the log itself tells."""
     proposed: Masks = field(default_factory=Masks)
-    """What looks like the robot itself before sensors that stood, and is not masked."""
+    """Mask of what looks like the robot itself before sensors that stood; it is not used."""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -170,7 +170,7 @@ def _watch(
 
 
 class _Counts:
-    """How often each beam ended in each step of range."""
+    """Counts of how often each beam ended in each step of range."""
 
     def __init__(self, beams: int, grain: float, reach: float) -> None:
         self._grain, self._steps = grain, round(reach / grain)
@@ -207,7 +207,7 @@ Run = list[tuple[int, float]]
 
 
 class _Body:
-    """What one sensor sees that stays where it is: a fold over its sweeps, whose beams are told by their bearings."""
+    """Search for what stays before one sensor: a fold over its sweeps, with beams told apart by their bearings."""
 
     def __init__(self, batch: SweepBatch) -> None:
         self._beams = batch.width
@@ -218,7 +218,7 @@ class _Body:
         self._far = _Counts(beams, FAR_GRAIN, FAR_REACH)
         self._last: tuple[float, float, float] | None = None
         self._way = self._turn = 0.0
-        """How far the sensor went [m], and how far it is turned from where it began [rad]."""
+        """Way of the sensor [m], and its turn since it began [rad]."""
         self._turns = 0.0, 0.0
 
     @property

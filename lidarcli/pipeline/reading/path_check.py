@@ -15,7 +15,7 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.reading.pose_sources import Need
-from lidarcli.poses.fit import LEAST_PAIRS, PoseFit, joined, judge_poses, jumps_of, stands, still_at
+from lidarcli.poses.fit import LEAST_PAIRS, RATIOS, PoseFit, joined, judge_poses, jumps_of, stands, still_at
 from lidarcli.poses.matched import AUTO, LEAST_SKEWED, SKEWED, MatchedPath, Timing, duration_of, order_of
 from lidarcli.poses.sources import Correction, Way, later
 from lidarcli.poses.tracks import SECOND_NS, Motion, planar
@@ -263,6 +263,7 @@ def _second_look(look: _Look, first: CheckedPath, named: bool) -> _Look | None:
 
 
 def _again(look: _Look, guess: Way | None = None) -> _Look:
+    """Return a look at all sweeps, with the order of the beams that the first look found."""
     again = _Look(look.told, look.path.timing.order, whole=True, guess=guess)
     again.path = MatchedPath(look.path.timing)
     return again
@@ -370,7 +371,7 @@ def _fit_note(way: Way, fit: PoseFit, named: bool) -> str:
         hint = "; they are taken as they are, because they were named" if named else hint
         return f"poses from {topic} fit the sweeps {words}: {steps}{hint}"
     causes = []
-    if np.isfinite(fit.ratio) and not 0.8 <= fit.ratio <= 1.25:
+    if np.isfinite(fit.ratio) and not RATIOS[0] <= fit.ratio <= RATIOS[1]:
         factor = f"{fit.ratio:,.0f}" if fit.ratio >= 100 else f"{fit.ratio:.3g}"
         causes.append(f"told steps are {factor} times those seen")
     if np.isfinite(fit.turn_ratio) and fit.turn_ratio < -0.5:
@@ -399,6 +400,7 @@ def _changes(fit: PoseFit) -> list[str]:
 
 
 def _mount(mount: tuple[float, float, float]) -> Motion | None:
+    """Return the pose of a sensor from x, y [m] and yaw [rad]; None where it is that of what carries it."""
     if mount == (0.0, 0.0, 0.0):
         return None
     return Motion(np.array([[mount[0], mount[1], 0.0]]), _turns(np.array([mount[2]])))
