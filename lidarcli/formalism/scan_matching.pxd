@@ -6,9 +6,9 @@ from lidarcli cimport native
 cdef double NAN, TURN, TINY, NEAREST_RANGE, FARTHEST_RANGE, GRAIN, LINE_REACH, GAP, GAP_BEAMS, LINE_VAR, LINE_VAR_GROWS
 cdef double STRETCHED, EVEN, LONGEST_CHORD, CELL, MOST_HITS, SAME_SIDE, SMALL_STEP, GREATEST_STEP, GREATEST_TURN
 cdef double POINT_WEIGHT, LEAST_WEIGHT, SLIDES, FITS, FITS_GROWS, FITS_POINT, SHARP, GOOD_FIT, LEAST_FIT, BETTER
-cdef double TRIED_TURN, FARTHEST_STEP, WIDEST_STEP, HORIZON
+cdef double SEEN_HITS, LIES_OFF, SPEEDS_UP, TURNS_UP, SMALL_BEND, TRIED_TURN, TRIED_REACH, TRIED_KERNEL, FARTHEST_STEP, WIDEST_STEP, HORIZON
 cdef Py_ssize_t MOST_POINTS, LEAST_POINTS, MOST_NEIGHBOURS, LEAST_NEIGHBOURS, SIDE, MOST_SURFELS, MOST_STEPS, TRIED_TURNS
-cdef Py_ssize_t PATIENCE, COLUMNS
+cdef Py_ssize_t TRIED_POINTS, MOST_BENDS, PATIENCE, COLUMNS
 
 
 cdef class Outline:
@@ -49,11 +49,17 @@ cdef class Alignment:
     cdef double x, y, yaw, fit, sharp, least, along_x, along_y
 
 
+cdef class Sums:
+    cdef double hxx, hxy, hyy, hxt, hyt, htt, gx, gy, gt, total
+    cdef Py_ssize_t fits, sharp
+
+
 cdef class Matcher:
     cdef readonly Py_ssize_t beams, columns, pieces
     cdef Outline points, first
     cdef Surfels map
     cdef Alignment found, best
+    cdef Sums sums
     cdef bint begun, moves, alone
     cdef double x, y, yaw, vx, vy, vyaw, time, told_x, told_y, told_yaw, told_part
     cdef Py_ssize_t misses
@@ -105,9 +111,19 @@ cdef void enter_sweep(Matcher matcher, Outline points, double vx, double vy, dou
 cdef (double, double, double) align(
     Matcher matcher, double x, double y, double yaw, double vx, double vy, double vyaw, double seconds, Py_ssize_t wide
 ) noexcept nogil
-@cython.locals(fits=Py_ssize_t, sharp=Py_ssize_t, number=Py_ssize_t, at=Py_ssize_t, i=Py_ssize_t)
+@cython.locals(number=Py_ssize_t)
 cdef void refine(
-    Outline points, Surfels surfels, Alignment found, double reach, double kernel
+    Outline points, Surfels surfels, Alignment found, Sums sums, double reach, double kernel, Py_ssize_t every
+) noexcept nogil
+@cython.locals(i=Py_ssize_t)
+cdef (double, double, double) bend(
+    Outline points, Surfels surfels, Alignment found, Sums sums, double vx, double vy, double vyaw, double reach,
+    double kernel
+) noexcept nogil
+@cython.locals(fits=Py_ssize_t, sharp=Py_ssize_t, number=Py_ssize_t, at=Py_ssize_t, i=Py_ssize_t, k=Py_ssize_t)
+cdef void sum_up(
+    Outline points, Surfels surfels, Alignment found, Sums sums, double reach, double kernel, Py_ssize_t every,
+    Py_ssize_t bends, double middle
 ) noexcept nogil
 cdef void copy_alignment(Alignment to, Alignment of) noexcept nogil
 @cython.locals(i=Py_ssize_t)
@@ -117,7 +133,7 @@ cdef void begin_map(Matcher matcher, double time) noexcept nogil
 cdef void place_sweep(
     Matcher matcher, double time, double* told, Py_ssize_t at, double* out, Py_ssize_t to
 ) noexcept nogil
-@cython.locals(place=Py_ssize_t, k=Py_ssize_t)
+@cython.locals(place=Py_ssize_t, k=Py_ssize_t, every=Py_ssize_t, fit=double)
 cdef (double, double, double) look_around(
     Matcher matcher, double x, double y, double yaw, double vx, double vy, double vyaw, double seconds
 ) noexcept nogil

@@ -59,9 +59,15 @@ SMALL_STEP = 3e-4
 """An alignment has converged at a step below this [m, rad]."""
 GREATEST_STEP, GREATEST_TURN = 0.5, 0.3
 """Limits of one step of an alignment [m, rad]."""
+LIES_OFF, SPEEDS_UP, TURNS_UP = 0.2, 0.3, 0.6
+"""Deviations: of a sweep from the map as a whole [m], and of its velocity from that until then [m/s, rad/s]."""
+MOST_BENDS, SMALL_BEND = 4, 3e-3
+"""Corrections of the velocity of a sweep that takes time, until one is below this [m/s, rad/s]."""
 POINT_WEIGHT = 0.3
 """Weight of a point without a line."""
-LEAST_WEIGHT = 5.0
+SEEN_HITS = 2.0
+"""A surfel that so many points hit has half of the weight of one that many hit."""
+LEAST_WEIGHT = 1.0
 SLIDES = 0.02
 """The walls do not fix the place along a direction whose curvature is a smaller share of all weights."""
 FITS, FITS_GROWS = 0.05, 0.005
@@ -77,7 +83,9 @@ LEAST_FIT = 0.5
 BETTER = 0.03
 """Another turn counts only if the share of points that fit is greater by this."""
 TRIED_TURN, TRIED_TURNS = 0.12, 4
-"""Other turns are tried in steps of so much [rad], so many to each side."""
+"""Other turns are tried in steps of so much [rad], so many to each side, ..."""
+TRIED_POINTS, TRIED_REACH, TRIED_KERNEL = 60, 0.8, 0.15
+"""... with about so many of the points, and with this reach and scale of weights [m]."""
 FARTHEST_STEP, WIDEST_STEP = 3.0, 1.2
 """A sweep is no further from its guess than this [m, rad]."""
 PATIENCE = 10
@@ -146,6 +154,15 @@ class Alignment:
         """That direction."""
 
 
+class Sums:
+    """Normal equations of a step (x, y, yaw), and how many points fit."""
+
+    def __init__(self) -> None:
+        self.hxx = self.hxy = self.hyy = self.hxt = self.hyt = self.htt = 0.0
+        self.gx = self.gy = self.gt = self.total = 0.0
+        self.fits = self.sharp = 0
+
+
 class Matcher:
     """The path of one sensor: `follow` takes sweeps in log order, however they are cut into batches."""
 
@@ -156,6 +173,7 @@ class Matcher:
         """The sweep with which the map begins, while it is all there is of it."""
         self.map = Surfels()
         self.found, self.best = Alignment(), Alignment()
+        self.sums = Sums()
         self.begun = self.moves = self.alone = False
         self.x = self.y = self.yaw = 0.0
         self.vx = self.vy = self.vyaw = 0.0
@@ -529,8 +547,12 @@ def align(
             reach, kernel = 0.2, 0.05
         else:
             reach, kernel = 0.15, 0.03
+            if matcher.points.takes_time:
+                return bend(
+                    matcher.points, matcher.map, matcher.found, matcher.sums, vx, vy, vyaw, reach, kernel
+                )
         deskew(matcher.points, vx, vy, vyaw)
-        refine(matcher.points, matcher.map, matcher.found, reach, kernel)
+        refine(matcher.points, matcher.map, matcher.found, matcher.sums, reach, kernel, 1)
         if matcher.points.takes_time and seconds > 0.0:
             dx, dy, turn = step_between(
                 matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw
@@ -539,78 +561,37 @@ def align(
     return vx, vy, vyaw
 
 
-def refine(points: Outline, surfels: Surfels, found: Alignment, reach: float, kernel: float) -> None:
-    """Take Gauss-Newton steps with weights (k² / (k² + e²))² of residuals e, and do not slide along walls."""
-    k2 = kernel * kernel
+def refine(
+    points: Outline,
+    surfels: Surfels,
+    found: Alignment,
+    sums: Sums,
+    reach: float,
+    kernel: float,
+    every: int,
+) -> None:
+    """Take Gauss-Newton steps, and do not slide along walls; one point of `every` is used."""
+    number = max((points.count + every - 1) // every, 1)
     for _ in range(MOST_STEPS):
-        hxx, hxy, hyy, hxt, hyt, htt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        gx, gy, gt, total = 0.0, 0.0, 0.0, 0.0
-        fits, sharp = 0, 0
-        cos, sin = math.cos(found.yaw), math.sin(found.yaw)
-        for i in range(points.count):
-            px = cos * points.at_x[i] - sin * points.at_y[i]
-            py = sin * points.at_x[i] + cos * points.at_y[i]
-            x, y = px + found.x, py + found.y
-            nx = cos * points.at_nx[i] - sin * points.at_ny[i]
-            ny = sin * points.at_nx[i] + cos * points.at_ny[i]
-            at = nearest_surfel(surfels, x, y, nx, ny, points.line[i], reach)
-            if at < 0:
-                continue
-            dx, dy = x - surfels.x[at], y - surfels.y[at]
-            if surfels.line[at]:
-                nx, ny = surfels.nx[at], surfels.ny[at]
-                e = nx * dx + ny * dy
-                w = k2 / (k2 + e * e)
-                w *= w
-                jt = ny * px - nx * py
-                hxx += w * nx * nx
-                hxy += w * nx * ny
-                hyy += w * ny * ny
-                hxt += w * nx * jt
-                hyt += w * ny * jt
-                htt += w * jt * jt
-                gx += w * nx * e
-                gy += w * ny * e
-                gt += w * jt * e
-                total += w
-                if abs(e) < FITS + FITS_GROWS * points.r[i]:
-                    fits += 1
-                if abs(e) < SHARP:
-                    sharp += 1
-            else:
-                e = math.sqrt(dx * dx + dy * dy)
-                w = k2 / (k2 + e * e)
-                w *= w * POINT_WEIGHT
-                hxx += w
-                hyy += w
-                hxt -= w * py
-                hyt += w * px
-                htt += w * (px * px + py * py)
-                gx += w * dx
-                gy += w * dy
-                gt += w * (px * dy - py * dx)
-                total += w
-                if e < FITS_POINT + FITS_GROWS * points.r[i]:
-                    fits += 1
-        number = max(points.count, 1)
-        found.fit, found.sharp = fits / (1.0 * number), sharp / (1.0 * number)
-        if total < LEAST_WEIGHT:
+        sum_up(points, surfels, found, sums, reach, kernel, every, 0, 0.0)
+        found.fit, found.sharp = sums.fits / (1.0 * number), sums.sharp / (1.0 * number)
+        if sums.total < LEAST_WEIGHT:
             break
         # Yaw is taken out (Schur complement), so that translation is judged by itself.
-        htt = max(htt, TINY)
-        a, b, c = hxx - hxt * hxt / htt, hxy - hxt * hyt / htt, hyy - hyt * hyt / htt
+        htt = max(sums.htt, TINY)
+        a, b = sums.hxx - sums.hxt * sums.hxt / htt, sums.hxy - sums.hxt * sums.hyt / htt
+        c = sums.hyy - sums.hyt * sums.hyt / htt
         bearing = 0.5 * math.atan2(2.0 * b, a - c)
         root = math.sqrt(0.25 * (a - c) * (a - c) + b * b)
         most, least = 0.5 * (a + c) + root, 0.5 * (a + c) - root
         cos, sin = math.cos(bearing), math.sin(bearing)
-        found.least = least / total
+        found.least = least / sums.total
         found.along_x, found.along_y = -sin, cos
-        gx -= hxt * gt / htt
-        gy -= hyt * gt / htt
+        gx, gy = sums.gx - sums.hxt * sums.gt / htt, sums.gy - sums.hyt * sums.gt / htt
         along = -(cos * gx + sin * gy) / most if most > 1e-6 else 0.0
-        aside = -(cos * gy - sin * gx) / least if least > SLIDES * total else 0.0
+        aside = -(cos * gy - sin * gx) / least if least > SLIDES * sums.total else 0.0
         dx, dy = cos * along - sin * aside, sin * along + cos * aside
-        turn = -(gt + hxt * dx + hyt * dy) / htt
+        turn = -(sums.gt + sums.hxt * dx + sums.hyt * dy) / htt
         far = math.sqrt(dx * dx + dy * dy)
         if far > GREATEST_STEP:
             dx, dy = dx * GREATEST_STEP / far, dy * GREATEST_STEP / far
@@ -620,6 +601,125 @@ def refine(points: Outline, surfels: Surfels, found: Alignment, reach: float, ke
         found.yaw = math.remainder(found.yaw + turn, TURN)
         if far < SMALL_STEP and abs(turn) < SMALL_STEP:
             break
+
+
+def bend(
+    points: Outline,
+    surfels: Surfels,
+    found: Alignment,
+    sums: Sums,
+    vx: float,
+    vy: float,
+    vyaw: float,
+    reach: float,
+    kernel: float,
+) -> tuple[float, float, float]:
+    """Correct the velocity during the sweep by the points themselves, about the middle of the sweep; return it.
+
+    The velocity until the sweep holds it, with deviations of `SPEEDS_UP` and `TURNS_UP`.
+    """
+    middle = 0.0
+    for i in range(points.count):
+        middle += points.late[i]
+    middle /= points.count
+    off = LIES_OFF * LIES_OFF
+    straight, round_about = off / (SPEEDS_UP * SPEEDS_UP), off / (TURNS_UP * TURNS_UP)
+    ux, uy, turned = 0.0, 0.0, 0.0
+    for _ in range(MOST_BENDS):
+        cos, sin = math.cos(found.yaw), math.sin(found.yaw)
+        deskew(points, vx + cos * ux + sin * uy, vy + cos * uy - sin * ux, vyaw + turned)
+        refine(points, surfels, found, sums, reach, kernel, 1)
+        sum_up(points, surfels, found, sums, reach, kernel, 1, 1, middle)
+        htt, gt = sums.htt + round_about, sums.gt + round_about * turned
+        a, b = sums.hxx + straight - sums.hxt * sums.hxt / htt, sums.hxy - sums.hxt * sums.hyt / htt
+        c = sums.hyy + straight - sums.hyt * sums.hyt / htt
+        gx, gy = sums.gx + straight * ux - sums.hxt * gt / htt, sums.gy + straight * uy - sums.hyt * gt / htt
+        det = a * c - b * b
+        dx, dy = (b * gy - c * gx) / det, (b * gx - a * gy) / det
+        turn = -(gt + sums.hxt * dx + sums.hyt * dy) / htt
+        ux, uy, turned = ux + dx, uy + dy, turned + turn
+        found.x -= middle * dx
+        found.y -= middle * dy
+        found.yaw = math.remainder(found.yaw - middle * turn, TURN)
+        if dx * dx + dy * dy < SMALL_BEND * SMALL_BEND and abs(turn) < SMALL_BEND:
+            break
+    cos, sin = math.cos(found.yaw), math.sin(found.yaw)
+    return vx + cos * ux + sin * uy, vy + cos * uy - sin * ux, vyaw + turned
+
+
+def sum_up(
+    points: Outline,
+    surfels: Surfels,
+    found: Alignment,
+    sums: Sums,
+    reach: float,
+    kernel: float,
+    every: int,
+    bends: int,
+    middle: float,
+) -> None:
+    """Sum up the normal equations of residuals e with weights (k² / (k² + e²))², over one point of `every`.
+
+    They are those of a step, or where `bends` of a velocity, that moves a point by how much later than `middle` it was
+    seen [s].
+    """
+    k2, number = kernel * kernel, (points.count + every - 1) // every
+    hxx, hxy, hyy, hxt, hyt, htt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    gx, gy, gt, total = 0.0, 0.0, 0.0, 0.0
+    fits, sharp = 0, 0
+    cos, sin = math.cos(found.yaw), math.sin(found.yaw)
+    for k in range(number):
+        i = every * k
+        px = cos * points.at_x[i] - sin * points.at_y[i]
+        py = sin * points.at_x[i] + cos * points.at_y[i]
+        x, y = px + found.x, py + found.y
+        nx = cos * points.at_nx[i] - sin * points.at_ny[i]
+        ny = sin * points.at_nx[i] + cos * points.at_ny[i]
+        at = nearest_surfel(surfels, x, y, nx, ny, points.line[i], reach)
+        if at < 0:
+            continue
+        moves = points.late[i] - middle if bends else 1.0
+        known = surfels.hits[at] / (surfels.hits[at] + SEEN_HITS)
+        dx, dy = x - surfels.x[at], y - surfels.y[at]
+        if surfels.line[at]:
+            nx, ny = surfels.nx[at], surfels.ny[at]
+            e = nx * dx + ny * dy
+            w = k2 / (k2 + e * e)
+            w *= w * known
+            jx, jy, jt = moves * nx, moves * ny, moves * (ny * px - nx * py)
+            hxx += w * jx * jx
+            hxy += w * jx * jy
+            hyy += w * jy * jy
+            hxt += w * jx * jt
+            hyt += w * jy * jt
+            htt += w * jt * jt
+            gx += w * jx * e
+            gy += w * jy * e
+            gt += w * jt * e
+            total += w
+            if abs(e) < FITS + FITS_GROWS * points.r[i]:
+                fits += 1
+            if abs(e) < SHARP:
+                sharp += 1
+        else:
+            e = math.sqrt(dx * dx + dy * dy)
+            w = k2 / (k2 + e * e)
+            w *= w * POINT_WEIGHT * known
+            total += w
+            w *= moves
+            gx += w * dx
+            gy += w * dy
+            gt += w * (px * dy - py * dx)
+            w *= moves
+            hxx += w
+            hyy += w
+            hxt -= w * py
+            hyt += w * px
+            htt += w * (px * px + py * py)
+            if e < FITS_POINT + FITS_GROWS * points.r[i]:
+                fits += 1
+    sums.hxx, sums.hxy, sums.hyy, sums.hxt, sums.hyt, sums.htt = hxx, hxy, hyy, hxt, hyt, htt
+    sums.gx, sums.gy, sums.gt, sums.total, sums.fits, sums.sharp = gx, gy, gt, total, fits, sharp
 
 
 def copy_alignment(to: Alignment, of: Alignment) -> None:
@@ -703,7 +803,8 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
                 dx, dy, turn = step_between(
                     matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw
                 )
-                vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
+                if not matcher.points.takes_time:
+                    vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
                 matcher.vx, matcher.vy, matcher.vyaw = vx, vy, vyaw
             matcher.x, matcher.y, matcher.yaw, matcher.time = (
                 matcher.found.x,
@@ -724,21 +825,34 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
 def look_around(
     matcher: Matcher, x: float, y: float, yaw: float, vx: float, vy: float, vyaw: float, seconds: float
 ) -> tuple[float, float, float]:
-    """Try other turns, at the guess and at the last pose; return the velocity of the matcher.best."""
+    """Try other turns, at the guess and at the last pose, and the best of them with all points; return its velocity."""
     copy_alignment(matcher.best, matcher.found)
+    every = max(matcher.points.count // TRIED_POINTS, 1)
+    fit, tx, ty, tyaw = -1.0, x, y, yaw
     for place in range(2):
         for k in range(-TRIED_TURNS, TRIED_TURNS + 1):
-            if place == 0 and k == 0:
-                continue
-            tx, ty, tyaw = (x, y, yaw) if place == 0 else (matcher.x, matcher.y, matcher.yaw)
-            tyaw = math.remainder(tyaw + k * TRIED_TURN, TURN)
+            if place == 0:
+                matcher.found.x, matcher.found.y, matcher.found.yaw = x, y, yaw
+            else:
+                matcher.found.x, matcher.found.y, matcher.found.yaw = matcher.x, matcher.y, matcher.yaw
+            matcher.found.yaw = math.remainder(matcher.found.yaw + k * TRIED_TURN, TURN)
             wx, wy, wyaw = 0.0, 0.0, 0.0
             if seconds > 0.0:
-                dx, dy, turn = step_between(matcher.x, matcher.y, matcher.yaw, tx, ty, tyaw)
+                dx, dy, turn = step_between(
+                    matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw
+                )
                 wx, wy, wyaw = velocity_of(dx, dy, turn, seconds)
-            wx, wy, wyaw = align(matcher, tx, ty, tyaw, wx, wy, wyaw, seconds, 1)
-            if matcher.found.fit > matcher.best.fit + BETTER:
-                copy_alignment(matcher.best, matcher.found)
-                vx, vy, vyaw = wx, wy, wyaw
+            deskew(matcher.points, wx, wy, wyaw)
+            refine(matcher.points, matcher.map, matcher.found, matcher.sums, TRIED_REACH, TRIED_KERNEL, every)
+            if matcher.found.fit > fit:
+                fit = matcher.found.fit
+                tx, ty, tyaw = matcher.found.x, matcher.found.y, matcher.found.yaw
+    wx, wy, wyaw = 0.0, 0.0, 0.0
+    if seconds > 0.0:
+        dx, dy, turn = step_between(matcher.x, matcher.y, matcher.yaw, tx, ty, tyaw)
+        wx, wy, wyaw = velocity_of(dx, dy, turn, seconds)
+    wx, wy, wyaw = align(matcher, tx, ty, tyaw, wx, wy, wyaw, seconds, 1)
+    if matcher.found.fit >= GOOD_FIT and matcher.found.fit > matcher.best.fit + BETTER:
+        return wx, wy, wyaw
     copy_alignment(matcher.found, matcher.best)
     return vx, vy, vyaw

@@ -127,6 +127,12 @@ class MatchedPath:
         return self._column(5)
 
     @property
+    def sharpness(self) -> float:
+        """Mean of `sharp` over the sweeps that have a pose; 0 of none."""
+        sharp = self.sharp[np.isfinite(self.sharp)]
+        return float(sharp.mean()) if len(sharp) else 0.0
+
+    @property
     def pieces(self) -> Float64:
         """(S,) number of the piece of the path, from 1: it is not known how one lies to the next."""
         return self._column(6)

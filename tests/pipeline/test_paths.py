@@ -433,8 +433,7 @@ def test_walls_are_sharp_by_the_order_that_was_learned(tmp_path: Path) -> None:
     ("log", "verdict", "delay"),
     [
         ("comprobo24/drive_square", "corrected", -0.34),
-        # Its sweeps seem to be taken at once, and half a sweep of 0.2 s is in the delay then.
-        ("ros_behaviors_fsm/teleop", "corrected", -0.25),
+        ("ros_behaviors_fsm/teleop", "corrected", -0.35),
         ("my_gazebo_tutorials/20_53_49", "accepted", 0.0),
     ],
 )

@@ -119,7 +119,7 @@ def test_what_is_said_of_motion_capture(tmp_path: Path) -> None:
     assert summary.notes == [
         "poses from /ego_pose (map > laser); the sensor laser is taken to be at the pose itself; "
         "also available: /red_pose (--pose TOPIC)",
-        "poses from /ego_pose fit the sweeps: 82% of 200 steps",
+        "poses from /ego_pose fit the sweeps: 80% of 200 steps",
     ]
 
 

@@ -36,8 +36,8 @@ ENOUGH_SKEWED, MOST_HELD = 300, 3000
 """Sweeps during which the sensor moves that tell the order of the beams, and most sweeps that are held for it."""
 WELL_CORRECTED = 0.9
 """Share of steps that agree from which on corrected poses are the path; below, they guide the matched one."""
-LESS_PLACED = 0.02
-"""Share of sweeps that have no pose by a guess, from which on the guess is wrong."""
+LESS_PLACED, LESS_SHARP = 0.02, 0.01
+"""Shares of sweeps that have no pose by a guess, and of points that lie worse, from which on the guess does harm."""
 WORTH_A_GUESS = 0.2
 """Share of told steps that agree from which on the told steps guide the search."""
 LEAST_PLACED = 0.7
@@ -236,6 +236,7 @@ def check_paths(
                 better.verdict in ("rejected", "unchecked")
                 or look.path.restarts > first.restarts
                 or look.path.placed < first.placed - LESS_PLACED
+                or look.path.sharpness < first.sharpness - LESS_SHARP
             )
             found[key] = found[key] if is_worse else better
     return found
