@@ -6,7 +6,7 @@ from lidarcli cimport native
 cdef double NAN, TURN, TINY, NEAREST_RANGE, FARTHEST_RANGE, GRAIN, LINE_REACH, GAP, GAP_BEAMS, LINE_VAR, LINE_VAR_GROWS
 cdef double STRETCHED, EVEN, LONGEST_CHORD, CELL, MOST_HITS, SAME_SIDE, SMALL_STEP, GREATEST_STEP, GREATEST_TURN
 cdef double POINT_WEIGHT, LEAST_WEIGHT, SLIDES, FITS, FITS_GROWS, FITS_POINT, SHARP, GOOD_FIT, LEAST_FIT, BETTER
-cdef double SEEN_HITS, LIES_OFF, SPEEDS_UP, TURNS_UP, SMALL_BEND, TRIED_TURN, TRIED_REACH, TRIED_KERNEL, FARTHEST_STEP, WIDEST_STEP, HORIZON
+cdef double APART, SEEN_HITS, LIES_OFF, SPEEDS_UP, TURNS_UP, SMALL_BEND, TRIED_TURN, TRIED_REACH, TRIED_KERNEL, FARTHEST_STEP, WIDEST_STEP, HORIZON
 cdef Py_ssize_t MOST_POINTS, LEAST_POINTS, MOST_NEIGHBOURS, LEAST_NEIGHBOURS, SIDE, MOST_SURFELS, MOST_STEPS, TRIED_TURNS
 cdef Py_ssize_t TRIED_POINTS, MOST_BENDS, PATIENCE, COLUMNS
 
@@ -60,8 +60,8 @@ cdef class Matcher:
     cdef Surfels map
     cdef Alignment found, best
     cdef Sums sums
-    cdef bint begun, moves, alone
-    cdef double x, y, yaw, vx, vy, vyaw, time, told_x, told_y, told_yaw, told_part
+    cdef bint begun, moves, alone, stepped
+    cdef double x, y, yaw, vx, vy, vyaw, step_x, step_y, step_yaw, time, told_x, told_y, told_yaw, told_part
     cdef Py_ssize_t misses
 
     @cython.locals(rows=Py_ssize_t, width=Py_ssize_t, row=Py_ssize_t, k=Py_ssize_t)
@@ -133,7 +133,12 @@ cdef void begin_map(Matcher matcher, double time) noexcept nogil
 cdef void place_sweep(
     Matcher matcher, double time, double* told, Py_ssize_t at, double* out, Py_ssize_t to
 ) noexcept nogil
-@cython.locals(place=Py_ssize_t, k=Py_ssize_t, every=Py_ssize_t, fit=double)
+cdef (double, double, double) start_of(
+    Matcher matcher, double x, double y, double yaw, double seconds
+) noexcept nogil
+@cython.locals(every=Py_ssize_t, vx=double, vy=double, vyaw=double)
+cdef void try_pose(Matcher matcher, double x, double y, double yaw, double seconds) noexcept nogil
+@cython.locals(place=Py_ssize_t, k=Py_ssize_t, fit=double)
 cdef (double, double, double) look_around(
     Matcher matcher, double x, double y, double yaw, double vx, double vy, double vyaw, double seconds
 ) noexcept nogil

@@ -86,6 +86,8 @@ TRIED_TURN, TRIED_TURNS = 0.12, 4
 """Other turns are tried in steps of so much [rad], so many to each side, ..."""
 TRIED_POINTS, TRIED_REACH, TRIED_KERNEL = 60, 0.8, 0.15
 """... with about so many of the points, and with this reach and scale of weights [m]."""
+APART = 0.05
+"""Where the velocity and the last step lead further apart than this [m, rad], both are tried."""
 FARTHEST_STEP, WIDEST_STEP = 3.0, 1.2
 """A sweep is no further from its guess than this [m, rad]."""
 PATIENCE = 10
@@ -177,6 +179,9 @@ class Matcher:
         self.begun = self.moves = self.alone = False
         self.x = self.y = self.yaw = 0.0
         self.vx = self.vy = self.vyaw = 0.0
+        self.stepped = False
+        self.step_x = self.step_y = self.step_yaw = 0.0
+        """The last step between two sweeps, once there is one."""
         self.time = 0.0
         self.told_x = self.told_y = self.told_yaw = NAN
         self.told_part = 0.0
@@ -777,6 +782,8 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
             if follows:
                 vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
         wide = 0 if guided or (follows and matcher.moves) else 1
+        if not guided and matcher.stepped:
+            x, y, yaw = start_of(matcher, x, y, yaw, seconds)
         vx, vy, vyaw = align(matcher, x, y, yaw, vx, vy, vyaw, seconds, wide)
         if matcher.found.fit < GOOD_FIT:
             vx, vy, vyaw = look_around(matcher, x, y, yaw, vx, vy, vyaw, seconds)
@@ -799,10 +806,13 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
             begin_map(matcher, time)
         else:
             matcher.moves = follows
+            dx, dy, turn = step_between(
+                matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw
+            )
+            if matcher.misses == 0:
+                matcher.stepped = True
+                matcher.step_x, matcher.step_y, matcher.step_yaw = dx, dy, turn
             if follows:
-                dx, dy, turn = step_between(
-                    matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw
-                )
                 if not matcher.points.takes_time:
                     vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
                 matcher.vx, matcher.vy, matcher.vyaw = vx, vy, vyaw
@@ -822,28 +832,42 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
     out[to + 8] = 1.0 if matcher.found.least < SLIDES else 0.0
 
 
+def start_of(matcher: Matcher, x: float, y: float, yaw: float, seconds: float) -> tuple[float, float, float]:
+    """Return where to begin: where the velocity leads, or where the last step does, if stamps are uneven or far apart."""
+    sx, sy, syaw = matcher.x, matcher.y, matcher.yaw
+    for _ in range(matcher.misses + 1):
+        sx, sy, syaw = pose_after(sx, sy, syaw, matcher.step_x, matcher.step_y, matcher.step_yaw)
+    dx, dy, turn = step_between(x, y, yaw, sx, sy, syaw)
+    if dx * dx + dy * dy < APART * APART and abs(turn) < APART:
+        return x, y, yaw
+    try_pose(matcher, x, y, yaw, seconds)
+    fit = matcher.found.fit
+    try_pose(matcher, sx, sy, syaw, seconds)
+    return (sx, sy, syaw) if matcher.found.fit > fit else (x, y, yaw)
+
+
+def try_pose(matcher: Matcher, x: float, y: float, yaw: float, seconds: float) -> None:
+    """Lay some of the points onto the map; the result is `matcher.found`."""
+    vx, vy, vyaw = 0.0, 0.0, 0.0
+    if seconds > 0.0:
+        dx, dy, turn = step_between(matcher.x, matcher.y, matcher.yaw, x, y, yaw)
+        vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
+    deskew(matcher.points, vx, vy, vyaw)
+    every = max(matcher.points.count // TRIED_POINTS, 1)
+    matcher.found.x, matcher.found.y, matcher.found.yaw = x, y, yaw
+    refine(matcher.points, matcher.map, matcher.found, matcher.sums, TRIED_REACH, TRIED_KERNEL, every)
+
+
 def look_around(
     matcher: Matcher, x: float, y: float, yaw: float, vx: float, vy: float, vyaw: float, seconds: float
 ) -> tuple[float, float, float]:
     """Try other turns, at the guess and at the last pose, and the best of them with all points; return its velocity."""
     copy_alignment(matcher.best, matcher.found)
-    every = max(matcher.points.count // TRIED_POINTS, 1)
     fit, tx, ty, tyaw = -1.0, x, y, yaw
     for place in range(2):
         for k in range(-TRIED_TURNS, TRIED_TURNS + 1):
-            if place == 0:
-                matcher.found.x, matcher.found.y, matcher.found.yaw = x, y, yaw
-            else:
-                matcher.found.x, matcher.found.y, matcher.found.yaw = matcher.x, matcher.y, matcher.yaw
-            matcher.found.yaw = math.remainder(matcher.found.yaw + k * TRIED_TURN, TURN)
-            wx, wy, wyaw = 0.0, 0.0, 0.0
-            if seconds > 0.0:
-                dx, dy, turn = step_between(
-                    matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw
-                )
-                wx, wy, wyaw = velocity_of(dx, dy, turn, seconds)
-            deskew(matcher.points, wx, wy, wyaw)
-            refine(matcher.points, matcher.map, matcher.found, matcher.sums, TRIED_REACH, TRIED_KERNEL, every)
+            sx, sy, syaw = (x, y, yaw) if place == 0 else (matcher.x, matcher.y, matcher.yaw)
+            try_pose(matcher, sx, sy, math.remainder(syaw + k * TRIED_TURN, TURN), seconds)
             if matcher.found.fit > fit:
                 fit = matcher.found.fit
                 tx, ty, tyaw = matcher.found.x, matcher.found.y, matcher.found.yaw

@@ -25,7 +25,7 @@ SKEWED, TYPICAL_RANGE = 0.03, 2.0
 LEAST_SKEWED, BLOCKS, CLEAR = 40, 20, 2.0
 """Least sweeps that tell an order, the blocks they are compared in, and the deviations from which a difference is clear."""
 LONGEST_SLIDE = 1.0
-"""A slide without a guess loses its poses from this duration on [s]."""
+"""A slide without a guess loses its poses from this duration on, and no pose is between poses further apart [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,8 +173,7 @@ class MatchedPath:
 
         Long slides without a guess have no poses.
         """
-        poses = self.poses
-        there = np.flatnonzero(~np.isnan(poses[:, 0]) & ~self._long_slides())
+        poses, there = self.poses, self._there()
         if not len(there):
             return None
         half, flat = 0.5 * poses[there, 2], np.zeros(len(there))
@@ -183,6 +182,19 @@ class MatchedPath:
         return gathered(
             (topic, TYPE, MATCH, frame), self.stamp_ns[there], numbers, record_ns[there], Counter()
         )
+
+    @property
+    def gaps(self) -> Int64:
+        """(G, 2) stamps of the sweeps before and after each stretch of more than `LONGEST_SLIDE` without poses [ns]."""
+        there, stamps = self._there(), self.stamp_ns
+        there = there[np.argsort(stamps[there], kind="stable")]
+        ends = np.column_stack([stamps[there[:-1]], stamps[there[1:]]])
+        found: Int64 = ends[(np.diff(there) > 1) & (ends[:, 1] - ends[:, 0] > LONGEST_SLIDE * SECOND_NS)]
+        return found
+
+    def _there(self) -> Int64:
+        """Return the numbers of the sweeps whose poses are those of the path."""
+        return np.flatnonzero(~np.isnan(self.poses[:, 0]) & ~self._long_slides())
 
     def _long_slides(self) -> Bool:
         """Return (S,) True in slides without a guess that are longer than `LONGEST_SLIDE`."""

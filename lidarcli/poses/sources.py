@@ -37,9 +37,10 @@ class Correction:
     mount: Motion | None = None
     """Pose of the sensor in the frame that the poses tell of (N = 1); None where that is the sensor's own."""
     gaps: Int64 = field(default_factory=lambda: np.zeros((0, 2), np.int64))
-    """(G, 2) stamps between which told poses jump [ns]: the last before each jump, and the first after it."""
+    """(G, 2) stamps between which poses jump or are not known [ns]: the last before each gap, and the first after it."""
     moves: Motion | None = None
-    """G + 1 motions of the world, one for each part between gaps, that join the parts; NaN where they cannot be joined."""
+    """G + 1 motions of the world, one for each part between gaps, that join the parts, NaN where they cannot be joined;
+    None where they are joined."""
 
     def at(self, steps: Sequence[Step], stamp_ns: Int64) -> Motion:
         """Return the corrected poses at times (S,), NaN where they are not known."""
@@ -47,9 +48,10 @@ class Correction:
         found = along(steps, at_ns)
         if self.mount is not None:
             found = compose(found, self.mount)
-        if self.moves is not None:
+        if len(self.gaps):
             part = np.searchsorted(self.gaps[:, 1], at_ns, "right")
-            found = compose(Motion(self.moves.position[part], self.moves.rotation[part]), found)
+            if self.moves is not None:
+                found = compose(Motion(self.moves.position[part], self.moves.rotation[part]), found)
             after = np.minimum(part, len(self.gaps) - 1)
             inside = (at_ns > self.gaps[after, 0]) & (at_ns < self.gaps[after, 1])
             found.position[inside], found.rotation[inside] = np.nan, np.nan

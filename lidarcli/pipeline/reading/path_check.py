@@ -354,6 +354,12 @@ def _unposed(key: Key, look: _Look, mine: CheckedPath, match: bool) -> CheckedPa
             f"{sliding:.0%} of the sweeps of {topic} may slide along their walls: the path may be too short there"
         )
     way = Way((topic,), frame, track.parent, (Step(track, down=False),))
+    if len(gaps := path.gaps):
+        way = replace(way, correction=Correction(gaps=gaps))
+        notes.append(
+            f"the path of frame {name} is not known for {np.diff(gaps).sum() / SECOND_NS:,.1f} s: the sweeps of {topic} "
+            "slide there, or fit nowhere"
+        )
     return replace(mine, verdict="matched", way=way, notes=(*mine.notes, *notes))
 
 
