@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import faulthandler
+import gc
 import os
 import re
 import signal
@@ -51,6 +52,23 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 HANGS = pytest.StashKey[IO[str]]()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Keep what is collected out of the sight of the garbage collector, which would look at it again and again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
+
+
+def pytest_unconfigure() -> None:
+    """Show it again: libraries look at what is left when a process ends."""
+    gc.unfreeze()
 
 
 @pytest.hookimpl(wrapper=True)

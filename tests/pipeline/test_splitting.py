@@ -22,7 +22,9 @@ import pytest
 
 from lidarcli import machine
 from lidarcli.formalism import Parameters
+from lidarcli.logs.base import Log
 from lidarcli.logs.batches import ReadOptions
+from lidarcli.logs.options import TopicChoice
 from lidarcli.machine import Beside
 from lidarcli.pipeline.building import Building, BuildOptions
 from lidarcli.pipeline.detecting import detect_files, detect_stream, detect_to_files
@@ -31,9 +33,11 @@ from lidarcli.pipeline.objects import making
 from lidarcli.pipeline.objects.making import Maker, Part, Recipe, Splitting
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+from lidarcli.pipeline.reading import path_check
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.reading.pose_sources import NO_POSES
 from lidarcli.pipeline.runs import over_logs, processes
+from lidarcli.range_rules import RangeRules
 from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.writers import write_log
@@ -66,6 +70,23 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
     data[middle : middle + 200] = bytes(200)
     path.write_bytes(data)
     return Source(str(path), "drive")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def paths_are_checked_once() -> Iterator[None]:
+    """The pass that checks the poses of `source` takes most of a run and knows of no jobs: it runs once per choice."""
+    known: dict[object, object] = {}
+    check = path_check.check_paths
+
+    def checked(log: Log, sources: Any, choice: TopicChoice, rules: RangeRules, **options: Any) -> Any:
+        asked = (sources is None, choice.wanted, rules, *sorted(options.items()))
+        if asked not in known:
+            known[asked] = check(log, sources, choice, rules, **options)
+        return known[asked]
+
+    with pytest.MonkeyPatch.context() as patching:
+        patching.setattr(path_check, "check_paths", checked)
+        yield
 
 
 @dataclass
