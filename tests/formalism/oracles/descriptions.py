@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import pairwise, product
 from math import atan2, cos, degrees, dist, hypot, inf, log, pi, radians, sin, sqrt
 
 import numpy as np
@@ -148,14 +148,14 @@ def best_circle(places: list[Place]) -> tuple[Place, float, float]:
     centre, size = np.array(algebraic_circle(places)[0]), 0.2
     cloud = np.array(places)
 
-    def spread(at: np.ndarray) -> float:
-        return float(np.std(np.hypot(*(cloud - at).T)))
-
-    steps = [np.array([x, y]) for x in (-1, -0.3, 0, 0.3, 1) for y in (-1, -0.3, 0, 0.3, 1)]
+    # The centre itself is the first, so that another one has to be better.
+    steps = np.array([(0, 0), *product((-1, -0.3, 0, 0.3, 1), repeat=2)])
     for _ in range(400):
-        better = min((centre + size * way for way in steps), key=spread)
-        if spread(better) < spread(centre):
-            centre = better
+        around = centre + size * steps
+        spreads = np.hypot(*(cloud[:, None] - around).T).std(axis=1)
+        best = int(np.argmin(spreads))
+        if best:
+            centre = around[best]
         else:
             size /= 2
         if size < 1e-7:

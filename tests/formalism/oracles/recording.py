@@ -122,26 +122,29 @@ class Recorded:
 
 
 class Plain:
-    """The fields of an object of the core, its arrays as lists."""
+    """The fields of an object of the core, its arrays as lists; those that are as they were `before` are the same."""
 
-    def __init__(self, source: Any) -> None:
+    def __init__(self, source: Any, before: Plain | None) -> None:
         for name, value in vars(source).items():
-            setattr(self, name, list(value) if isinstance(value, list) else value)
+            if isinstance(value, list):
+                old = None if before is None else getattr(before, name)
+                value = old if old == value else list(value)
+            setattr(self, name, value)
 
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(name)
 
 
-def state_of(everything: core.Core, result: Any) -> State:
+def state_of(everything: core.Core, result: Any, before: State | None) -> State:
     """A copy of what the core knows now."""
     these, faces, found = everything.segments, everything.faces, everything.protrusions
     return State(
-        points=Plain(everything.points),
-        survey=Plain(everything.survey),
-        bodies=Plain(everything.bodies),
-        parts=Plain(everything.description.parts),
-        features=Plain(everything.features),
-        verdict=Plain(everything.verdict),
+        points=Plain(everything.points, before and before.points),
+        survey=Plain(everything.survey, before and before.survey),
+        bodies=Plain(everything.bodies, before and before.bodies),
+        parts=Plain(everything.description.parts, before and before.parts),
+        features=Plain(everything.features, before and before.features),
+        verdict=Plain(everything.verdict, before and before.verdict),
         breaks=list(everything.breakpoints.at[: everything.breakpoints.count]),
         protrusions=[(found.segment[k], found.first[k], found.last[k]) for k in range(found.count)],
         segments=[
@@ -165,7 +168,8 @@ def watched(recorded: Recorded) -> Iterator[None]:
     def watch(name: str, step: Callable[..., Any]) -> Callable[..., Any]:
         def call(*arguments: Any) -> Any:
             result = step(*arguments)
-            recorded.after[name] = state_of(cores[0], result)
+            last = next(reversed(recorded.after.values()), None)
+            recorded.after[name] = state_of(cores[0], result, last)
             return result
 
         return call
