@@ -141,6 +141,12 @@ def _process() -> Callable[..., subprocess.CompletedProcess[bytes]]:
 
 
 @pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of sweeps are empty files, for tests of their names and of what is said beside them."""
+    monkeypatch.setattr("lidarcli.pipeline.plotting.draw", lambda picture, view, suffix, look: b"")
+
+
+@pytest.fixture
 def nothing_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Temporary files go to a folder of their own, which is empty afterwards."""
     folder = tmp_path / "temporary"

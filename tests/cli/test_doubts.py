@@ -39,6 +39,7 @@ def millimetres(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_tells_it(lidarcli: Callable[..., Any], millimetres: Path, command: str) -> None:
     ran = lidarcli(*COMMANDS[command], "run.mcap")
@@ -75,6 +76,7 @@ def test_info_tells_of_repeated_stamps(lidarcli: Callable[..., Any], tmp_path: P
     assert "increasing" not in ran.out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_said_of_ranges_is_said_everywhere(
     lidarcli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

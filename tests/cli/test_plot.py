@@ -52,7 +52,7 @@ def test_several_sweeps(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s-0.svg", "s-3.svg", "s-4.svg", "s-8.svg"]
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_of_several_topics_the_first_is_drawn(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     ran = lidarcli("plot", logs / "two.mcap", "-o", tmp_path / "a.png")
     assert ran.err.splitlines()[0] == "  note     drawn is /front; also available: /rear (--topic NAME)"
@@ -303,7 +303,7 @@ def test_no_log(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     assert (ran.code, ran.err) == (2, f"lidarcli: {logs}: holds 3 logs; name one of them\n")
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_a_damaged_log(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     ran = lidarcli("plot", logs / "cut.mcap", "--sweep", 10, "-o", tmp_path / "a.png")
     assert (ran.code, (tmp_path / "a.png").exists()) == (3, True)
@@ -332,6 +332,7 @@ def test_the_log_is_read_only_up_to_the_sweep(
     assert sum(seen) <= 128
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("time", "sweep"),
     [

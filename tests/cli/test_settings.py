@@ -208,6 +208,7 @@ def test_a_mistyped_command_has_a_suggestion(lidarcli: Run) -> None:
     assert "There are info, detect," in lidarcli("xyzzy").err
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("table", "arguments", "wrote"),
     [

@@ -54,10 +54,10 @@ def test_a_batch_is_drawn_like_its_log(tmp_path: Path) -> None:
     assert file.read_bytes() == (tmp_path / "command.svg").read_bytes()
 
 
-@pytest.mark.parametrize("at", [3.42, "3.42s", "2023-11-14T22:13:23.42Z"])
-def test_the_sweep_at_a_time(at: float | str) -> None:
-    title = lidarcli.plot(ROOM, at=at, view="scene")._suptitle.get_text()
-    assert title == lidarcli.plot(ROOM, 34, view="scene")._suptitle.get_text()
+def test_the_sweep_at_a_time() -> None:
+    expected = lidarcli.plot(ROOM, 34, view="scene")._suptitle.get_text()
+    for at in (3.42, "3.42s", "2023-11-14T22:13:23.42Z"):
+        assert lidarcli.plot(ROOM, at=at, view="scene")._suptitle.get_text() == expected, at
 
 
 def test_how_large_it_is_and_what_it_says() -> None:
