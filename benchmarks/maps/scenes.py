@@ -289,6 +289,11 @@ class _Room:
 
     def clear(self, here: Float64, there: Float64) -> bool:
         """True where the straight way is free."""
+        # Most ways that are not free end where nobody can be.
+        x, y = ((here + (there - here) - self.low) / _SQUARE).tolist()
+        columns, rows = self.free.shape
+        if not (0 <= x < columns and 0 <= y < rows and self.free[int(x), int(y)]):
+            return False
         count = max(2, int(np.hypot(*(there - here)) / _SQUARE))
         places = here + np.linspace(0.0, 1.0, count)[:, None] * (there - here)
         at = np.floor((places - self.low) / _SQUARE).astype(np.int64)
