@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 CORE := $(filter-out %/native.pxd,$(wildcard lidarcli/*.pxd lidarcli/formalism/*.pxd lidarcli/formalism/*/*.pxd))
 PYTEST := $(BIN)/pytest -n auto --dist worksteal
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+# Bytecode is kept, whatever the surroundings say: tests start many processes, and each worker rewrites all assertions.
+export PYTHONDONTWRITEBYTECODE :=
 # What pip installs, with one line for each module that is compiled; all it says when it fails.
 define install
 	@mkdir -p build
