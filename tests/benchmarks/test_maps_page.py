@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.accuracy.page import BEGIN, END, KEPT, NEVER
+from benchmarks.maps.__main__ import main
 from benchmarks.maps.figures import (
     DESKEWED,
     EVERY,
@@ -41,7 +40,6 @@ from benchmarks.maps.scoring import Score
 from benchmarks.scenes.clearance import outline, to_segments
 from lidarcli.choices import MIN_MOVE
 from tests.places import REAL_LOGS, ROOT, needs_real_logs
-from tests.waiting import HANG
 
 PAGE = ROOT / "docs" / "maps.md"
 HEADINGS = (
@@ -211,14 +209,12 @@ def test_a_drive_is_measured_and_the_rule_of_the_program_is_that_of_its_counts(t
     assert (grid.x, grid.y) == (mine.x, mine.y)
 
 
-@pytest.mark.whole
-def test_nonsense_is_refused() -> None:
-    command = [sys.executable, "-m", "benchmarks.maps", "--seeds", "0"]
-    done = subprocess.run(
-        command, cwd=ROOT, env={}, capture_output=True, text=True, timeout=HANG, check=False
-    )
-    assert done.returncode == 2
-    assert done.stderr.endswith("error: --seeds is 1 to 100\n")
+def test_nonsense_is_refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("sys.argv", ["benchmarks.maps", "--seeds", "0"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.endswith("error: --seeds is 1 to 100\n")
     assert REPORTING != TUNING
 
 

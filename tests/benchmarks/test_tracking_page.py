@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.accuracy.page import BEGIN, END, KEPT, NEVER
-from benchmarks.tracking.__main__ import Part, measure, write
+from benchmarks.tracking.__main__ import Part, main, measure, write
 from benchmarks.tracking.bodies import Bodies
 from benchmarks.tracking.cells import QUICK
 from benchmarks.tracking.figures import Figures, Log, as_json, rigid, summarise
@@ -21,8 +19,7 @@ from benchmarks.tracking.metrics import Agreement
 from benchmarks.tracking.page import page, summary
 from benchmarks.tracking.real import measure_cars, measure_legs
 from benchmarks.tracking.scoring import Score, Share
-from tests.places import REAL_LOGS, ROOT, needs_real_logs
-from tests.waiting import HANG
+from tests.places import REAL_LOGS, needs_real_logs
 
 ROOM, PEOPLE = QUICK[0], QUICK[-1]
 
@@ -125,13 +122,12 @@ def test_the_image_is_small_and_the_same_again(figures: Figures, tmp_path: Path)
 
 
 @pytest.mark.whole
-def test_nonsense_is_refused() -> None:
-    command = [sys.executable, "-m", "benchmarks.tracking", "--seeds", "0"]
-    done = subprocess.run(
-        command, cwd=ROOT, env={}, capture_output=True, text=True, timeout=HANG, check=False
-    )
-    assert done.returncode == 2
-    assert done.stderr.endswith("error: --seeds is 1 to 100, --jobs at least 1\n")
+def test_nonsense_is_refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("sys.argv", ["benchmarks.tracking", "--seeds", "0"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.endswith("error: --seeds is 1 to 100, --jobs at least 1\n")
 
 
 @needs_real_logs
