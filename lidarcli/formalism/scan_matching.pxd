@@ -62,7 +62,7 @@ cdef class Matcher:
     cdef Sums sums
     cdef bint begun, moves, alone, stepped
     cdef double x, y, yaw, vx, vy, vyaw, step_x, step_y, step_yaw, time, told_x, told_y, told_yaw, told_part
-    cdef Py_ssize_t misses
+    cdef Py_ssize_t misses, passed
 
     @cython.locals(rows=Py_ssize_t, width=Py_ssize_t, row=Py_ssize_t, k=Py_ssize_t)
     cpdef follow(self, ranges, beams, angle_min, angle_increment, timing, told, found)

@@ -185,7 +185,8 @@ class Matcher:
         self.time = 0.0
         self.told_x = self.told_y = self.told_yaw = NAN
         self.told_part = 0.0
-        self.misses = 0
+        self.misses = self.passed = 0
+        """Sweeps since the last pose: those that fit nowhere, and all."""
         self.pieces = 0
 
     def follow(
@@ -742,13 +743,13 @@ def copy_outline(to: Outline, of: Outline) -> None:
 
 
 def begin_map(matcher: Matcher, time: float) -> None:
-    """Begin a map with the sweep at hand, at the last known pose."""
+    """Begin a map with the sweep at hand, at the pose of the matcher."""
     forget_far(matcher.map, 0.0, 0.0, 0.0)
     enter_sweep(matcher, matcher.points, 0.0, 0.0, 0.0)
     copy_outline(matcher.first, matcher.points)
     matcher.begun, matcher.alone, matcher.moves = True, True, False
     matcher.vx = matcher.vy = matcher.vyaw = 0.0
-    matcher.time, matcher.misses = time, 0
+    matcher.time, matcher.misses, matcher.passed = time, 0, 0
     matcher.pieces += 1
     matcher.found.x, matcher.found.y, matcher.found.yaw = matcher.x, matcher.y, matcher.yaw
     matcher.found.fit, matcher.found.least, matcher.found.sharp = 1.0, NAN, NAN
@@ -756,7 +757,10 @@ def begin_map(matcher: Matcher, time: float) -> None:
 
 def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to: int) -> None:
     """Find the pose of the sweep in `matcher.points`, write it down and enter it into the map."""
-    if matcher.points.count < LEAST_POINTS or (matcher.begun and time == matcher.time):
+    if matcher.begun and time == matcher.time:
+        return
+    matcher.passed += 1
+    if matcher.points.count < LEAST_POINTS:
         return
     guided = False
     if not matcher.begun:
@@ -803,13 +807,15 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
             matcher.misses += 1
             if matcher.misses < PATIENCE:
                 return
+            if guided:
+                matcher.x, matcher.y, matcher.yaw = x, y, yaw
             begin_map(matcher, time)
         else:
             matcher.moves = follows
             dx, dy, turn = step_between(
                 matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw
             )
-            if matcher.misses == 0:
+            if matcher.passed == 1:
                 matcher.stepped = True
                 matcher.step_x, matcher.step_y, matcher.step_yaw = dx, dy, turn
             if follows:
@@ -822,7 +828,7 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
                 matcher.found.yaw,
                 time,
             )
-            matcher.alone, matcher.misses = False, 0
+            matcher.alone, matcher.misses, matcher.passed = False, 0, 0
             enter_sweep(matcher, matcher.points, vx, vy, vyaw)
     matcher.told_x, matcher.told_y, matcher.told_yaw = told[at], told[at + 1], told[at + 2]
     matcher.told_part = told[at + 3]
@@ -835,7 +841,7 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
 def start_of(matcher: Matcher, x: float, y: float, yaw: float, seconds: float) -> tuple[float, float, float]:
     """Return where to begin: where the velocity leads, or where the last step does, if stamps are uneven or far apart."""
     sx, sy, syaw = matcher.x, matcher.y, matcher.yaw
-    for _ in range(matcher.misses + 1):
+    for _ in range(matcher.passed):
         sx, sy, syaw = pose_after(sx, sy, syaw, matcher.step_x, matcher.step_y, matcher.step_yaw)
     dx, dy, turn = step_between(x, y, yaw, sx, sy, syaw)
     if dx * dx + dy * dy < APART * APART and abs(turn) < APART:

@@ -30,11 +30,11 @@ def room(poses: Float64, x: tuple[float, float], y: tuple[float, float], reach: 
     return np.where(ranges <= reach, ranges, np.nan).astype(np.float32)
 
 
-def found(ranges: Float32, told: Float64 | None = None) -> Float64:
-    """What the matcher finds of sweeps at 10 Hz."""
+def found(ranges: Float32, told: Float64 | None = None, seconds: Float64 | None = None) -> Float64:
+    """What the matcher finds of sweeps at 10 Hz, or at times (S,) [s]."""
     matcher, count = Matcher(BEAMS), len(ranges)
     timing = np.zeros((count, 3))
-    timing[:, 0] = 0.1 * np.arange(count)
+    timing[:, 0] = 0.1 * np.arange(count) if seconds is None else seconds
     answer = np.empty((count, matcher.columns))
     matcher.follow(
         np.ascontiguousarray(ranges),
@@ -61,6 +61,17 @@ def test_the_path_in_a_room_is_found() -> None:
     assert path[:, 8].sum() == 0
 
 
+@pytest.mark.parametrize("name", ["uneven", "far apart"])
+def test_stamps_that_say_nothing_of_the_speed_do_no_harm(name: str) -> None:
+    # Steps of 0.3 m and 6 degrees.
+    poses = np.column_stack([0.3 * np.arange(20) - 3.0, 0.1 * np.arange(20), 0.1 * np.arange(20)])
+    uneven = 0.2 * np.arange(20) + 0.08 * (np.arange(20) % 2)
+    seconds = uneven if name == "uneven" else 5.0 * np.arange(20)
+    path = found(room(poses, (-4.0, 5.0), (-2.0, 4.0)), seconds=seconds)
+    np.testing.assert_allclose(path[:, 2], poses[:, 2], atol=0.02)
+    np.testing.assert_allclose(path[:, :2], poses[:, :2] - poses[0, :2], atol=0.03)
+
+
 def test_a_corridor_without_ends_is_told_and_a_guess_decides_there() -> None:
     poses, ranges = along_corridor()
     free = found(ranges)
@@ -71,6 +82,19 @@ def test_a_corridor_without_ends_is_told_and_a_guess_decides_there() -> None:
     assert guided[1:, 8].mean() >= 0.95
     np.testing.assert_allclose(guided[:, 0], told[:, 0], atol=0.05)
     np.testing.assert_allclose(guided[:, 1:3], 0.0, atol=0.02)
+
+
+def test_a_guess_leads_past_where_the_path_is_lost() -> None:
+    here, there = room(POSES, (-3.0, 4.0), (-2.0, 3.0)), room(POSES, (-1.0, 2.5), (-6.0, 1.5))
+    told = np.column_stack([POSES, np.zeros(len(POSES))])
+    told[20:, 0] += 1.5
+    path = found(np.vstack([here[:20], there[20:]]), told)
+    assert np.isnan(path[20:29, 0]).all()
+    assert set(path[:20, 6]) == {1.0}
+    assert set(path[29:, 6]) == {2.0}
+    np.testing.assert_allclose(path[29:, :3], told[29:, :3], atol=0.03)
+    free = found(np.vstack([here[:20], there[20:]]))
+    np.testing.assert_allclose(free[29, :2], POSES[19, :2], atol=0.01)
 
 
 @pytest.mark.skipif(not compiled.is_there(), reason="the core was not compiled")

@@ -144,6 +144,11 @@ class _Look:
         return stands(self.path.poses, self.path.slides)
 
     @property
+    def is_guided(self) -> bool:
+        """True where told steps guide the search."""
+        return self._guess is not None
+
+    @property
     def is_enough(self) -> bool:
         """True where the told path can be judged by the sweeps so far."""
         return self.told is not None and self.sweeps >= ENOUGH and self.path.length >= ENOUGH_WAY
@@ -345,8 +350,12 @@ def _unposed(key: Key, look: _Look, mine: CheckedPath, match: bool) -> CheckedPa
     notes = []
     if path.restarts:
         notes.append(
-            f"the path of frame {name} was lost {times(path.restarts)}, and begins anew at its last known pose: what was "
-            "driven unseen is missing"
+            f"the path of frame {name} was lost {times(path.restarts)}, and begins anew "
+            + (
+                "where told steps lead"
+                if look.is_guided
+                else "at its last known pose: what was driven unseen is missing"
+            )
         )
     sliding = float(np.nanmean(path.slides))
     if sliding > SLIDING:
