@@ -66,8 +66,8 @@ def as_json(figures: Figures) -> str:
     ]
     if figures.by_eye is not None:
         tables["by_eye"] = [
-            {"side": side, "place": place, "method": method, **asdict(counts)}
-            for (side, place, method), counts in figures.by_eye.counts.items()
+            {"side": side, "log": log, "place": place, "method": method, **asdict(counts)}
+            for (side, log, place, method), counts in figures.by_eye.counts.items()
         ]
     return json.dumps(tables, indent=1) + "\n"
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
+JUDGED = Path("judged", "logs")
+"""Folder of further recordings, beside that of the others."""
 Side = Literal["tuning", "reporting"]
 
 
@@ -13,7 +16,7 @@ class Chosen:
     """Some sweeps of one topic of a log."""
 
     log: str
-    """Path below the folder of the real logs."""
+    """Path below the folder of the real logs, or below `JUDGED` beside it."""
     topic: str
     count: int
     """Sweeps that are judged."""
@@ -24,7 +27,12 @@ class Chosen:
     def name(self) -> str:
         """Short name, unique among those chosen."""
         folder, log = self.log.split("/")[:2]
-        return f"{folder}.{log.removesuffix('.bag')}{self.topic.replace('/', '.')}"
+        return f"{folder}.{log.removesuffix('.bag').removesuffix('.log.gz')}{self.topic.replace('/', '.')}"
+
+    def path(self, folder: Path) -> Path:
+        """The log, whose folder of real logs is told; it may not be there."""
+        beside = folder.resolve().parent / JUDGED / self.log
+        return beside if beside.exists() else folder / self.log
 
     def sweeps(self, total: int) -> list[int]:
         """Positions of the sweeps in a topic that has so many."""
@@ -59,5 +67,22 @@ CHOSEN = (
     Chosen("comprobo24/drive_square", "/scan", 6, "reporting"),
     Chosen("pr2/mylaserdata.bag", "/base_scan", 5, "reporting"),
     Chosen("turtlebot/topics.bag", "/scan", 4, "reporting"),
+    Chosen("zcoakley/fsm", "/scan", 4, "tuning"),
+    Chosen("zcoakley/person_follower", "/scan", 4, "tuning"),
+    Chosen("datmo_more/intersection.bag", "/scan", 4, "tuning"),
+    Chosen("datmo_more/two_robots.bag", "/scan", 4, "tuning"),
+    Chosen("DanPark13/finite-state-controller", "/scan", 4, "reporting"),
+    Chosen("DanPark13/obstacle-avoider", "/scan", 4, "reporting"),
+    Chosen("DanPark13/person_follower", "/scan", 4, "reporting"),
+    Chosen("leg_tracker_benchmarks/general_tracking_moving_1.bag", "/scan", 9, "reporting"),
+    Chosen("leg_tracker_benchmarks/person_following_outdoor_1.bag", "/scan_base2", 6, "reporting"),
+    Chosen("carmen_ple/acapulco-corrected.log.gz", "/front_laser", 4, "reporting"),
+    Chosen("carmen_ple/belgioioso-corrected.log.gz", "/front_laser", 5, "reporting"),
+    Chosen("carmen_ple/csail-corrected.log.gz", "/front_laser", 9, "reporting"),
+    Chosen("carmen_ple/edmonton-corrected.log.gz", "/front_laser", 4, "reporting"),
+    Chosen("carmen_ple/freiburg-079-corrected-first1500.log.gz", "/front_laser", 11, "reporting"),
+    Chosen("carmen_ple/infinite-corridor-corrected-first1500.log.gz", "/front_laser", 4, "reporting"),
+    Chosen("carmen_ple/seattle-corrected.log.gz", "/front_laser", 5, "reporting"),
 )
-"""A log is on one side as a whole; but for leg_tracker, whose logs are of several places, so is a folder."""
+"""A log is on one side as a whole; but for leg_tracker, whose logs are of several places, so is a folder, and whoever
+recorded it."""

@@ -83,10 +83,24 @@ def around(sweeps: Sequence[Row], at: int, beside: int = BESIDE) -> dict[int, Fl
             if not 0 <= other < len(sweeps):
                 break
             points = points_of(*sweeps[other])
-            step = register(points, before, Place())
+            step = _step(sweeps[other - way], sweeps[other]) or register(points, before, Place())
             place, before = step.after(place), points
             found[other] = place.moved(points)
     return found
+
+
+def _step(first: Row, second: Row) -> Place | None:
+    """The place of the second sweep in the frame of the first by their poses; None where these do not tell it."""
+    if first[0].poses is None or second[0].poses is None or first[0].poses.upside_down[first[1]]:
+        return None
+    (x, y, yaw), (to_x, to_y, to_yaw) = (
+        (poses.x[row], poses.y[row], poses.yaw[row])
+        for poses, row in ((first[0].poses, first[1]), (second[0].poses, second[1]))
+    )
+    if not np.isfinite(x + to_x):
+        return None
+    cos, sin, dx, dy = np.cos(yaw), np.sin(yaw), to_x - x, to_y - y
+    return Place(float(cos * dx + sin * dy), float(cos * dy - sin * dx), float(to_yaw - yaw))
 
 
 def _sweep(

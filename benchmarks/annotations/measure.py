@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +23,7 @@ from benchmarks.annotations.table import Sweep, read
 from lidarcli.formalism import Parameters, detect
 from lidarcli.sweeps import Int64, SweepBatch
 
+DRAWS = 1000
 STEADY = ("fixed 0.3 m",)
 """Published methods whose flicker is told, too."""
 
@@ -30,25 +32,40 @@ STEADY = ("fixed 0.3 m",)
 class ByEye:
     """Figures of a run."""
 
-    counts: dict[tuple[Side, str, str], Counts] = field(default_factory=dict)
-    """Side, place and method."""
+    counts: dict[tuple[Side, str, str, str], Counts] = field(default_factory=dict)
+    """Side, log, place and method."""
     flicker: dict[str, Flicker] = field(default_factory=dict)
     """Method → over all logs."""
     boxes: Boxes = field(default_factory=Boxes)
     sweeps: dict[Side, int] = field(default_factory=dict)
     logs: dict[Side, int] = field(default_factory=dict)
 
-    def of(self, side: Side, method: str, place: str | None = None) -> Counts:
-        """The counts of a method, of one kind of place or of all."""
+    def of(self, side: Side, method: str, *, place: str | None = None, log: str | None = None) -> Counts:
+        """The counts of a method, of one kind of place, of one log, or of all."""
         total = Counts()
-        for (where, kind, name), counts in self.counts.items():
-            if (where, name) == (side, method) and place in (None, kind):
+        for (where, told, kind, name), counts in self.counts.items():
+            if (where, name) == (side, method) and place in (None, kind) and log in (None, told):
                 total += counts
         return total
 
+    def interval(self, side: Side, method: str) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Where precision and recall lie for nine of ten draws of as many logs (bootstrap): from and to of both."""
+        each = [self.of(side, method, log=log) for log in self.names(side)]
+        generator = np.random.default_rng(0)
+        draws = [
+            sum((each[k] for k in generator.integers(len(each), size=len(each))), Counts())
+            for _ in range(DRAWS)
+        ]
+        low, high = np.quantile([(one.precision, one.recall) for one in draws], (0.05, 0.95), axis=0)
+        return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
+
+    def names(self, side: Side) -> list[str]:
+        """The logs of a side that were measured."""
+        return sorted({log for where, log, _, _ in self.counts if where == side})
+
     def places(self, side: Side) -> list[str]:
         """The kinds of place on a side."""
-        return sorted({place for where, place, _ in self.counts if where == side})
+        return sorted({place for where, _, place, _ in self.counts if where == side})
 
 
 def measure(folder: Path, *, baselines: bool = True) -> ByEye:
@@ -59,6 +76,9 @@ def measure(folder: Path, *, baselines: bool = True) -> ByEye:
         told.setdefault((each.log, each.topic), {})[each.sweep] = each
     logs: dict[Side, set[str]] = {}
     for chosen in CHOSEN:
+        if not chosen.path(folder).exists():
+            print(f"no {chosen.log}: not measured", file=sys.stderr)
+            continue
         mine = told.get((chosen.log, chosen.topic), {})
         logs.setdefault(chosen.side, set()).add(chosen.log)
         found.sweeps[chosen.side] = found.sweeps.get(chosen.side, 0) + len(mine)
@@ -69,7 +89,7 @@ def measure(folder: Path, *, baselines: bool = True) -> ByEye:
 
 def _measure(found: ByEye, folder: Path, chosen: Chosen, told: dict[int, Sweep], baselines: bool) -> None:
     """Every method on one topic."""
-    path = folder / chosen.log
+    path = chosen.path(folder)
     batches = list(lidarcli.read(path, topic=chosen.topic))
     rows = {
         ROBUST: lidarcli.detect(batches),
@@ -83,7 +103,7 @@ def _measure(found: ByEye, folder: Path, chosen: Chosen, told: dict[int, Sweep],
         got = from_rows(rows[name], batches, wanted) if name in rows else method(batches, wanted)
         for sweep, judged in told.items():
             labels = got[sweep]
-            key = (chosen.side, judged.place, name)
+            key = (chosen.side, chosen.log, judged.place, name)
             more = count(labels, *judged.beams(len(labels)))
             found.counts[key] = found.counts.get(key, Counts()) + more
     steady = {**rows, **{name: _objects(name, batches) for name in STEADY if baselines}}

@@ -41,20 +41,36 @@ def section(found: ByEye, make: Table) -> str:
         if not whole.detections:
             continue
         name = f"**{method}**" if method in (ROBUST, TRACK) else method
-        by_place = [found.of(side, method, place) for place in places]
+        by_place = [found.of(side, method, place=place) for place in places]
         rows.append(
             [
                 name,
-                f"{whole.precision:.3f}",
-                f"{whole.recall:.3f}",
+                *(
+                    f"{value:.3f} ({low:.2f}–{high:.2f})"
+                    for value, (low, high) in zip(
+                        (whole.precision, whole.recall), found.interval(side, method), strict=True
+                    )
+                ),
                 *(f"{each.precision:.2f} / {each.recall:.2f}" for each in by_place),
             ]
         )
     text += make(["method", "precision", "recall", *places], rows)
     whole = found.of(side, ROBUST)
     text += (
-        f"\n{whole.things} things, {whole.detections} detections of `detect`. By place: precision / recall.\n"
+        f"\n{whole.things} things, {whole.detections} detections of `detect`. In brackets: nine of ten draws of as many "
+        "logs. By place: precision / recall.\nBy log:\n\n"
     )
+    rows = []
+    for log in found.names(side):
+        each = [found.of(side, method, log=log) for method in (ROBUST, TRACK)]
+        rows.append(
+            [
+                log,
+                str(each[0].things),
+                *(f"{one.precision:.2f} / {one.recall:.2f}" for one in each),
+            ]
+        )
+    text += make(["log", "things", ROBUST, TRACK], rows)
     text += STEADY
     rows = [
         [

@@ -32,7 +32,7 @@ def rows_of(folder: Path, chosen: Chosen) -> list[Row]:
     """All sweeps of a topic."""
     return [
         (batch, row)
-        for batch in lidarcli.read(folder / chosen.log, topic=chosen.topic)
+        for batch in lidarcli.read(chosen.path(folder), topic=chosen.topic)
         for row in range(len(batch))
     ]
 
@@ -41,9 +41,9 @@ def judged_sweeps(folder: Path, side: Side, labels: Path = LABELS) -> Iterator[J
     """The judged sweeps of one side, log by log."""
     told = {(each.log, each.topic, each.sweep): each for each in read(labels)}
     for chosen in CHOSEN:
-        if chosen.side != side:
+        if chosen.side != side or not chosen.path(folder).exists():
             continue
-        for batch in lidarcli.read(folder / chosen.log, topic=chosen.topic):
+        for batch in lidarcli.read(chosen.path(folder), topic=chosen.topic):
             for row, sweep in enumerate(batch.sweep.tolist()):
                 mine = told.get((chosen.log, chosen.topic, sweep))
                 if mine is not None:
