@@ -89,6 +89,8 @@ class Figures:
     alone: Result
     moving: Result
     track: Result
+    matched: Result
+    unposed: Result
     plain: Result
     plain_track: Result
     objects_per_sweep: float = 0.0
@@ -98,7 +100,7 @@ class Figures:
     def results(self) -> tuple[Result, ...]:
         """All contestants, the yardstick first."""
         logs = self.robust, self.paper, self.changing, self.short, self.long
-        both = self.moving, self.track, self.plain, self.plain_track
+        both = self.moving, self.track, self.matched, self.unposed, self.plain, self.plain_track
         return self.iterate, *logs, self.pinned, self.alone, *both
 
     def ratio(self, result: Result) -> float:
@@ -134,6 +136,12 @@ class Figures:
     def plain_tracking(self) -> float:
         """The same where nothing is compiled."""
         return gain(self.plain_track, self.plain)
+
+    @property
+    def matching_us(self) -> float:
+        """Processor time of matching a sweep, and of the second pass over the log: what `track` takes more with it [µs]."""
+        pairs = zip(self.matched.cpu_seconds, self.unposed.cpu_seconds, strict=True)
+        return 1e6 * median(one - two for one, two in pairs) / self.matched.sweeps
 
 
 def gain(slow: Result, fast: Result) -> float:
@@ -225,6 +233,8 @@ def measure(sweeps: int, repeats: int, folder: Path) -> Figures:
         alone=Result("detect --jobs 1", sweeps),
         moving=Result("detect, things move", sweeps),
         track=Result("track, things move", sweeps),
+        matched=Result("track --pose match", sweeps),
+        unposed=Result("track --pose none", sweeps),
         plain=Result("detect, not compiled", few),
         plain_track=Result("track, not compiled", few),
     )
@@ -238,6 +248,8 @@ def measure(sweeps: int, repeats: int, folder: Path) -> Figures:
         detect(log, folder, figures.robust)
         detect(moving, folder, figures.moving)
         detect(moving, folder, figures.track, command="track")
+        detect(moving, folder, figures.matched, "--pose", "match", command="track")
+        detect(moving, folder, figures.unposed, "--pose", "none", command="track")
         detect(plain, folder, figures.plain, compiled=False)
         detect(plain, folder, figures.plain_track, command="track", compiled=False)
     figures.objects_per_sweep = count_objects(folder, log) / sweeps
@@ -272,6 +284,7 @@ def show(figures: Figures) -> None:
     print(f"throughput of threads for the detection / of one  {figures.of_threads:6.2f}")
     print(f"time of track / of detect                         {figures.tracking:6.2f}")
     print(f"the same where nothing is compiled                {figures.plain_tracking:6.2f}")
+    print(f"processor time of matching, us a sweep            {figures.matching_us:6.1f}")
     for name, milliseconds in figures.help_ms.items():
         print(f"{name:50}{milliseconds:6.0f} ms")
 
@@ -301,6 +314,7 @@ def as_json(figures: Figures) -> str:
         "of_threads": figures.of_threads,
         "tracking": figures.tracking,
         "plain_tracking": figures.plain_tracking,
+        "matching_us": figures.matching_us,
     }
     return json.dumps({**asdict(figures), **derived}, indent=2) + "\n"
 

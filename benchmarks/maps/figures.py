@@ -12,6 +12,8 @@ from benchmarks.maps.scoring import Score
 
 OURS, WITHOUT_AGENTS = "lidarcli", "lidarcli --without-agents"
 EVERY, MOVED = "every sweep", "motion filter"
+TOLD = "told steps"
+"""Stands after the name of a drive whose path was guided by odometry."""
 INSTANT, DESKEWED, SKEWED = "sweeps in an instant", "sweeps of 0.1 s", "sweeps of 0.1 s, --no-deskew"
 
 
@@ -50,14 +52,40 @@ class Made:
 
 @dataclass(frozen=True, slots=True)
 class Matched:
-    """A path found by `--pose match`, and its map."""
+    """The map by the path that `--pose match` finds."""
 
     way: str
-    metres: float
-    rms: float
-    worst: float
-    """Errors of the place [m]."""
     score: Score
+
+
+@dataclass(frozen=True, slots=True)
+class PathError:
+    """A path that was matched from sweeps beside the true one."""
+
+    log: str
+    beams: int
+    view: float
+    """Of the sensor [degrees]."""
+    metres: float
+    """Length of the true way."""
+    over: float
+    """The errors are those over so much of it [m]."""
+    median: float
+    p95: float
+    """Error of the place as a share of that: median, and of the worst twentieth at least."""
+    length: float
+    """Distance from end to end of it that was found, as a share of the true one: median."""
+    heading: float
+    """Error of the heading [rad], rms."""
+    rms: float
+    """Error of the place with the first pose in common [m]; NaN of a way that does not come back."""
+    slides: float
+    unplaced: float
+    """Shares of the sweeps that may slide along their walls, and that have no pose."""
+    lost: int
+    """Times that the map began anew."""
+    milliseconds: float
+    """Processor time of the matching for each sweep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,12 +139,17 @@ class Figures:
 
     command: str
     first_seed: int
-    ways: list[Way]
-    made: list[Made]
-    matched: list[Matched]
-    rolled: list[Rolled]
+    ways: list[Way] = field(default_factory=list)
+    made: list[Made] = field(default_factory=list)
+    matched: list[Matched] = field(default_factory=list)
+    rolled: list[Rolled] = field(default_factory=list)
+    loops: list[PathError] = field(default_factory=list)
+    """Errors of matched paths along drawn loops ..."""
+    straight: list[PathError] = field(default_factory=list)
+    """... and straight corridors."""
     speed: Speed | None = None
     recorded: list[Recorded] = field(default_factory=list)
+    real_paths: list[PathError] = field(default_factory=list)
 
     @property
     def rules(self) -> list[str]:

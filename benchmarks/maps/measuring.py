@@ -20,13 +20,12 @@ from benchmarks.maps.figures import (
     Rolled,
     Way,
 )
-from benchmarks.maps.program import find_objects, find_path, make_map
+from benchmarks.maps.program import find_objects, make_map
 from benchmarks.maps.recordings import RESOLUTION, Drive, new_sweeps, record_drive, write_drive
 from benchmarks.maps.rules import counts_of, maps_by_rules, maps_once
 from benchmarks.maps.scenes import FAST, ROLLING, SENSOR, Kind, drive, fastest_turn, length, walkers
 from benchmarks.maps.scoring import score
 from lidarcli.choices import MIN_MOVE
-from lidarcli.simulate.generate import START_NS
 from lidarcli.simulate.scene import Scene
 from lidarcli.sweeps import Float64
 
@@ -73,7 +72,8 @@ def measure_way(kind: Kind, seed: int, folder: Path) -> tuple[Way, list[Made], M
         made += [
             Made(way.name, rule, name, score(grid, driven.true, driven.walked)) for rule, grid in maps.items()
         ]
-    return way, made, _match(way, driven, log), driven
+    matched = Matched(way.name, score(make_map(log, "--pose", "match"), driven.true, driven.walked))
+    return way, made, matched, driven
 
 
 def _calm(driven: Drive) -> Scene:
@@ -81,23 +81,6 @@ def _calm(driven: Drive) -> Scene:
     sensor = replace(driven.scene.sensor, noise=0.0, lost=0.0, mixed_pixels=0.0)
     standing = tuple(entity for entity in driven.scene.entities if entity.motion.still)
     return replace(driven.scene, sensor=sensor, entities=standing)
-
-
-def _match(way: Way, driven: Drive, log: Path) -> Matched:
-    """The path from the sweeps themselves. Its world is that of the first sweep, where the scene begins, too."""
-    path = find_path(log, "--pose", "match")
-    seconds = (driven.raw.stamp_ns - START_NS) / 1e9
-    told = np.rint((path[:, 0] - START_NS / 1e9) * driven.scene.sensor.rate).astype(np.int64)
-    assert len(path) == len(seconds)
-    off = np.hypot(*(path[:, 1:] - driven.poses[told, :2]).T)
-    grid = make_map(log, "--pose", "match")
-    return Matched(
-        way.name,
-        way.metres,
-        float(np.sqrt(np.mean(off**2))),
-        float(off.max()),
-        score(grid, driven.true, driven.walked),
-    )
 
 
 def measure_rolling(kind: Kind, seed: int, folder: Path) -> list[Rolled]:

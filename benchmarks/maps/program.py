@@ -1,4 +1,4 @@
-"""The program as users run it: a map, a path or the objects of a log."""
+"""The program as users run it: a map or the objects of a log."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ import sys
 import tempfile
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.maps.mapserver import read_map
-from lidarcli.sweeps import Float64
 
 LIDARCLI = str(Path(sys.executable).with_name("lidarcli"))
 
@@ -31,14 +29,6 @@ def make_map(log: Path, *options: str) -> Occupancy:
         target = Path(folder) / "map.yaml"
         run("map", str(log), "-o", str(target), *options)
         return read_map(target)
-
-
-def find_path(log: Path, *options: str) -> Float64:
-    """(S, 3) stamp [s], x, y of the sensor at each sweep."""
-    with tempfile.TemporaryDirectory(prefix="lidarcli-maps-") as folder:
-        target = Path(folder) / "path.tum"
-        run("poses", str(log), "-o", str(target), *options)
-        return np.loadtxt(target, usecols=(0, 1, 2), ndmin=2)
 
 
 def find_objects(log: Path, *options: str) -> tuple[pa.Table, pa.Table]:

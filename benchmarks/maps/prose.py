@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.maps import scenes
-from benchmarks.maps.figures import EVERY, MOVED
+from benchmarks.maps.figures import EVERY, MOVED, TOLD
+from benchmarks.maps.paths import DRIFT, STRETCH, YAW_DRIFT
+from benchmarks.maps.real_paths import SHORT
 from benchmarks.maps.rules import (
     CARTOGRAPHER_CLAMP,
     CARTOGRAPHER_HIT,
@@ -17,6 +19,7 @@ from benchmarks.maps.rules import (
     OCTOMAP_MISS,
 )
 from benchmarks.maps.scoring import GHOST
+from benchmarks.tracking.real import MOUNT
 from lidarcli.choices import MIN_MOVE
 from lidarcli.formalism.mapping.counts import MIN_TURN, PAUSE_NS
 
@@ -78,12 +81,26 @@ somebody was in any sweep; the table has their sum. Cells of 5 cm, once with *{E
   - *OctoMap*: the same with hit {OCTOMAP_HIT:g}, miss {OCTOMAP_MISS:g}, occupied above even odds.
 """
 
-MATCHED = """## Paths from the sweeps themselves
+MATCHED = """## Maps by matched paths
 
-`--pose match` on the same logs, whose poses it does not look at. The error of the place is that beside the true one at
-every sweep, with the first pose in common: the scene begins at the origin, heading along x, as the world of a matched
-path does, so neither path nor map has to be moved to be compared. Loops are not closed: the error is what the whole
-way has gathered.
+`--pose match` on the same logs, whose poses it does not look at. The scene begins at the origin, heading along x, as the
+world of a matched path does, so neither path nor map has to be moved to be compared.
+"""
+
+PATHS = f"""## Paths from the sweeps themselves
+
+How far matched paths are from the true ones, on these and further drives. The **error** is that of the step over
+{STRETCH:g} m of the true way (over half of a shorter way), from every sweep on: of its place as a share of the way, and of
+its heading. *Length* is the distance from one end of such a step to the other in the matched path, as a share of the
+true one: where it is not 1 the two measure in other units. *Loop* is the error of the place at every sweep, with the
+first pose in common: loops are not closed, so it is what the whole way has gathered. Sweeps that *may slide* see nothing
+that fixes the place along some direction, and have no pose if that lasts; *lost* counts how often the map began anew.
+The time is that of a processor for the matching alone.
+
+With *{TOLD}* the search begins where odometry leads, which drifts by {100 * DRIFT:g} cm and
+{np.degrees(DRIFT * YAW_DRIFT):.1f}° (standard deviations for a metre of way): so the program uses told poses that fit the
+sweeps in part. A *straight corridor* has no doors and no things, and its ends are out of reach: every sweep but the
+first slides.
 """
 
 ROLLING = f"""## Sweeps that take their time
@@ -112,6 +129,19 @@ REAL = """Public recordings; they are no part of this project, and `LIDARCLI_REA
 map of them: these are the maps of all logs that tell where the sensor was, and two of them to look at.
 """
 
+REAL_PATHS = f"""### Their paths
+
+Matched paths of all recordings of which something else tells where the sensor was; columns as above.
+
+- *Gazebo*: the odometry of the simulator.
+- *Motion capture*: of the car that carries the sensor ([datmo](https://github.com/kostaskonkk/datmo)), by a clock of its
+  own. The laser sits {-100 * MOUNT:g} cm behind what is followed; the delay and the turn of the mount are those by
+  which the path fits best over {SHORT:g} m.
+- *SLAM*: logs of CARMEN, corrected by loop closure ([ple](https://github.com/acschaefer/ple)). Most have a sweep for each
+  metre, and several have no stamps to speak of. The corrected poses are taken for the truth, and nothing but the sweeps
+  is used here.
+"""
+
 LIMITS = """## Limits
 
 - The buildings are drawn by the same project that is measured. Walls are straight and stand square to each other;
@@ -119,5 +149,5 @@ LIMITS = """## Limits
 - The published rules are re-implementations, fed with the same true poses; their own programs correct poses on the way.
   Cartographer's probabilities are not rounded to 15 bits here.
 - A true map with every cell that any sweep sees asks for much where rooms are only glimpsed: see the shares above.
-- `--pose match` has no odometry to help it; long corridors without doors or things would give it nothing to hold on to.
+- Corrected poses and motion capture are not the truth: where the *length* is not 1, walls and truth disagree.
 """

@@ -30,6 +30,8 @@ PEOPLE, THINGS = 16, 40
 """Who is to walk about, and what is to stand in a building: as far as there is room."""
 FAST = 1.0
 """Of the drives in which sweeps take their time [m/s]."""
+STRAIGHT_WAY, STRAIGHT_SPEED = 40.0, 0.6
+"""Of the drive along a straight corridor [m, m/s]."""
 _RADIUS, _ACCELERATION, _TURN_RATE = 0.95, 1.0, np.radians(60) / 1.5
 """How the robot takes corners [m], [m/s²]; on the spot the fastest is 1.5 times the mean [rad/s]."""
 _AT_DOOR = 1.1
@@ -143,6 +145,23 @@ def drive(kind: Kind, seed: int, sensor: Sensor = SENSOR, speed: float | None = 
     return Scene(
         f"{kind}-{seed}", sensor, (*stage.entities, *people), path, odometry=Odometry(), sweeps=sweeps
     )
+
+
+def straight(seed: int) -> Scene:
+    """A robot in a corridor without doors or things, whose ends its sensor does not reach."""
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([6, seed])))
+    wide, side, thick = rng.uniform(1.4, 3.0), rng.uniform(0.35, 0.65), 0.15
+    first, last = -2.0 * SENSOR.range_max, STRAIGHT_WAY + 2.0 * SENSOR.range_max
+    walls = [
+        make.wall(_rectangle(first, y, last, y + thick)) for y in (-side * wide - thick, (1.0 - side) * wide)
+    ]
+    # It sways, as robots do.
+    middle = [(x, rng.uniform(-0.1, 0.1)) for x in np.arange(5.0, STRAIGHT_WAY, 5.0)]
+    way = np.array([(0.0, 0.0), (1.0, 0.0), *middle, (STRAIGHT_WAY, 0.0)])
+    points = [Waypoint(float(x), float(y), STRAIGHT_SPEED) for x, y in way]
+    path = plan_route(points, acceleration=_ACCELERATION, turn_rate=_TURN_RATE, corner_radius=_RADIUS)
+    sweeps = int(path.duration * SENSOR.rate)
+    return Scene(f"straight-{seed}", SENSOR, tuple(walls), path, odometry=Odometry(), sweeps=sweeps)
 
 
 def walkers(scene: Scene) -> list[Entity]:

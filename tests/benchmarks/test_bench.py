@@ -37,6 +37,8 @@ def test_the_benchmark_runs(tmp_path: Path) -> None:
         figures["track"]["seconds"][0] / figures["moving"]["seconds"][0]
     )
     assert figures["plain_tracking"] > 0
+    more = figures["matched"]["cpu_seconds"][0] - figures["unposed"]["cpu_seconds"][0]
+    assert figures["matching_us"] == pytest.approx(1e6 * more / 50)
     assert 4 < figures["moving_per_sweep"] < 8
     assert "lidarcli --help" in done.stdout
 
