@@ -27,7 +27,7 @@ from lidarcli.simulate.scene import Odometry, Scene
 from lidarcli.sweeps import Float64, Int64, SweepBatch, record
 
 STRETCH = 5.0
-"""Errors are those over so much of the true way [m], or over half of a shorter one."""
+"""Errors are those over so much of the true way [m], or over half of one that is shorter."""
 DRIFT, YAW_DRIFT = 0.05, 0.5
 """Of odometry that guides: standard deviation of the place for a metre of way [m], and of the heading for each of these."""
 
@@ -115,7 +115,7 @@ def path_error(name: str, followed: Followed, true: Float64, *, closed: bool = F
     placed = np.isfinite(poses[:, 0])
     turn = abs(np.degrees(first.angle_increment[0])) * (first.beams[0] - 1)
     way = way_of(true)
-    over = min(STRETCH, way[-1] / 2)
+    over = STRETCH if way[-1] > STRETCH else way[-1] / 2
     off, turned, length = errors_over(true, poses, over)
     apart = np.hypot(*(poses[placed, :2] - true[placed, :2]).T)
     return PathError(
