@@ -90,12 +90,12 @@ world of a matched path does, so neither path nor map has to be moved to be comp
 PATHS = f"""## Paths from the sweeps themselves
 
 How far matched paths are from the true ones, on these and further drives. The **error** is that of the step over
-{STRETCH:g} m of the true way (half of it where all of it is shorter), from every sweep on: of its place as a share of the way, and of
-its heading. *Length* is the distance from one end of such a step to the other in the matched path, as a share of the
-true one: where it is not 1 the two measure in other units. *Loop* is the error of the place at every sweep, with the
-first pose in common: loops are not closed, so it is what the whole way has gathered. Sweeps that *may slide* see nothing
-that fixes the place along some direction, and have no pose if that lasts; *lost* counts how often the map began anew.
-The time is that of a processor for the matching alone.
+{STRETCH:g} m of the true way (half of it where all of it is shorter), from every sweep on: of its place as a share of
+the way, and of its heading. *Length* is the distance from one end of such a step to the other in the matched path, as a
+share of the true one: where it is not 1 the two measure in other units. *Loop* is the error of the place at every sweep,
+with the first pose in common: loops are not closed, so it is what the whole way has gathered. Sweeps that *may slide*
+see nothing that fixes the place along some direction, and have no pose if that lasts; *lost* counts how often the map
+began anew. The time is that of a processor for the matching alone.
 
 With *{TOLD}* the search begins where odometry leads, which drifts by {100 * DRIFT:g} cm and
 {np.degrees(DRIFT * YAW_DRIFT):.1f}° (standard deviations for a metre of way): so the program uses told poses that fit the

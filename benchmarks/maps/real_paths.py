@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,10 +48,10 @@ KNOWN = (
 )
 
 
-def measure_real_paths(folder: Path) -> list[PathError]:
+def measure_real_paths(folder: Path, wanted: Sequence[Known] = KNOWN) -> list[PathError]:
     """The paths of all recordings that are at hand."""
     found = []
-    for known in KNOWN:
+    for known in wanted:
         for log in known.find(folder):
             print(f"path of {log.name} ...", file=sys.stderr)
             followed = follow(log)
