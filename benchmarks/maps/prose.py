@@ -126,7 +126,7 @@ In one process, cells of 5 cm, every sweep counts, on the machine of the run; ro
 """
 
 REAL = """Public recordings; they are no part of this project, and `LIDARCLI_REAL_LOGS` names their folder. There is no true
-map of them: these are the maps of all logs that tell where the sensor was, and two of them to look at.
+map of them: these are the maps of all logs, by told poses or by a matched path, and two of them to look at.
 """
 
 REAL_PATHS = f"""### Their paths

@@ -1,4 +1,4 @@
-"""Maps of public recordings: what became of each that has poses, and pictures of two."""
+"""Maps of public recordings: what became of each whose path is known, and pictures of two."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PICTURES = ("comprobo24/test-bag", "datmo/overtake_ego.bag")
 
 
 def measure_recordings(folder: Path) -> list[Recorded]:
-    """A map of each log below the folder of which something tells where the sensor was."""
+    """A map of each log below the folder whose path is told or can be matched."""
     found = []
     for source in find_logs([str(folder)]):
         if isinstance(source, Nothing):
