@@ -139,8 +139,9 @@ def _short_paths(figures: Figures, add: Callable[[str, str, str, bool], None]) -
         name = "straight corridors: sliding sweeps that are flagged, worst drive"
         add(name, f"≥ {100 * FLAGGED:g} %", f"{floor(1000 * flagged) / 10:.1f} %", flagged >= FLAGGED)
     if paths := figures.real_paths:
-        within = sum(one.median <= SHARE for one in paths)
-        name = f"recordings whose path is off by at most {100 * SHARE:g} % of the way, median"
+        # What was lost, or has no pose, is not in the median.
+        within = sum(one.median <= SHARE and not one.lost for one in paths)
+        name = f"recordings whose path is never lost, and off by at most {100 * SHARE:g} % of the way, median"
         add(name, f"{len(paths)} of {len(paths)}", f"{within} of {len(paths)}", within == len(paths))
 
 

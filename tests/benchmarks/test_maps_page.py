@@ -67,7 +67,14 @@ def some(f1: float, ghosts: int = 0) -> Score:
 
 def some_path(log: str, **others: float) -> PathError:
     """Errors of a path of 72 m with these figures."""
-    told: dict[str, float] = {"rms": float("nan"), "median": 0.002, "slides": 0.0, "unplaced": 0.0, **others}
+    told: dict[str, float] = {
+        "rms": float("nan"),
+        "median": 0.002,
+        "slides": 0.0,
+        "unplaced": 0.0,
+        "lost": 2,
+        **others,
+    }
     return PathError(
         log,
         361,
@@ -77,7 +84,6 @@ def some_path(log: str, **others: float) -> PathError:
         p95=0.004,
         length=0.9876,
         heading=0.01,
-        lost=2,
         milliseconds=0.234,
         **told,
     )
@@ -146,9 +152,10 @@ def test_what_is_wanted_is_judged_by_the_worst_drive_and_never_rounded_up() -> N
     assert [row[1:] for row in lines(text, "loops of 72 to 72 m")] == [["3 of 3", "2 of 3", "**missed**"]]
     assert [row[1:] for row in lines(text, "straight corridors:")] == [["≥ 95 %", "94.9 %", "**missed**"]]
     assert lines(text, "recordings whose") == []
-    real = [some_path("datmo/some, motion capture", median=share) for share in (0.01, 0.02)]
+    real = [some_path("datmo/some, motion capture", median=share, lost=0) for share in (0.01, 0.02)]
+    real.append(some_path("datmo/lost, motion capture", median=0.01))
     assert [row[1:] for row in lines(page(figures(real_paths=real), ""), "recordings whose")] == [
-        ["2 of 2", "1 of 2", "**missed**"]
+        ["3 of 3", "1 of 3", "**missed**"]
     ]
     assert lines(text, "sweeps per second") == [
         ["sweeps per second, every one counts", "≥ 5,000", "about 6,000", "reached"]
