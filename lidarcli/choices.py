@@ -49,7 +49,7 @@ MAP_RESOLUTION = 0.05
 """Side of a cell of a map [m], by default."""
 MAP_RESOLUTIONS = (0.001, 10.0)
 """Least and greatest side of a cell [m]."""
-MIN_MOVE = 0.2
+MIN_MOVE = 0.12
 """Distance between sweeps that count for a map [m]."""
 OCCUPIED_RATIO = 0.25
 """Least share of hits among the sweeps that hit or passed an occupied cell."""

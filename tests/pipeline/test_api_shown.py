@@ -46,9 +46,9 @@ Occupancy 188 x 149 cells of 0.05 m
   frame     odom
   x         -4.70 to 4.70 m
   y         -3.75 to 3.70 m
-  occupied  1,401 cells
-  free      24,452 cells
-  unknown   2,159 cells"""
+  occupied  1,407 cells
+  free      24,467 cells
+  unknown   2,138 cells"""
 
 
 def test_they_print_what_they_are() -> None:
@@ -60,7 +60,7 @@ def test_they_print_what_they_are() -> None:
     assert repr(background) == "<Background of /scan: 1 station x 361 beams>"
     grid = lidarcli.map(SAMPLES / "drive.db3")
     assert str(grid) == GRID
-    assert (grid.occupied, grid.free, grid.cells.shape) == (1401, 24452, (149, 188))
+    assert (grid.occupied, grid.free, grid.cells.shape) == (1407, 24467, (149, 188))
 
 
 def test_poses_print_where_the_sensor_was() -> None:
