@@ -185,11 +185,16 @@ class MatchedPath:
 
     @property
     def gaps(self) -> Int64:
-        """(G, 2) stamps of the sweeps before and after each stretch of more than `LONGEST_SLIDE` without poses [ns]."""
+        """(G, 2) stamps of the sweeps before and after each stretch without poses [ns].
+
+        It is longer than `LONGEST_SLIDE`, or the map began anew after it.
+        """
         there, stamps = self._there(), self.stamp_ns
         there = there[np.argsort(stamps[there], kind="stable")]
         ends = np.column_stack([stamps[there[:-1]], stamps[there[1:]]])
-        found: Int64 = ends[(np.diff(there) > 1) & (ends[:, 1] - ends[:, 0] > LONGEST_SLIDE * SECOND_NS)]
+        is_long = ends[:, 1] - ends[:, 0] > LONGEST_SLIDE * SECOND_NS
+        is_lost = np.diff(self.pieces[there]) != 0
+        found: Int64 = ends[(np.diff(there) > 1) & (is_long | is_lost)]
         return found
 
     def _there(self) -> Int64:
