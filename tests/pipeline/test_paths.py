@@ -43,6 +43,7 @@ from tests.pipeline.drawn import (
     checked,
     round_about,
     scene_of,
+    stamps,
     standing,
     straight,
     sweeps_of,
@@ -343,6 +344,21 @@ def test_a_sensor_that_stops_stands_there(tmp_path: Path) -> None:
     assert rows.still.tolist() == [False, True]
     ((_, _, whole),) = batches[0].by_frame()
     assert whole.still is batches[0].still
+
+
+def test_where_the_path_is_not_known_there_are_no_poses(tmp_path: Path) -> None:
+    sweeps = sweeps_of(scene_of())
+    for sweep in sweeps[60:75]:
+        sweep.ranges[:] = np.inf
+    write_log(tmp_path / "run.mcap", sweeps)
+    ((_, path),) = checked(tmp_path / "run.mcap").items()
+    assert path.verdict == "matched"
+    assert path.notes == (
+        "no pose for 15 of 200 sweeps of /scan: they fit nowhere, or may slide along their walls",
+    )
+    assert path.way is not None
+    there = np.isfinite(path.way.at(stamps()).position[:, 0])
+    assert np.flatnonzero(~there).tolist() == list(range(60, 75))
 
 
 # --- the order of the beams ---------------------------------------------------------------------------------
