@@ -303,6 +303,7 @@ class SweepBatch:
         in sweeps where all are 0, which nobody has measured. None: no sweep of these has any
     poses : where the sensor was (`SweepPoses`), where that has been asked for and the log tells
     still : (S,) True where the sensor stood since the sweep before, where that is known
+    fits : (S,) True where `poses` fit the sweeps or were named by the user; None: nobody has looked
     log : name of the log that it was read from, where that has been told
     """
 
@@ -325,6 +326,7 @@ class SweepBatch:
     intensities: Float32 | None = None
     poses: SweepPoses | None = None
     still: Bool | None = None
+    fits: Bool | None = None
     log: str = ""
 
     def __len__(self) -> int:
@@ -336,7 +338,7 @@ class SweepBatch:
             raise TypeError(f"rows are given as an array or list, not as {index!r}: rows([{index!r}])")
         picked = {name: getattr(self, name)[index] for name in _BATCH_ROW_FIELDS}
         picked["poses"] = None if self.poses is None else self.poses.rows(index)
-        for name in ("duration", "intensities", "still"):
+        for name in ("duration", "intensities", "still", "fits"):
             told = getattr(self, name)
             picked[name] = None if told is None else told[index]
         return replace(self, **picked)

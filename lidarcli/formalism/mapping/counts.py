@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,16 @@ class Beams:
     def __len__(self) -> int:
         return len(self.poses)
 
+    def rows(self, index: Int64) -> Beams:
+        """Return the beams of some sweeps."""
+        return Beams(
+            np.ascontiguousarray(self.end[:, index]),
+            self.use[index],
+            self.beams[index],
+            self.poses[index],
+            self.way[index],
+        )
+
 
 def placed(batch: SweepBatch, poses: SweepPoses, use: UInt8, ranges: Float32 | None = None) -> Beams:
     """Return the beams of sweeps in the world, each from the pose of the sensor at its own time.
@@ -95,6 +106,11 @@ class Counts:
     most_cells : greatest number of cells
     """
 
+    LAYERS: ClassVar[tuple[str, ...]] = ("hits", "passes", "_stamps")
+    """Arrays with a number for each cell."""
+    GROWTH: ClassVar[int] = BLOCK
+    """Least number of cells by which they grow on each side."""
+
     resolution: float
     most_cells: int
     sweeps: int = 0
@@ -119,7 +135,7 @@ class Counts:
         """
         if not len(beams):
             return
-        self._reach(*_bounds(beams, self.resolution))
+        self._reach(*bounds(beams, self.resolution))
         rays.trace(
             beams.end,
             beams.use,
@@ -199,19 +215,21 @@ class Counts:
             if right - left == width and high - low == height:
                 return
         # Cells that are never touched take no memory, so the room may be larger.
-        column, row = (left // BLOCK) * BLOCK, (low // BLOCK) * BLOCK
-        shape = -(-(high - row) // BLOCK) * BLOCK, -(-(right - column) // BLOCK) * BLOCK
+        step = self.GROWTH
+        column, row = (left // step) * step, (low // step) * step
+        shape = -(-(high - row) // step) * step, -(-(right - column) // step) * step
         part = np.s_[
             self.row - row : self.row - row + height, self.column - column : self.column - column + width
         ]
-        for name in ("hits", "passes", "_stamps"):
-            larger = np.zeros(shape, np.int32)
-            larger[part] = getattr(self, name)
+        for name in self.LAYERS:
+            before = getattr(self, name)
+            larger = np.zeros(shape, before.dtype)
+            larger[part] = before
             setattr(self, name, larger)
         self.column, self.row = column, row
 
 
-def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
+def bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
     """Return the cells that the beams and the sensor may touch, and one around them: left, low, right, high.
 
     Raises

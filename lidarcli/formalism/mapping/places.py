@@ -1,0 +1,214 @@
+"""Verdict by place: what all sweeps say of the cells of the ground that a body covers, and what their map says of these.
+
+One sweep cannot tell a short wall from a cupboard. Where the place of the sensor is known, what stands at one place is one
+thing or one piece of building in all sweeps, whatever parts of it they see. Votes add up in any order.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.formalism.detection import Detection
+from lidarcli.formalism.mapping import votes
+from lidarcli.formalism.mapping.counts import Beams, Counts, MotionFilter, bounds, placed
+from lidarcli.formalism.mapping.lines import lines
+from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED
+from lidarcli.formalism.tracking.tracker import Standing
+from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
+
+CELL = 0.1
+"""[m] Side of a cell."""
+FARTHEST = 15.0
+"""[m] Greatest range of a beam that votes: farther ones miss their cells where the pose is turned a little."""
+REACH = 150.0
+"""[m] Greatest distance of the sensor from where its world begins; farther sweeps do not vote."""
+MOST_STOPS = 16
+"""Greatest number of places where a sensor without poses stood that are remembered."""
+MOST_VOTE = 4.0
+"""[log-odds] Greatest vote of a body."""
+BUILDING_VOTE = -2.0
+"""[log-odds] Vote of a beam that is in no body."""
+LINE_ODDS = -2.0
+"""[log-odds] What the map adds to a body that is on one of its lines as a whole."""
+UNIT = 64.0
+"""Votes of one log-odds: whole numbers have the same sum in any order."""
+MAP_STEP = 0.2
+"""[m] Least way of the sensor between two sweeps that the map is made of."""
+
+
+@record
+class ByPlace:
+    """What the places of K bodies say; NaN where a body is in no place that is known."""
+
+    thing: Float64
+    """(K,) probability of being a thing."""
+    place: Float64
+    """(K,) part of the votes in its log-odds."""
+    map: Float64
+    """(K,) part of the map."""
+
+
+@dataclass(slots=True)
+class _Ground(Counts):
+    """Counts of the cells of one world, and their votes."""
+
+    LAYERS: ClassVar[tuple[str, ...]] = (*Counts.LAYERS, "odds", "votes")
+    GROWTH: ClassVar[int] = 1024
+
+    odds: Int64 = field(default_factory=lambda: np.zeros((0, 0), np.int64))
+    votes: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
+    """(H, W) sum of the votes, and their number."""
+    line: UInt8 = field(default_factory=lambda: np.zeros((0, 0), np.uint8))
+    """(H, W) 1 for a cell on a line of the map."""
+    motion: MotionFilter = field(default_factory=lambda: MotionFilter(MAP_STEP))
+    """Choice of the sweeps of the map."""
+
+    def cast(self, beams: Beams, owner: Int64, vote: Int64) -> None:
+        """Take the votes of some sweeps."""
+        self._reach(*bounds(beams, self.resolution))
+        building = round(BUILDING_VOTE * UNIT)
+        votes.cast(
+            beams.end, owner, vote, building, self.odds, self.votes, self.resolution, self.column, self.row
+        )
+
+    def settle(self) -> None:
+        """Look at the map, once all sweeps have voted."""
+        self.close()
+        self.line = np.zeros(self.hits.shape, np.uint8)
+        self.line.reshape(-1)[lines(self.hits, self.passes, self.resolution)] = 1
+        self.hits = self.passes = np.zeros((0, 0), np.int32)
+
+
+class Places:
+    """Places of one topic: a fold over its sweeps in bounded memory; batches of any size give the same."""
+
+    def __init__(self) -> None:
+        self._grounds: dict[int, _Ground] = {}
+        """Cells by world: 0 is that of the poses, every stop of a sensor without any is a world of its own."""
+        self._standing = Standing()
+        self._stops = 1
+        self._begin: tuple[float, float] | None = None
+
+    def add(self, batch: SweepBatch, detection: Detection) -> Int64:
+        """Take the votes of the next sweeps.
+
+        Parameters
+        ----------
+        batch : S sweeps
+        detection : what `detect` found in them, whatever its probability
+
+        Returns
+        -------
+        (S,) world of each sweep, which `read` asks for; -1 where the place of the sensor is not known.
+        """
+        worlds = self._worlds(batch)
+        vote = np.rint(UNIT * np.clip(_log_odds(detection.thing), -MOST_VOTE, MOST_VOTE)).astype(np.int64)
+        for world, rows in _by_world(worlds):
+            if world not in self._grounds:
+                self._grounds[world] = _Ground(CELL, MOST_CELLS)
+            ground = self._grounds[world]
+            poses, beams, owner = _seen(batch, detection, world, rows)
+            ground.cast(beams, owner, vote)
+            taken = ground.motion.take(poses, batch.stamp_ns[rows])
+            if len(taken):
+                ground.add(beams.rows(taken))
+        return worlds
+
+    def settle(self) -> None:
+        """Look at the maps, once all sweeps have voted."""
+        for ground in self._grounds.values():
+            ground.settle()
+
+    def read(self, batch: SweepBatch, detection: Detection, worlds: Int64) -> ByPlace:
+        """Return what the places of K bodies say, after `settle`; `worlds` (S,) as `add` returned them."""
+        found = np.zeros((len(detection), 4), np.int64)
+        for world, rows in _by_world(worlds):
+            ground = self._grounds[world]
+            _, beams, owner = _seen(batch, detection, world, rows)
+            votes.poll(
+                beams.end,
+                owner,
+                ground.odds,
+                ground.votes,
+                ground.line,
+                ground.resolution,
+                ground.column,
+                ground.row,
+                found,
+            )
+        total, count, on_line, cells = found.T
+        known = (cells > 0) & ~np.isnan(detection.thing)
+        place = np.where(known, total / (UNIT * np.maximum(count, 1)), np.nan)
+        by_map = np.where(known, LINE_ODDS * on_line / np.maximum(cells, 1), np.nan)
+        return ByPlace(1.0 / (1.0 + np.exp(-place - by_map)), place, by_map)
+
+    def _worlds(self, batch: SweepBatch) -> Int64:
+        """Return (S,) the world of each sweep, -1 for none."""
+        stood = self._standing.see(batch) if batch.still is None else batch.still
+        stops = self._stops + np.cumsum(~stood)
+        if len(batch):
+            self._stops = int(stops[-1])
+        worlds = np.where(stood & (stops <= MOST_STOPS), stops, -1)
+        poses = batch.poses
+        if poses is None:
+            return worlds
+        known = np.isfinite(poses.x) & np.isfinite(poses.y) & np.isfinite(poses.yaw)
+        if batch.fits is not None:
+            known &= batch.fits
+        if poses.way is not None:
+            known &= (np.abs(poses.way) < FARTHEST).all(axis=1)
+        if known.any() and self._begin is None:
+            at = int(np.argmax(known))
+            self._begin = float(poses.x[at]), float(poses.y[at])
+        if self._begin is not None:
+            x, y = self._begin
+            with np.errstate(invalid="ignore"):
+                far = np.maximum(np.abs(poses.x - x), np.abs(poses.y - y)) > REACH
+            return np.where(known, np.where(far, -1, 0), worlds)
+        return worlds
+
+
+MOST_CELLS = math.ceil(2.0 * (REACH + 2.0 * FARTHEST) / CELL + 4.0) ** 2
+"""Cells of the ground that the sweeps of one world can reach."""
+
+
+def _by_world(worlds: Int64) -> list[tuple[int, Int64]]:
+    """Return the worlds of some sweeps, and the rows of each."""
+    return [(world, np.flatnonzero(worlds == world)) for world in np.unique(worlds).tolist() if world >= 0]
+
+
+def _seen(
+    batch: SweepBatch, detection: Detection, world: int, rows: Int64
+) -> tuple[SweepPoses, Beams, Int64]:
+    """Return the poses of some sweeps in a world, their beams there, and (R, B) the body of each beam, -1 for none."""
+    offsets = np.searchsorted(detection.row, np.arange(len(batch) + 1))
+    part = batch if len(rows) == len(batch) else batch.rows(rows)
+    if world == 0:
+        assert part.poses is not None
+        poses = part.poses
+    else:
+        here = np.zeros(len(part))
+        poses = SweepPoses(here, here, here, np.zeros(len(part), np.bool_))
+    use = np.where(part.ranges <= FARTHEST, np.uint8(HIT), np.uint8(SKIPPED))
+    owner = np.empty(part.ranges.shape, np.int64)
+    votes.own(
+        *part.ranges.shape,
+        np.ascontiguousarray(part.beams, np.int32),
+        np.ascontiguousarray(offsets[:-1][rows], np.int64),
+        np.ascontiguousarray(offsets[1:][rows], np.int64),
+        np.ascontiguousarray(detection.beam_i, np.int32),
+        np.ascontiguousarray(detection.beam_f, np.int32),
+        owner,
+    )
+    return poses, placed(part, poses, use), owner
+
+
+def _log_odds(share: NDArray[np.float64]) -> Float64:
+    """Return the log-odds of probabilities; 0 for NaN."""
+    share = np.clip(np.where(np.isnan(share), 0.5, share), 1e-9, 1.0 - 1e-9)
+    return np.log(share / (1.0 - share))
