@@ -20,6 +20,8 @@ KINDS = {
 """Kind of evidence → features of the first pass that belong to it."""
 START, NEIGHBOURS = "start", "neighbours"
 """Log-odds before any feature, and those of the second pass, which knows the first verdicts on all other bodies."""
+PLACE, MAP = "place", "map"
+"""Mean log-odds by all sweeps at that place, which take the place of this sweep's own, and what the map adds."""
 LEAST = 0.05
 """Least log-odds that are shown."""
 
@@ -64,4 +66,19 @@ def reasons(features: Float64, thing: Float64) -> list[str | None]:
     for row, known in zip(values, ~np.isnan(thing), strict=True):
         order = [k for k in np.argsort(-np.abs(row)).tolist() if abs(row[k]) >= LEAST]
         lines.append(", ".join(f"{names[k]} {row[k]:+.1f}" for k in order) if known else None)
+    return lines
+
+
+def reasons_by_place(reasons: list[str | None], place: Float64, on_map: Float64) -> list[str | None]:
+    """Return (K,) the parts of the place and of the map before those of the sweep: `place -0.7; sweep: edges +2.1`.
+
+    Parameters
+    ----------
+    reasons : (K,) as of `reasons`
+    place, on_map : (K,) parts in the log-odds; NaN where the body has no place that is known
+    """
+    lines = []
+    for sweep, here, line in zip(reasons, place.tolist(), on_map.tolist(), strict=True):
+        parts = [f"{PLACE} {here:+.1f}"] + [f"{MAP} {line:+.1f}"] * (abs(line) >= LEAST)
+        lines.append(sweep if sweep is None or here != here else f"{', '.join(parts)}; sweep: {sweep}")
     return lines

@@ -91,7 +91,13 @@ def _rows(
         # Runs that do not track should not wait for this import.
         from lidarcli.pipeline.objects.following import Following
 
-        following = Following(source.name, options.tracking, options.parameters, options.catalogue)
+        following = Following(
+            source.name,
+            options.tracking,
+            options.parameters,
+            options.catalogue,
+            waits=options.background is None and not reading.is_pipe,
+        )
     for part in work.parts(progress):
         summary.add_found(part.found)
         yield from part.rows if following is None else following.take(part.batches)
@@ -231,7 +237,7 @@ def of_batches(
     else:
         told["tracking"] = tracking.as_dict()
         found = ((batch, find(batch, per_beam)) for batch in batches)
-        _follow(found, collected, tracking, parameters, catalogue)
+        _follow(found, collected, tracking, parameters, catalogue, waits=background is None)
     metadata = table_metadata(parameters.as_dict() | told)
     return {table: _table(table, rows, metadata) for table, rows in collected.items()}
 
@@ -242,6 +248,8 @@ def _follow(
     tracking: TrackOptions,
     parameters: Parameters,
     catalogue: Catalogue | None,
+    *,
+    waits: bool,
 ) -> None:
     """Pass the rows of batches to the sinks of their tables, by log and topic."""
     # Runs that do not track should not wait for this import.
@@ -253,7 +261,7 @@ def _follow(
         for batch, detection in found:
             if batch.log not in logs:
                 order = stack.enter_context(TopicOrder(sinks, None))
-                logs[batch.log] = Following(batch.log, tracking, parameters, catalogue), order
+                logs[batch.log] = Following(batch.log, tracking, parameters, catalogue, waits=waits), order
             following, order = logs[batch.log]
             made = Made(rows_of(batch.log, tables, batch, detection), (batch, detection))
             for table, topic, rows in following.take([made]):

@@ -168,16 +168,14 @@ class Mapping:
             return
         # Maps of everything should not wait for these imports.
         from lidarcli.formalism.tracking.tracker import Tracker
-        from lidarcli.pipeline.objects.following import TrackOptions
         from lidarcli.pipeline.objects.making import finder
         from lidarcli.tabular.tracked import beam_sets
 
-        tracking = TrackOptions()
-        find = finder(tracking.found_with(self.options.parameters), None)
+        find = finder(self.options.parameters, None)
         trackers: dict[str, tuple[Tracker, deque[tuple[SweepBatch, Detection]]]] = {}
         for batch in batches:
             if batch.topic not in trackers:
-                trackers[batch.topic] = tracking.tracker(None, self.options.parameters), deque()
+                trackers[batch.topic] = Tracker(), deque()
             tracker, waiting = trackers[batch.topic]
             detection = find(batch, True)
             waiting.append((batch, detection))

@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from lidarcli.formalism import SETS, SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, OBJECT
+from lidarcli.formalism.mapping.places import ByPlace
 from lidarcli.formalism.tracking.results import Followed, Tracks
 from lidarcli.sweeps import Int32, SweepBatch, UInt8
 from lidarcli.tabular.arrays import answers, codes, floats, masked, plain
@@ -49,6 +50,18 @@ def tracked_objects(
     order = followed.order if walls else followed.order[followed.set[followed.order] != NOISE]
     whole = len(order) == len(rows) and np.array_equal(order, np.arange(len(rows)))
     return rows if whole else rows.take(pa.array(order))
+
+
+def explained_objects(rows: pa.RecordBatch, told: ByPlace) -> pa.RecordBatch:
+    """Return rows of the objects table whose column `why` also tells of places and maps, if it tells anything."""
+    reasons = rows.column("why")
+    if reasons.null_count == len(reasons):
+        return rows
+    # Imported here, as few ask for reasons.
+    from lidarcli.formalism.explanation import reasons_by_place
+
+    lines = reasons_by_place(reasons.to_pylist(), told.place, told.map)
+    return _with(rows, {"why": pa.array(lines, pa.string())})
 
 
 def tracked_sweeps(rows: pa.RecordBatch, followed: Followed, *, tracks: bool) -> pa.RecordBatch:

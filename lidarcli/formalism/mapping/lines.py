@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.sweeps import Bool, Float64, Int32, Int64
+from lidarcli.sweeps import Float64, Int32, Int64
 
 OCCUPIED_SHARE, FREE_SHARE = 0.25, 0.15
 """An occupied cell was hit by more than the first share of the sweeps that saw it, a free one by less than the second."""
@@ -98,7 +99,7 @@ def _stretches(along: Float64, resolution: float) -> list[Int64]:
     sorted_along = along[order]
     ends = [0, *(np.flatnonzero(np.diff(sorted_along) * resolution > GREATEST_GAP) + 1).tolist(), len(order)]
     found = []
-    for begin, end in zip(ends[:-1], ends[1:], strict=True):
+    for begin, end in pairwise(ends):
         length = float(sorted_along[end - 1] - sorted_along[begin]) if end > begin else 0.0
         if length * resolution < LEAST_LENGTH:
             continue
@@ -108,9 +109,7 @@ def _stretches(along: Float64, resolution: float) -> list[Int64]:
     return found
 
 
-def _beside(
-    along: Float64, distance: int, cos: float, sin: float, resolution: float
-) -> tuple[Int64, Int64]:
+def _beside(along: Float64, distance: int, cos: float, sin: float, resolution: float) -> tuple[Int64, Int64]:
     """Return rows and columns of the cells near a stretch of a line."""
     steps = np.arange(along.min() - 1.0, along.max() + 1.0, 0.5)
     sides = distance + np.linspace(-1.0, 1.0, 7) * (ON_LINE / resolution)

@@ -7,19 +7,18 @@ thing or one piece of building in all sweeps, whatever parts of it they see. Vot
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import Detection
+from lidarcli.formalism.detection import NOISE, OBJECT, WALL, Detection
 from lidarcli.formalism.mapping import votes
 from lidarcli.formalism.mapping.counts import Beams, Counts, MotionFilter, bounds, placed
 from lidarcli.formalism.mapping.lines import lines
 from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED
-from lidarcli.formalism.tracking.tracker import Standing
-from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
+from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
 
 CELL = 0.1
 """[m] Side of a cell."""
@@ -35,6 +34,10 @@ BUILDING_VOTE = -2.0
 """[log-odds] Vote of a beam that is in no body."""
 LINE_ODDS = -2.0
 """[log-odds] What the map adds to a body that is on one of its lines as a whole."""
+SAME_RANGE, SAME_RANGE_GROWTH = 0.03, 0.01
+"""[m], [m/m] Greatest change of a range that is the same, and its growth with the range."""
+STANDING_SHARE = 0.8
+"""Share of the beams with a range in two sweeps that measure the same if the sensor stands."""
 UNIT = 64.0
 """Votes of one log-odds: whole numbers have the same sum in any order."""
 MAP_STEP = 0.2
@@ -52,12 +55,20 @@ class ByPlace:
     map: Float64
     """(K,) part of the map."""
 
+    def judged(self, detection: Detection, least: float) -> Detection:
+        """Return the bodies with these probabilities; what is less likely than `least` a thing is wall."""
+        thing = np.where(np.isnan(self.thing), detection.thing, self.thing)
+        kind, shape = detection.set.copy(), detection.shape.copy()
+        refused = (kind == OBJECT) & (thing < least)
+        kind[refused], shape[refused] = NOISE, WALL
+        return replace(detection, thing=thing, set=kind, shape=shape)
+
 
 @dataclass(slots=True)
 class _Ground(Counts):
     """Counts of the cells of one world, and their votes."""
 
-    LAYERS: ClassVar[tuple[str, ...]] = (*Counts.LAYERS, "odds", "votes")
+    LAYERS: ClassVar[tuple[str, ...]] = (*Counts.LAYERS, "odds", "votes", "line")
     GROWTH: ClassVar[int] = 1024
 
     odds: Int64 = field(default_factory=lambda: np.zeros((0, 0), np.int64))
@@ -79,9 +90,29 @@ class _Ground(Counts):
     def settle(self) -> None:
         """Look at the map, once all sweeps have voted."""
         self.close()
-        self.line = np.zeros(self.hits.shape, np.uint8)
         self.line.reshape(-1)[lines(self.hits, self.passes, self.resolution)] = 1
         self.hits = self.passes = np.zeros((0, 0), np.int32)
+
+
+class Standing:
+    """A fold over the sweeps of a topic that tells whether the sensor stands, by the beams that measure the same again."""
+
+    def __init__(self) -> None:
+        self._before: Float32 = np.empty((0, 0), np.float32)
+
+    def see(self, batch: SweepBatch) -> Bool:
+        """Return (S,) True where the sensor stood since the sweep before, and for the first sweep."""
+        ranges = batch.ranges
+        if len(self._before) == 0 or self._before.shape[1] != batch.width:
+            before = np.vstack([np.full((1, batch.width), np.nan, ranges.dtype), ranges[:-1]])
+        else:
+            before = np.vstack([self._before, ranges[:-1]])
+        self._before = ranges[-1:].copy()
+        both = np.isfinite(ranges) & np.isfinite(before)
+        with np.errstate(invalid="ignore"):
+            same = np.abs(ranges - before) < SAME_RANGE + SAME_RANGE_GROWTH * before
+        stood: Bool = (same & both).sum(axis=1) >= STANDING_SHARE * both.sum(axis=1)
+        return stood
 
 
 class Places:
@@ -120,12 +151,12 @@ class Places:
         return worlds
 
     def settle(self) -> None:
-        """Look at the maps, once all sweeps have voted."""
+        """Look at the maps, once all sweeps have voted; without this the maps say nothing."""
         for ground in self._grounds.values():
             ground.settle()
 
     def read(self, batch: SweepBatch, detection: Detection, worlds: Int64) -> ByPlace:
-        """Return what the places of K bodies say, after `settle`; `worlds` (S,) as `add` returned them."""
+        """Return what the places of K bodies say by all sweeps so far; `worlds` (S,) as `add` returned them."""
         found = np.zeros((len(detection), 4), np.int64)
         for world, rows in _by_world(worlds):
             ground = self._grounds[world]

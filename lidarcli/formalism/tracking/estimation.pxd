@@ -145,12 +145,10 @@ cdef class Sightings:
     cdef double* sin
     cdef double* half_1
     cdef double* half_2
-    cdef double* odds
     cdef double* z
     cdef double* var
 
 
 cdef void log_sighting(
-    Sightings log, Bodies bodies, Py_ssize_t b, Sides sides, Py_ssize_t sweep, double time, Py_ssize_t at,
-    double odds
+    Sightings log, Bodies bodies, Py_ssize_t b, Sides sides, Py_ssize_t sweep, double time, Py_ssize_t at
 ) noexcept nogil

@@ -70,7 +70,7 @@ OPEN_EDGE_VAR = 0.01
 LEGGED_VAR = 0.0081
 """[m²] Variance of the middle of a group of legs: (9 cm)²."""
 LOG_INTEGERS = ("number", "sweep", "object", "centred")
-LOG_NUMBERS = ("time", "x", "y", "cos", "sin", "half_1", "half_2", "odds")
+LOG_NUMBERS = ("time", "x", "y", "cos", "sin", "half_1", "half_2")
 LOG_SIDES = ("z", "var")
 
 
@@ -682,8 +682,6 @@ class Sightings:
         """Direction of the first axis."""
         self.half_1 = native.at_doubles(arrays["half_1"])
         self.half_2 = native.at_doubles(arrays["half_2"])
-        self.odds = native.at_doubles(arrays["odds"])
-        """Log-odds of being a thing, by this sweep alone."""
         self.z = native.at_doubles(arrays["z"])
         self.var = native.at_doubles(arrays["var"])
         """(N, 4) sides and their variances, as in `Sides`."""
@@ -697,11 +695,10 @@ def sighting_arrays(count: int) -> dict[str, NDArray[Any]]:
 
 
 def log_sighting(
-    log: Sightings, bodies: Bodies, b: int, sides: Sides, sweep: int, time: float, at: int, odds: float
+    log: Sightings, bodies: Bodies, b: int, sides: Sides, sweep: int, time: float, at: int
 ) -> None:
     """Write a sighting of a body to the log; there is room."""
     i = log.count
-    log.odds[i] = odds
     log.number[i], log.sweep[i], log.object[i], log.time[i] = bodies.number[b], sweep, at, time
     along, across = bodies.c[2 * b], bodies.c[2 * b + 1]
     log.x[i] = bodies.cos[b] * along - bodies.sin[b] * across

@@ -459,7 +459,6 @@ def _note_view(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None
         fold.sweeps - 1,
         fold.clock,
         fold.objects + views.object[k],
-        views.odds[k],
     )
 
 

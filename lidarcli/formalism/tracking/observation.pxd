@@ -17,7 +17,6 @@ cdef class Seen:
     cdef unsigned char* removed
     cdef double* poses
     cdef double* seconds
-    cdef double* odds
     cdef double* way
     cdef double* shares
 
@@ -42,7 +41,6 @@ cdef class Views:
     cdef double* width
     cdef double* chord
     cdef double* near
-    cdef double* odds
     cdef double* share
     cdef Py_ssize_t* begin
     cdef Py_ssize_t* face_begin

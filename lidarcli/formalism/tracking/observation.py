@@ -29,8 +29,6 @@ HIDDEN, OPEN, OWN = 0, 1, 2
 """Kinds of edges: hidden by a nearer object or the end of the view; beside beams without a return; the object's own."""
 BOX_MARGIN = 0.05
 """[m] Points outside of the box by more than this, and four times the noise, belong to an object between its parts."""
-MOST_SWEEP_ODDS = 4.0
-"""Greatest log-odds of being a thing that one sweep can give."""
 LEAST_FACE_POINTS = 3
 """Least number of points for the line of a face."""
 SWEEPS_KEPT = 16
@@ -69,7 +67,7 @@ class Seen:
         }
         change = np.full(len(found), -1, np.int8) if found.change is None else found.change
         offset = np.searchsorted(found.row, np.arange(len(found.noise) + 1)).astype(np.int64)
-        numbers = (poses, seconds, _odds(found.thing), way, shares)
+        numbers = (poses, seconds, way, shares)
         more = [np.require(values, np.float64, ["C", "A"]) for values in numbers]
         self.owner: list[Any] = [offset, (change == REMOVED).astype(np.uint8), *more, arrays]
         self.most = int(np.diff(offset).max(initial=0))
@@ -80,16 +78,8 @@ class Seen:
         self.removed = native.at_bytes(self.owner[1])
         self.poses = native.at_doubles(self.owner[2])
         self.seconds = native.at_doubles(self.owner[3])
-        self.odds = native.at_doubles(self.owner[4])
-        self.way = native.at_doubles(self.owner[5])
-        self.shares = native.at_doubles(self.owner[6])
-
-
-def _odds(thing: Any) -> Any:
-    """Return (K,) the log-odds of being a thing, bounded as no sweep is proof; NaN counts as certain."""
-    sure = 1.0 / (1.0 + math.exp(-MOST_SWEEP_ODDS))
-    share = np.clip(np.where(np.isnan(thing), sure, thing), 1.0 - sure, sure)
-    return np.log(share / (1.0 - share))
+        self.way = native.at_doubles(self.owner[4])
+        self.shares = native.at_doubles(self.owner[5])
 
 
 class Views:
@@ -149,8 +139,6 @@ class Views:
         self.chord = native.doubles(self.owner, objects)
         self.near = native.doubles(self.owner, objects)
         """Least range [m]."""
-        self.odds = native.doubles(self.owner, objects)
-        """Log-odds of being a thing, by this sweep alone."""
         self.share = native.doubles(self.owner, objects)
         """Share of the time of the sweep that had passed when it was seen."""
         self.begin = native.integers(self.owner, objects + 1)
@@ -265,7 +253,7 @@ def _add(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     views.middle_x[k], views.middle_y[k] = to_world(views, seen.found.x[at], seen.found.y[at])
     views.centre_x[k], views.centre_y[k] = to_world(views, seen.found.box_x[at], seen.found.box_y[at])
     views.length[k], views.width[k] = seen.found.box_length[at], seen.found.box_width[at]
-    views.chord[k], views.near[k], views.odds[k] = seen.found.width[at], seen.found.r_min[at], seen.odds[at]
+    views.chord[k], views.near[k] = seen.found.width[at], seen.found.r_min[at]
     visibility = seen.found.visibility[at]
     views.start[k] = views.end[k] = HIDDEN
     if visibility in (FULL, END_HIDDEN):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detect import scans
-from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, WALL, Detection
+from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, Detection
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.estimation import Bodies, sighting_arrays
@@ -21,16 +21,12 @@ from lidarcli.formalism.tracking.observation import Memory, Seen, Views
 from lidarcli.formalism.tracking.results import Followed, Tracks
 from lidarcli.formalism.tracking.tracks import Track, tracks_of
 from lidarcli.formalism.tracking.windows import Register, Settled, Window
-from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, SweepBatch
+from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch
 
 WINDOW = 256
 """Number of sweeps of a window. Its rows are settled once the next window has been seen."""
 BODIES_AT_FIRST, VIEWS_AT_FIRST, SIGHTINGS_AT_FIRST = 64, 32, 2048
 """Room for so many bodies, objects of a sweep, and sightings before it grows."""
-SAME_RANGE, SAME_RANGE_GROWTH = 0.03, 0.01
-"""[m], [m/m] Greatest change of a range that is the same, and its growth with the range."""
-STANDING_SHARE = 0.8
-"""Share of the beams with a range in two sweeps that measure the same if the sensor stands."""
 NOTED_WAY = 1.0
 """[m] Least distance that the sensor has gone for a note on its poses."""
 NOTED_SDS = 3.0
@@ -64,17 +60,14 @@ class Tracker:
         self,
         parameters: TrackParameters | None = None,
         catalogue: Catalogue | None = None,
-        min_thing: float = 0.0,
     ) -> None:
         """
         Parameters
         ----------
         parameters : parameters of the tracking
         catalogue : things of interest, which give tracks their names
-        min_thing : least probability of a thing, by all sweeps of its track; only with `parameters.memory`
         """
         self.parameters = parameters or TrackParameters()
-        self._min_thing = min_thing
         self._naming = None if catalogue is None else Naming(catalogue)
         self.frames: list[str] = []
         """Names of sensor frames, by index (`Tracks.frame`)."""
@@ -82,7 +75,6 @@ class Tracker:
         """Notes for the user, a line each; complete after `finish`."""
         self._first_ns: int | None = None
         self._topic = ""
-        self._standing = Standing()
         self._fold = Fold(
             -math.log(self.parameters.significance),
             Bodies(BODIES_AT_FIRST),
@@ -91,9 +83,7 @@ class Tracker:
         )
         self._log = sighting_arrays(SIGHTINGS_AT_FIRST)
         self._fold.log.attach(self._log)
-        self._register = Register(
-            self._naming, _least_odds(min_thing) if self.parameters.memory else -math.inf
-        )
+        self._register = Register(self._naming)
         self._waiting: deque[_Waiting] = deque()
         self._windows: deque[Window] = deque([Window(0, 0)])
         """Windows that are not settled; the last one is being filled."""
@@ -145,8 +135,6 @@ class Tracker:
         fold.moves = batch.poses is not None
         fold.objects = self._objects
         frames = self._frames(batch)
-        stood = self._standing.see(batch) if batch.still is None else batch.still
-        placed = np.full(len(batch), batch.poses is not None) | stood
         looks = None
         if self._naming is not None:
             then = poses[detection.row]
@@ -167,7 +155,6 @@ class Tracker:
             window.index.append(batch.sweep[begin:row])
             window.stamps.append(batch.stamp_ns[begin:row])
             window.frames.append(frames[begin:row])
-            window.placed.append(placed[begin:row])
             if looks is not None:
                 window.looks.append(looks.rows(slice(first, last)))
             if fold.sweeps % WINDOW == 0:
@@ -220,9 +207,7 @@ class Tracker:
         done = []
         while self._waiting and self._waiting[0].stop <= self._settled_sweeps:
             one = self._waiting.popleft()
-            done.append(
-                _followed(one, self._take(len(one.detection)), self._min_thing, self.parameters.memory)
-            )
+            done.append(_followed(one, self._take(len(one.detection)), self.parameters.memory))
         return done
 
     def _take(self, count: int) -> Settled:
@@ -238,17 +223,13 @@ class Tracker:
         return Settled.joined(parts)
 
 
-def _followed(one: _Waiting, settled: Settled, least: float, by_memory: bool) -> Followed:
-    """Return the results for a batch; an object without a track is a thing from a probability of `least` on."""
+def _followed(one: _Waiting, settled: Settled, by_memory: bool) -> Followed:
+    """Return the results for a batch; by memory, objects have the shapes of their tracks."""
     found, sweeps = one.detection, len(one.batch)
     known = settled.track > 0
-    kind, shape, thing = found.set.copy(), found.shape.copy(), found.thing
+    kind, shape = found.set.copy(), found.shape.copy()
     if by_memory:
-        judged = settled.is_thing >= 0
-        thing = np.where(judged & ~np.isnan(thing), settled.thing, thing)
-        refused = (kind == OBJECT) & np.where(judged, settled.is_thing == 0, thing < least)
         shape[known & (shape != LEGGED)] = settled.shape[known & (shape != LEGGED)]
-        kind[refused], shape[refused] = NOISE, WALL
     kind[known & settled.agent & (kind == OBJECT)] = AGENT
     agent, thing_at = kind == AGENT, kind == OBJECT
     if found.change is not None:
@@ -264,7 +245,7 @@ def _followed(one: _Waiting, settled: Settled, least: float, by_memory: bool) ->
         moving=np.where(known, settled.moving, -1).astype(np.int8),
         set=kind,
         shape=shape,
-        thing=thing,
+        thing=found.thing,
         order=order,
         object=_numbers(found.row, order),
         label=settled.label,
@@ -288,13 +269,6 @@ def _numbers(row: Int64, order: Int64) -> Int32:
 def _count(rows: NDArray[np.int64], weights: NDArray[Any] | None, sweeps: int) -> Int32:
     """Return (S,) how many are in each row of a batch, or the sum of their weights."""
     return np.bincount(rows, weights, minlength=sweeps).astype(np.int32)
-
-
-def _least_odds(share: float) -> float:
-    """Return the log-odds of a probability."""
-    if not 0.0 < share < 1.0:
-        return -math.inf if share <= 0.0 else math.inf
-    return math.log(share / (1.0 - share))
 
 
 def _poses(batch: SweepBatch) -> Float64:
@@ -325,27 +299,6 @@ def _grown(past: Memory, beams: int) -> Memory:
     larger = Memory(beams)
     larger.grow(past)
     return larger
-
-
-class Standing:
-    """A fold over the sweeps of a topic that tells whether the sensor stands, by the beams that measure the same again."""
-
-    def __init__(self) -> None:
-        self._before: Float32 = np.empty((0, 0), np.float32)
-
-    def see(self, batch: SweepBatch) -> Bool:
-        """Return (S,) True where the sensor stood since the sweep before, and for the first sweep."""
-        ranges = batch.ranges
-        if len(self._before) == 0 or self._before.shape[1] != batch.width:
-            before = np.vstack([np.full((1, batch.width), np.nan, ranges.dtype), ranges[:-1]])
-        else:
-            before = np.vstack([self._before, ranges[:-1]])
-        self._before = ranges[-1:].copy()
-        both = np.isfinite(ranges) & np.isfinite(before)
-        with np.errstate(invalid="ignore"):
-            same = np.abs(ranges - before) < SAME_RANGE + SAME_RANGE_GROWTH * before
-        stood: Bool = (same & both).sum(axis=1) >= STANDING_SHARE * both.sum(axis=1)
-        return stood
 
 
 def notes_of(topic: str, correction: Correction, tracks: list[Track], has_poses: bool) -> list[str]:

@@ -13,8 +13,6 @@ from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, UNKNO
 from lidarcli.formalism.matching.evidence import rectangle, shape_likelihood
 from lidarcli.formalism.tracking.results import BOX, END_OF_LOG, ENDED, MOST_LEGS, PERSON, Tracks
 
-VERDICT_MARGIN = 0.5
-"""[log-odds] Margin by which the evidence has to pass the threshold to turn a verdict."""
 LEG_SHARE = 0.25
 """Share of the sightings of a body in which a leg beside it has to be seen."""
 WHOLE_SIGHTINGS = 3
@@ -67,10 +65,6 @@ class Body:
     legs: tuple[tuple[float, float], ...] = ()
     """Places of legs that are too slim to be objects [m]."""
     has_ended: bool = False
-    odds: float = 0.0
-    """Sum of the log-odds of being a thing over its settled sightings."""
-    judged: int = 0
-    """Number of these sightings."""
     row_shape: int = UNKNOWN
     """Shape in the rows, by what was seen so far."""
     track: Track | None = None
@@ -144,14 +138,6 @@ class Track:
     """Index into the catalogue, by what was seen so far; -1 for none."""
     label_score: float = math.nan
     """Probability of the label."""
-    is_thing: bool | None = None
-    """Verdict, thing or building, by what was seen so far; None before the first."""
-    thing: float = math.nan
-    """Probability of being a thing, by what was seen so far."""
-    odds: float = 0.0
-    """Sum of the log-odds of bodies that are not kept."""
-    judged: int = 0
-    """Number of sightings of these bodies."""
     state: NDArray[np.float64] | None = None
     """State of the smoother at the end of the latest settled window (`Smoother.smooth`)."""
 
@@ -167,31 +153,7 @@ class Track:
                 max(over, key=lambda part: (part.sightings, -part.number)),
                 max(over, key=lambda part: part.last_sweep),
             )
-            for part in over:
-                if part not in kept:
-                    self.odds += part.odds
-                    self.judged += part.judged
             self.parts = [part for part in self.parts if part in kept or part not in over]
-
-    def decide(self, ahead: dict[int, tuple[float, int]], least: float) -> None:
-        """Decide between thing and building by the mean log-odds of all sightings; an earlier verdict has an advantage.
-
-        Parameters
-        ----------
-        ahead : by number of body, the sum of the log-odds of its sightings that are not settled, and their number
-        least : threshold of the log-odds of things
-        """
-        odds, judged = self.odds, self.judged
-        for part in self.parts:
-            more, count = ahead.get(part.number, (0.0, 0))
-            odds += part.odds + more
-            judged += part.judged + count
-        mean = odds / max(judged, 1)
-        self.thing = 1.0 / (1.0 + math.exp(-mean))
-        if self.is_thing is None:
-            self.is_thing = mean >= least
-        else:
-            self.is_thing = mean >= (least - VERDICT_MARGIN if self.is_thing else least + VERDICT_MARGIN)
 
     def absorb(self, body: Body) -> None:
         """Take a body as a part of this track."""

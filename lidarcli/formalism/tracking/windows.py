@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -16,11 +15,9 @@ from lidarcli.formalism.tracking.naming import Looks, Naming
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON
 from lidarcli.formalism.tracking.smoothing import Smoother
 from lidarcli.formalism.tracking.tracks import Body, Track, row_shape
-from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, UInt8
+from lidarcli.sweeps import Bool, Float64, Int32, Int64, UInt8
 
 EVERYTHING = slice(None)
-MOST_PLACED = 0.5
-"""Share of the sweeps of a window with a known place of the sensor, above which all sweeps decide what a track is."""
 LONGEST_LAPSE = 10.0
 """[s] Longest time without a sighting that adds to the distance of a track."""
 ARRIVAL_SWEEPS = 8
@@ -47,8 +44,6 @@ class Window:
     """(S,) stamp of each sweep [ns]."""
     frames: list[Int64] = field(default_factory=list)
     """(S,) frame of each sweep."""
-    placed: list[Bool] = field(default_factory=list)
-    """(S,) True where the place of the sensor is known, because it has a pose or stands."""
     looks: list[Looks] = field(default_factory=list)
     """Measured sizes of each object, where tracks are named."""
 
@@ -56,11 +51,6 @@ class Window:
     def count(self) -> int:
         """Number of sweeps."""
         return sum(map(len, self.index))
-
-    @property
-    def is_placed(self) -> bool:
-        """True if the place of the sensor is known in most sweeps: then a body is one object from sweep to sweep."""
-        return float(np.concatenate(self.placed).mean()) > MOST_PLACED
 
 
 @dataclass(slots=True)
@@ -74,9 +64,6 @@ class Settled:
     agent: Bool
     label: Int32
     label_score: Float64
-    is_thing: Int8
-    """(K,) verdict by all sweeps of the track: 1 thing, 0 building, -1 none."""
-    thing: Float64
     shape: UInt8
 
     def rows(self, part: slice) -> Settled:
@@ -86,10 +73,7 @@ class Settled:
     @staticmethod
     def joined(parts: list[Settled]) -> Settled:
         """Return the results of several parts as one."""
-        kinds = (
-            *(np.int64, np.float64, np.float64, np.bool_, np.bool_, np.int32, np.float64),
-            *(np.int8, np.float64, np.uint8),
-        )
+        kinds = (*(np.int64, np.float64, np.float64, np.bool_, np.bool_, np.int32, np.float64, np.uint8),)
         if not parts:
             nothing: list[Any] = [np.empty(0, kind) for kind in kinds]
             return Settled(*nothing)
@@ -103,9 +87,7 @@ class Settled:
 class Register:
     """All bodies that were seen often enough, and the tracks they are parts of."""
 
-    def __init__(self, naming: Naming | None = None, least_odds: float = -math.inf) -> None:
-        """`least_odds`: a track with less log-odds of being a thing is building."""
-        self.least_odds = least_odds
+    def __init__(self, naming: Naming | None = None) -> None:
         self.naming = naming
         """Naming of tracks, if there is a catalogue."""
         self.bodies: dict[int, Body] = {}
@@ -131,43 +113,29 @@ class Register:
     def settle(self, window: Window, log: dict[str, NDArray[Any]], count: int) -> Settled:
         """Return the results of a window, by its sightings and those of the next one: the first `count` of the log."""
         stop = window.begin + window.count
-        least = -math.inf if window.is_placed else self.least_odds
-        seen = WindowSightings(log, count, self.bodies, stop, least)
+        seen = WindowSightings(log, count, self.bodies, stop)
         grouping.join(seen, self.bodies)
-        self._judge(seen, window.is_placed)
+        self._number(seen)
         _smooth(seen, self.bodies)
         at, found = seen.find(window)
         self._sum_up(window, seen)
         if self.naming is not None:
             self._name(self.naming, window, seen, at, found)
-        settled = _rows(seen, at, found, window.objects)
+        settled = _rows(seen, at, found)
         self._forget(stop)
         return settled
 
-    def _judge(self, seen: WindowSightings, is_placed: bool) -> None:
-        """Decide which tracks with rows in this window are things, and number the new ones by first sight.
-
-        Where the place of the sensor is unknown, one body may be several objects, and each sweep is judged by itself.
-        """
+    def _number(self, seen: WindowSightings) -> None:
+        """Number the new tracks with rows in this window by first sight."""
         for number in seen.in_window:
-            body, span = self.bodies[number], seen.spans[number]
+            body = self.bodies[number]
             if body.track is None:
                 Track().absorb(body)
-            odds, now = seen.column("odds", span), seen.now[span]
-            body.odds += float(odds[now].sum())
-            body.judged += int(np.count_nonzero(now))
-            seen.ahead[number] = float(odds[~now].sum()), int(np.count_nonzero(~now))
+            assert body.track is not None
+            if body.track.number == 0:
+                self.tracks.append(body.track)
+                body.track.number = len(self.tracks)
             body.row_shape = row_shape(body)
-        tracks = {id(track): track for n in seen.in_window if (track := self.bodies[n].track) is not None}
-        for track in tracks.values():
-            if is_placed:
-                track.decide(seen.ahead, self.least_odds)
-            else:
-                track.is_thing = None
-            if track.is_thing is not False and track.number == 0:
-                self.tracks.append(track)
-                track.number = len(self.tracks)
-        seen.in_window = [n for n in seen.in_window if _is_thing(self.bodies[n])]
 
     def _sum_up(self, window: Window, seen: WindowSightings) -> None:
         """Add the sightings of a window to the sums of the tracks."""
@@ -228,11 +196,6 @@ class Register:
             self.naming.forget(over)
 
 
-def _is_thing(body: Body) -> bool:
-    """Return whether a body belongs to a track that is not building."""
-    return body.track is not None and body.track.is_thing is not False
-
-
 def _sum_up_motion(track: Track, seen: WindowSightings, at: Any, times: Float64) -> None:
     """Add to the distance and the greatest speed of a track that moves."""
     speed, going = np.hypot(seen.vx[at], seen.vy[at]), seen.moving[at]
@@ -244,21 +207,17 @@ def _sum_up_motion(track: Track, seen: WindowSightings, at: Any, times: Float64)
 class WindowSightings:
     """Sightings (N,) of the bodies that were seen often enough, by body, and the results for them."""
 
-    def __init__(
-        self, log: dict[str, NDArray[Any]], count: int, bodies: dict[int, Body], stop: int, least: float
-    ) -> None:
+    def __init__(self, log: dict[str, NDArray[Any]], count: int, bodies: dict[int, Body], stop: int) -> None:
         """
         Parameters
         ----------
         log, count : the sightings, and how many of them there are
         bodies : bodies that were seen often enough, by number
         stop : number of sweeps of the topic up to the end of the window
-        least : sightings of the window with less log-odds of being a thing are left out
         """
         number = log["number"][:count]
         believed = np.fromiter(bodies, np.int64, len(bodies))
-        asked = (log["odds"][:count] >= least) | (log["sweep"][:count] >= stop)
-        keep = np.flatnonzero(np.isin(number, believed) & asked)
+        keep = np.flatnonzero(np.isin(number, believed))
         # Most sightings of a leg may belong to its person; the rest is too little for a track.
         seen, counts = np.unique(number[keep], return_counts=True)
         few = [n for n in seen[counts < CONFIRMED_SIGHTINGS].tolist() if bodies[n].track is None]
@@ -288,9 +247,7 @@ class WindowSightings:
             if self.now[span.start]:
                 first[n] = int(self.object[span.start])
         self.in_window = sorted(first, key=first.__getitem__)
-        """Numbers of the bodies with a row in the window, by first sight; later without those that are building."""
-        self.ahead: dict[int, tuple[float, int]] = {}
-        """Sum of the log-odds of the sightings in the next window, and their number, by number of the body."""
+        """Numbers of the bodies with a row in the window, by first sight."""
 
     def column(self, name: str, of: slice = EVERYTHING) -> NDArray[Any]:
         """Return a column of the log of sightings, or a part of it."""
@@ -333,46 +290,33 @@ class WindowSightings:
         return at[np.argsort(self.sweep[at], kind="stable")]
 
 
-def _rows(seen: WindowSightings, at: Int64, found: Bool, objects: int) -> Settled:
+def _rows(seen: WindowSightings, at: Int64, found: Bool) -> Settled:
     """Return the results for the objects of a window.
 
     Parameters
     ----------
     seen : the sightings
     at, found : sightings of the objects that have one, and (K,) which these are (`WindowSightings.find`)
-    objects : number of objects of the topic before the window
     """
     size = len(seen.number)
-    track_of, label_of, score_of = (
+    track_of, label_of, score_of, shape = (
         np.zeros(size, np.int64),
         np.full(size, -1, np.int32),
         np.full(size, np.nan),
+        np.full(size, UNKNOWN, np.uint8),
     )
     for number in seen.in_window:
         track = seen.bodies[number].track
         assert track is not None
         span = seen.spans[number]
         track_of[span], label_of[span], score_of[span] = track.number, track.label, track.label_score
-
-    verdict, thing, shape = (
-        np.full(size, -1, np.int8),
-        np.full(size, np.nan),
-        np.full(size, UNKNOWN, np.uint8),
-    )
-    for number, span in seen.spans.items():
-        body = seen.bodies[number]
-        if body.track is not None and body.track.is_thing is not None:
-            verdict[span], thing[span] = body.track.is_thing, body.track.thing
-            shape[span] = body.row_shape
+        shape[span] = seen.bodies[number].row_shape
 
     def column(values: NDArray[Any], empty: Any) -> NDArray[Any]:
         out = np.full(len(found), empty, values.dtype)
         out[found] = values[at]
         return out
 
-    judged = column(verdict, -1)
-    # A further part of a body may be another object beside it, which has no verdict.
-    judged[found & (column(seen.object, -1) != objects + np.arange(len(found)))] = -1
     return Settled(
         track=column(track_of, 0),
         vx=column(seen.vx, np.nan),
@@ -381,8 +325,6 @@ def _rows(seen: WindowSightings, at: Int64, found: Bool, objects: int) -> Settle
         agent=column(seen.agent, False),
         label=column(label_of, -1),
         label_score=column(score_of, np.nan),
-        is_thing=judged,
-        thing=column(thing, np.nan),
         shape=column(shape, UNKNOWN),
     )
 

@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
+import pickle
+import tempfile
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field, fields, replace
+from typing import IO, Any
 
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.formalism import Parameters
+from lidarcli.formalism import Detection, Parameters
 from lidarcli.formalism.detection import AGENT
+from lidarcli.formalism.mapping.places import Places
 from lidarcli.formalism.matching.catalogue import Catalogue, names_in
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import Followed, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
+from lidarcli.newfiles import unwritable
 from lidarcli.pipeline.objects.making import Made, Rows
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.tabular.tracked import tracked_beams, tracked_objects, tracked_sweeps, tracks_rows
+from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.tabular.tracked import (
+    explained_objects,
+    tracked_beams,
+    tracked_objects,
+    tracked_sweeps,
+    tracks_rows,
+)
+
+MOST_BYTES = 64 << 20
+"""Bytes of batches that wait in memory for the end of the log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +42,6 @@ class TrackOptions:
     parameters: TrackParameters = field(default_factory=TrackParameters)
     tracks: bool = True
     """True to fill the columns on tracks and write their table; without, memory only decides on objects."""
-
-    def tracker(self, catalogue: Catalogue | None, found: Parameters) -> Tracker:
-        """Make a tracker for one topic, which names things by a catalogue."""
-        return Tracker(self.parameters, catalogue, found.min_thing)
 
     def found_with(self, parameters: Parameters) -> Parameters:
         """Return the parameters of the detection: memory decides on every body, whatever one sweep says of it."""
@@ -48,15 +58,29 @@ class Following:
     """Follows the objects of one log, each topic by itself, in the order of the log, and completes its rows."""
 
     def __init__(
-        self, log: str, options: TrackOptions, parameters: Parameters, catalogue: Catalogue | None = None
+        self,
+        log: str,
+        options: TrackOptions,
+        parameters: Parameters,
+        catalogue: Catalogue | None = None,
+        *,
+        waits: bool = False,
     ) -> None:
-        """`parameters`: those of the objects that the user asked for."""
+        """
+        Parameters
+        ----------
+        parameters : those of the objects that the user asked for
+        waits : all rows wait for the end of the log, so that memory decides by all of its sweeps; otherwise by those so far
+        """
         self._log = log
         self._parameters = parameters
         self._options = options
         self._catalogue = catalogue
         self._labels = names_in(catalogue)
         self._topics: dict[str, _Topic] = {}
+        self._waits = waits
+        self._judges = options.parameters.memory and parameters.profile == "robust"
+        self._waiting = _Waiting()
         self.summary = RunSummary(things=0)
         """Counts of the objects and agents in complete rows; in the end also of the tracks."""
         self.notes: list[str] = []
@@ -66,17 +90,24 @@ class Following:
         """Yield the rows that are complete once these batches have been seen, those of a topic in their order."""
         for made in batches:
             assert made.seen is not None
-            batch, detection = made.seen
-            topic = self._topics.get(batch.topic)
-            if topic is None:
-                topic = self._topics[batch.topic] = _Topic(
-                    self._options.tracker(self._catalogue, self._parameters)
-                )
-            topic.waiting.append(_waiting(made))
-            yield from self._complete(topic, topic.tracker.add(batch, detection))
+            name = made.seen[0].topic
+            if name not in self._topics:
+                self._topics[name] = _Topic(Tracker(self._options.parameters, self._catalogue))
+            if not self._judges:
+                yield from self._follow(made)
+                continue
+            worlds = self._topics[name].places.add(*made.seen)
+            if self._waits:
+                self._waiting.put(made, worlds)
+            else:
+                yield from self._follow(self._judged(made, worlds))
 
     def finish(self) -> Iterator[Rows]:
         """Yield the rows that are left, and those of the tracks table."""
+        for topic in self._topics.values():
+            topic.places.settle()
+        for made, worlds in self._waiting.taken():
+            yield from self._follow(self._judged(made, worlds))
         for name in sorted(self._topics):
             topic = self._topics.pop(name)
             followed, tracks = topic.tracker.finish()
@@ -87,6 +118,23 @@ class Following:
             self._count(tracks)
             yield "tracks", name, tracks_rows(self._log, name, tracks, topic.tracker.frames, self._labels)
             self.notes += topic.tracker.notes
+
+    def _judged(self, made: Made, worlds: Int64) -> Made:
+        """Return a batch whose bodies are things or building by their places."""
+        assert made.seen is not None
+        batch, detection = made.seen
+        told = self._topics[batch.topic].places.read(batch, detection, worlds)
+        rows = [
+            (table, topic, explained_objects(each, told) if table == "objects" else each)
+            for table, topic, each in made.rows
+        ]
+        return Made(rows, (batch, told.judged(detection, self._parameters.min_thing)))
+
+    def _follow(self, made: Made) -> Iterator[Rows]:
+        assert made.seen is not None
+        topic = self._topics[made.seen[0].topic]
+        topic.waiting.append(_waiting(made))
+        yield from self._complete(topic, topic.tracker.add(*made.seen))
 
     def _complete(self, topic: _Topic, followed: Sequence[Followed]) -> Iterator[Rows]:
         for one in followed:
@@ -111,10 +159,53 @@ class Following:
 
 @dataclass(slots=True)
 class _Topic:
-    """Tracker of a topic, and the rows that wait for its answers."""
+    """Tracker of a topic, its places, and the rows that wait for answers of the tracker."""
 
     tracker: Tracker
+    places: Places = field(default_factory=Places)
     waiting: deque[Made] = field(default_factory=deque)
+
+
+class _Waiting:
+    """Batches that wait for the end of the log; what is more than `MOST_BYTES` waits in a file without a name."""
+
+    def __init__(self) -> None:
+        self._line: deque[tuple[Made, Int64]] = deque()
+        self._bytes = 0
+        self._file: IO[bytes] | None = None
+
+    def put(self, made: Made, worlds: Int64) -> None:
+        """Take a batch, and the worlds of its sweeps."""
+        assert made.seen is not None
+        self._line.append((made, worlds))
+        self._bytes += sum(rows.nbytes for _, _, rows in made.rows) + sum(map(_bytes, made.seen))
+        if self._bytes <= MOST_BYTES:
+            return
+        try:
+            if self._file is None:
+                self._file = tempfile.TemporaryFile()  # noqa: SIM115 (closed when all is taken)
+            while self._line:
+                pickle.dump(self._line.popleft(), self._file, pickle.HIGHEST_PROTOCOL)
+        except OSError as err:
+            raise unwritable(f"a temporary file in {tempfile.gettempdir()}", err) from err
+        self._bytes = 0
+
+    def taken(self) -> Iterator[tuple[Made, Int64]]:
+        """Yield all of it, in order."""
+        if self._file is not None:
+            with self._file as file:
+                end = file.tell()
+                file.seek(0)
+                while file.tell() < end:
+                    yield pickle.load(file)
+        while self._line:
+            yield self._line.popleft()
+
+
+def _bytes(record: SweepBatch | Detection) -> int:
+    """Return the size of the arrays of a record."""
+    values = (getattr(record, each.name) for each in fields(record))
+    return sum(each.nbytes for each in values if isinstance(each, np.ndarray))
 
 
 def _waiting(made: Made) -> Made:

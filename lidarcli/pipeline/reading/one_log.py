@@ -265,6 +265,11 @@ class Reading:
         for batch in read_batches(self._log, self._read, self._report, self._choice):
             yield self._posing.attach(batch), self._log.position
 
+    @property
+    def is_pipe(self) -> bool:
+        """True for a stream that is read as it comes, perhaps without end."""
+        return self._log.size is None
+
     def leave_out(self, topics: Collection[str]) -> None:
         """Forget the delays of topics, as `Posing.leave_out`."""
         self._posing.leave_out(topics)

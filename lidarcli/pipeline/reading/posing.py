@@ -73,6 +73,8 @@ class Posing:
     seen: dict[str, _Seen] = field(default_factory=dict)
     paths: Mapping[tuple[str, str], CheckedPath] = field(default_factory=dict)
     """Topic and frame → what a first pass over its sweeps tells of its path."""
+    named: bool = False
+    """True where the user chose the poses."""
 
     @classmethod
     def of(
@@ -103,6 +105,9 @@ class Posing:
             options.deskew,
             levelled=frozenset(made_of_clouds(log)),
         )
+        posing.named = found is not None and any(
+            one is not None for one in (options.source, options.file, options.delay)
+        )
         match = options.source == MATCH
         if log.size is not None and (found is not None or need is not Need.TOLD or match):
             from lidarcli.pipeline.reading.path_check import check_paths
@@ -113,8 +118,7 @@ class Posing:
                 choice,
                 rules,
                 delay_ns=round(posing.delay / SECOND),
-                named=found is not None
-                and any(one is not None for one in (options.source, options.file, options.delay)),
+                named=posing.named,
                 match=match,
                 need=need,
                 wanted=options.source != NONE,
@@ -149,6 +153,7 @@ class Posing:
         orders = (self.order, *(path.timing.order for path in self.paths.values()))
         poses = _nowhere(len(batch), self.deskew and takes_time, REVERSE in orders)
         still, knows = np.zeros(len(batch), bool), False
+        fits = np.ones(len(batch), bool)
         for frame, rows, mine in batch.by_frame():
             path = self.paths.get((batch.topic, frame))
             seen = self.seen.setdefault(frame, _Seen())
@@ -158,6 +163,7 @@ class Posing:
             if (way := self._way(batch.topic, frame)) is None:
                 continue
             some = True
+            fits[rows] = self.named or path is None or path.verdict != "unchecked"
             first_ns, lasts_ns = self._times_ns(mine, path)
             at_ns = later(mine.stamp_ns, first_ns)
             motion = way.at(at_ns)
@@ -168,7 +174,9 @@ class Posing:
             seen.without += int(np.count_nonzero(np.isnan(here.x)))
             if batch.topic not in self.levelled:
                 seen.tilt = max(seen.tilt, tilt(motion))
-        return replace(batch, poses=poses if some else None, still=still if knows else None)
+        return replace(
+            batch, poses=poses if some else None, still=still if knows else None, fits=fits if some else None
+        )
 
     def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
         """Yield for each frame of a batch that has poses: its name, its rows, their poses in space, and the world frame."""
