@@ -70,7 +70,7 @@ def reasons(features: Float64, thing: Float64) -> list[str | None]:
 
 
 def reasons_by_place(reasons: list[str | None], place: Float64, on_map: Float64) -> list[str | None]:
-    """Return (K,) the parts of the place and of the map before those of the sweep: `place -0.7; sweep: edges +2.1`.
+    """Return (K,) the parts of the place and of the map before those of the sweep: `place -0.7; this sweep: edges +2.1`.
 
     Parameters
     ----------
@@ -80,5 +80,5 @@ def reasons_by_place(reasons: list[str | None], place: Float64, on_map: Float64)
     lines = []
     for sweep, here, line in zip(reasons, place.tolist(), on_map.tolist(), strict=True):
         parts = [f"{PLACE} {here:+.1f}"] + [f"{MAP} {line:+.1f}"] * (abs(line) >= LEAST)
-        lines.append(sweep if sweep is None or here != here else f"{', '.join(parts)}; sweep: {sweep}")
+        lines.append(sweep if sweep is None or here != here else f"{', '.join(parts)}; this sweep: {sweep}")
     return lines

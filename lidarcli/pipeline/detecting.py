@@ -52,7 +52,7 @@ def detect_to_files(
             Splitting(reading, options.recipe(source, options.tables), options.threads)
         )
         summary = reading.summary
-        for table, topic, rows in _rows(source, reading, work, options, progress):
+        for table, topic, rows in _rows(source, reading, work, options, progress, stack):
             # The day of a log is that of its first sweep.
             files = files or opened()
             files.write(table, topic, rows)
@@ -73,8 +73,9 @@ def detect_to_sinks(
         read_log(source, options, options.need) as reading,
         TopicOrder(sinks, reading.first) as order,
         Splitting(reading, options.recipe(source, tuple(sinks)), options.threads) as work,
+        ExitStack() as stack,
     ):
-        for table, topic, rows in _rows(source, reading, work, options, progress):
+        for table, topic, rows in _rows(source, reading, work, options, progress, stack):
             order.write(table, topic, rows)
         for table in sinks:
             order.drain(table)
@@ -82,7 +83,12 @@ def detect_to_sinks(
 
 
 def _rows(
-    source: Source, reading: Reading, work: Splitting, options: DetectOptions, progress: Progress | None
+    source: Source,
+    reading: Reading,
+    work: Splitting,
+    options: DetectOptions,
+    progress: Progress | None,
+    stack: ExitStack,
 ) -> Iterator[Rows]:
     """Yield all rows of one log, those of a table and topic in their order; in the end the summary is complete."""
     summary = reading.summary
@@ -91,12 +97,14 @@ def _rows(
         # Runs that do not track should not wait for this import.
         from lidarcli.pipeline.objects.following import Following
 
-        following = Following(
-            source.name,
-            options.tracking,
-            options.parameters,
-            options.catalogue,
-            waits=options.background is None and not reading.is_pipe,
+        following = stack.enter_context(
+            Following(
+                source.name,
+                options.tracking,
+                options.parameters,
+                options.catalogue,
+                waits=options.background is None and not reading.is_pipe,
+            )
         )
     for part in work.parts(progress):
         summary.add_found(part.found)
@@ -261,7 +269,8 @@ def _follow(
         for batch, detection in found:
             if batch.log not in logs:
                 order = stack.enter_context(TopicOrder(sinks, None))
-                logs[batch.log] = Following(batch.log, tracking, parameters, catalogue, waits=waits), order
+                following = Following(batch.log, tracking, parameters, catalogue, waits=waits)
+                logs[batch.log] = stack.enter_context(following), order
             following, order = logs[batch.log]
             made = Made(rows_of(batch.log, tables, batch, detection), (batch, detection))
             for table, topic, rows in following.take([made]):

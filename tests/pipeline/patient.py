@@ -24,9 +24,7 @@ class Patient:
     label = -1
     """Entry of the catalogue that agents are."""
 
-    def __init__(
-        self, parameters: TrackParameters, catalogue: Catalogue | None = None, min_thing: float = 0.0
-    ) -> None:
+    def __init__(self, parameters: TrackParameters, catalogue: Catalogue | None = None) -> None:
         self.parameters = parameters
         self.frames: list[str] = []
         self.notes: list[str] = []

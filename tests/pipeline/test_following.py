@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from collections import Counter
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import OptionError, OutputError
+from lidarcli.formalism import Parameters
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.logs.batches import ReadOptions
@@ -37,7 +39,7 @@ TRACKING = TrackOptions(TrackParameters())
 CATALOGUE = Catalogue((Thing("pallet", length=1.2, width=0.8), Thing("person", legs=2)))
 OTHER_BOX = (200, 230, 1.5)
 CHANGED = {
-    "objects": {"set", "track", "vx", "vy", "moving", "label", "label_score"},
+    "objects": {"set", "thing", "track", "vx", "vy", "moving", "label", "label_score"},
     "sweeps": {"objects", "agents", "object_beams", "agent_beams"},
     "beams": {"set"},
 }
@@ -49,7 +51,7 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> list[Patient]:
     """Every tracker that is made is one whose answers are known."""
     made: list[Patient] = []
 
-    def make(parameters: TrackParameters, catalogue: Catalogue | None, min_thing: float) -> Patient:
+    def make(parameters: TrackParameters, catalogue: Catalogue | None) -> Patient:
         assert catalogue in (None, CATALOGUE)
         made.append(Patient(parameters))
         return made[-1]
@@ -184,7 +186,7 @@ def test_the_tracker_of_the_package_depends_on_neither(source: Source, tmp_path:
 
 def test_rows_wait_no_longer_than_they_must(patient: list[Patient]) -> None:
     """A log of any length: so many batches wait for the look-ahead, and no more."""
-    follow = Following("run", TRACKING, lidarcli.formalism.Parameters())
+    follow = Following("run", TRACKING, Parameters())
     waiting = []
 
     def made() -> Iterator[Made]:
@@ -203,9 +205,47 @@ def test_rows_wait_no_longer_than_they_must(patient: list[Patient]) -> None:
     assert [table for table, _, _ in rest] == ["objects", "sweeps"] * (PATIENCE // 10) + ["tracks"]
 
 
+def test_what_waits_for_the_end_may_wait_on_disk(
+    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    detect_to_files(source, tmp_path / "memory", followed(beams=True))
+    monkeypatch.setattr(following, "MOST_BYTES", 100_000)
+    detect_to_files(source, tmp_path / "disk", followed(beams=True))
+    for path in (tmp_path / "memory").iterdir():
+        assert path.read_bytes() == (tmp_path / "disk" / path.name).read_bytes()
+
+
+def test_a_disk_without_room_is_one_line(
+    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(following, "MOST_BYTES", 0)
+    monkeypatch.setattr(following.pickle, "dump", full)
+    with pytest.raises(OutputError, match=r"a temporary file in .*No space left on device"):
+        detect_to_files(source, tmp_path, followed())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rows_of_a_pipe_do_not_wait_for_its_end() -> None:
+    """Of a log that is read once, bodies are judged by the sweeps so far."""
+    batch = next(iter(lidarcli.read(SAMPLES / "room.mcap")))
+    follow = Following("run", TrackOptions(), Parameters())
+    parts = [batch.rows(np.arange(begin, begin + 10)) for begin in range(0, 100, 10)]
+    found = [lidarcli.formalism.detect(part, TRACKING.found_with(Parameters())) for part in parts]
+    made = [
+        Made(rows_of("run", ("objects",), part, one), (part, one))
+        for part, one in zip(parts * 8, found * 8, strict=True)
+    ]
+    rows = list(follow.take(made))
+    assert 0 < len(rows) < len(made)
+    assert len(rows) + len(list(follow.finish())) == len(made) + 1
+
+
 def test_walls_have_no_track(tmp_path: Path, opened: Opens, patient: list[Patient]) -> None:
     opened(two_boxes("/scan", 0, 4), topics=[SCAN])
-    parameters = lidarcli.formalism.Parameters.for_profile(walls=True)
+    parameters = Parameters.for_profile(walls=True)
     detect_to_files(SOURCE, tmp_path, DetectOptions(parameters, tracking=TRACKING))
     objects = pq.read_table(tmp_path / "run.objects.parquet")
     walls = {row["set"]: row for row in objects.to_pylist()}["S"]

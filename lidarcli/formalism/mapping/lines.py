@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,10 +51,12 @@ def lines(hits: Int32, passes: Int32, resolution: float) -> Int64:
     row, column = np.nonzero(on)
     row, column = row + low, column + left
     inside = (row >= 0) & (row < hits.shape[0]) & (column >= 0) & (column < width)
-    found = row[inside] * width + column[inside]
+    found: Int64 = row[inside] * width + column[inside]
     if not len(found):
         return found
-    return np.setdiff1d(found, _islands(cell, hits, passes, resolution), assume_unique=True)
+    left_out = _islands(cell, hits, passes, resolution)
+    rest: Int64 = found[~np.isin(found, left_out)]
+    return rest
 
 
 def _lines(row: Int64, column: Int64, resolution: float) -> Iterator[tuple[Int64, Int64]]:
@@ -97,9 +98,10 @@ def _stretches(along: Float64, resolution: float) -> list[Int64]:
     """Return the indices of the cells of each long stretch of a line; `along` (N,) their places on it [cells]."""
     order = np.argsort(along, kind="stable")
     sorted_along = along[order]
-    ends = [0, *(np.flatnonzero(np.diff(sorted_along) * resolution > GREATEST_GAP) + 1).tolist(), len(order)]
-    found = []
-    for begin, end in pairwise(ends):
+    gaps = np.flatnonzero(np.diff(sorted_along) * resolution > GREATEST_GAP) + 1
+    found, end = [], 0
+    for stop in [*gaps.tolist(), len(order)]:
+        begin, end = end, stop
         length = float(sorted_along[end - 1] - sorted_along[begin]) if end > begin else 0.0
         if length * resolution < LEAST_LENGTH:
             continue

@@ -228,7 +228,8 @@ def _seen(
     use = np.where(part.ranges <= FARTHEST, np.uint8(HIT), np.uint8(SKIPPED))
     owner = np.empty(part.ranges.shape, np.int64)
     votes.own(
-        *part.ranges.shape,
+        len(part),
+        part.width,
         np.ascontiguousarray(part.beams, np.int32),
         np.ascontiguousarray(offsets[:-1][rows], np.int64),
         np.ascontiguousarray(offsets[1:][rows], np.int64),

@@ -6,8 +6,10 @@ import pickle
 import tempfile
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
-from typing import IO, Any
+from types import TracebackType
+from typing import IO, Any, Self
 
 import numpy as np
 import pyarrow as pa
@@ -119,6 +121,14 @@ class Following:
             yield "tracks", name, tracks_rows(self._log, name, tracks, topic.tracker.frames, self._labels)
             self.notes += topic.tracker.notes
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._waiting.close()
+
     def _judged(self, made: Made, worlds: Int64) -> Made:
         """Return a batch whose bodies are things or building by their places."""
         assert made.seen is not None
@@ -178,12 +188,12 @@ class _Waiting:
         """Take a batch, and the worlds of its sweeps."""
         assert made.seen is not None
         self._line.append((made, worlds))
-        self._bytes += sum(rows.nbytes for _, _, rows in made.rows) + sum(map(_bytes, made.seen))
+        self._bytes += sum(rows.nbytes for _, _, rows in made.rows) + sum(_bytes(each) for each in made.seen)
         if self._bytes <= MOST_BYTES:
             return
         try:
             if self._file is None:
-                self._file = tempfile.TemporaryFile()  # noqa: SIM115 (closed when all is taken)
+                self._file = tempfile.TemporaryFile()  # noqa: SIM115 (closed by `close`)
             while self._line:
                 pickle.dump(self._line.popleft(), self._file, pickle.HIGHEST_PROTOCOL)
         except OSError as err:
@@ -193,13 +203,19 @@ class _Waiting:
     def taken(self) -> Iterator[tuple[Made, Int64]]:
         """Yield all of it, in order."""
         if self._file is not None:
-            with self._file as file:
-                end = file.tell()
-                file.seek(0)
-                while file.tell() < end:
-                    yield pickle.load(file)
+            end = self._file.tell()
+            self._file.seek(0)
+            while self._file.tell() < end:
+                yield pickle.load(self._file)
         while self._line:
             yield self._line.popleft()
+
+    def close(self) -> None:
+        """Remove the file."""
+        if self._file is not None:
+            # What is in its buffer is no longer needed, and may not fit on the disk.
+            with suppress(OSError):
+                self._file.close()
 
 
 def _bytes(record: SweepBatch | Detection) -> int:

@@ -104,8 +104,6 @@ def test_what_is_settled_is_joined_and_taken_apart() -> None:
         agent=np.array([0, 0, 1, 1, 1], np.bool_),
         label=np.arange(5, dtype=np.int32),
         label_score=np.linspace(0.0, 1.0, 5),
-        is_thing=np.array([-1, 0, 1, 1, 1], np.int8),
-        thing=np.linspace(0.0, 1.0, 5),
         shape=np.arange(5, dtype=np.uint8),
     )
     again = Settled.joined([some.rows(slice(0, 2)), some.rows(slice(2, None))])

@@ -1,0 +1,275 @@
+"""Whether a body is a thing or building is decided by all sweeps that saw its place, and by the lines of their map."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarcli import native
+from lidarcli.formalism import Detection, Parameters, detect
+from lidarcli.formalism.detection import NOISE, OBJECT, WALL
+from lidarcli.formalism.mapping import places, votes
+from lidarcli.formalism.mapping.lines import lines
+from lidarcli.formalism.mapping.places import ByPlace, Places, Standing
+from lidarcli.simulate import entities as make
+from lidarcli.simulate.scene import Course, Entity
+from lidarcli.sweeps import Int64, SweepBatch
+from tests.formalism.tracking.following import batches, scene_of, simulated
+
+EVERYTHING = Parameters(min_thing=0.0)
+SWEEPS = 60
+DRIVE = Course(np.array([[-3.0, -2.0], [3.0, -2.0], [3.0, 2.0], [-3.0, 2.0]]), speed=1.0)
+BOXES = make.box(2.0, 1.0, 0.5, 0.4), make.box(2.0, -1.0, 0.4, 0.5)
+
+
+def judged(*pieces: SweepBatch, by_map: bool = True) -> tuple[list[Detection], list[ByPlace]]:
+    """What is found in the batches of one topic, and what its places say in the end."""
+    known = Places()
+    found = [detect(each, EVERYTHING) for each in pieces]
+    worlds = [known.add(each, one) for each, one in zip(pieces, found, strict=True)]
+    if by_map:
+        known.settle()
+    told = [known.read(*each) for each in zip(pieces, found, worlds, strict=True)]
+    return found, told
+
+
+def parked(*entities: Entity, sweeps: int = SWEEPS) -> SweepBatch:
+    return simulated(scene_of(*entities), sweeps)
+
+
+def told_of(batch: SweepBatch, found: Detection) -> ByPlace:
+    known = Places()
+    worlds = known.add(batch, found)
+    return known.read(batch, found, worlds)
+
+
+def with_shares(found: Detection, left: Any) -> Detection:
+    """As if what is to the left were a thing with these probabilities, sweep by sweep, and the rest surely."""
+    return replace(found, thing=np.where(found.y > 0, left[found.row], 0.95))
+
+
+def test_sweeps_in_doubt_follow_the_others() -> None:
+    batch = parked(*BOXES)
+    shares = np.full(SWEEPS, 0.9)
+    shares[[7, 20, 21]] = 0.02
+    found = with_shares(detect(batch, EVERYTHING), shares)
+    one = told_of(batch, found).judged(found, 0.3)
+    assert (one.set == OBJECT).all()
+    assert (one.thing[found.y > 0] > 0.8).all()
+
+
+def test_what_is_mostly_taken_for_building_is_building_in_every_sweep() -> None:
+    batch = parked(*BOXES)
+    shares = np.full(SWEEPS, 0.1)
+    shares[::6] = 0.8
+    found = with_shares(detect(batch, EVERYTHING), shares)
+    one = told_of(batch, found).judged(found, 0.3)
+    left = found.y > 0
+    assert (one.set[left] == NOISE).all()
+    assert (one.shape[left] == WALL).all()
+    assert (one.set[~left] == OBJECT).all()
+
+
+def test_without_a_place_each_sweep_is_for_itself() -> None:
+    """Nobody tells where the sensor is, and it does not stand; or its poses could not be checked."""
+    batch = parked(*BOXES)
+    moved = replace(batch, ranges=batch.ranges + 0.2 * np.arange(SWEEPS, dtype=np.float32)[:, None])
+    found = detect(moved, EVERYTHING)
+    told = told_of(moved, found)
+    np.testing.assert_array_equal(np.isnan(told.thing), found.row > 0)
+    np.testing.assert_array_equal(told.judged(found, 0.0).thing[found.row > 0], found.thing[found.row > 0])
+    driven = simulated(scene_of(*BOXES, path=DRIVE), SWEEPS)
+    fits = replace(driven, fits=np.arange(SWEEPS) < 30, still=np.zeros(SWEEPS, np.bool_))
+    found = detect(fits, EVERYTHING)
+    np.testing.assert_array_equal(np.isnan(told_of(fits, found).thing), found.row >= 30)
+
+
+def test_a_sensor_that_stands_has_a_place_for_every_stop() -> None:
+    batch = parked(*BOXES)
+    still = np.ones(SWEEPS, np.bool_)
+    still[[20, 40]] = False
+    shares = np.repeat([0.9, 0.05, 0.9], SWEEPS // 3)
+    found = with_shares(detect(batch, EVERYTHING), shares)
+    one = told_of(replace(batch, still=still, poses=None), found).judged(found, 0.3)
+    left = found.y > 0
+    # The sweep with which a stop begins is not known to stand.
+    middle = (found.row >= 20) & (found.row < 40)
+    np.testing.assert_array_equal(one.set[left & middle], NOISE)
+    np.testing.assert_array_equal(one.set[left & ~middle], OBJECT)
+
+
+def test_a_cupboard_is_told_from_a_short_wall_over_a_drive() -> None:
+    """Single sweeps are in doubt of both; past the gaps of a fence a wall is seen in strips, which are on one line."""
+    cupboard = make.box(0.0, 0.6, 0.9, 0.45)
+    fence = [make.box(-4.0 + 0.9 * k, 3.1, 0.5, 0.3) for k in range(9)]
+    batch = simulated(scene_of(cupboard, *fence, path=DRIVE), 240)
+    found = detect(batch, EVERYTHING)
+    assert batch.poses is not None
+    x, y, _ = batch.poses.to_world(found.row, found.box_x, found.box_y, found.box_yaw)
+    thing, wall = np.hypot(x, y - 0.6) < 0.5, y > 3.7
+    assert thing.sum() > 200
+    assert wall.sum() > 200
+    odds = np.where(wall, -0.5, 0.5) + np.random.default_rng(7).normal(0.0, 2.0, len(found))
+    doubtful = replace(found, thing=1.0 / (1.0 + np.exp(-odds)))
+    known = Places()
+    worlds = known.add(batch, doubtful)
+    known.settle()
+    told = known.read(batch, doubtful, worlds)
+    alone, by_place = doubtful.thing >= 0.4, told.judged(doubtful, 0.4).set == OBJECT
+    assert alone[thing].mean() < 0.8
+    assert by_place[thing].all()
+    assert alone[wall].mean() > 0.4
+    assert not by_place[wall].any()
+    assert (told.map[wall] < -1.5).mean() > 0.9
+    np.testing.assert_array_equal(told.map[thing], 0.0)
+
+
+@pytest.mark.parametrize("path", [None, DRIVE])
+def test_batches_of_any_size_give_the_same(path: Course | None) -> None:
+    scene = scene_of(*BOXES) if path is None else scene_of(*BOXES, path=path)
+    batch = simulated(scene, SWEEPS)
+    _, (whole,) = judged(batch)
+    for size in (1, 7, 31):
+        _, parts = judged(*batches(batch, size))
+        for name in ("thing", "place", "map"):
+            np.testing.assert_array_equal(
+                np.concatenate([getattr(each, name) for each in parts]), getattr(whole, name), strict=True
+            )
+
+
+def test_sweeps_far_away_and_many_stops_take_no_memory() -> None:
+    batch = simulated(scene_of(*BOXES, path=DRIVE), SWEEPS)
+    assert batch.poses is not None
+    x = batch.poses.x.copy()
+    x[10:20] += 1e7
+    x[20:25] = np.nan
+    wild = replace(batch, poses=replace(batch.poses, x=x), still=np.zeros(SWEEPS, np.bool_))
+    found = detect(wild, EVERYTHING)
+    np.testing.assert_array_equal(np.isnan(told_of(wild, found).thing), (found.row >= 10) & (found.row < 25))
+    known = Places()
+    still = np.arange(SWEEPS) % 2 > 0
+    stops = replace(batch, poses=None, still=still)
+    worlds = known.add(stops, detect(stops, EVERYTHING))
+    assert len(np.unique(worlds[worlds >= 0])) == len(known._grounds) <= places.MOST_STOPS
+
+
+def test_a_sensor_stands_where_most_ranges_stay() -> None:
+    batch = parked(*BOXES)
+    assert Standing().see(batch).all()
+    driven = replace(batch, ranges=batch.ranges + 0.2 * np.arange(SWEEPS, dtype=np.float32)[:, None])
+    assert Standing().see(driven).tolist() == [True] + [False] * (SWEEPS - 1)
+    whole, halves = Standing(), Standing()
+    first, second = batch.rows(np.arange(30)), batch.rows(np.arange(30, SWEEPS))
+    both = np.concatenate([halves.see(first), halves.see(second)])
+    np.testing.assert_array_equal(whole.see(batch), both)
+
+
+def test_what_nobody_asked_stays_a_thing() -> None:
+    batch = parked(*BOXES)
+    found = replace(detect(batch, EVERYTHING), thing=np.full(2 * SWEEPS, np.nan))
+    one = told_of(batch, found).judged(found, 0.9)
+    assert (one.set == OBJECT).all()
+    assert np.isnan(one.thing).all()
+
+
+# --- the lines of a map -----------------------------------------------------------------------------------
+
+
+def drawn(*parts: tuple[slice, slice]) -> tuple[Any, Any]:
+    """Hits and passes of a map of 8 x 8 m, free but for these parts."""
+    hits = np.zeros((80, 80), np.int32)
+    for part in parts:
+        hits[part] = 4
+    return hits, np.where(hits > 0, 0, 9).astype(np.int32)
+
+
+def on_lines(hits: Any, passes: Any) -> Any:
+    found = np.zeros(hits.shape, np.bool_)
+    found.reshape(-1)[lines(hits, passes, 0.1)] = True
+    return found
+
+
+def test_a_long_wall_is_a_line_and_a_short_one_is_none() -> None:
+    wall, stub = np.s_[40:41, 10:60], np.s_[10:11, 20:40]
+    found = on_lines(*drawn(wall, stub))
+    assert found[wall].all()
+    assert not found[stub].any()
+    # The cells beside it are on it, too; those further away are not.
+    assert found[39:42, 20:50].all()
+    assert not found[:38].any()
+    assert not found[43:].any()
+
+
+def test_a_line_goes_on_behind_a_door_and_not_behind_a_hall() -> None:
+    door = on_lines(*drawn(np.s_[40:41, 5:25], np.s_[40:41, 33:50]))
+    assert door[40, 5:50].all()
+    hall = on_lines(*drawn(np.s_[40:41, 5:25], np.s_[40:41, 40:60]))
+    assert not hall.any()
+
+
+def test_a_line_may_run_in_any_direction() -> None:
+    hits, passes = drawn()
+    steps = np.arange(0.0, 45.0, 0.5)
+    for angle in np.deg2rad([7.0, 45.0, 100.0, 151.0]):
+        at = (
+            np.rint(40 + np.sin(angle) * (steps - 20)).astype(int),
+            np.rint(40 + np.cos(angle) * (steps - 20)).astype(int),
+        )
+        here = hits.copy()
+        here[at] = 4
+        assert on_lines(here, passes)[at].mean() > 0.95
+
+
+def test_what_stands_by_itself_on_a_line_is_spared() -> None:
+    """A row of posts is a line, and each of them is an island."""
+    posts = [np.s_[40:42, begin : begin + 3] for begin in range(5, 70, 5)]
+    hits, passes = drawn(*posts)
+    assert not on_lines(hits, passes)[hits > 0].any()
+    # Where nobody looked around them they are strips of a wall.
+    assert on_lines(hits, np.zeros_like(passes))[hits > 0].all()
+
+
+def test_an_empty_map_has_no_line() -> None:
+    assert not on_lines(*drawn()).any()
+    assert len(lines(np.zeros((0, 0), np.int32), np.zeros((0, 0), np.int32), 0.1)) == 0
+
+
+# --- compiled and not -------------------------------------------------------------------------------------
+
+
+def plain(name: str) -> ModuleType:
+    """The source of the loops as plain Python, whatever was built from it."""
+    path = Path(votes.__file__).parent / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(f"plain_{name}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_source_gives_the_same_bits_with_every_index_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    batch = simulated(scene_of(*BOXES, path=DRIVE), 12)
+    _, (compiled,) = judged(batch)
+    monkeypatch.setattr(native, "_BOUNDS", True)
+    source = plain("votes")
+    monkeypatch.setattr(source, "rays", plain("rays"))
+    monkeypatch.setattr(places, "votes", source)
+    _, (checked,) = judged(batch)
+    for name in ("thing", "place", "map"):
+        np.testing.assert_array_equal(getattr(compiled, name), getattr(checked, name), strict=True)
+
+
+def test_a_body_within_another_has_its_own_beams() -> None:
+    owner = np.empty((1, 8), np.int64)
+    first, stop = np.array([0]), np.array([3])
+    begin, end = np.array([1, 3, 6], np.int32), np.array([5, 3, 0], np.int32)
+    votes.own(1, 8, np.array([8], np.int32), first, stop, begin, end, owner)
+    expected: Int64 = np.array([[2, 0, 0, 1, 0, 0, 2, 2]])
+    np.testing.assert_array_equal(owner, expected)
