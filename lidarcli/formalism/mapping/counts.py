@@ -135,7 +135,7 @@ class Counts:
         """
         if not len(beams):
             return
-        self._reach(*bounds(beams, self.resolution))
+        self._reach(*_bounds(beams, self.resolution))
         rays.trace(
             beams.end,
             beams.use,
@@ -229,7 +229,7 @@ class Counts:
         self.column, self.row = column, row
 
 
-def bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
+def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
     """Return the cells that the beams and the sensor may touch, and one around them: left, low, right, high.
 
     Raises

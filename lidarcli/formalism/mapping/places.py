@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL, Detection
 from lidarcli.formalism.mapping import votes
-from lidarcli.formalism.mapping.counts import Beams, Counts, MotionFilter, bounds, placed
+from lidarcli.formalism.mapping.counts import Beams, Counts, MotionFilter, placed
 from lidarcli.formalism.mapping.lines import lines
 from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
@@ -40,6 +40,8 @@ STANDING_SHARE = 0.8
 """Share of the beams with a range in two sweeps that measure the same if the sensor stands."""
 UNIT = 64.0
 """Votes of one log-odds: whole numbers have the same sum in any order."""
+MARGIN = 2.0 * FARTHEST + 1.0
+"""[m] Greatest distance of a cell from the sensor at the first beam: it may go as far as it sees during a sweep."""
 MAP_STEP = 0.2
 """[m] Least way of the sensor between two sweeps that the map is made of."""
 
@@ -81,7 +83,10 @@ class _Ground(Counts):
 
     def cast(self, beams: Beams, owner: Int64, vote: Int64) -> None:
         """Take the votes of some sweeps."""
-        self._reach(*bounds(beams, self.resolution))
+        least, most = beams.poses[:, :2].min(axis=0), beams.poses[:, :2].max(axis=0)
+        left, low = np.floor((least - MARGIN) / self.resolution).astype(np.int64).tolist()
+        right, high = np.ceil((most + MARGIN) / self.resolution).astype(np.int64).tolist()
+        self._reach(left, low, right, high)
         building = round(BUILDING_VOTE * UNIT)
         votes.cast(
             beams.end, owner, vote, building, self.odds, self.votes, self.resolution, self.column, self.row
@@ -204,7 +209,7 @@ class Places:
         return worlds
 
 
-MOST_CELLS = math.ceil(2.0 * (REACH + 2.0 * FARTHEST) / CELL + 4.0) ** 2
+MOST_CELLS = math.ceil(2.0 * (REACH + MARGIN) / CELL + 2.0) ** 2
 """Cells of the ground that the sweeps of one world can reach."""
 
 
@@ -226,6 +231,16 @@ def _seen(
         here = np.zeros(len(part))
         poses = SweepPoses(here, here, here, np.zeros(len(part), np.bool_))
     use = np.where(part.ranges <= FARTHEST, np.uint8(HIT), np.uint8(SKIPPED))
+    going: Bool = np.zeros(len(part), np.bool_)
+    if poses.way is not None:
+        going = np.asarray(poses.way.any(axis=1))
+    if going.all():
+        beams = placed(part, poses, use)
+    else:
+        beams = _from_one_place(part, poses, use)
+        rows_going = np.flatnonzero(going)
+        if len(rows_going):
+            beams.end[:, going] = placed(part.rows(rows_going), poses.rows(rows_going), use[going]).end
     owner = np.empty(part.ranges.shape, np.int64)
     votes.own(
         len(part),
@@ -237,7 +252,24 @@ def _seen(
         np.ascontiguousarray(detection.beam_f, np.int32),
         owner,
     )
-    return poses, placed(part, poses, use), owner
+    return poses, beams, owner
+
+
+def _from_one_place(batch: SweepBatch, poses: SweepPoses, use: UInt8) -> Beams:
+    """Return the beams of sweeps during which the sensor stands; as `placed`, by the directions that most sweeps share."""
+    geometry = np.column_stack([batch.angle_min, batch.angle_increment])
+    shared = len(batch) > 0 and bool((geometry == geometry[0]).all())
+    theta = batch.rows(np.zeros(1, np.int64)).bearings() if shared else batch.bearings()
+    side = np.where(poses.upside_down, -1.0, 1.0)[:, None]
+    yaw = poses.yaw[:, None]
+    r = np.where(use == HIT, batch.ranges, np.nan).astype(np.float64)
+    ahead, left = r * np.cos(theta), r * (side * np.sin(theta))
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    end = np.empty((2, *r.shape))
+    end[0] = poses.x[:, None] + (cos * ahead - sin * left)
+    end[1] = poses.y[:, None] + (sin * ahead + cos * left)
+    where = np.column_stack([poses.x, poses.y, poses.yaw, side])
+    return Beams(end, use, np.ascontiguousarray(batch.beams, np.int32), where, np.zeros((len(batch), 3)))
 
 
 def _log_odds(share: NDArray[np.float64]) -> Float64:
