@@ -32,9 +32,7 @@ from lidarcli.tabular.tracked import (
     tracked_sweeps,
     tracks_rows,
 )
-
-MOST_BYTES = 64 << 20
-"""Bytes of batches that wait in memory for the end of the log."""
+from lidarcli.tabular.writing import MOST_BYTES
 
 
 @dataclass(frozen=True, slots=True)
