@@ -31,7 +31,9 @@ MOST_STOPS = 16
 MOST_VOTE = 4.0
 """[log-odds] Greatest vote of a body."""
 BUILDING_VOTE = -2.0
-"""[log-odds] Vote of a beam that is in no body."""
+"""[log-odds] Vote of a beam on a surface that is no body, because it is too wide."""
+SURFACE_STEP = 0.3
+"""[m] Greatest difference of the ranges of neighbours on one surface."""
 LINE_ODDS = -2.0
 """[log-odds] What the map adds to a body that is on one of its lines as a whole."""
 SAME_RANGE, SAME_RANGE_GROWTH = 0.03, 0.01
@@ -221,7 +223,7 @@ def _by_world(worlds: Int64) -> list[tuple[int, Int64]]:
 def _seen(
     batch: SweepBatch, detection: Detection, world: int, rows: Int64
 ) -> tuple[SweepPoses, Beams, Int64]:
-    """Return the poses of some sweeps in a world, their beams there, and (R, B) the body of each beam, -1 for none."""
+    """Return the poses of some sweeps in a world, their beams there, and (R, B) the body of each beam."""
     offsets = np.searchsorted(detection.row, np.arange(len(batch) + 1))
     part = batch if len(rows) == len(batch) else batch.rows(rows)
     if world == 0:
@@ -243,13 +245,13 @@ def _seen(
             beams.end[:, going] = placed(part.rows(rows_going), poses.rows(rows_going), use[going]).end
     owner = np.empty(part.ranges.shape, np.int64)
     votes.own(
-        len(part),
-        part.width,
+        np.require(part.ranges, np.float32, ["C", "A"]),
         np.ascontiguousarray(part.beams, np.int32),
         np.ascontiguousarray(offsets[:-1][rows], np.int64),
         np.ascontiguousarray(offsets[1:][rows], np.int64),
         np.ascontiguousarray(detection.beam_i, np.int32),
         np.ascontiguousarray(detection.beam_f, np.int32),
+        SURFACE_STEP,
         owner,
     )
     return poses, beams, owner

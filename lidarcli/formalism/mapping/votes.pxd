@@ -4,8 +4,13 @@ from lidarcli cimport native
 from lidarcli.formalism.mapping cimport rays
 
 
-@cython.locals(row=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t, body=Py_ssize_t, _=Py_ssize_t)
-cpdef own(Py_ssize_t rows, Py_ssize_t width, beams, first, stop, beam_i, beam_f, owner)
+cdef Py_ssize_t SURFACE, NOTHING
+
+
+@cython.locals(
+    rows=Py_ssize_t, width=Py_ssize_t, row=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t, body=Py_ssize_t, _=Py_ssize_t
+)
+cpdef own(ranges, beams, first, stop, beam_i, beam_f, double step, owner)
 @cython.locals(
     sweeps=Py_ssize_t, width=Py_ssize_t, across=Py_ssize_t, sweep=Py_ssize_t, k=Py_ssize_t, cell=Py_ssize_t,
     line=Py_ssize_t, along=Py_ssize_t, last=Py_ssize_t, body=Py_ssize_t

@@ -10,27 +10,35 @@ from typing import Any
 from lidarcli import native
 from lidarcli.formalism.mapping import rays
 
+SURFACE, NOTHING = -1, -2
+"""Beams in no body: on a surface that is too wide for one, and all others."""
+
 
 def own(
-    rows: int, width: int, beams: Any, first: Any, stop: Any, beam_i: Any, beam_f: Any, owner: Any
+    ranges: Any, beams: Any, first: Any, stop: Any, beam_i: Any, beam_f: Any, step: float, owner: Any
 ) -> None:
     """Fill in the body of every beam of S sweeps; where one lies within another, it has its own beams.
 
+    A beam without a body is on a surface if both of its neighbours are, too: scraps of one or two beams are not.
+
     Parameters
     ----------
-    rows, width : S and B
+    ranges : (S, B) float32 [m]
     beams : (S,) int32 number of beams of each sweep
     first, stop : (S,) int64 numbers of the first body of each sweep and of the first one after it
     beam_i, beam_f : (K,) int32 first and last beam of each body
-    owner : (S, B) int64 to write to, -1 for no body
+    step : greatest difference of the ranges of neighbours on one surface [m]
+    owner : (S, B) int64 to write to, `SURFACE` or `NOTHING` for no body
     """
+    rows, width = ranges.shape
+    r = native.at_singles(ranges)
     counted, begin, end = native.at_ints(beams), native.at_longs(first), native.at_longs(stop)
     one, other, out = native.at_ints(beam_i), native.at_ints(beam_f), native.at_longs(owner)
     lock = native.release()
     for row in range(rows):
         at = row * width
         for k in range(width):
-            out[at + k] = -1
+            out[at + k] = NOTHING
         for body in range(begin[row], end[row]):
             k = one[body]
             for _ in range(counted[row]):
@@ -38,6 +46,15 @@ def own(
                 if k == other[body]:
                     break
                 k = k + 1 if k + 1 < counted[row] else 0
+        for k in range(at + 1, at + counted[row] - 1):
+            if (
+                out[k] < 0
+                and out[k - 1] < 0
+                and out[k + 1] < 0
+                and abs(r[k] - r[k - 1]) < step
+                and abs(r[k + 1] - r[k]) < step
+            ):
+                out[k] = SURFACE
     native.resume(lock)
 
 
@@ -59,7 +76,7 @@ def cast(
     end : (2, S, B) ends of the beams [m], all within the cells; NaN for a beam that is skipped
     owner : (S, B) as of `own`
     vote : (K,) int64 log-odds of each body, in any unit
-    building : vote of a beam without a body
+    building : vote of a beam on a surface without a body
     odds, votes : (H, W) int64 sum of the votes, and int32 number of them, to be added to
     resolution : side of a cell [m]
     column, row : lower left corner of cell (0, 0), in cells from the origin of the world
@@ -74,7 +91,7 @@ def cast(
     for sweep in range(sweeps):
         last, body = -1, -1
         for k in range(sweep * width, sweep * width + width):
-            if ends[k] != ends[k]:
+            if owned[k] == NOTHING or ends[k] != ends[k]:
                 continue
             along = int(ends[k] * cells + rays.ORIGIN_CELLS)
             line = int(ends[sweeps * width + k] * cells + rays.ORIGIN_CELLS)

@@ -19,7 +19,7 @@ from lidarcli.formalism.mapping.lines import lines
 from lidarcli.formalism.mapping.places import ByPlace, Places, Standing
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.scene import Course, Entity
-from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.sweeps import SweepBatch
 from tests.formalism.tracking.following import batches, scene_of, simulated
 
 EVERYTHING = Parameters(min_thing=0.0)
@@ -266,10 +266,18 @@ def test_the_source_gives_the_same_bits_with_every_index_checked(monkeypatch: py
         np.testing.assert_array_equal(getattr(compiled, name), getattr(checked, name), strict=True)
 
 
-def test_a_body_within_another_has_its_own_beams() -> None:
-    owner = np.empty((1, 8), np.int64)
+def test_a_body_within_another_has_its_own_beams_and_scraps_are_no_surface() -> None:
+    owner = np.empty((1, 16), np.int64)
     first, stop = np.array([0]), np.array([3])
-    begin, end = np.array([1, 3, 6], np.int32), np.array([5, 3, 0], np.int32)
-    votes.own(1, 8, np.array([8], np.int32), first, stop, begin, end, owner)
-    expected: Int64 = np.array([[2, 0, 0, 1, 0, 0, 2, 2]])
-    np.testing.assert_array_equal(owner, expected)
+    begin, end = np.array([1, 3, 6], np.int32), np.array([4, 3, 7], np.int32)
+    ranges = np.full((1, 16), 3.0, np.float32)
+    ranges[0, 11:13] = 2.0
+    ranges[0, 15] = np.nan
+    votes.own(ranges, np.array([16], np.int32), first, stop, begin, end, 0.3, owner)
+    nothing, surface = -2, -1
+    row = [nothing, 0, 0, 1, 0, nothing, 2, 2, nothing, surface] + 6 * [nothing]
+    np.testing.assert_array_equal(owner, [row])
+    # Across the seam.
+    begin, end, stop = np.array([14], np.int32), np.array([1], np.int32), np.array([1])
+    votes.own(ranges, np.array([16], np.int32), first, stop, begin, end, 0.3, owner)
+    np.testing.assert_array_equal(np.flatnonzero(owner[0] == 0), [0, 1, 14, 15])
