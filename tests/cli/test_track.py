@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -12,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -117,6 +119,20 @@ def test_options_reach_the_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> 
     sweeps = pq.read_table(tmp_path / "run.sweeps.parquet")
     assert sweeps["t"].to_pylist() == [round(0.1 * k, 1) for k in sweeps["sweep"].to_pylist()]
     assert sweeps["sweep"].to_pylist()[0] == 6
+
+
+def test_place_and_map_are_told_beside_the_sweep(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    assert lidarcli("-q", "track", logs / "run.mcap", "-o", tmp_path, "--explain").code == 0
+    rows = pq.read_table(tmp_path / "run.objects.parquet").to_pylist()
+    assert rows
+    for row in rows:
+        told = re.fullmatch(r"place ([+-]\d+\.\d)(?:, map ([+-]\d+\.\d))?; this sweep: .+", row["why"])
+        assert told is not None
+        odds = float(told[1]) + float(told[2] or 0.0)
+        assert np.log(row["thing"] / (1.0 - row["thing"])) == pytest.approx(odds, abs=0.16)
+    alone = tmp_path / "alone"
+    assert lidarcli("-q", "track", logs / "run.mcap", "-o", alone, "--explain", "--no-memory").code == 0
+    assert not any("place" in why for why in pq.read_table(alone / "run.objects.parquet")["why"].to_pylist())
 
 
 @pytest.mark.parametrize("table", TABLES)

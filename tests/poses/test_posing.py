@@ -329,6 +329,24 @@ def test_no_verdict_is_told_of_a_topic_that_is_not_used() -> None:
     assert posing.described()["laser"]["pose_verdict"] == {"/stable_scan": "unchecked"}
 
 
+def test_poses_that_could_not_be_checked_do_not_fit_unless_they_are_named() -> None:
+    messages = [tf(START + k * SECOND, "map", "laser", (k, 0, 0, 0, 0, 0, 1)) for k in range(6)]
+    posing = posing_of(PosesLog(messages))
+    checked = posing.paths[("/scan", "laser")] if posing.paths else CheckedPath("unchecked")
+    for verdict, named, fits in (
+        ("unchecked", False, False),
+        ("unchecked", True, True),
+        ("accepted", False, True),
+    ):
+        way = posing.found.sources.way("laser") if posing.found is not None else None
+        posing.paths = {("/scan", "laser"): replace(checked, verdict=verdict, way=way)}
+        posing.named = named
+        batch = posing.attach(batch_of())
+        assert batch.fits is not None
+        assert (batch.fits == fits).all()
+        assert batch.rows(np.arange(2)).fits is not None
+
+
 def test_an_upside_down_sensor() -> None:
     over = (0, 0, 0, 1, 0, 0, 0)
     messages = [tf(START + k * 5 * SECOND, "map", "laser", over) for k in range(2)]
