@@ -271,7 +271,8 @@ def _from_one_place(batch: SweepBatch, poses: SweepPoses, use: UInt8) -> Beams:
     end[0] = poses.x[:, None] + (cos * ahead - sin * left)
     end[1] = poses.y[:, None] + (sin * ahead + cos * left)
     where = np.column_stack([poses.x, poses.y, poses.yaw, side])
-    return Beams(end, use, np.ascontiguousarray(batch.beams, np.int32), where, np.zeros((len(batch), 3)))
+    way = np.zeros((len(batch), 3)) if poses.way is None else np.ascontiguousarray(poses.way)
+    return Beams(end, use, np.ascontiguousarray(batch.beams, np.int32), where, way)
 
 
 def _log_odds(share: NDArray[np.float64]) -> Float64:

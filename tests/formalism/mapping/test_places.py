@@ -130,10 +130,16 @@ def test_a_cupboard_is_told_from_a_short_wall_over_a_drive() -> None:
     np.testing.assert_array_equal(told.map[thing], 0.0)
 
 
-@pytest.mark.parametrize("path", [None, DRIVE])
-def test_batches_of_any_size_give_the_same(path: Course | None) -> None:
+@pytest.mark.parametrize(("path", "stops"), [(None, 0), (DRIVE, 0), (DRIVE, 17)])
+def test_batches_of_any_size_give_the_same(path: Course | None, stops: int) -> None:
     scene = scene_of(*BOXES) if path is None else scene_of(*BOXES, path=path)
     batch = simulated(scene, SWEEPS)
+    if stops:
+        # During some sweeps the sensor goes on.
+        assert batch.poses is not None
+        way = np.tile([0.1, 0.02, 0.01], (SWEEPS, 1))
+        way[stops : 2 * stops] = 0.0
+        batch = replace(batch, poses=replace(batch.poses, way=way))
     _, (whole,) = judged(batch)
     for size in (1, 7, 31):
         _, parts = judged(*batches(batch, size))
