@@ -8,11 +8,11 @@ from benchmarks.annotations.choice import Side
 from benchmarks.annotations.measure import ByEye
 from benchmarks.annotations.methods import COMPARED, ROBUST, TRACK
 
-TEXT = """{sweeps} sweeps of {logs} public recordings that no constant of `detect` was chosen on, of RPLIDAR, Hokuyo and Neato sensors
-and of simulators, judged beam by beam by eye ([how](annotating.md)); {tuned} sweeps of {others} other logs were used to
-grow the trees that tell things from building. A detection is right when 70 % of its beams are on things, and a thing is
-found when one right detection holds half of it. `track` sees the whole log and decides by [places](formalism.md#places), whose
-constants were chosen on 17 further logs with these in view.
+TEXT = """{sweeps} sweeps of {logs} public recordings that no constant of `detect` was chosen on, of RPLIDAR, Hokuyo and
+Neato sensors and of simulators, judged beam by beam by eye ([how](annotating.md)); {tuned} sweeps of {others} other logs
+were used to grow the trees that tell things from building. A detection is right when 70 % of its beams are on things,
+and a thing is found when one right detection holds half of it. `track` sees the whole log and decides by
+[places](formalism.md#places), whose constants were chosen on 17 further logs with these in view.
 
 """
 STEADY = """
