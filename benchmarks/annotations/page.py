@@ -12,7 +12,7 @@ TEXT = """{sweeps} sweeps of {logs} public recordings that no constant of `detec
 Neato sensors and of simulators, judged beam by beam by eye ([how](annotating.md)); {tuned} sweeps of {others} other logs
 were used to grow the trees that tell things from building. A detection is right when 70 % of its beams are on things,
 and a thing is found when one right detection holds half of it. `track` sees the whole log and decides by
-[places](formalism.md#places), whose constants were chosen on 17 further logs with these in view.
+[places](formalism.md#places), whose constants were chosen with these sweeps in view.
 
 """
 STEADY = """
