@@ -68,8 +68,9 @@ POINT_WEIGHT = 0.3
 SEEN_HITS = 2.0
 """A surfel that so many points hit has half of the weight of one that many hit."""
 LEAST_WEIGHT = 1.0
-SLIDES = 0.02
-"""The walls do not fix the place along a direction whose curvature is a smaller share of all weights."""
+SLIDES, TURNS = 0.02, 0.01
+"""The walls do not fix the place along a direction whose curvature is a smaller share of all weights, nor the heading where
+its curvature is a smaller share of what it can be."""
 FITS, FITS_GROWS = 0.05, 0.005
 """A point fits that is no further from a line than this [m], and this share of its range more."""
 FITS_POINT = 0.08
@@ -157,11 +158,14 @@ class Alignment:
 
 
 class Sums:
-    """Normal equations of a step (x, y, yaw), and how many points fit."""
+    """Normal equations of a step (x, y, yaw), and how many points fit.
+
+    `total` is the sum of all weights, `arms` that of the weights times squared ranges: what `htt` is at most.
+    """
 
     def __init__(self) -> None:
         self.hxx = self.hxy = self.hyy = self.hxt = self.hyt = self.htt = 0.0
-        self.gx = self.gy = self.gt = self.total = 0.0
+        self.gx = self.gy = self.gt = self.total = self.arms = 0.0
         self.fits = self.sharp = 0
 
 
@@ -597,7 +601,7 @@ def refine(
         along = -(cos * gx + sin * gy) / most if most > 1e-6 else 0.0
         aside = -(cos * gy - sin * gx) / least if least > SLIDES * sums.total else 0.0
         dx, dy = cos * along - sin * aside, sin * along + cos * aside
-        turn = -(sums.gt + sums.hxt * dx + sums.hyt * dy) / htt
+        turn = -(sums.gt + sums.hxt * dx + sums.hyt * dy) / htt if htt > TURNS * sums.arms else 0.0
         far = math.sqrt(dx * dx + dy * dy)
         if far > GREATEST_STEP:
             dx, dy = dx * GREATEST_STEP / far, dy * GREATEST_STEP / far
@@ -671,7 +675,7 @@ def sum_up(
     """
     k2, number = kernel * kernel, (points.count + every - 1) // every
     hxx, hxy, hyy, hxt, hyt, htt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    gx, gy, gt, total = 0.0, 0.0, 0.0, 0.0
+    gx, gy, gt, total, arms = 0.0, 0.0, 0.0, 0.0, 0.0
     fits, sharp = 0, 0
     cos, sin = math.cos(found.yaw), math.sin(found.yaw)
     for k in range(number):
@@ -703,6 +707,7 @@ def sum_up(
             gy += w * jy * e
             gt += w * jt * e
             total += w
+            arms += w * (px * px + py * py)
             if abs(e) < FITS + FITS_GROWS * points.r[i]:
                 fits += 1
             if abs(e) < SHARP:
@@ -712,6 +717,7 @@ def sum_up(
             w = k2 / (k2 + e * e)
             w *= w * POINT_WEIGHT * known
             total += w
+            arms += w * (px * px + py * py)
             w *= moves
             gx += w * dx
             gy += w * dy
@@ -725,7 +731,8 @@ def sum_up(
             if e < FITS_POINT + FITS_GROWS * points.r[i]:
                 fits += 1
     sums.hxx, sums.hxy, sums.hyy, sums.hxt, sums.hyt, sums.htt = hxx, hxy, hyy, hxt, hyt, htt
-    sums.gx, sums.gy, sums.gt, sums.total, sums.fits, sums.sharp = gx, gy, gt, total, fits, sharp
+    sums.gx, sums.gy, sums.gt, sums.total, sums.arms = gx, gy, gt, total, arms
+    sums.fits, sums.sharp = fits, sharp
 
 
 def copy_alignment(to: Alignment, of: Alignment) -> None:

@@ -84,6 +84,13 @@ def test_a_corridor_without_ends_is_told_and_a_guess_decides_there() -> None:
     np.testing.assert_allclose(guided[:, 1:3], 0.0, atol=0.02)
 
 
+def test_in_a_round_room_the_heading_stays() -> None:
+    noise = np.random.default_rng(0).normal(0.0, 0.01, (60, BEAMS))
+    path = found((3.0 + noise).astype(np.float32))
+    np.testing.assert_allclose(path[:, :2], 0.0, atol=0.02)
+    np.testing.assert_allclose(path[:, 2], 0.0, atol=0.01)
+
+
 def test_a_guess_leads_past_where_the_path_is_lost() -> None:
     here, there = room(POSES, (-3.0, 4.0), (-2.0, 3.0)), room(POSES, (-1.0, 2.5), (-6.0, 1.5))
     told = np.column_stack([POSES, np.zeros(len(POSES))])

@@ -310,7 +310,7 @@ def test_poses_of_another_robot_mask_no_furniture(tmp_path: Path) -> None:
     write_mcap(path, [raw], poses=poses)
     found = learned(path)
     assert found.rules.masks is None
-    assert found.notes[0].startswith("/scan: nothing is masked: the sensor drove 0.1 m")
+    assert found.notes[0].startswith("/scan: nothing is masked: the sensor drove 0.0 m")
 
 
 def test_a_short_way_tells_nothing(drive: Scene, tmp_path: Path) -> None:
