@@ -105,16 +105,17 @@ class Standing:
     """A fold over the sweeps of a topic that tells whether the sensor stands, by the beams that measure the same again."""
 
     def __init__(self) -> None:
-        self._before: Float32 = np.empty((0, 0), np.float32)
+        self._before: Float32 = np.empty(0, np.float32)
 
     def see(self, batch: SweepBatch) -> Bool:
         """Return (S,) True where the sensor stood since the sweep before, and for the first sweep."""
         ranges = batch.ranges
-        if len(self._before) == 0 or self._before.shape[1] != batch.width:
-            before = np.vstack([np.full((1, batch.width), np.nan, ranges.dtype), ranges[:-1]])
-        else:
-            before = np.vstack([self._before, ranges[:-1]])
-        self._before = ranges[-1:].copy()
+        # Padding depends on the batch and has no ranges, nor has the sweep before the first one.
+        last = np.full((1, batch.width), np.nan, ranges.dtype)
+        shared = min(batch.width, len(self._before))
+        last[0, :shared] = self._before[:shared]
+        before = np.vstack([last, ranges[:-1]])
+        self._before = ranges[-1].copy()
         both = np.isfinite(ranges) & np.isfinite(before)
         with np.errstate(invalid="ignore"):
             same = np.abs(ranges - before) < SAME_RANGE + SAME_RANGE_GROWTH * before

@@ -7,9 +7,9 @@ from lidarcli.formalism.tracking cimport belief, estimation, observation
 from lidarcli.formalism.tracking.estimation cimport Bodies, Sides, Sightings
 from lidarcli.formalism.tracking.observation cimport Views
 
-cdef Py_ssize_t STANDING_SIGHTINGS
+cdef Py_ssize_t STANDING_SIGHTINGS, DUPLICATE_SIGHTINGS
 cdef double INFINITY, GATE, MOST_SIZE_COST, NEWCOMER_COST, CENTROID_SD, CENTROID_SD_SIZE, MOST_SIDE_COST, SIZE_SD
-cdef double FARTHEST_VIEW, PART_MARGIN
+cdef double FARTHEST_VIEW, PART_MARGIN, SEEN_BEFORE, SLIMMEST_LASTING, DUPLICATE_COST
 cdef double WALKING_LEG_WIDTH, LEGS_WIDTH, LEG_REACH, LEG_SD, SAME_PERSON, TWO_LEGS_VAR, ONE_LEG_VAR, JOINT_LEGS_VAR, PERSON_RADIUS
 
 
@@ -33,6 +33,7 @@ cdef void associate(
 cdef void _pair_views(
     Pairs pairs, Sides sides, Bodies bodies, Views views
 ) noexcept nogil
+cdef double _precedence(Bodies bodies, Views views, Py_ssize_t b) noexcept nogil
 cdef double _misfit(
     Sides sides, Bodies bodies, Views views, Py_ssize_t b, Py_ssize_t k
 ) noexcept nogil

@@ -31,6 +31,14 @@ MOST_SIZE_COST = 2.0
 """Greatest cost of a size that differs."""
 NEWCOMER_COST = 1.0
 """Cost of a body whose existence is doubtful, so that it comes after those that are certain."""
+SEEN_BEFORE = 1.5
+"""Cost by which a body that was seen in the sweep before comes first, where the place of the sensor is known."""
+SLIMMEST_LASTING = 0.2
+"""[m] Greatest width of a body without this advantage: legs swing past each other."""
+DUPLICATE_COST = 1.5
+"""Cost of a body that began inside an older one, for as long as it is young."""
+DUPLICATE_SIGHTINGS = 30
+"""Sightings from which on such a body has no disadvantage."""
 FARTHEST_VIEW = 1.5
 """[m] Greatest distance of a view from where it is expected, however uncertain the body is."""
 PART_MARGIN = 0.1
@@ -80,11 +88,11 @@ class Pairs:
 
 def associate(pairs: Pairs, task: Assignment, sides: Sides, bodies: Bodies, views: Views, owner: Any) -> None:
     """Fill in `bodies.view`, and `owner`: the body of each view, -1 for none."""
+    _pair_views(pairs, sides, bodies, views)
     for b in range(bodies.high):
         bodies.view[b] = -1
     for k in range(views.count):
         owner[k] = -1
-    _pair_views(pairs, sides, bodies, views)
     _chain(pairs, bodies)
     for i in range(pairs.count):
         if pairs.head[pairs.group[pairs.body[i]]] >= 0:
@@ -107,6 +115,7 @@ def _pair_views(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views) -> Non
             dx, dy = x - views.x, y - views.y
             reach += math.sqrt(views.pose_var + views.pose_turn_var * (dx * dx + dy * dy))
         most = min(math.sqrt(GATE) * reach, FARTHEST_VIEW)
+        precedence = _precedence(bodies, views, b)
         for k in range(views.count):
             dx, dy = views.middle_x[k] - x, views.middle_y[k] - y
             far = dx * dx + dy * dy
@@ -116,8 +125,20 @@ def _pair_views(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views) -> Non
             cost += _misfit(sides, bodies, views, b, k)
             if cost < GATE and pairs.count < pairs.most:
                 i = pairs.count
-                pairs.body[i], pairs.view[i], pairs.cost[i] = b, k, cost
+                pairs.body[i], pairs.view[i], pairs.cost[i] = b, k, cost + precedence
                 pairs.count += 1
+
+
+def _precedence(bodies: Bodies, views: Views, b: int) -> float:
+    """Return the cost of a body for what it is, before any view: `bodies.view` is still that of the sweep before."""
+    if not views.is_placed or bodies.member[b] != 0:
+        return 0.0
+    cost = 0.0
+    if bodies.view[b] >= 0 and bodies.h[2 * b] + bodies.h[2 * b + 1] > SLIMMEST_LASTING:
+        cost -= SEEN_BEFORE
+    if bodies.same_as[b] != 0 and bodies.sightings[b] < DUPLICATE_SIGHTINGS:
+        cost += DUPLICATE_COST
+    return cost
 
 
 def _misfit(sides: Sides, bodies: Bodies, views: Views, b: int, k: int) -> float:

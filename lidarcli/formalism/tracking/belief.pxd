@@ -39,6 +39,7 @@ cdef (double, double, double) passing_body(
     Views views, Scans scans, Bodies bodies, Py_ssize_t b, double x, double y
 ) noexcept nogil
 cdef void note_seen(Bodies bodies, Py_ssize_t b) noexcept nogil
+cdef bint _is_alone(Bodies bodies, Py_ssize_t number) noexcept nogil
 @cython.locals(still=bint, astray=bint)
 cdef void note_missed(Bodies bodies, Py_ssize_t b, Views views, Scans scans, double time) noexcept nogil
 cdef Py_ssize_t covering_body(Bodies bodies, Py_ssize_t b, double x, double y, double beside) noexcept nogil

@@ -270,9 +270,21 @@ def passing_body(
 
 
 def note_seen(bodies: Bodies, b: int) -> None:
-    """Raise the probability that a body exists, which was seen."""
+    """Raise the probability that a body exists, which was seen.
+
+    Only where its elder is seen beside it, it is less likely the same: two bodies of one object are seen in turns.
+    """
     bodies.existence[b] += EXISTENCE_GAIN * (1.0 - bodies.existence[b])
-    bodies.inside[b] = max(bodies.inside[b] - 1, 0)
+    if bodies.inside[b] > 0 and not _is_alone(bodies, bodies.same_as[b]):
+        bodies.inside[b] -= 1
+
+
+def _is_alone(bodies: Bodies, number: int) -> bool:
+    """Return whether the body of this number is followed and not seen in this sweep."""
+    for other in range(bodies.high):
+        if bodies.number[other] == number and bodies.state[other] == estimation.LIVE:
+            return bodies.view[other] < 0
+    return False
 
 
 def note_missed(bodies: Bodies, b: int, views: Views, scans: Scans, time: float) -> None:

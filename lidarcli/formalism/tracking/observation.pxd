@@ -15,6 +15,7 @@ cdef class Seen:
     cdef native.Pointers found
     cdef long long* offset
     cdef unsigned char* removed
+    cdef unsigned char* placed
     cdef double* poses
     cdef double* seconds
     cdef double* way
@@ -25,7 +26,7 @@ cdef class Views:
     cdef list owner
     cdef readonly Py_ssize_t objects, beams
     cdef Py_ssize_t count, bearings, period, row
-    cdef bint reverse, steady, goes
+    cdef bint reverse, steady, goes, is_placed
     cdef double start_x, start_y, start_yaw, way_x, way_y, way_yaw
     cdef double x, y, cos, sin, side, first, step, sigma, pose_var, pose_turn_var
     cdef Py_ssize_t* object

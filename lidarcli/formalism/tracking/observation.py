@@ -14,6 +14,7 @@ from lidarcli import native, sweeps
 from lidarcli.formalism import detection
 from lidarcli.formalism.detection import COLUMNS, REQUIRED, Detection
 from lidarcli.formalism.segmentation import Scans
+from lidarcli.sweeps import Bool
 
 OBJECT, REMOVED = detection.OBJECT, detection.REMOVED
 FULL, START_HIDDEN, END_HIDDEN, CUT = (
@@ -52,7 +53,9 @@ FREE_RANGE = 1e9
 class Seen:
     """Columns of a detection of K objects, and the poses of its S sweeps, for the loops over one sweep."""
 
-    def __init__(self, found: Detection, poses: Any, seconds: Any, way: Any, shares: Any) -> None:
+    def __init__(
+        self, found: Detection, poses: Any, seconds: Any, way: Any, shares: Any, placed: Bool
+    ) -> None:
         """
         Parameters
         ----------
@@ -61,6 +64,7 @@ class Seen:
         seconds : (S,) times of the sweeps [s]
         way : (S, 3) way of the sensor in x, y, yaw during each sweep
         shares : (K,) share of the time of its sweep that had passed when each object was seen
+        placed : (S,) True where the place of the sensor is known
         """
         arrays = {
             name: np.require(getattr(found, name), COLUMNS[name].dtype, ["C", "A"]) for name in REQUIRED
@@ -69,17 +73,19 @@ class Seen:
         offset = np.searchsorted(found.row, np.arange(len(found.noise) + 1)).astype(np.int64)
         numbers = (poses, seconds, way, shares)
         more = [np.require(values, np.float64, ["C", "A"]) for values in numbers]
-        self.owner: list[Any] = [offset, (change == REMOVED).astype(np.uint8), *more, arrays]
+        marks = [(change == REMOVED).astype(np.uint8), placed.astype(np.uint8)]
+        self.owner: list[Any] = [offset, *marks, *more, arrays]
         self.most = int(np.diff(offset).max(initial=0))
         """Greatest number of objects in one sweep."""
         self.found = native.pointers(arrays)
         """The arrays of the detection."""
         self.offset = native.at_longs(self.owner[0])
         self.removed = native.at_bytes(self.owner[1])
-        self.poses = native.at_doubles(self.owner[2])
-        self.seconds = native.at_doubles(self.owner[3])
-        self.way = native.at_doubles(self.owner[4])
-        self.shares = native.at_doubles(self.owner[5])
+        self.placed = native.at_bytes(self.owner[2])
+        self.poses = native.at_doubles(self.owner[3])
+        self.seconds = native.at_doubles(self.owner[4])
+        self.way = native.at_doubles(self.owner[5])
+        self.shares = native.at_doubles(self.owner[6])
 
 
 class Views:
@@ -106,6 +112,8 @@ class Views:
         self.cos = 1.0
         self.sin = 0.0
         self.side = 1.0
+        self.is_placed = True
+        """True if the place of the sensor is known: then a body is one object from sweep to sweep."""
         self.first = 0.0
         self.step = 0.0
         self.bearings = 0
@@ -202,6 +210,7 @@ def _place(views: Views, seen: Seen, scans: Scans, row: int) -> None:
     if views.reverse:
         views.first += (views.bearings - 1) * increment
     views.side = seen.poses[4 * row + 3]
+    views.is_placed = seen.placed[row] != 0
     views.sigma = seen.found.noise[row]
 
 

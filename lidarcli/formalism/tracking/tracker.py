@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detect import scans
 from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, Detection
+from lidarcli.formalism.mapping.places import Standing
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.estimation import Bodies, sighting_arrays
@@ -75,6 +76,7 @@ class Tracker:
         """Notes for the user, a line each; complete after `finish`."""
         self._first_ns: int | None = None
         self._topic = ""
+        self._standing = Standing()
         self._fold = Fold(
             -math.log(self.parameters.significance),
             Bodies(BODIES_AT_FIRST),
@@ -130,7 +132,9 @@ class Tracker:
         poses = _poses(batch)
         seconds = (batch.stamp_ns - np.int64(self._first_ns)) / 1e9
         way, shares = _way(batch), detection.shares(batch)
-        seen = Seen(detection, poses, seconds, way, shares)
+        stood = self._standing.see(batch) if batch.still is None else batch.still
+        placed = np.full(len(batch), batch.poses is not None) | stood
+        seen = Seen(detection, poses, seconds, way, shares, placed)
         self._make_room(seen.most, batch.width)
         fold.moves = batch.poses is not None
         fold.objects = self._objects

@@ -30,7 +30,8 @@ def look_at(
     """The objects of a sweep whose sensor is there at its first beam, and goes so far until its last."""
     found = detect(batch, Parameters())
     poses, ways = np.tile(pose, (len(batch), 1)), np.tile(way, (len(batch), 1))
-    seen = Seen(found, poses, np.arange(len(batch)) / 10, ways, found.shares(batch))
+    placed = np.ones(len(batch), np.bool_)
+    seen = Seen(found, poses, np.arange(len(batch)) / 10, ways, found.shares(batch), placed)
     views = Views(max(seen.most, 1), max(batch.width, 1))
     views.start_x, views.start_y, views.start_yaw = views.x, views.y, _ = pose[:3]
     views.way_x, views.way_y, views.way_yaw = way

@@ -54,6 +54,43 @@ def test_pairs_of_persons_and_legs_are_sorted_by_cost() -> None:
     assert [room.cost[i] for i in range(12)] == sorted(costs)
 
 
+def test_who_was_seen_in_the_sweep_before_comes_first_and_a_duplicate_last() -> None:
+    bodies, views = Bodies(1), Views(1, 4)
+    estimation.clear(bodies, 0)
+    bodies.h[0] = bodies.h[1] = 0.2
+    bodies.view[0] = -1
+    assert association._precedence(bodies, views, 0) == 0.0
+    bodies.view[0] = 0
+    assert association._precedence(bodies, views, 0) == -association.SEEN_BEFORE
+    bodies.same_as[0] = 7
+    expected = association.DUPLICATE_COST - association.SEEN_BEFORE
+    assert association._precedence(bodies, views, 0) == expected
+    bodies.sightings[0] = association.DUPLICATE_SIGHTINGS
+    assert association._precedence(bodies, views, 0) == -association.SEEN_BEFORE
+    # Legs swing past each other, and where nobody knows where the sensor is, no body is one object for long.
+    bodies.h[0] = bodies.h[1] = 0.1
+    assert association._precedence(bodies, views, 0) == 0.0
+    bodies.h[0] = bodies.h[1] = 0.2
+    views.is_placed = False
+    assert association._precedence(bodies, views, 0) == 0.0
+
+
+def test_a_body_is_another_one_only_where_both_are_seen_at_once() -> None:
+    bodies = Bodies(2)
+    estimation.clear(bodies, 0)
+    estimation.clear(bodies, 1)
+    bodies.same_as[1], bodies.inside[1] = bodies.number[0], 5
+    bodies.view[0] = -1
+    belief.note_seen(bodies, 1)
+    assert bodies.inside[1] == 5
+    bodies.view[0] = 3
+    belief.note_seen(bodies, 1)
+    assert bodies.inside[1] == 4
+    bodies.view[0], bodies.state[0] = -1, estimation.ENDED
+    belief.note_seen(bodies, 1)
+    assert bodies.inside[1] == 3
+
+
 def test_a_leg_is_the_mean_of_where_it_was_seen() -> None:
     bodies = Bodies(1)
     estimation.clear(bodies, 0)
