@@ -77,8 +77,8 @@ def test_who_was_seen_in_the_sweep_before_comes_first_and_a_duplicate_last() -> 
 
 def test_a_body_is_another_one_only_where_both_are_seen_at_once() -> None:
     bodies = Bodies(2)
-    estimation.clear(bodies, 0)
-    estimation.clear(bodies, 1)
+    for _ in range(2):
+        estimation.clear(bodies, estimation.free_slot(bodies))
     bodies.same_as[1], bodies.inside[1] = bodies.number[0], 5
     bodies.view[0] = -1
     belief.note_seen(bodies, 1)
