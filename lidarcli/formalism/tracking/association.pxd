@@ -7,10 +7,11 @@ from lidarcli.formalism.tracking cimport belief, estimation, observation
 from lidarcli.formalism.tracking.estimation cimport Bodies, Sides, Sightings
 from lidarcli.formalism.tracking.observation cimport Views
 
-cdef Py_ssize_t STANDING_SIGHTINGS, DUPLICATE_SIGHTINGS
+cdef Py_ssize_t STANDING_SIGHTINGS, MERGED_GAIN, DUPLICATE_SIGHTINGS
 cdef double INFINITY, GATE, MOST_SIZE_COST, NEWCOMER_COST, CENTROID_SD, CENTROID_SD_SIZE, MOST_SIDE_COST, SIZE_SD
 cdef double FARTHEST_VIEW, PART_MARGIN, SEEN_BEFORE, SLIMMEST_LASTING, DUPLICATE_COST
-cdef double WALKING_LEG_WIDTH, LEGS_WIDTH, LEG_REACH, LEG_SD, SAME_PERSON, TWO_LEGS_VAR, ONE_LEG_VAR, JOINT_LEGS_VAR, PERSON_RADIUS
+cdef double WALKING_LEG_WIDTH, LEGS_WIDTH, LEG_REACH, LEG_SD, SAME_PERSON, TWO_LEGS_VAR, ONE_LEG_VAR, JOINT_LEGS_VAR
+cdef double PERSON_RADIUS, PERSONS_APART
 
 
 cdef class Pairs:
@@ -82,6 +83,11 @@ cdef class Persons:
 cdef void follow_persons(
     Persons persons, Bodies bodies, Views views, Scans scans, Py_ssize_t* owner, Sightings log, double time,
     Py_ssize_t sweep
+) noexcept nogil
+cdef bint _is_person_seen(Bodies bodies, Py_ssize_t b) noexcept nogil
+@cython.locals(elder=Py_ssize_t)
+cdef void _merge_person(
+    Persons persons, Bodies bodies, Views views, Py_ssize_t* owner, Sightings log, Py_ssize_t b
 ) noexcept nogil
 @cython.locals(best=Py_ssize_t)
 cdef Py_ssize_t _without_leg(Bodies bodies, Views views, Py_ssize_t k) noexcept nogil

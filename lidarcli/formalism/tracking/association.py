@@ -61,6 +61,10 @@ ONE_LEG_VAR = 0.0484
 """[m²] Variance of the middle of a person of whom one leg is seen: (22 cm)²."""
 JOINT_LEGS_VAR = 0.01
 """[m²] Variance of the middle of two legs in one view: (10 cm)²."""
+PERSONS_APART = 0.45
+"""[m] Least distance between two persons who have two legs together."""
+MERGED_GAIN = 2
+"""Each sweep in which they are nearer counts as so many of `belief.DUPLICATE_SWEEPS`."""
 PERSON_RADIUS = 0.2
 """[m] Half of the width of a person at the legs."""
 
@@ -375,6 +379,9 @@ def follow_persons(
     for b in range(bodies.high):
         if bodies.state[b] == estimation.LIVE and bodies.kind[b] == estimation.PERSON:
             _update_person(persons, bodies, views, scans, owner, log, b, time, sweep)
+    for b in range(bodies.high):
+        if _is_person_seen(bodies, b):
+            _merge_person(persons, bodies, views, owner, log, b)
     for k in range(views.count):
         leg = owner[k]
         if leg >= 0 and persons.taken[k] == 0 and bodies.moved[leg] == 1 and _is_leg(bodies, leg):
@@ -386,6 +393,50 @@ def follow_persons(
                 owner[k] = b
             else:
                 owner[k] = _found_person(persons, bodies, views, log, leg, k, time, sweep)
+
+
+def _is_person_seen(bodies: Bodies, b: int) -> bool:
+    """Return whether a person is seen in this sweep."""
+    return (
+        bodies.state[b] == estimation.LIVE
+        and bodies.kind[b] == estimation.PERSON
+        and bodies.view[b] >= 0
+        and bodies.settled[b] > 0
+    )
+
+
+def _merge_person(persons: Persons, bodies: Bodies, views: Views, owner: Any, log: Sightings, b: int) -> None:
+    """Give a person to an elder who is nearer than two can be in several sweeps, as long as both have two legs together."""
+    x, y = estimation.centre(bodies, b)
+    elder = -1
+    for c in range(bodies.high):
+        if bodies.number[c] >= bodies.number[b] or not _is_person_seen(bodies, c):
+            continue
+        other_x, other_y = estimation.centre(bodies, c)
+        dx, dy = x - other_x, y - other_y
+        if dx * dx + dy * dy < PERSONS_APART * PERSONS_APART and (
+            elder < 0 or bodies.number[c] < bodies.number[elder]
+        ):
+            elder = c
+    if elder < 0:
+        return
+    if bodies.settled[b] + bodies.settled[elder] > 2:
+        bodies.inside[b] = max(bodies.inside[b] - MERGED_GAIN, 0)
+        return
+    bodies.inside[b] += MERGED_GAIN
+    if bodies.inside[b] < belief.DUPLICATE_SWEEPS:
+        return
+    for k in range(views.count):
+        if owner[k] == b:
+            _rename_sighting(persons, bodies, log, elder, k)
+            owner[k] = elder
+            persons.taken[k] = elder + 1
+    for leg in range(bodies.high):
+        if bodies.member[leg] == bodies.number[b]:
+            bodies.member[leg] = bodies.number[elder]
+    bodies.settled[elder] += bodies.settled[b]
+    bodies.same_as[b] = bodies.number[elder]
+    belief.finish(bodies, b, belief.LOST)
 
 
 def _without_leg(bodies: Bodies, views: Views, k: int) -> int:

@@ -74,7 +74,9 @@ def _join_doubles(new: list[Body], bodies: dict[int, Body]) -> None:
         other = bodies.get(body.same_as)
         if other is None or other is body:
             continue
-        if other.kind == PERSON or (other.moved == body.moved and _is_inside(body, other)):
+        if (other.kind == PERSON and 2.0 * max(body.h) <= PERSON_WIDTH) or (
+            other.moved == body.moved and _is_inside(body, other)
+        ):
             _track_of(other).absorb(body)
 
 

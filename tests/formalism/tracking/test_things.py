@@ -72,6 +72,15 @@ def test_a_track_moves_from_the_first_onset_of_its_bodies() -> None:
     assert not windows._moves(still)
 
 
+@pytest.mark.parametrize(("half", "joins"), [(0.1, True), (0.6, False)])
+def test_a_leg_joins_its_person_and_a_wall_does_not(half: float, joins: bool) -> None:
+    person = Body(1, kind=PERSON, moved=1, h=(0.2, 0.2))
+    other = Body(2, same_as=1, h=(half, 0.05))
+    grouping._join_doubles([other], {1: person, 2: other})
+    assert (other.track is not None) == joins
+    assert other.track is person.track
+
+
 def test_a_side_is_known_by_sightings_or_by_the_estimate() -> None:
     assert tracks._side(Body(1, side=(0.6, 0.0), side_weight=(400.0, 0.0)), 0) == (0.6, pytest.approx(0.05))
     assert tracks._side(Body(1, h=(0.3, 0.0), hh=(1e-4, 0.0)), 0) == (0.6, pytest.approx(0.02))

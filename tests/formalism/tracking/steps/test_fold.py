@@ -91,6 +91,38 @@ def test_a_body_is_another_one_only_where_both_are_seen_at_once() -> None:
     assert bodies.inside[1] == 3
 
 
+def two_persons(apart: float) -> tuple[association.Persons, Bodies, Views, estimation.Sightings, list[int]]:
+    """Two persons so far apart, the second one of whom has a leg in view 0."""
+    persons, bodies, views, log = association.Persons(1), Bodies(3), Views(1, 4), estimation.Sightings()
+    for b in range(2):
+        estimation.clear(bodies, estimation.free_slot(bodies))
+        bodies.kind[b], bodies.settled[b], bodies.view[b], bodies.sightings[b] = estimation.PERSON, 1, 0, 9
+        for i in range(2):
+            x = b * apart if i == 0 else 0.0
+            estimation.begin_axis(bodies, 2 * b + i, x - 0.2, x + 0.2, 1e-4, 1e-4)
+    estimation.clear(bodies, estimation.free_slot(bodies))
+    bodies.member[2] = bodies.number[1]
+    views.count, persons.entry[0], persons.taken[0] = 1, -1, 2
+    return persons, bodies, views, log, [1]
+
+
+@pytest.mark.parametrize(("apart", "legs", "one"), [(0.3, 1, True), (0.5, 1, False), (0.3, 2, False)])
+def test_two_persons_who_have_two_legs_together_are_one(apart: float, legs: int, one: bool) -> None:
+    persons, bodies, views, log, owner = two_persons(apart)
+    bodies.settled[1] = legs
+    for _ in range(belief.DUPLICATE_SWEEPS // association.MERGED_GAIN):
+        assert bodies.state[1] == estimation.LIVE
+        for b in range(2):
+            association._merge_person(persons, bodies, views, owner, log, b)
+    if one:
+        # The elder takes the legs, and the place that the younger had becomes its own.
+        assert (bodies.state[1], bodies.same_as[1]) == (estimation.ENDED, bodies.number[0])
+        assert (owner, persons.taken[0], bodies.settled[0]) == ([0], 1, 2)
+        assert bodies.member[2] == bodies.number[0]
+    else:
+        assert (bodies.state[1], bodies.inside[1], owner) == (estimation.LIVE, 0, [1])
+
+
 def test_a_leg_is_the_mean_of_where_it_was_seen() -> None:
     bodies = Bodies(1)
     estimation.clear(bodies, 0)
