@@ -298,7 +298,9 @@ def note_missed(bodies: Bodies, b: int, views: Views, scans: Scans, time: float)
     other = covering_body(bodies, b, x, y, 0.0)
     if other >= 0:
         bodies.inside[b] += 1
-        bodies.same_as[b] = bodies.number[other]
+        if bodies.member[b] == 0:
+            # A leg stays that of its person.
+            bodies.same_as[b] = bodies.number[other]
     if bodies.existence[b] < LEAST_EXISTENCE:
         finish(bodies, b, FREE)
     elif bodies.inside[b] >= DUPLICATE_SWEEPS:

@@ -56,9 +56,6 @@ def test_nothing_moves_where_everything_stands(kind: str, drive: bool) -> None:
     assert agents <= (0.03 if drive else 0.01) * tracks
 
 
-@pytest.mark.xfail(
-    reason="of a person who stands now the one leg and now the other is found, and taken for one body"
-)
 def test_legs_that_are_found_in_turn_are_no_motion() -> None:
     assert told_of("hall", 501, "1081", 0.03, log_seed=1).agents.tolist() == []
 
