@@ -13,6 +13,8 @@ from lidarcli.formalism.tracking.tracks import Body, Track
 
 PERSON_WIDTH = 0.65
 """[m] Greatest width of a person at the legs."""
+STEP = 0.7
+"""[m] Greatest distance of a leg from the path of its person, which grows with the time before or after."""
 TOGETHER_SWEEPS = 3
 """Least number of sweeps in which two legs are seen together."""
 TOGETHER_SHARE = 0.3
@@ -54,12 +56,12 @@ def join(seen: Any, bodies: dict[int, Body]) -> None:
     new = [bodies[number] for number in seen.in_window if bodies[number].track is None]
     if not new:
         return
-    _join_doubles(new, bodies)
+    _join_doubles(seen, new, bodies)
     _join_legs(seen, bodies)
     _stitch(seen, [body for body in new if body.track is None or body.track.number == 0], bodies)
 
 
-def _join_doubles(new: list[Body], bodies: dict[int, Body]) -> None:
+def _join_doubles(seen: Any, new: list[Body], bodies: dict[int, Body]) -> None:
     """Join bodies that were inside another one all the time."""
     for body in new:
         if body.kind == PERSON and body.track is None:
@@ -74,10 +76,26 @@ def _join_doubles(new: list[Body], bodies: dict[int, Body]) -> None:
         other = bodies.get(body.same_as)
         if other is None or other is body:
             continue
-        if (other.kind == PERSON and 2.0 * max(body.h) <= PERSON_WIDTH) or (
-            other.moved == body.moved and _is_inside(body, other)
+        if (
+            _goes_with(seen, body, other)
+            if other.kind == PERSON
+            else other.moved == body.moved and _is_inside(body, other)
         ):
             _track_of(other).absorb(body)
+
+
+def _goes_with(seen: Any, body: Body, person: Body) -> bool:
+    """Return whether a body is slim enough for legs, and mostly within a step of where its person was at that time."""
+    if 2.0 * max(body.h) > PERSON_WIDTH:
+        return False
+    at, path = seen.spans[body.number], seen.spans.get(person.number)
+    if path is None:
+        return True
+    time, then = seen.time[at], seen.time[path]
+    early = np.maximum(np.maximum(then[0] - time, time - then[-1]), 0.0)
+    dx = seen.x[at] - np.interp(time, then, seen.x[path])
+    dy = seen.y[at] - np.interp(time, then, seen.y[path])
+    return bool(np.median(np.hypot(dx, dy) - STITCH_SPEED * early) <= STEP)
 
 
 def _is_inside(body: Body, other: Body) -> bool:

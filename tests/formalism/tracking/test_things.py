@@ -72,11 +72,22 @@ def test_a_track_moves_from_the_first_onset_of_its_bodies() -> None:
     assert not windows._moves(still)
 
 
-@pytest.mark.parametrize(("half", "joins"), [(0.1, True), (0.6, False)])
-def test_a_leg_joins_its_person_and_a_wall_does_not(half: float, joins: bool) -> None:
-    person = Body(1, kind=PERSON, moved=1, h=(0.2, 0.2))
-    other = Body(2, same_as=1, h=(half, 0.05))
-    grouping._join_doubles([other], {1: person, 2: other})
+@pytest.mark.parametrize(
+    ("half", "off", "joins"),
+    [(0.1, 0.3, True), (0.6, 0.3, False), (0.1, 1.5, False)],
+    ids=["leg", "wall", "pole"],
+)
+def test_only_what_is_slim_and_goes_with_a_person_joins_it(half: float, off: float, joins: bool) -> None:
+    time = np.arange(10) / 10
+    seen = SimpleNamespace(
+        spans={1: slice(0, 5), 2: slice(5, 10)},
+        time=np.append(time[5:], time[:5]),
+        # The person goes at 1 m/s; the other was seen just before.
+        x=np.append(time[5:], time[:5]),
+        y=np.repeat([0.0, off], 5),
+    )
+    person, other = Body(1, kind=PERSON, moved=1, h=(0.2, 0.2)), Body(2, same_as=1, h=(half, 0.05))
+    grouping._join_doubles(seen, [other], {1: person, 2: other})
     assert (other.track is not None) == joins
     assert other.track is person.track
 
