@@ -40,7 +40,7 @@ def test_start_end_every_range_min_move(lidarcli: Run, tmp_path: Path) -> None:
         return sorted(set(index.tolist())), points
 
     whole, points = sweeps()
-    assert (whole[0], len(whole)) == (0, 64)
+    assert (whole[0], len(whole)) == (0, 75)
     every, _ = sweeps("--min-move", 0, "--start", 1, "--end", 3)
     assert every == list(range(5, 15))
     third, _ = sweeps("--min-move", 0, "--every", 3, "--end", 3)
@@ -77,9 +77,9 @@ def test_min_hits_and_ratio(lidarcli: Run, tmp_path: Path) -> None:
     assert found["share"] < found["default"] < found["any"]
     # More than all of them never hit.
     assert found["all"] == set()
-    ran = lidarcli("map", DRIVE, "-o", tmp_path / "none.yaml", "--min-hits", 65)
+    ran = lidarcli("map", DRIVE, "-o", tmp_path / "none.yaml", "--min-hits", 76)
     assert (
-        "  note     no cell is occupied: 64 sweeps count, and a cell has to be hit by 65 (--min-hits, --min-move)"
+        "  note     no cell is occupied: 75 sweeps count, and a cell has to be hit by 76 (--min-hits, --min-move)"
         in ran.err.splitlines()
     )
     # Four hits by default where every sweep counts.

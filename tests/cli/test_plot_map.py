@@ -49,7 +49,7 @@ def test_every_format_and_what_is_said(lidarcli: Run, tmp_path: Path) -> None:
         assert ran.err.splitlines() == [
             "  note     poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)",
             "  note     poses from /tf fit the sweeps: 100% of 147 steps",
-            "  note     64 of 150 sweeps count: one for each 0.2 m, 10 degrees or 5 s of the way (--min-move)",
+            "  note     75 of 150 sweeps count: one for each 0.12 m, 10 degrees or 5 s of the way (--min-move)",
             f"  wrote    {out}",
         ]
         ran = lidarcli("-q", "plot", DRIVE, "--view", "map", "-o", again)
@@ -77,7 +77,7 @@ def source() -> Source:
 
 
 def test_points_of_a_sweep_lie_on_the_map() -> None:
-    drawn = take_map(source(), MapOptions(), sweeps=[70, 5])
+    drawn = take_map(source(), MapOptions(min_move=0.2), sweeps=[70, 5])
     assert [picture.snapshot.sweep for picture in drawn.pictures if picture.snapshot] == [70, 5]
     for picture in drawn.pictures:
         grid, shot = picture.grid, picture.snapshot

@@ -50,9 +50,11 @@ def test_what_is_unpickled_comes_from_its_own_processes() -> None:
         }
         for word in ("pickle.load", "Unpickler")
     }
-    assert files == {"pickle.load": {"pipeline/map_files.py"}, "Unpickler": {"pipeline/runs/cluster.py"}}
+    own = {"pipeline/map_files.py", "pipeline/objects/following.py"}
+    assert files == {"pickle.load": own, "Unpickler": {"pipeline/runs/cluster.py"}}
     assert "the driver reads them as data alone" in " ".join(PAGE.split())
     assert "a private folder below the temporary one (`map --jobs`)" in " ".join(PAGE.split())
+    assert "a temporary file without a name (`track`" in " ".join(PAGE.split())
 
 
 def test_reports_load_nothing_from_elsewhere() -> None:
