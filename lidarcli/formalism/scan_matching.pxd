@@ -6,7 +6,7 @@ from lidarcli cimport native
 cdef double NAN, TURN, TINY, NEAREST_RANGE, FARTHEST_RANGE, GRAIN, LINE_REACH, GAP, GAP_BEAMS, LINE_VAR, LINE_VAR_GROWS
 cdef double STRETCHED, EVEN, LONGEST_CHORD, CELL, MOST_HITS, SAME_SIDE, SMALL_STEP, GREATEST_STEP, GREATEST_TURN
 cdef double POINT_WEIGHT, LEAST_WEIGHT, SLIDES, FITS, FITS_GROWS, FITS_POINT, SHARP, GOOD_FIT, LEAST_FIT, BETTER
-cdef double APART, TURNS, SEEN_HITS, LIES_OFF, SPEEDS_UP, TURNS_UP, SMALL_BEND, TRIED_TURN, TRIED_REACH, TRIED_KERNEL, FARTHEST_STEP, WIDEST_STEP, HORIZON
+cdef double APART, SPINS, SEEN_HITS, LIES_OFF, SPEEDS_UP, TURNS_UP, SMALL_BEND, TRIED_TURN, TRIED_REACH, TRIED_KERNEL, FARTHEST_STEP, WIDEST_STEP, HORIZON
 cdef Py_ssize_t MOST_POINTS, LEAST_POINTS, MOST_NEIGHBOURS, LEAST_NEIGHBOURS, SIDE, MOST_SURFELS, MOST_STEPS, TRIED_TURNS
 cdef Py_ssize_t TRIED_POINTS, MOST_BENDS, PATIENCE, COLUMNS
 
@@ -136,7 +136,10 @@ cdef void place_sweep(
 cdef (double, double, double) start_of(
     Matcher matcher, double x, double y, double yaw, double seconds
 ) noexcept nogil
-@cython.locals(every=Py_ssize_t, vx=double, vy=double, vyaw=double)
+cdef (double, double, double) velocity_to(
+    Matcher matcher, double x, double y, double yaw, double seconds
+) noexcept nogil
+@cython.locals(every=Py_ssize_t)
 cdef void try_pose(Matcher matcher, double x, double y, double yaw, double seconds) noexcept nogil
 @cython.locals(place=Py_ssize_t, k=Py_ssize_t, fit=double)
 cdef (double, double, double) look_around(

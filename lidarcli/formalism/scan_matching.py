@@ -68,7 +68,7 @@ POINT_WEIGHT = 0.3
 SEEN_HITS = 2.0
 """A surfel that so many points hit has half of the weight of one that many hit."""
 LEAST_WEIGHT = 1.0
-SLIDES, TURNS = 0.02, 0.01
+SLIDES, SPINS = 0.02, 0.01
 """The walls do not fix the place along a direction whose curvature is a smaller share of all weights, nor the heading where
 its curvature is a smaller share of what it can be."""
 FITS, FITS_GROWS = 0.05, 0.005
@@ -601,7 +601,7 @@ def refine(
         along = -(cos * gx + sin * gy) / most if most > 1e-6 else 0.0
         aside = -(cos * gy - sin * gx) / least if least > SLIDES * sums.total else 0.0
         dx, dy = cos * along - sin * aside, sin * along + cos * aside
-        turn = -(sums.gt + sums.hxt * dx + sums.hyt * dy) / htt if htt > TURNS * sums.arms else 0.0
+        turn = -(sums.gt + sums.hxt * dx + sums.hyt * dy) / htt if htt > SPINS * sums.arms else 0.0
         far = math.sqrt(dx * dx + dy * dy)
         if far > GREATEST_STEP:
             dx, dy = dx * GREATEST_STEP / far, dy * GREATEST_STEP / far
@@ -859,12 +859,19 @@ def start_of(matcher: Matcher, x: float, y: float, yaw: float, seconds: float) -
     return (sx, sy, syaw) if matcher.found.fit > fit else (x, y, yaw)
 
 
+def velocity_to(
+    matcher: Matcher, x: float, y: float, yaw: float, seconds: float
+) -> tuple[float, float, float]:
+    """Return the velocity from the last pose to another, 0 where `seconds` are."""
+    if seconds <= 0.0:
+        return 0.0, 0.0, 0.0
+    dx, dy, turn = step_between(matcher.x, matcher.y, matcher.yaw, x, y, yaw)
+    return velocity_of(dx, dy, turn, seconds)
+
+
 def try_pose(matcher: Matcher, x: float, y: float, yaw: float, seconds: float) -> None:
     """Lay some of the points onto the map; the result is `matcher.found`."""
-    vx, vy, vyaw = 0.0, 0.0, 0.0
-    if seconds > 0.0:
-        dx, dy, turn = step_between(matcher.x, matcher.y, matcher.yaw, x, y, yaw)
-        vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
+    vx, vy, vyaw = velocity_to(matcher, x, y, yaw, seconds)
     deskew(matcher.points, vx, vy, vyaw)
     every = max(matcher.points.count // TRIED_POINTS, 1)
     matcher.found.x, matcher.found.y, matcher.found.yaw = x, y, yaw
@@ -884,10 +891,7 @@ def look_around(
             if matcher.found.fit > fit:
                 fit = matcher.found.fit
                 tx, ty, tyaw = matcher.found.x, matcher.found.y, matcher.found.yaw
-    wx, wy, wyaw = 0.0, 0.0, 0.0
-    if seconds > 0.0:
-        dx, dy, turn = step_between(matcher.x, matcher.y, matcher.yaw, tx, ty, tyaw)
-        wx, wy, wyaw = velocity_of(dx, dy, turn, seconds)
+    wx, wy, wyaw = velocity_to(matcher, tx, ty, tyaw, seconds)
     wx, wy, wyaw = align(matcher, tx, ty, tyaw, wx, wy, wyaw, seconds, 1)
     if matcher.found.fit >= GOOD_FIT and matcher.found.fit > matcher.best.fit + BETTER:
         return wx, wy, wyaw

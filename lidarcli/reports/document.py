@@ -5,6 +5,7 @@ Renderers walk the sections and know nothing of the figures in them.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -128,7 +129,7 @@ class Card(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Document:
+class Document(ABC):
     """A report of any kind."""
 
     verdicts: tuple[Verdict, ...] = ()
@@ -138,27 +139,27 @@ class Document:
     """Data that the checks did not see although all tables could be read, one line each."""
 
     @property
+    @abstractmethod
     def title(self) -> str:
         """Subject of the report in a few words."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def lines(self) -> tuple[str, ...]:
         """Summary in a line or two."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def figures(self) -> Mapping[str, float | None]:
         """Figures by name; None where there is nothing to measure."""
-        raise NotImplementedError
 
+    @abstractmethod
     def sections(self) -> dict[str, Section]:
         """Return the sections by name, in their order."""
-        raise NotImplementedError
 
+    @abstractmethod
     def cards(self) -> list[Card]:
         """Return the key figures."""
-        raise NotImplementedError
 
     @property
     def cases(self) -> tuple[Case, ...]:

@@ -73,7 +73,7 @@ class Settled:
     @staticmethod
     def joined(parts: list[Settled]) -> Settled:
         """Return the results of several parts as one."""
-        kinds = (*(np.int64, np.float64, np.float64, np.bool_, np.bool_, np.int32, np.float64, np.uint8),)
+        kinds = (np.int64, np.float64, np.float64, np.bool_, np.bool_, np.int32, np.float64, np.uint8)
         if not parts:
             nothing: list[Any] = [np.empty(0, kind) for kind in kinds]
             return Settled(*nothing)

@@ -365,12 +365,10 @@ def _unposed(key: Key, look: _Look, mine: CheckedPath, match: bool) -> CheckedPa
     way = Way((topic,), frame, track.parent, (Step(track, down=False),))
     if len(gaps := path.gaps):
         way = replace(way, correction=Correction(gaps=gaps))
-        stamp_ns = path.stamp_ns
-        after = np.minimum(np.searchsorted(gaps[:, 1], stamp_ns, "right"), len(gaps) - 1)
-        missing = np.count_nonzero((stamp_ns > gaps[after, 0]) & (stamp_ns < gaps[after, 1]))
+        missing = np.isnan(_told_at(way, path.stamp_ns)[:, 0])
         notes.append(
-            f"no pose for {missing:,} of {len(stamp_ns):,} sweeps of {topic}: they fit nowhere, or may slide along their "
-            "walls"
+            f"no pose for {np.count_nonzero(missing):,} of {len(missing):,} sweeps of {topic}: they fit nowhere, or may "
+            "slide along their walls"
         )
     return replace(mine, verdict="matched", way=way, notes=(*mine.notes, *notes))
 
