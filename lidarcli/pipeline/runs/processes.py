@@ -24,14 +24,16 @@ def start_workers(count: int, initializer: Callable[[], object]) -> ProcessPoolE
     """Start a pool of `count` processes."""
     # A fork of a process with threads (progress bar, Arrow) may hang; a spawned process cannot.
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=initializer)
+    pool: ProcessPoolExecutor | None = None
     try:
         with signals_held():
+            pool = ProcessPoolExecutor(count, mp_context=context, initializer=initializer)
             for _ in range(count):
                 pool.submit(_up)
         return pool
     except BaseException:
-        stop_workers(pool)
+        if pool is not None:
+            stop_workers(pool)
         raise
 
 
@@ -70,7 +72,7 @@ def _follow() -> None:
 
 @contextmanager
 def signals_held() -> Iterator[None]:
-    """Hold ctrl-C and SIGTERM back: a child that they meet half started would print an error."""
+    """Hold ctrl-C and SIGTERM back: a child or a semaphore that they meet half made would print a warning or an error."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
         yield
         return
