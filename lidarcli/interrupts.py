@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import _thread
+import enum
 import os
 import signal
 import time
 from types import FrameType
 
-_IMPORTING = "<frozen importlib"
+_BUSY = ("<frozen importlib", str(enum.__file__))
+"""Code during which an interrupt waits: imports, and the look for attributes of an enumeration, which numpy does before it
+computes with one and of which it forgets every error."""
 _AGAIN = 0.01
-"""Time after which an interrupt during an import is sent again [s]."""
+"""Time after which an interrupt that had to wait is sent again [s]."""
 _ENOUGH = 1.0
 """Time after an interrupt in which further ones are ignored [s]: they would only disturb the clearing away."""
 _last = -_ENOUGH
@@ -21,7 +24,7 @@ class Terminated(KeyboardInterrupt):
 
 
 def wait_for_imports() -> None:
-    """From now on ctrl-C raises `KeyboardInterrupt`, and SIGTERM `Terminated`, between imports only.
+    """From now on ctrl-C raises `KeyboardInterrupt`, and SIGTERM `Terminated`, but not within imports or enumerations.
 
     Python makes a `RuntimeError` of one that strikes while the fields of a class are made, and swallows it in callbacks
     of its own; C libraries end the process where something fails while they are loaded.
@@ -42,7 +45,7 @@ def end_as_terminated() -> None:
 def _interrupt(number: int, frame: FrameType | None) -> None:
     global _last
     while frame is not None:
-        if frame.f_code.co_filename.startswith(_IMPORTING):
+        if frame.f_code.co_filename.startswith(_BUSY):
             _thread.start_new_thread(_repeat, (number,))
             return
         frame = frame.f_back

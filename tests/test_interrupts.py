@@ -49,6 +49,39 @@ def test_it_waits_for_an_import(tmp_path: Path, number: str, raised: str) -> Non
     assert (ran.stdout, ran.stderr, ran.returncode) == (f"{raised} True\n", "", 0)
 
 
+COMPARING = """
+import enum, os, signal, sys, time
+import numpy as np
+from lidarcli.interrupts import wait_for_imports
+from lidarcli.sweeps import Status
+wait_for_imports()
+def inside(frame, event, argument):
+    if frame.f_code.co_filename == enum.__file__:
+        sys.settrace(None)
+        os.kill(os.getpid(), signal.NUMBER)
+        time.sleep(0.005)
+sys.settrace(inside)
+try:
+    same = np.zeros(3, np.uint8) == Status.VALID
+    sys.settrace(None)
+    time.sleep(10)
+except KeyboardInterrupt as err:
+    print(type(err).__name__, same.all())
+"""
+
+
+@pytest.mark.parametrize(("number", "raised"), [("SIGINT", "KeyboardInterrupt"), ("SIGTERM", "Terminated")])
+def test_numpy_does_not_swallow_it_over_an_enumeration(number: str, raised: str) -> None:
+    ran = subprocess.run(
+        [sys.executable, "-c", COMPARING.replace("NUMBER", number)],
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=False,
+    )
+    assert (ran.stdout, ran.stderr, ran.returncode) == (f"{raised} True\n", "", 0)
+
+
 @pytest.mark.slow
 def test_the_tests_of_interrupts_work_where_they_are_ignored() -> None:
     """As below `nohup make test`: processes inherit it."""
