@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import MISSING, field, fields
 from typing import Any, Literal, NamedTuple
 
-Unit = Literal["", "1", "m", "rad", "s", "ns", "m/s", "rad/s", "Hz", "1/s", "byte"]
+Unit = Literal["", "1", "m", "rad", "s", "ns", "m/s", "rad/s", "Hz", "1/s", "byte", "m²"]
 """Units as tables and reports spell them: `1` for a count, an index or a share, empty for text, yes and no."""
-Per = Literal["object", "vertex", "face", "offset", "sweep", "beam", "track"]
-"""Entries of an array: one per object, vertex, face, sweep, beam (S, B) or track; offsets have one more than objects."""
+Per = Literal["object", "vertex", "face", "offset", "sweep", "beam", "track", "trajectory"]
+"""Entries of an array: one per object, vertex, face, sweep, beam (S, B), track, or track and sweep (`trajectory`); offsets have one more than objects."""
 
 
 class Column(NamedTuple):

@@ -445,7 +445,17 @@ class Beams(TypedDict, total=False):
     ]
 
 
-class Tabling(Tracking, Beams, total=False):
+class Trajectories(TypedDict, total=False):
+    """Where the things were between their sights."""
+
+    trajectories: Annotated[
+        bool,
+        Option(OUTPUT, None, True, both=True),
+        "Also make the table <log>.trajectories.parquet, one row per thing and sweep, hidden sweeps too.",
+    ]
+
+
+class Tabling(Tracking, Trajectories, Beams, total=False):
     """Keywords of `tables`."""
 
 

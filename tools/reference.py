@@ -24,6 +24,8 @@ TABLES = {
     "objects": "One row per object per sweep, ordered by topic, sweep and object.",
     "sweeps": "One row per sweep, ordered by topic and sweep.",
     "tracks": "One row per thing, ordered by topic and track (`track`); [track.md](track.md) says what a track is.",
+    "trajectories": "One row per thing and sweep, from its first sight to its last (`track`); the rows of a thing are in the "
+    "order of time, those of several are mixed. [track.md](track.md#trajectories) says more.",
     "beams": "One row per beam of each sweep (`--beams`).",
 }
 METADATA = {
@@ -132,7 +134,7 @@ def tables_page() -> str:
         "A table without rows is a valid file with the full schema.",
         "",
         "A file is written under a temporary name and renamed when it is whole. The same input and parameters give the",
-        "same bytes: the schema metadata of `objects`, `sweeps`, `tracks` and `beams` holds no clock and no host, only",
+        "same bytes: the schema metadata of these tables holds no clock and no host, only",
         "",
         *as_table(("key", "value"), ((f"`{key}`", text) for key, text in METADATA.items())),
     ]

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from lidarcli.cli.commands import command
 from lidarcli.cli.detect import Tables, find
 from lidarcli.cli.messages import Messages
-from lidarcli.options import Tracking
+from lidarcli.options import Tracking, Trajectories
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
 
 
-class TrackCommand(Tables, Tracking, total=False):
+class TrackCommand(Tables, Tracking, Trajectories, total=False):
     """Options of `track`."""
 
 
@@ -30,8 +30,9 @@ def track(say: Messages, told: TrackCommand) -> int:
 
     Does everything that `lidarcli detect` does, with the same options. In the same pass
     it finds which objects are one thing, how fast it is, and which things move by
-    themselves (agents, set A). Writes one row per thing to DIR/<log>.tracks.parquet,
-    beside the tables of objects and sweeps.
+    themselves (agents, set A). Beside the tables of objects and sweeps it writes
+    one row per thing to DIR/<log>.tracks.parquet, and where each thing was in every
+    sweep to DIR/<log>.trajectories.parquet.
     """
 
     def tracking() -> "TrackOptions | None":

@@ -16,7 +16,7 @@ from lidarcli.formalism.matching.catalogue import Catalogue, names_in
 from lidarcli.newfiles import new_files, refuse
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.making import Made, Rows, Splitting, finder, rows_of
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.options import OF_TRACKS, DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, read_log
 from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
@@ -263,7 +263,7 @@ def _follow(
     # Runs that do not track should not wait for this import.
     from lidarcli.pipeline.objects.following import Following
 
-    tables = [table for table in sinks if table != "tracks"]
+    tables = [table for table in sinks if table not in OF_TRACKS]
     logs: dict[str, tuple[Following, TopicOrder]] = {}
     with ExitStack() as stack:
         for batch, detection in found:

@@ -2,4 +2,4 @@
 
 from lidarcli.tabular.schemas import BEAMS, OBJECTS, SCHEMAS, SWEEPS, TRACKS
 
-__all__ = ["BEAMS", "OBJECTS", "SCHEMAS", "SWEEPS", "TRACKS"]
+__all__ = ["BEAMS", "OBJECTS", "SCHEMAS", "SWEEPS", "TRACKS", "TRAJECTORIES"]

@@ -9,6 +9,7 @@ import pyarrow as pa
 from lidarcli.columns import Column, columns_of
 from lidarcli.formalism.detection import COLUMNS, fields_per
 from lidarcli.formalism.tracking.results import Followed, Tracks
+from lidarcli.formalism.tracking.trajectories import Trajectories
 from lidarcli.sweeps import STATUSES
 
 TEXT = pa.dictionary(pa.int32(), pa.string())
@@ -53,7 +54,7 @@ VERTICES, FACES = (
     _list(pa.struct([field_of(COLUMNS[name]) for name in fields_per(each)])) for each in ("vertex", "face")
 )
 
-_FOLLOWED, _TRACKS = columns_of(Followed), columns_of(Tracks)
+_FOLLOWED, _TRACKS, _TRAJECTORIES = map(columns_of, (Followed, Tracks, Trajectories))
 
 _LOG = Column("log", "text", "", "log the sweep comes from")
 _TOPIC = Column("topic", "text", "", "LaserScan topic")
@@ -118,6 +119,10 @@ TABLES: dict[str, tuple[Column, ...]] = {
         *_between(_TRACKS, "track", "shape"),
         *(one._replace(later=False) for one in (_LABEL, _LABEL_SCORE)),
         *_between(_TRACKS, "first_sweep", "end"),
+    ),
+    "trajectories": (
+        *(_LOG, _TOPIC, _SWEEP, _STAMP, _SECONDS._replace(later=False)),
+        *_TRAJECTORIES.values(),
     ),
     "beams": (
         *(_LOG, _TOPIC, _SWEEP, _BEAM, _THETA),
@@ -212,8 +217,8 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 """Table → its columns, in order."""
 
-OBJECTS, SWEEPS, TRACKS, BEAMS, BACKGROUND, MATCHES, CLOUD, POSES, RUNS = map(schema_of, TABLES.values())
-SCHEMAS = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS, "beams": BEAMS}
+OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, BACKGROUND, MATCHES, CLOUD, POSES, RUNS = map(schema_of, TABLES.values())
+SCHEMAS = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS, "trajectories": TRAJECTORIES, "beams": BEAMS}
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 
 NULLABLE = {name: frozenset(one.name for one in table if one.nullable) for name, table in TABLES.items()}

@@ -12,12 +12,13 @@ from lidarcli.formalism import SETS, SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, OBJECT
 from lidarcli.formalism.mapping.places import ByPlace
 from lidarcli.formalism.tracking.results import Followed, Tracks
+from lidarcli.formalism.tracking.trajectories import Trajectories
 from lidarcli.sweeps import Int32, SweepBatch, UInt8
 from lidarcli.tabular.arrays import answers, codes, floats, masked, plain
 from lidarcli.tabular.rows import Form, beams_of, constant
 from lidarcli.tabular.schemas import STAMP
 
-_TRACKS = Form("tracks")
+_TRACKS, _TRAJECTORIES = Form("tracks"), Form("trajectories")
 
 
 def tracked_objects(
@@ -119,6 +120,19 @@ def tracks_rows(
         "moved_at": masked(tracks.moved_at_ns, ~tracks.moved, STAMP),
     }
     return _TRACKS.fill(columns | _labelled(tracks, labels), tracks, count)
+
+
+def trajectories_rows(log: str, topic: str, found: Trajectories) -> pa.RecordBatch:
+    """Return rows of the trajectories table: one per track and sweep of a topic."""
+    count = len(found)
+    columns = {
+        "log": constant(log, count),
+        "topic": constant(topic, count),
+        "sweep": plain(found.sweep),
+        "stamp": plain(found.stamp_ns, STAMP),
+        "t": plain(found.seconds),
+    }
+    return _TRAJECTORIES.fill(columns, found, count)
 
 
 def _labelled(found: Followed | Tracks, labels: Sequence[str]) -> dict[str, Any]:

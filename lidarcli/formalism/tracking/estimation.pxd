@@ -138,11 +138,13 @@ cdef class Sightings:
     cdef long long* sweep
     cdef long long* object
     cdef long long* centred
+    cdef long long* whole
     cdef double* time
     cdef double* x
     cdef double* y
     cdef double* cos
     cdef double* sin
+    cdef double* chord
     cdef double* half_1
     cdef double* half_2
     cdef double* z
@@ -150,5 +152,6 @@ cdef class Sightings:
 
 
 cdef void log_sighting(
-    Sightings log, Bodies bodies, Py_ssize_t b, Sides sides, Py_ssize_t sweep, double time, Py_ssize_t at
+    Sightings log, Bodies bodies, Py_ssize_t b, Sides sides, Views views, Py_ssize_t k, Py_ssize_t sweep, double time,
+    Py_ssize_t at
 ) noexcept nogil

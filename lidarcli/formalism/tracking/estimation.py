@@ -69,8 +69,8 @@ OPEN_EDGE_VAR = 0.01
 """[m²] Variance of an edge beside beams that come and go: (10 cm)²."""
 LEGGED_VAR = 0.0081
 """[m²] Variance of the middle of a group of legs: (9 cm)²."""
-LOG_INTEGERS = ("number", "sweep", "object", "centred")
-LOG_NUMBERS = ("time", "x", "y", "cos", "sin", "half_1", "half_2")
+LOG_INTEGERS = ("number", "sweep", "object", "centred", "whole")
+LOG_NUMBERS = ("time", "x", "y", "cos", "sin", "half_1", "half_2", "chord")
 LOG_SIDES = ("z", "var")
 
 
@@ -673,6 +673,8 @@ class Sightings:
         """Number of objects of the topic before its own."""
         self.centred = native.at_longs(arrays["centred"])
         """1 if z[0] and z[2] are the centre, 0 if they are sides."""
+        self.whole = native.at_longs(arrays["whole"])
+        """1 if no edge of the view is hidden."""
         self.time = native.at_doubles(arrays["time"])
         self.x = native.at_doubles(arrays["x"])
         self.y = native.at_doubles(arrays["y"])
@@ -680,6 +682,8 @@ class Sightings:
         self.cos = native.at_doubles(arrays["cos"])
         self.sin = native.at_doubles(arrays["sin"])
         """Direction of the first axis."""
+        self.chord = native.at_doubles(arrays["chord"])
+        """Distance of the edges of the view [m]."""
         self.half_1 = native.at_doubles(arrays["half_1"])
         self.half_2 = native.at_doubles(arrays["half_2"])
         self.z = native.at_doubles(arrays["z"])
@@ -695,10 +699,14 @@ def sighting_arrays(count: int) -> dict[str, NDArray[Any]]:
 
 
 def log_sighting(
-    log: Sightings, bodies: Bodies, b: int, sides: Sides, sweep: int, time: float, at: int
+    log: Sightings, bodies: Bodies, b: int, sides: Sides, views: Views, k: int, sweep: int, time: float, at: int
 ) -> None:
-    """Write a sighting of a body to the log; there is room."""
+    """Write a sighting of a body by view k to the log; there is room."""
     i = log.count
+    log.whole[i] = 0
+    if views.start[k] != observation.HIDDEN and views.end[k] != observation.HIDDEN:
+        log.whole[i] = 1
+    log.chord[i] = views.chord[k]
     log.number[i], log.sweep[i], log.object[i], log.time[i] = bodies.number[b], sweep, at, time
     along, across = bodies.c[2 * b], bodies.c[2 * b + 1]
     log.x[i] = bodies.cos[b] * along - bodies.sin[b] * across

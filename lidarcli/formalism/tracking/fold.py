@@ -456,6 +456,8 @@ def _note_view(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None
         bodies,
         b,
         fold.sides,
+        views,
+        k,
         fold.sweeps - 1,
         fold.clock,
         fold.objects + views.object[k],

@@ -3,54 +3,85 @@ cimport libc.math as math
 
 from lidarcli cimport native
 
-cdef Py_ssize_t BOX, AROUND_SIGHTINGS, LIVELINESSES
-cdef double INFINITY, LIVELIER_GAIN, FIRST_SPEED_SD, UNKNOWN_VAR, PART_VAR, CHANGE_VAR, MOST_MISFIT, LEAST_SPEED, MOVING_SDS
+cdef Py_ssize_t BOX, AROUND_SIGHTINGS, LIVELINESSES, STATE, SQUARE, GAIN
+cdef double INFINITY, LIVELIER_GAIN, FIRST_SPEED_SD, UNKNOWN_VAR, PART_VAR, LEGS_VAR, LEG_VAR, LEG_SECONDS, CHANGE_VAR
+cdef double MOST_MISFIT, LEAST_SPEED, MOVING_SDS
 
 
 cdef class Smoother:
     cdef list owner
-    cdef readonly Py_ssize_t most
+    cdef readonly Py_ssize_t sweeps
+    cdef double* place
+    cdef double* noise
+    cdef double* common
     cdef double* z
-    cdef double* var
-    cdef double* v
-    cdef double* v_var
+    cdef double* r
+    cdef double* lasting
     cdef double* liveliness
     cdef double* acceleration
     cdef double* misfit
     cdef double* x
-    cdef double* speed
-    cdef double* xx
-    cdef double* xv
-    cdef double* vv
+    cdef double* p
+    cdef double* off
+    cdef double* inverse
+    cdef double* gain
+    cdef double* step
+    cdef double* adjoint
+    cdef double* matrix
+    cdef double* product
 
     cpdef Py_ssize_t locate(
         self, Py_ssize_t begin, dict sighted, object half, object half_var, Py_ssize_t kind, bint several
     ) except -1
+    cpdef measure(self, object order, object sweep, object parts, object legs)
     cpdef smooth(
-        self, object order, object time, object state, Py_ssize_t keep, Py_ssize_t onset, object vx, object vy,
+        self, object time, object parts, object legs, object state, Py_ssize_t keep, Py_ssize_t onset, object path,
         object moving
     )
 
 
+@cython.locals(cov=Py_ssize_t, at=Py_ssize_t)
 cdef void locate_sightings(
     Smoother room, Py_ssize_t begin, Py_ssize_t count, long long* centred, double* cos, double* sin, double* half_1,
     double* half_2, double* z, double* var, double* half, double* half_var, Py_ssize_t kind, double more
 ) noexcept nogil
-cdef (double, double) centre_of(
+cdef (double, double, double) centre_of(
     double low, double high, double low_var, double high_var, double half, double half_var
 ) noexcept nogil
-cdef void smooth_axis(
-    Smoother room, Py_ssize_t axis, long long* order, double* time, double* state, Py_ssize_t count, Py_ssize_t keep
+@cython.locals(i=Py_ssize_t, at=Py_ssize_t, c=Py_ssize_t, k=Py_ssize_t)
+cdef void join_parts(
+    Smoother room, Py_ssize_t sightings, Py_ssize_t sweeps, long long* order, long long* sweep, long long* parts,
+    unsigned char* legs
+) noexcept nogil
+cdef void smooth_path(
+    Smoother room, double* time, long long* parts, unsigned char* legs, double* state, Py_ssize_t count, Py_ssize_t keep,
+    double* path
 ) noexcept nogil
 @cython.locals(total=double, best=Py_ssize_t, first=Py_ssize_t, stop=Py_ssize_t)
-cdef void choose_accelerations(Smoother room, Py_ssize_t count) noexcept nogil
-@cython.locals(known=bint, i=Py_ssize_t, at=Py_ssize_t)
+cdef void choose_accelerations(Smoother room, long long* parts, Py_ssize_t count) noexcept nogil
+@cython.locals(known=bint, i=Py_ssize_t, k=Py_ssize_t)
 cdef void filter_forward(
-    Smoother room, Py_ssize_t axis, long long* order, double* time, double* state, Py_ssize_t count, Py_ssize_t keep,
+    Smoother room, double* time, long long* parts, unsigned char* legs, double* state, Py_ssize_t count, Py_ssize_t keep,
     Py_ssize_t trial
 ) noexcept nogil
-@cython.locals(i=Py_ssize_t, at=Py_ssize_t)
-cdef void smooth_backward(Smoother room, Py_ssize_t axis, double* time, Py_ssize_t count) noexcept nogil
-cdef void decide_motion(
-    Smoother room, Py_ssize_t count, Py_ssize_t onset, double* vx, double* vy, unsigned char* moving
+@cython.locals(a=Py_ssize_t, k=Py_ssize_t)
+cdef void begin_path(Smoother room, Py_ssize_t legs) noexcept nogil
+@cython.locals(a=Py_ssize_t, k=Py_ssize_t, x=Py_ssize_t, p=Py_ssize_t)
+cdef void predict_state(Smoother room, Py_ssize_t i, double* state, double dt) noexcept nogil
+@cython.locals(a=Py_ssize_t, k=Py_ssize_t, m=Py_ssize_t, x=Py_ssize_t, p=Py_ssize_t, g=Py_ssize_t)
+cdef double update_state(Smoother room, Py_ssize_t i, Py_ssize_t legs) noexcept nogil
+@cython.locals(back=Py_ssize_t, i=Py_ssize_t, k=Py_ssize_t)
+cdef void smooth_backward(
+    Smoother room, long long* parts, unsigned char* legs, Py_ssize_t count, double* path
 ) noexcept nogil
+@cython.locals(x=Py_ssize_t, p=Py_ssize_t, k=Py_ssize_t, n=Py_ssize_t, o=Py_ssize_t, c=Py_ssize_t)
+cdef void write_path(Smoother room, Py_ssize_t i, double* path) noexcept nogil
+@cython.locals(
+    g=Py_ssize_t, a=Py_ssize_t, b=Py_ssize_t, k=Py_ssize_t, n=Py_ssize_t, one=double, other=double, first=double,
+    second=double, xx=double, xy=double, yy=double, more=double
+)
+cdef void take_back(Smoother room, Py_ssize_t i, Py_ssize_t legs) noexcept nogil
+@cython.locals(a=Py_ssize_t, n=Py_ssize_t)
+cdef void step_back(Smoother room, Py_ssize_t i) noexcept nogil
+@cython.locals(at=Py_ssize_t)
+cdef void decide_motion(Py_ssize_t count, Py_ssize_t onset, double* path, unsigned char* moving) noexcept nogil

@@ -1,4 +1,8 @@
-"""Places and velocities of a track by what was seen before and after: a Kalman filter forward, then a smoother backward."""
+"""Path of a track by what was seen before and after: a Kalman filter forward, then a smoother backward.
+
+The state holds place and velocity in the plane and, of a person, how far the one leg that is seen is from the middle of the
+body. Backward runs the smoother of Bryson and Frazier, which needs no inverse of a covariance.
+"""
 
 from __future__ import annotations
 
@@ -14,50 +18,71 @@ ACCELERATIONS = (0.02, 0.1, 0.4)
 """[m²/s³] Spectral densities of the acceleration that are tried: a parcel on a belt, a stroll, starts and stops."""
 LIVELINESSES = len(ACCELERATIONS)
 AROUND_SIGHTINGS = 20
-"""Sightings before and after one that decide which acceleration fits."""
+"""Sweeps before and after one that decide which acceleration fits."""
 LIVELIER_GAIN = 4.0
 """Least gain of twice the log-likelihood for which the next larger acceleration is taken."""
 FIRST_SPEED_SD = 1.0
-"""[m/s] Standard deviation of a velocity at first."""
+"""[m/s] Standard deviation of a velocity at first, along each axis."""
 UNKNOWN_VAR = 100.0
 """[m²] Variance of a side that was not seen."""
 PART_VAR = 0.0625
-"""[m²] Variance of the place of one leg in a track of several: (25 cm)²."""
+"""[m²] Variance of the place of one part in a thing of several: (25 cm)²."""
+LEGS_VAR = 0.0049
+"""[m²] Variance of the middle of two legs as the place of a person: (7 cm)²."""
+LEG_VAR = 0.0256
+"""[m²] Variance of the distance of one leg from the middle of its person, along each axis: (16 cm)²."""
+LEG_SECONDS = 0.35
+"""[s] Time in which that distance is forgotten, as the legs swing."""
 CHANGE_VAR = 0.0025
 """[m²] Variance that is added while a box was still taken for a disc: (5 cm)²."""
-MOST_MISFIT = 6.0
-"""Greatest squared residual, as a multiple of its variance. A larger one counts as this."""
+MOST_MISFIT = 9.0
+"""Greatest squared residual, as a multiple of its variance in the plane. A larger one counts as this."""
 LEAST_SPEED = 0.1
 """[m/s] Least speed of what moves."""
 MOVING_SDS = 2.0
 """Least speed of what moves, in standard deviations."""
+STATE, SQUARE, GAIN = 6, 36, 12
+"""Numbers of a state (x, y, their velocities, the offset of a leg in x and y), of its covariance, and of a gain."""
+KEPT = 1 + STATE + SQUARE
+"""Numbers of what is kept of a track between windows: a time, a state and its covariance."""
 
 
 class Smoother:
-    """Room for the sightings of one track: places, and estimates along each axis of the world."""
+    """Room for the sightings and the sweeps of one track, and for estimates at each of these sweeps."""
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, sightings: int, sweeps: int) -> None:
         self.owner: list[Any] = []
-        self.most = most
-        self.z = native.doubles(self.owner, 2 * most)
-        self.var = native.doubles(self.owner, 2 * most)
-        """Measured place along x and y [m], and its variance [m²]."""
-        self.v = native.doubles(self.owner, 2 * most)
-        self.v_var = native.doubles(self.owner, 2 * most)
-        """Smoothed velocity at each sighting [m/s], and its variance."""
+        self.sweeps = sweeps
+        self.place = native.doubles(self.owner, 2 * sightings)
+        self.noise = native.doubles(self.owner, 3 * sightings)
+        """Place of each sighting [m], and its covariance xx, xy, yy."""
+        self.common = native.doubles(self.owner, 3 * sightings)
+        """The part of that covariance by the size of the body: all sightings err alike."""
+        self.z = native.doubles(self.owner, 2 * sweeps)
+        self.r = native.doubles(self.owner, 3 * sweeps)
+        """Measured place in each sweep [m], and its covariance xx, xy, yy."""
+        self.lasting = native.doubles(self.owner, 3 * sweeps)
+        """Covariance of each place that more sweeps do not reduce; of a hidden one that of the sweep before."""
         self.liveliness = native.doubles(self.owner, LIVELINESSES)
         for i, value in enumerate(ACCELERATIONS):
             self.liveliness[i] = value
-        self.acceleration = native.doubles(self.owner, most)
-        """Spectral density of the acceleration of the step to each sighting [m²/s³]."""
-        self.misfit = native.doubles(self.owner, LIVELINESSES * most)
-        """Misfit of each sighting with each of the accelerations, twice the negative log-likelihood."""
-        self.x = native.doubles(self.owner, most)
-        self.speed = native.doubles(self.owner, most)
-        self.xx = native.doubles(self.owner, most)
-        self.xv = native.doubles(self.owner, most)
-        self.vv = native.doubles(self.owner, most)
-        """Forward estimate of place and speed at each sighting, and its covariance."""
+        self.acceleration = native.doubles(self.owner, sweeps)
+        """Spectral density of the acceleration of the step to each sweep [m²/s³]."""
+        self.misfit = native.doubles(self.owner, LIVELINESSES * sweeps)
+        """Misfit of each sweep with each of the accelerations, twice the negative log-likelihood."""
+        self.x = native.doubles(self.owner, STATE * sweeps)
+        self.p = native.doubles(self.owner, SQUARE * sweeps)
+        """State after each sweep by those before it, and its covariance."""
+        self.off = native.doubles(self.owner, 2 * sweeps)
+        self.inverse = native.doubles(self.owner, 3 * sweeps)
+        self.gain = native.doubles(self.owner, GAIN * sweeps)
+        """Residual of each measured place, the inverse of its covariance, and the gain."""
+        self.step = native.doubles(self.owner, 2 * sweeps)
+        """Time of the step to each sweep [s], and what is left of the offset of a leg after it."""
+        self.adjoint = native.doubles(self.owner, STATE)
+        self.matrix = native.doubles(self.owner, SQUARE)
+        self.product = native.doubles(self.owner, SQUARE)
+        """Adjoint state of the backward pass, its matrix, and a product of that."""
 
     def locate(
         self, begin: int, sighted: dict[str, Any], half: Any, half_var: Any, kind: int, several: bool
@@ -90,27 +115,53 @@ class Smoother:
         )
         return begin + count
 
-    def smooth(
-        self, order: Any, time: Any, state: Any, keep: int, onset: int, vx: Any, vy: Any, moving: Any
-    ) -> None:
-        """Fill in vx, vy (N,) float64 [m/s] and moving (N,) uint8 for the located sightings, in the order of time.
+    def measure(self, order: Any, sweep: Any, parts: Any, legs: Any) -> None:
+        """Join the located sightings of each sweep to one place.
 
         Parameters
         ----------
         order : (N,) int64 indices of the located sightings in the order of time
-        time : (N,) times in that order [s]
-        state : (12,) time, x, v and covariance xx, xv, vv after the sighting before the first, for x and for y; xx < 0 for
-            none. On return, the state after sighting `keep` - 1
-        keep : number of sightings after which the state is kept
-        onset : index of the first sighting that may move
+        sweep : (N,) int64 sweep of each of these, as an index
+        parts : (S,) int64 numbers of sightings in each sweep, to be filled in
+        legs : (S,) uint8 legs of a person that a sweep shows, 1 or 2; 0 for what is no person
         """
-        lead, at = native.at_longs(order), native.at_doubles(time)
-        known = native.at_doubles(state)
-        out_x, out_y, flags = native.at_doubles(vx), native.at_doubles(vy), native.at_bytes(moving)
-        count = len(time)
-        smooth_axis(self, 0, lead, at, known, count, keep)
-        smooth_axis(self, 1, lead, at, known, count, keep)
-        decide_motion(self, count, onset, out_x, out_y, flags)
+        join_parts(
+            self,
+            len(order),
+            len(parts),
+            native.at_longs(order),
+            native.at_longs(sweep),
+            native.at_longs(parts),
+            native.at_bytes(legs),
+        )
+
+    def smooth(
+        self,
+        time: Any,
+        parts: Any,
+        legs: Any,
+        state: Any,
+        keep: int,
+        onset: int,
+        path: Any,
+        moving: Any,
+    ) -> None:
+        """Fill in the path (S, 9) float64 at the measured sweeps, in the order of time, and moving (S,) uint8.
+
+        Parameters
+        ----------
+        time : (S,) times [s]
+        parts, legs : as of `measure`; a sweep without parts did not see the track
+        state : (43,) time, state and covariance after the sweep before the first; time NaN for none. On return, those after
+            sweep `keep` - 1
+        keep : number of sweeps after which the state is kept
+        onset : index of the first sweep in which it may move
+        path : columns x, y [m], vx, vy [m/s], variances and covariance xx, xy, yy [m²], variances of vx, vy [m²/s²]
+        """
+        at, seen, leg = native.at_doubles(time), native.at_longs(parts), native.at_bytes(legs)
+        known, out, flags = native.at_doubles(state), native.at_doubles(path), native.at_bytes(moving)
+        smooth_path(self, at, seen, leg, known, len(time), keep, out)
+        decide_motion(len(time), onset, out, flags)
 
 
 def locate_sightings(
@@ -132,7 +183,7 @@ def locate_sightings(
     """Compute the places of a body in the world, by the sides that were seen."""
     for i in range(count):
         c, s = cos[i], sin[i]
-        middle_1, noise_1 = centre_of(
+        middle_1, noise_1, size_1 = centre_of(
             z[4 * i],
             z[4 * i + 1],
             var[4 * i],
@@ -140,7 +191,7 @@ def locate_sightings(
             half[0] if kind == BOX else half_1[i],
             half_var[0],
         )
-        middle_2, noise_2 = centre_of(
+        middle_2, noise_2, size_2 = centre_of(
             z[4 * i + 2],
             z[4 * i + 3],
             var[4 * i + 2],
@@ -149,142 +200,325 @@ def locate_sightings(
             half_var[1],
         )
         if centred[i]:
-            middle_1, noise_1 = z[4 * i], var[4 * i]
-            middle_2, noise_2 = z[4 * i + 2], var[4 * i + 2]
+            middle_1, noise_1, size_1 = z[4 * i], var[4 * i], 0.0
+            middle_2, noise_2, size_2 = z[4 * i + 2], var[4 * i + 2], 0.0
             if kind == BOX:
                 noise_1 += CHANGE_VAR
                 noise_2 += CHANGE_VAR
-        at = 2 * (begin + i)
-        room.z[at], room.z[at + 1] = c * middle_1 - s * middle_2, s * middle_1 + c * middle_2
-        room.var[at] = c * c * noise_1 + s * s * noise_2 + more
-        room.var[at + 1] = s * s * noise_1 + c * c * noise_2 + more
+        at, cov = 2 * (begin + i), 3 * (begin + i)
+        room.place[at], room.place[at + 1] = c * middle_1 - s * middle_2, s * middle_1 + c * middle_2
+        room.noise[cov] = c * c * noise_1 + s * s * noise_2 + more
+        room.noise[cov + 1] = c * s * (noise_1 - noise_2)
+        room.noise[cov + 2] = s * s * noise_1 + c * c * noise_2 + more
+        room.common[cov] = c * c * size_1 + s * s * size_2
+        room.common[cov + 1] = c * s * (size_1 - size_2)
+        room.common[cov + 2] = s * s * size_1 + c * c * size_2
 
 
 def centre_of(
     low: float, high: float, low_var: float, high_var: float, half: float, half_var: float
-) -> tuple[float, float]:
-    """Return the middle between two sides, of which one may be unknown, and its variance."""
-    middle, noise = 0.5 * (low + high), UNKNOWN_VAR
+) -> tuple[float, float, float]:
+    """Return the middle between two sides, of which one may be unknown, its variance, and that of the size in it."""
+    middle, noise, size = 0.5 * (low + high), UNKNOWN_VAR, 0.0
     if low_var >= 0.0 and high_var >= 0.0:
         noise = 0.25 * (low_var + high_var)
     elif low_var >= 0.0:
-        middle, noise = low + half, low_var + half_var
+        middle, noise, size = low + half, low_var, half_var
     elif high_var >= 0.0:
-        middle, noise = high - half, high_var + half_var
-    return middle, noise
+        middle, noise, size = high - half, high_var, half_var
+    return middle, noise, size
 
 
-def smooth_axis(room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int) -> None:
-    """Smooth along one axis of the world, at each time with the acceleration that fits the sightings around it best."""
+def join_parts(
+    room: Smoother, sightings: int, sweeps: int, order: Any, sweep: Any, parts: Any, legs: Any
+) -> None:
+    """Compute the mean place of the parts that each sweep shows; legs count alike."""
+    for i in range(sweeps):
+        parts[i] = 0
+        room.z[2 * i] = room.z[2 * i + 1] = 0.0
+        for c in range(3):
+            room.r[3 * i + c] = room.lasting[3 * i + c] = 0.0
+    for k in range(sightings):
+        i, at = sweep[k], order[k]
+        parts[i] += 1
+        for c in range(2):
+            room.z[2 * i + c] += room.place[2 * at + c]
+        for c in range(3):
+            room.r[3 * i + c] += room.noise[3 * at + c]
+            room.lasting[3 * i + c] += room.common[3 * at + c]
+    for i in range(sweeps):
+        if parts[i] == 0:
+            for c in range(3):
+                room.lasting[3 * i + c] = room.lasting[3 * i - 3 + c] if i > 0 else 0.0
+            continue
+        share = 1.0 / parts[i]
+        for c in range(2):
+            room.z[2 * i + c] *= share
+        for c in range(3):
+            room.r[3 * i + c] *= share * share
+            room.lasting[3 * i + c] *= share * share
+        if legs[i] == 2:
+            room.r[3 * i] += LEGS_VAR
+            room.r[3 * i + 2] += LEGS_VAR
+
+
+def smooth_path(
+    room: Smoother, time: Any, parts: Any, legs: Any, state: Any, count: int, keep: int, path: Any
+) -> None:
+    """Smooth a path, at each time with the acceleration that fits the sightings around it best."""
     for c in range(LIVELINESSES):
         for i in range(count):
             room.acceleration[i] = room.liveliness[c]
-        filter_forward(room, axis, order, time, state, count, 0, c)
-    choose_accelerations(room, count)
-    filter_forward(room, axis, order, time, state, count, keep, -1)
-    smooth_backward(room, axis, time, count)
+        filter_forward(room, time, parts, legs, state, count, 0, c)
+    choose_accelerations(room, parts, count)
+    filter_forward(room, time, parts, legs, state, count, keep, -1)
+    smooth_backward(room, parts, legs, count, path)
 
 
-def choose_accelerations(room: Smoother, count: int) -> None:
-    """Choose the acceleration of each step by the least misfit over the sightings around it."""
+def choose_accelerations(room: Smoother, parts: Any, count: int) -> None:
+    """Choose the acceleration of each step by the least misfit over the sweeps around it; what is hidden may do most."""
     for i in range(count):
+        if parts[i] == 0:
+            room.acceleration[i] = room.liveliness[LIVELINESSES - 1]
+            continue
         first, stop = max(i - AROUND_SIGHTINGS, 0), min(i + AROUND_SIGHTINGS + 1, count)
         best, least = 0, INFINITY
         for c in range(LIVELINESSES):
             total = c * LIVELIER_GAIN
             for k in range(first, stop):
-                total += room.misfit[c * room.most + k]
+                total += room.misfit[c * room.sweeps + k]
             if total < least:
                 best, least = c, total
         room.acceleration[i] = room.liveliness[best]
 
 
 def filter_forward(
-    room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int, trial: int
+    room: Smoother, time: Any, parts: Any, legs: Any, state: Any, count: int, keep: int, trial: int
 ) -> None:
-    """Estimate place and speed at each sighting by those before it; for a trial, also the misfit of each sighting."""
-    first = 2 * order[0] + axis
-    known = state[6 * axis + 3] >= 0.0
-    begin, place, speed = time[0], room.z[first], 0.0
-    xx, xv, vv = room.var[first], 0.0, FIRST_SPEED_SD * FIRST_SPEED_SD
-    if known:
-        begin, place, speed = state[6 * axis], state[6 * axis + 1], state[6 * axis + 2]
-        xx, xv, vv = state[6 * axis + 3], state[6 * axis + 4], state[6 * axis + 5]
+    """Estimate the state in each sweep by those before it; for a trial, also the misfit of each sweep."""
+    # True for a number, which a time is once there was a sweep before.
+    known = state[0] == state[0]
     for i in range(count):
         if trial >= 0:
-            room.misfit[trial * room.most + i] = 0.0
-        if i > 0 or known:
-            dt, acceleration = time[i] - begin, room.acceleration[i]
-            place += dt * speed
-            xx += dt * (2.0 * xv + dt * vv) + acceleration * dt * dt * dt / 3.0
-            xv += dt * vv + 0.5 * acceleration * dt * dt
-            vv += acceleration * dt
-            at = 2 * order[i] + axis
-            off, s = room.z[at] - place, xx + room.var[at]
-            if trial >= 0:
-                room.misfit[trial * room.most + i] = min(off * off / s, MOST_MISFIT) + math.log(s)
-            if off * off > MOST_MISFIT * s:
-                s = off * off / MOST_MISFIT
-            gain, gain_v = xx / s, xv / s
-            place += gain * off
-            speed += gain_v * off
-            vv -= gain_v * xv
-            xv -= gain * xv
-            xx -= gain * xx
-        begin = time[i]
-        room.x[i], room.speed[i] = place, speed
-        room.xx[i], room.xv[i], room.vv[i] = xx, xv, vv
+            room.misfit[trial * room.sweeps + i] = 0.0
+        if i == 0 and not known:
+            begin_path(room, legs[0])
+        else:
+            before = state[0] if i == 0 else time[i - 1]
+            predict_state(room, i, state, time[i] - before)
+            if parts[i] > 0:
+                misfit = update_state(room, i, legs[i])
+                if trial >= 0:
+                    room.misfit[trial * room.sweeps + i] = misfit
         if i == keep - 1:
-            state[6 * axis], state[6 * axis + 1], state[6 * axis + 2] = begin, place, speed
-            state[6 * axis + 3], state[6 * axis + 4], state[6 * axis + 5] = xx, xv, vv
+            state[0] = time[i]
+            for k in range(STATE):
+                state[1 + k] = room.x[STATE * i + k]
+            for k in range(SQUARE):
+                state[1 + STATE + k] = room.p[SQUARE * i + k]
 
 
-def smooth_backward(room: Smoother, axis: int, time: Any, count: int) -> None:
-    """Smooth the speeds by the sightings after each one too (Rauch, Tung and Striebel)."""
-    last = count - 1
-    place, speed = room.x[last], room.speed[last]
-    room.v[2 * last + axis], room.v_var[2 * last + axis] = speed, room.vv[last]
-    for step in range(1, count):
-        i = last - step
-        dt, acceleration = time[i + 1] - time[i], room.acceleration[i + 1]
-        a, b, d = room.xx[i], room.xv[i], room.vv[i]
-        ahead_xx = a + dt * (2.0 * b + dt * d) + acceleration * dt * dt * dt / 3.0
-        ahead_xv = b + dt * d + 0.5 * acceleration * dt * dt
-        ahead_vv = d + acceleration * dt
-        size = ahead_xx * ahead_vv - ahead_xv * ahead_xv
-        if size <= 0.0:
-            size = 1e-30
-        # Gain: the covariance of now and ahead, over that of ahead.
-        g_xx = ((a + dt * b) * ahead_vv - b * ahead_xv) / size
-        g_xv = (b * ahead_xx - (a + dt * b) * ahead_xv) / size
-        g_vx = ((b + dt * d) * ahead_vv - d * ahead_xv) / size
-        g_vv = (d * ahead_xx - (b + dt * d) * ahead_xv) / size
-        at = 2 * i + axis
-        off_x = place - (room.x[i] + dt * room.speed[i])
-        off_v = speed - room.speed[i]
-        place = room.x[i] + g_xx * off_x + g_xv * off_v
-        speed = room.speed[i] + g_vx * off_x + g_vv * off_v
-        room.v[at] = speed
-        # Only the variance of the speed is needed; the place ahead is taken as certain.
-        room.v_var[at] = max(
-            d
-            - g_vx * (ahead_xx * g_vx + ahead_xv * g_vv)
-            - g_vv * (ahead_xv * g_vx + ahead_vv * g_vv)
-            + g_vv * g_vv * room.v_var[at + 2],
-            0.0,
-        )
+def begin_path(room: Smoother, legs: int) -> None:
+    """Set the state in the first sweep of a track, which saw it."""
+    for k in range(STATE):
+        room.x[k] = 0.0
+    for k in range(SQUARE):
+        room.p[k] = 0.0
+    offset = LEG_VAR if legs > 0 else 0.0
+    apart = LEG_VAR if legs == 1 else 0.0
+    for a in range(2):
+        room.x[a] = room.z[a]
+        room.p[7 * a] = room.r[2 * a] + apart
+        room.p[7 * (2 + a)] = FIRST_SPEED_SD * FIRST_SPEED_SD
+        room.p[7 * (4 + a)] = offset
+        room.p[6 * a + 4 + a] = room.p[6 * (4 + a) + a] = -apart
+    room.p[1] = room.p[6] = room.r[1]
+    room.step[0], room.step[1] = 0.0, 1.0
 
 
-def decide_motion(room: Smoother, count: int, onset: int, vx: Any, vy: Any, moving: Any) -> None:
-    """Write the velocities from the onset on, and decide which of them are motion."""
+def predict_state(room: Smoother, i: int, state: Any, dt: float) -> None:
+    """Predict the state in sweep i from that before, `dt` seconds earlier."""
+    q, left = room.acceleration[i], math.exp(-dt / LEG_SECONDS)
+    room.step[2 * i], room.step[2 * i + 1] = dt, left
+    x, p = STATE * i, SQUARE * i
+    for k in range(STATE):
+        room.x[x + k] = state[1 + k] if i == 0 else room.x[x - STATE + k]
+    for k in range(SQUARE):
+        room.p[p + k] = state[1 + STATE + k] if i == 0 else room.p[p - SQUARE + k]
+    offset = room.p[p + 28]
+    for a in range(2):
+        room.x[x + a] += dt * room.x[x + 2 + a]
+        room.x[x + 4 + a] *= left
+    # F P Fᵀ: rows, then columns.
+    for k in range(STATE):
+        for a in range(2):
+            room.p[p + 6 * a + k] += dt * room.p[p + 6 * (2 + a) + k]
+            room.p[p + 6 * (4 + a) + k] *= left
+    for k in range(STATE):
+        for a in range(2):
+            room.p[p + 6 * k + a] += dt * room.p[p + 6 * k + 2 + a]
+            room.p[p + 6 * k + 4 + a] *= left
+    # A person keeps the variance of the offset; what has none gets none.
+    lost = LEG_VAR * (1.0 - left * left) if offset > 0.0 else 0.0
+    for a in range(2):
+        room.p[p + 7 * a] += q * dt * dt * dt / 3.0
+        room.p[p + 6 * a + 2 + a] += 0.5 * q * dt * dt
+        room.p[p + 6 * (2 + a) + a] += 0.5 * q * dt * dt
+        room.p[p + 7 * (2 + a)] += q * dt
+        room.p[p + 7 * (4 + a)] += lost
+
+
+def update_state(room: Smoother, i: int, legs: int) -> float:
+    """Correct the state in sweep i by the measured place; return the misfit."""
+    x, p, g = STATE * i, SQUARE * i, GAIN * i
+    leg = 1.0 if legs == 1 else 0.0
+    # P Hᵀ, with H of place and, for one leg, its offset.
+    for k in range(STATE):
+        for a in range(2):
+            room.gain[g + 2 * k + a] = room.p[p + 6 * k + a] + leg * room.p[p + 6 * k + 4 + a]
+    off_x = room.z[2 * i] - room.x[x] - leg * room.x[x + 4]
+    off_y = room.z[2 * i + 1] - room.x[x + 1] - leg * room.x[x + 5]
+    xx = room.gain[g] + leg * room.gain[g + 8] + room.r[3 * i]
+    xy = room.gain[g + 1] + leg * room.gain[g + 9] + room.r[3 * i + 1]
+    yy = room.gain[g + 3] + leg * room.gain[g + 11] + room.r[3 * i + 2]
+    size = xx * yy - xy * xy
+    squared = (yy * off_x * off_x - 2.0 * xy * off_x * off_y + xx * off_y * off_y) / size
+    misfit = min(squared, MOST_MISFIT) + math.log(size)
+    less = MOST_MISFIT / squared if squared > MOST_MISFIT else 1.0
+    a_xx, a_xy, a_yy = less * yy / size, -less * xy / size, less * xx / size
+    room.inverse[3 * i], room.inverse[3 * i + 1], room.inverse[3 * i + 2] = a_xx, a_xy, a_yy
+    room.off[2 * i], room.off[2 * i + 1] = off_x, off_y
+    for k in range(STATE):
+        c_x, c_y = room.gain[g + 2 * k], room.gain[g + 2 * k + 1]
+        for m in range(k, STATE):
+            d_x, d_y = room.gain[g + 2 * m], room.gain[g + 2 * m + 1]
+            room.p[p + 6 * k + m] -= c_x * (a_xx * d_x + a_xy * d_y) + c_y * (a_xy * d_x + a_yy * d_y)
+            room.p[p + 6 * m + k] = room.p[p + 6 * k + m]
+    for k in range(STATE):
+        c_x, c_y = room.gain[g + 2 * k], room.gain[g + 2 * k + 1]
+        room.gain[g + 2 * k] = c_x * a_xx + c_y * a_xy
+        room.gain[g + 2 * k + 1] = c_x * a_xy + c_y * a_yy
+        room.x[x + k] += room.gain[g + 2 * k] * off_x + room.gain[g + 2 * k + 1] * off_y
+    return misfit
+
+
+def smooth_backward(room: Smoother, parts: Any, legs: Any, count: int, path: Any) -> None:
+    """Correct the path by what was seen after each sweep too (modified Bryson and Frazier)."""
+    for k in range(STATE):
+        room.adjoint[k] = 0.0
+    for k in range(SQUARE):
+        room.matrix[k] = 0.0
+    for back in range(count):
+        i = count - 1 - back
+        write_path(room, i, path)
+        if i > 0:
+            if parts[i] > 0:
+                take_back(room, i, legs[i])
+            step_back(room, i)
+
+
+def write_path(room: Smoother, i: int, path: Any) -> None:
+    """Write place, velocity and their variances in sweep i."""
+    x, p = STATE * i, SQUARE * i
+    for k in range(4):
+        value = room.x[x + k]
+        for n in range(STATE):
+            value -= room.p[p + 6 * k + n] * room.adjoint[n]
+        path[9 * i + k] = value
+    # Rows of P Λ that are needed.
+    for k in range(4):
+        for n in range(STATE):
+            total = 0.0
+            for o in range(STATE):
+                total += room.p[p + 6 * k + o] * room.matrix[6 * o + n]
+            room.product[6 * k + n] = total
+    for c in range(5):
+        k = c if c == 0 else c - 1
+        n = 1 if c == 1 else k
+        value = room.p[p + 6 * k + n]
+        for o in range(STATE):
+            value -= room.product[6 * k + o] * room.p[p + 6 * o + n]
+        if c < 3:
+            value += room.lasting[3 * i + c]
+        path[9 * i + 4 + c] = value if c == 1 else max(value, 0.0)
+
+
+def take_back(room: Smoother, i: int, legs: int) -> None:
+    """Take the adjoint state back through the measurement of sweep i."""
+    g = GAIN * i
+    leg = 1.0 if legs == 1 else 0.0
+    off_x, off_y = room.off[2 * i], room.off[2 * i + 1]
+    a_xx, a_xy, a_yy = room.inverse[3 * i], room.inverse[3 * i + 1], room.inverse[3 * i + 2]
+    # Kᵀ λ and Kᵀ Λ.
+    one = other = 0.0
+    for k in range(STATE):
+        one += room.gain[g + 2 * k] * room.adjoint[k]
+        other += room.gain[g + 2 * k + 1] * room.adjoint[k]
+    for n in range(STATE):
+        first = second = 0.0
+        for k in range(STATE):
+            first += room.gain[g + 2 * k] * room.matrix[6 * k + n]
+            second += room.gain[g + 2 * k + 1] * room.matrix[6 * k + n]
+        room.product[n], room.product[6 + n] = first, second
+    one += a_xx * off_x + a_xy * off_y
+    other += a_xy * off_x + a_yy * off_y
+    room.adjoint[0] -= one
+    room.adjoint[1] -= other
+    room.adjoint[4] -= leg * one
+    room.adjoint[5] -= leg * other
+    # Kᵀ Λ K, which with S⁻¹ is what the measurement adds.
+    xx = xy = yy = 0.0
+    for n in range(STATE):
+        xx += room.product[n] * room.gain[g + 2 * n]
+        xy += room.product[n] * room.gain[g + 2 * n + 1]
+        yy += room.product[6 + n] * room.gain[g + 2 * n + 1]
+    xx, xy, yy = xx + a_xx, xy + a_xy, yy + a_yy
+    for a in range(2):
+        for n in range(STATE):
+            less = room.product[6 * a + n]
+            room.matrix[6 * a + n] -= less
+            room.matrix[6 * (4 + a) + n] -= leg * less
+    for a in range(2):
+        for n in range(STATE):
+            less = room.product[6 * a + n]
+            room.matrix[6 * n + a] -= less
+            room.matrix[6 * n + 4 + a] -= leg * less
+    for a in range(2):
+        for b in range(2):
+            more = xy
+            if a == b:
+                more = xx if a == 0 else yy
+            room.matrix[6 * a + b] += more
+            room.matrix[6 * a + 4 + b] += leg * more
+            room.matrix[6 * (4 + a) + b] += leg * more
+            room.matrix[6 * (4 + a) + 4 + b] += leg * more
+
+
+def step_back(room: Smoother, i: int) -> None:
+    """Take the adjoint state back through the step to sweep i."""
+    dt, left = room.step[2 * i], room.step[2 * i + 1]
+    for a in range(2):
+        room.adjoint[2 + a] += dt * room.adjoint[a]
+        room.adjoint[4 + a] *= left
+    for n in range(STATE):
+        for a in range(2):
+            room.matrix[6 * (2 + a) + n] += dt * room.matrix[6 * a + n]
+            room.matrix[6 * (4 + a) + n] *= left
+    for n in range(STATE):
+        for a in range(2):
+            room.matrix[6 * n + 2 + a] += dt * room.matrix[6 * n + a]
+            room.matrix[6 * n + 4 + a] *= left
+
+
+def decide_motion(count: int, onset: int, path: Any, moving: Any) -> None:
+    """Decide which velocities from the onset on are motion; before it, all are 0."""
     for i in range(count):
-        vx[i] = vy[i] = 0.0
+        at = 9 * i
         moving[i] = 0
         if i < onset:
+            path[at + 2] = path[at + 3] = path[at + 7] = path[at + 8] = 0.0
             continue
-        x, y = room.v[2 * i], room.v[2 * i + 1]
-        vx[i], vy[i] = x, y
-        speed = x * x + y * y
-        var = 0.5 * (room.v_var[2 * i] + room.v_var[2 * i + 1])
+        x, y = path[at + 2], path[at + 3]
+        speed, var = x * x + y * y, 0.5 * (path[at + 7] + path[at + 8])
         if speed > LEAST_SPEED * LEAST_SPEED and speed > MOVING_SDS * MOVING_SDS * var:
             moving[i] = 1

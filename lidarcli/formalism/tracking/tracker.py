@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,7 @@ from lidarcli.formalism.tracking.naming import Naming
 from lidarcli.formalism.tracking.observation import Memory, Seen, Views
 from lidarcli.formalism.tracking.results import Followed, Tracks
 from lidarcli.formalism.tracking.tracks import Track, tracks_of
+from lidarcli.formalism.tracking.trajectories import Trajectories, standing
 from lidarcli.formalism.tracking.windows import Register, Settled, Window
 from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch
 
@@ -123,6 +125,13 @@ class Tracker:
         self.notes = notes_of(self._topic, self._fold.correction, self._register.tracks, self._fold.moves)
         return self._answers(), tracks_of(self._register.tracks)
 
+    def trajectories(self) -> Iterator[Trajectories]:
+        """Yield the rows that are settled and were not yielded before: of what moves; after `finish` all that are left."""
+        rows, self._register.trajectories = self._register.trajectories, []
+        yield from rows
+        if not self._windows:
+            yield from standing(self._register.sweeps, self._register.tracks)
+
     def _follow(self, batch: SweepBatch, detection: Detection) -> None:
         """Follow the sweeps of a batch, window by window."""
         if self._first_ns is None:
@@ -139,6 +148,7 @@ class Tracker:
         fold.moves = batch.poses is not None
         fold.objects = self._objects
         frames = self._frames(batch)
+        times = batch.seconds()
         looks = None
         if self._naming is not None:
             then = poses[detection.row]
@@ -158,6 +168,9 @@ class Tracker:
             window.sweeps.append(detection.row[first:last] + (before - begin))
             window.index.append(batch.sweep[begin:row])
             window.stamps.append(batch.stamp_ns[begin:row])
+            self._register.sweeps.add(
+                batch.sweep[begin:row], batch.stamp_ns[begin:row], times[begin:row], batch.poses is not None
+            )
             window.frames.append(frames[begin:row])
             if looks is not None:
                 window.looks.append(looks.rows(slice(first, last)))

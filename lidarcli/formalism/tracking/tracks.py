@@ -58,6 +58,7 @@ class Body:
     hh: tuple[float, float] = (0.0, 0.0)
     c: tuple[float, float] = (0.0, 0.0)
     still_c: tuple[float, float] = (0.0, 0.0)
+    still_cc: tuple[float, float] = (0.0, 0.0)
     side: tuple[float, float] = (0.0, 0.0)
     side_weight: tuple[float, float] = (0.0, 0.0)
     least: tuple[float, float] = (0.0, 0.0)
@@ -139,7 +140,11 @@ class Track:
     label_score: float = math.nan
     """Probability of the label."""
     state: NDArray[np.float64] | None = None
-    """State of the smoother at the end of the latest settled window (`Smoother.smooth`)."""
+    """State of the smoother in its last sweep of the settled windows (`Smoother.smooth`)."""
+    told: int = -1
+    """Number of sweeps of the topic up to its last one of the settled windows; -1 before its first row."""
+    stood: list[NDArray[np.uint8]] = field(default_factory=list)
+    """Bytes of its last sweeps while it stands (`trajectories.PARTS_MASK`), of which its place is not told yet."""
 
     def let_go(self, stop: int) -> None:
         """Keep, of the bodies that have ended, the one that was seen most and the last one: the tables need no other.
@@ -234,6 +239,14 @@ def _row(track: Track) -> dict[str, float]:
         "shape": shape,
         "end": end,
     }
+
+
+def place_of(track: Track) -> tuple[float, float, float, float, float]:
+    """Return where a track stands, x and y [m], and the covariance of that, xx, xy and yy [m²]."""
+    row, body = _row(track), main(track)
+    c, s = math.cos(body.yaw), math.sin(body.yaw)
+    along, across = body.still_cc
+    return row["x"], row["y"], c * c * along + s * s * across, c * s * (along - across), s * s * along + c * c * across
 
 
 def main(track: Track) -> Body:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -13,8 +14,9 @@ from lidarcli.formalism.tracking import grouping
 from lidarcli.formalism.tracking.estimation import Bodies
 from lidarcli.formalism.tracking.naming import Looks, Naming
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON
-from lidarcli.formalism.tracking.smoothing import Smoother
+from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
 from lidarcli.formalism.tracking.tracks import Body, Track, row_shape
+from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, Path, Sweeps, Trajectories, joined, standing
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, UInt8
 
 EVERYTHING = slice(None)
@@ -22,6 +24,8 @@ LONGEST_LAPSE = 10.0
 """[s] Longest time without a sighting that adds to the distance of a track."""
 ARRIVAL_SWEEPS = 8
 """A body that is shown to move within so many sweeps has moved from the first one on."""
+LEGS_APART = 0.3
+"""[m] Least width of an object that is both legs of a person."""
 SMOOTHED = ("centred", "cos", "sin", "half_1", "half_2", "z", "var")
 """Columns of the log of sightings that the smoother reads."""
 
@@ -94,6 +98,9 @@ class Register:
         """Bodies by number, without those that have ended and are settled."""
         self.tracks: list[Track] = []
         """Tracks by number, from 1."""
+        self.sweeps = Sweeps()
+        self.trajectories: list[Trajectories] = []
+        """Rows that are settled, those of what moves in the order of the windows."""
 
     def collect(self, bodies: Bodies) -> None:
         """Copy the state of all bodies that were seen often enough, and free the slots of those that have ended."""
@@ -116,7 +123,7 @@ class Register:
         seen = WindowSightings(log, count, self.bodies, stop)
         grouping.join(seen, self.bodies)
         self._number(seen)
-        _smooth(seen, self.bodies)
+        self._tell(seen, _smooth(seen, self.bodies))
         at, found = seen.find(window)
         self._sum_up(window, seen)
         if self.naming is not None:
@@ -136,6 +143,24 @@ class Register:
                 self.tracks.append(body.track)
                 body.track.number = len(self.tracks)
             body.row_shape = row_shape(body)
+
+    def _tell(self, seen: WindowSightings, paths: list[Path]) -> None:
+        """Tell the paths of what moves, and keep in which sweeps the rest was seen."""
+        moving = {path.track.number for path in paths}
+        for track, at in seen.by_track():
+            if track.number not in moving:
+                begin, codes = seen.codes(track, at)
+                track.stood.append(codes)
+                track.told = begin + len(codes)
+        for path in paths:
+            if path.track.stood and path.begin > path.track.told:
+                path.track.stood.append(np.zeros(path.begin - path.track.told, np.uint8))
+                path.track.told = path.begin
+        self.trajectories += standing(self.sweeps, [path.track for path in paths])
+        if paths:
+            self.trajectories.append(joined(self.sweeps, paths))
+        for path in paths:
+            path.track.told = path.begin + len(path.codes)
 
     def _sum_up(self, window: Window, seen: WindowSightings) -> None:
         """Add the sightings of a window to the sums of the tracks."""
@@ -281,6 +306,27 @@ class WindowSightings:
             tracks[track.number] = track
         return [(tracks[number], self._in_order(spans)) for number, spans in members.items()]
 
+    def codes(self, track: Track, at: Any) -> tuple[int, UInt8]:
+        """Return the sweep after the last one that was told of a track, and the bytes of all sweeps up to its last one."""
+        sweep = self.sweep[at]
+        begin = int(sweep[0]) if track.told < 0 else track.told
+        return begin, self.bytes_of(at, sweep - begin, int(sweep[-1]) + 1 - begin)
+
+    def bytes_of(self, at: Any, step: Int64, count: int) -> UInt8:
+        """Return (count,) the bytes of the sweeps of a track (`trajectories.PARTS_MASK`).
+
+        Parameters
+        ----------
+        at : its N sightings
+        step : (N,) their sweeps, as indices
+        """
+        parts = np.minimum(np.bincount(step, minlength=count), PARTS_MASK)
+        hidden = np.bincount(step, self.column("whole")[at] == 0, count) > 0
+        if any(self.bodies[number].has_legs for number in np.unique(self.number[at]).tolist()):
+            # One leg hides the other.
+            hidden = (parts == 1) & (np.bincount(step, self.column("chord")[at], count) < LEGS_APART)
+        return (parts + np.where(hidden & (parts > 0), PARTLY_BIT, 0)).astype(np.uint8)
+
     def _in_order(self, spans: list[slice]) -> Any:
         """Return the sightings of several bodies in the order of the log."""
         first = spans[0]
@@ -329,22 +375,22 @@ def _rows(seen: WindowSightings, at: Int64, found: Bool) -> Settled:
     )
 
 
-def _smooth(seen: Any, bodies: dict[int, Body]) -> None:
-    """Fill in the velocities of everything that moves, and the sightings from which on it is an agent."""
+def _smooth(seen: WindowSightings, bodies: dict[int, Body]) -> list[Path]:
+    """Fill in the velocities of everything that moves, and the sightings from which on it is an agent.
+
+    Return the paths of what moves.
+    """
     tracks: dict[int, tuple[Track, list[int]]] = {}
     for number in seen.spans:
         track = bodies[number].track
         if track is not None and track.number > 0:
             tracks.setdefault(track.number, (track, []))[1].append(number)
-    moving = [(track, numbers) for track, numbers in tracks.values() if _moves(track)]
-    if not moving:
-        return
-    spans = [
-        sum(seen.spans[number].stop - seen.spans[number].start for number in numbers) for _, numbers in moving
+    now = {track.number for track in seen.tracks()}
+    return [
+        _smooth_track(seen, bodies, track, numbers)
+        for track, numbers in tracks.values()
+        if _moves(track) and track.number in now
     ]
-    smoother = Smoother(max(spans))
-    for track, numbers in moving:
-        _smooth_track(smoother, seen, bodies, track, numbers)
 
 
 def _moves(track: Track) -> bool:
@@ -361,35 +407,50 @@ def _moves(track: Track) -> bool:
 
 
 def _smooth_track(
-    smoother: Smoother, seen: Any, bodies: dict[int, Body], track: Track, numbers: list[int]
-) -> None:
-    """Fill in the velocities of a track, by the sightings of all of its bodies."""
+    seen: WindowSightings, bodies: dict[int, Body], track: Track, numbers: list[int]
+) -> Path:
+    """Fill in the velocities of a track, by the sightings of all of its bodies, and return its path in the window."""
+    is_person = any(part.kind == PERSON for part in track.parts)
     several = track.several or any(part.has_legs for part in track.parts)
-    begin = 0
+    at = np.concatenate([np.arange(seen.spans[n].start, seen.spans[n].stop) for n in numbers])
+    order = np.argsort(seen.sweep[at], kind="stable")
+    sighted = seen.sweep[at][order]
+    last = int(sighted[seen.now[at][order]][-1])
+    begin = int(sighted[0]) if track.told < 0 or track.state is None else track.told
+    # All sweeps of the window, hidden ones too, and those of the next one that see it.
+    sweeps = np.union1d(np.arange(begin, last + 1), sighted)
+    step, count = np.searchsorted(sweeps, sighted), len(sweeps)
+    smoother = Smoother(len(at), count)
+    stop = 0
     for number in numbers:
         span, body = seen.spans[number], bodies[number]
         half = np.array([_half(body, 0), _half(body, 1)])
-        sighted = {name: seen.column(name, span) for name in SMOOTHED}
-        begin = smoother.locate(begin, sighted, half, np.array(body.hh), body.kind, several)
-    if len(numbers) == 1:
-        at: Any = seen.spans[numbers[0]]
-        order = np.arange(begin)
+        columns = {name: seen.column(name, span) for name in SMOOTHED}
+        stop = smoother.locate(
+            stop, columns, half, np.array(body.hh), body.kind, several and not is_person
+        )
+    state = track.state
+    if state is None:
+        state = track.state = np.full(KEPT, np.nan)
+    times, known = seen.time[at][order], state[0]
+    if math.isnan(known):
+        time = np.interp(sweeps, sighted, times)
     else:
-        places = np.concatenate([np.arange(seen.spans[n].start, seen.spans[n].stop) for n in numbers])
-        order = np.argsort(seen.sweep[places], kind="stable")
-        at = places[order]
-    sweep = seen.sweep[at]
-    onset = int(np.searchsorted(sweep, track.onset))
-    keep = int(np.count_nonzero(seen.now[at]))
-    if track.state is None:
-        track.state = np.full(12, -1.0)
-    vx, vy, moving = np.empty(begin), np.empty(begin), np.empty(begin, np.uint8)
-    smoother.smooth(order, np.ascontiguousarray(seen.time[at]), track.state, keep, onset, vx, vy, moving)
-    # Legs of one sweep have one velocity.
-    first = np.searchsorted(sweep, sweep)
-    seen.vx[at], seen.vy[at], seen.moving[at] = vx[first], vy[first], moving[first]
-    agent: NDArray[np.bool_] = np.arange(begin) >= onset
-    seen.agent[at] = agent
+        time = np.interp(sweeps, np.append(begin - 1, sighted), np.append(known, times))
+    codes = seen.bytes_of(at, step, count)
+    legs = np.zeros(count, np.uint8)
+    if is_person:
+        wide = np.bincount(step, seen.column("chord")[at][order] > LEGS_APART, count) > 0
+        legs[:] = np.where(wide | (codes & PARTS_MASK > 1), 2, 1)
+    parts, path, moving = np.empty(count, np.int64), np.empty((count, 9)), np.empty(count, np.uint8)
+    smoother.measure(order, step, parts, legs)
+    keep = last + 1 - begin
+    onset = int(np.searchsorted(sweeps, track.onset))
+    smoother.smooth(time, parts, legs, state, keep, onset, path, moving)
+    at = at[order]
+    seen.vx[at], seen.vy[at], seen.moving[at] = path[step, 2], path[step, 3], moving[step]
+    seen.agent[at] = step >= onset
+    return Path(track, begin, path[:keep], codes[:keep])
 
 
 def _half(body: Body, axis: int) -> float:

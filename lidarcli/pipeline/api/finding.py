@@ -92,6 +92,8 @@ class Tables(NamedTuple):
     """One row per thing."""
     beams: pd.DataFrame | None = None
     """One row per beam of each sweep, where that was asked for."""
+    trajectories: pd.DataFrame | None = None
+    """One row per thing and sweep, from its first sight to its last, unless they were left out."""
 
 
 @with_keywords
@@ -109,14 +111,16 @@ def tables(log: LogsOrBatches, parameters: Parameters | None = None, **options: 
     Returns
     -------
     Tables
-        `objects`, `sweeps`, `tracks` and, with `beams=True`, `beams`: each a pandas.DataFrame.
+        `objects`, `sweeps`, `tracks`, `trajectories` unless `trajectories=False`, and, with `beams=True`, `beams`: each
+        a pandas.DataFrame.
 
     Raises
     ------
     UnreadableError, NoScanError, OptionError
         As of `read`.
     """
-    names = ("objects", "sweeps", "tracks", *(["beams"] if options["beams"] else []))
+    more = [name for name in ("trajectories", "beams") if options[name]]  # type: ignore[literal-required]
+    names = ("objects", "sweeps", "tracks", *more)
     made = _found(log, names, parameters, options, tracking_of(options))
     return Tables(**{name: _frame(table) for name, table in made.items()})
 

@@ -267,7 +267,8 @@ def tracking_of(told: Values) -> TrackOptions:
     from lidarcli.formalism.parameters import TrackParameters
     from lidarcli.pipeline.objects.following import TrackOptions
 
-    return TrackOptions(TrackParameters(significance=told["significance"], memory=told["memory"]))
+    how = TrackParameters(significance=told["significance"], memory=told["memory"])
+    return TrackOptions(how, trajectories=told.get("trajectories", False))
 
 
 def memory_of(told: Values) -> TrackOptions | None:

@@ -49,6 +49,11 @@ class Pair:
         return self._table("tracks")
 
     @property
+    def trajectories(self) -> Place:
+        """The trajectories table; it need not be there."""
+        return self._table("trajectories")
+
+    @property
     def beams(self) -> Place:
         """The beams table; it need not be there."""
         return self._table("beams")
@@ -99,7 +104,7 @@ def one_pair(text: str) -> Pair:
 def table_files(inputs: Iterable[str]) -> list[Place]:
     """Return the files of all pairs that `inputs` name."""
     pairs, _ = find_pairs(inputs)
-    return [path for pair in pairs for path in (pair.objects, pair.sweeps, pair.tracks, pair.beams)]
+    return [getattr(pair, table) for pair in pairs for table in SCHEMAS]
 
 
 def _pairs(text: str) -> tuple[list[Pair], list[UnreadableError]]:

@@ -31,6 +31,7 @@ from lidarcli.tabular.tracked import (
     tracked_objects,
     tracked_sweeps,
     tracks_rows,
+    trajectories_rows,
 )
 from lidarcli.tabular.writing import MOST_BYTES
 
@@ -42,6 +43,8 @@ class TrackOptions:
     parameters: TrackParameters = field(default_factory=TrackParameters)
     tracks: bool = True
     """True to fill the columns on tracks and write their table; without, memory only decides on objects."""
+    trajectories: bool = True
+    """True to write the trajectories of the tracks, too."""
 
     def found_with(self, parameters: Parameters) -> Parameters:
         """Return the parameters of the detection: memory decides on every body, whatever one sweep says of it."""
@@ -117,6 +120,7 @@ class Following:
                 continue
             self._count(tracks)
             yield "tracks", name, tracks_rows(self._log, name, tracks, topic.tracker.frames, self._labels)
+            yield from self._told(name, topic)
             self.notes += topic.tracker.notes
 
     def __enter__(self) -> Self:
@@ -140,9 +144,17 @@ class Following:
 
     def _follow(self, made: Made) -> Iterator[Rows]:
         assert made.seen is not None
-        topic = self._topics[made.seen[0].topic]
+        name = made.seen[0].topic
+        topic = self._topics[name]
         topic.waiting.append(_waiting(made))
         yield from self._complete(topic, topic.tracker.add(*made.seen))
+        yield from self._told(name, topic)
+
+    def _told(self, name: str, topic: _Topic) -> Iterator[Rows]:
+        """Yield the rows of the trajectories of a topic that are settled."""
+        for rows in topic.tracker.trajectories():
+            if self._options.tracks and self._options.trajectories:
+                yield "trajectories", name, trajectories_rows(self._log, name, rows)
 
     def _complete(self, topic: _Topic, followed: Sequence[Followed]) -> Iterator[Rows]:
         for one in followed:

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
 
+OF_TRACKS = ("tracks", "trajectories")
+"""Tables whose rows are known only once all sweeps of a track were seen."""
+
+
 @dataclass(frozen=True, slots=True)
 class DetectOptions:
     """Everything that `detect` and `track` let a user choose, apart from inputs and outputs."""
@@ -58,8 +62,11 @@ class DetectOptions:
     @property
     def tables(self) -> tuple[str, ...]:
         """Names of the tables to write."""
-        tracks = ("tracks",) if self.tracking is not None and self.tracking.tracks else ()
-        return ("objects", "sweeps", *tracks, *(("beams",) if self.beams else ()))
+        beams = ("beams",) if self.beams else ()
+        if self.tracking is None or not self.tracking.tracks:
+            return ("objects", "sweeps", *beams)
+        trajectories = ("trajectories",) if self.tracking.trajectories else ()
+        return ("objects", "sweeps", "tracks", *trajectories, *beams)
 
     def outputs(self, source: Source, folder: Place, date: str | None = None) -> dict[str, Place]:
         """Return the path of each table of a log; `date` as of `Reading.date`."""
@@ -77,7 +84,7 @@ class DetectOptions:
 
     def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
         """Return the instructions for every batch of a log."""
-        of_batches = tuple(table for table in tables if table != "tracks")
+        of_batches = tuple(table for table in tables if table not in OF_TRACKS)
         followed = self.tracking is not None
         # Where things are followed, their names are those of the tracks.
         catalogue = None if followed else self.catalogue
