@@ -27,6 +27,8 @@ SIGNIFICANCES = (1e-12, 0.1)
 """Least and greatest value of it."""
 MIN_THING = 0.3
 """Least probability that an object is a thing and not a piece of building; anything less counts as wall."""
+TRAIL = 3.0
+"""Length of the paths of tracks in a picture of a sweep [s]."""
 STATION_DISTANCE = 0.25
 """Greatest distance of a sweep from its station [m], by default."""
 STATION_DEGREES = 5.0

@@ -8,7 +8,8 @@ from typing import Any, Literal, NamedTuple
 Unit = Literal["", "1", "m", "rad", "s", "ns", "m/s", "rad/s", "Hz", "1/s", "byte", "m²"]
 """Units as tables and reports spell them: `1` for a count, an index or a share, empty for text, yes and no."""
 Per = Literal["object", "vertex", "face", "offset", "sweep", "beam", "track", "trajectory"]
-"""Entries of an array: one per object, vertex, face, sweep, beam (S, B), track, or track and sweep (`trajectory`); offsets have one more than objects."""
+"""Entries of an array: one per object, vertex, face, sweep, beam (S, B) or track, or per track and sweep;
+offsets have one more than objects."""
 
 
 class Column(NamedTuple):

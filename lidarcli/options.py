@@ -31,6 +31,7 @@ from lidarcli.choices import (
     SIGNIFICANCES,
     STATION_DEGREES,
     STATION_DISTANCE,
+    TRAIL,
     UNITS,
     VIEWS,
 )
@@ -546,7 +547,12 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
     tracks: Annotated[
         AnyPath | None,
         Option(PICTURE, File("FILE"), shown="none"),
-        "Tracks table (its objects table in the same folder): paths up to the sweep, numbers, velocities.",
+        "Tracks table (the tables beside it are read, too): paths up to the sweep, numbers, velocities.",
+    ]
+    trail: Annotated[
+        float | None,
+        Option(PICTURE, Number("SECONDS", 0), shown=f"{TRAIL:g}"),
+        "With --tracks: how far back the paths begin.",
     ]
     width: Annotated[
         float | None,

@@ -12,6 +12,7 @@ from lidarcli.choices import (
     GREATEST_COUNT,
     IMAGES,
     LAST_SWEEP,
+    TRAIL,
     VIEWS,
     Look,
 )
@@ -140,7 +141,9 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
         if animate or background is not None:
             raise click.UsageError("--view map is a picture of its own, without --animate and --background")
         wanted = None if told["sweep"] is None and told["sweeps"] is None and at is None else wanted
-    elif tracks is not None and view not in WITH_TRACKS:
+    if told["trail"] is not None and (in_world or tracks is None):
+        raise click.UsageError("--trail is for the paths of --tracks in the scene")
+    if not in_world and tracks is not None and view not in WITH_TRACKS:
         views = " or ".join((*WITH_TRACKS, MAP))
         raise click.UsageError(f"--tracks are drawn in the scene; give --view {views}")
 
@@ -181,7 +184,16 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
     drawn = take_pictures(
         source,
         PlotOptions(
-            wanted, told["topic"], found_with, read.rules, opening, background, tracks, poses, *window
+            wanted,
+            told["topic"],
+            found_with,
+            read.rules,
+            opening,
+            background,
+            tracks,
+            TRAIL if told["trail"] is None else told["trail"],
+            poses,
+            *window,
         ),
     )
     say.notes(drawn.notes)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lidarcli.choices import AS_IT_COMES, IMAGES, Look
+from lidarcli.choices import AS_IT_COMES, IMAGES, TRAIL, Look
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
@@ -58,6 +58,8 @@ class PlotOptions:
     """A background table, to draw r_w - r_e."""
     tracks: str | None = None
     """Tables of `track`, to draw the paths up to each sweep."""
+    trail: float = TRAIL
+    """Length of these paths [s]."""
     poses: PoseOptions = field(default_factory=PoseOptions)
     """For a background of several stations."""
     start: float | Instant | None = None
@@ -270,17 +272,14 @@ class _Work:
             return None
         if self._paths is None:
             pair = one_pair(name)
-            sweeps, objects = (
-                Rows.join([read_table(pair, kind, columns)])
-                for kind, columns in (("sweeps", COLUMNS["sweeps"]), ("objects", COLUMNS["objects"]))
-            )
-            self._paths = Paths(sweeps, objects, batch.topic)
+            read = {kind: Rows.join([read_table(pair, kind, columns)]) for kind, columns in COLUMNS.items()}
+            self._paths = Paths(read["sweeps"], read["objects"], read["trajectories"], batch.topic)
             if not self._paths.are_there:
                 raise OptionError(f"{name}: no tracks of {batch.topic} in it; lidarcli track LOG writes them")
         sweep = int(batch.sweep[0])
         if not self._paths.has(sweep):
             raise OptionError(f"{name}: no sweep {sweep} of {batch.topic} in it")
-        return self._paths.up_to(sweep)
+        return self._paths.up_to(sweep, self._options.trail)
 
     def notes(self) -> list[str]:
         """Return the notes of the comparison."""

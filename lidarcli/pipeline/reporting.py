@@ -183,6 +183,7 @@ def _load(
         columns |= {*TRACKED_COLUMNS, *(TRACKED_VIEW if viewer else ())}
     track_columns = {*TRACK_COLUMNS, *columns_needed(checks, "tracks")}
     if viewer:
+        from lidarcli.reports.ground import COLUMNS as PATHS
         from lidarcli.reports.map_picture import COLUMNS
 
         columns |= {*COLUMNS["objects"]}
@@ -190,6 +191,7 @@ def _load(
         track_columns |= {*COLUMNS["tracks"]}
     read: list[tuple[Pair, Origin, pa.Table, pa.Table]] = []
     tracks: dict[int, pa.Table] = {}
+    trajectories: dict[int, pa.Table] = {}
     for pair in pairs:
         try:
             sweeps = read_table(pair, "sweeps", sweep_columns)
@@ -204,6 +206,8 @@ def _load(
             continue
         try:
             found = read_tracks(pair, objects, track_columns)
+            if found is not None and viewer and pair.trajectories.exists():
+                trajectories[len(read)] = read_table(pair, "trajectories", PATHS["trajectories"])
         except UnreadableError as err:
             problems.append(err)
             found = None
@@ -215,7 +219,8 @@ def _load(
     kept, sources, sweep_tables, object_tables = zip(*read, strict=True)
     _refuse_untracked(checks, kept)
     things = Rows.join([*tracks.values()], [*tracks]) if tracks else None
-    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things)
+    paths = Rows.join([*trajectories.values()], [*trajectories]) if trajectories else None
+    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things, paths)
     return run, kept, tuple(str(problem) for problem in problems)
 
 

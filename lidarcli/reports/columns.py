@@ -113,6 +113,8 @@ class Run:
     objects: Rows
     tracks: Rows | None = None
     """Of the sources that were tracked; None where none was."""
+    trajectories: Rows | None = None
+    """Where the viewer asks for them; of the sources that have them."""
 
     @cached_property
     def is_object(self) -> NDArray[np.bool_]:

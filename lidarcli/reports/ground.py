@@ -25,10 +25,11 @@ STANDS, HEADS = 0.05, 0.02
 """A sensor whose poses stay within this distance [m] and angle [rad] stands."""
 COLUMNS = {
     "objects": (
-        *("topic", "sweep", "set", "track", "vx", "vy", "moving", "label"),
+        *("topic", "sweep", "set", "track", "label"),
         *("box_x", "box_y", "world_x", "world_y"),
     ),
     "sweeps": ("topic", "sweep", "pose_x", "pose_y", "pose_yaw"),
+    "trajectories": ("topic", "sweep", "t", "track", "x", "y", "vx", "vy", "seen"),
 }
 """Table → columns that `Paths` needs."""
 
@@ -228,67 +229,82 @@ class TrackPath:
     seen: bool
     """True if the track is seen in this sweep; else it is hidden and seen again later."""
     x: Float64
-    """(N,) positions [m], the last one in this sweep."""
+    """(N,) positions [m] by its trajectory, the last one in this sweep."""
     y: Float64
     velocity: tuple[float, float]
     """Velocity over ground [m/s]; zero while the track stands or is hidden."""
 
 
 class Paths:
-    """The tracks of one topic: rows of an objects and a sweeps table with `COLUMNS`."""
+    """The tracks of one topic: rows of an objects, a sweeps and a trajectories table with `COLUMNS`."""
 
-    def __init__(self, sweeps: Rows, objects: Rows, topic: str) -> None:
+    def __init__(self, sweeps: Rows, objects: Rows, trajectories: Rows, topic: str) -> None:
         rows = np.flatnonzero(sweeps.are("topic", topic))
         index = sweeps.integers("sweep")[rows]
         order = np.argsort(index, kind="stable")
         rows, self._sweeps = rows[order], index[order]
-        track = objects.numbers("track")
-        mine = (
-            objects.are("topic", topic) & ~np.isnan(track) & np.isin(objects.integers("sweep"), self._sweeps)
-        )
-        members = np.flatnonzero(mine)
-        self._at = np.searchsorted(self._sweeps, objects.integers("sweep")[members])
-        order = np.argsort(self._at, kind="stable")
-        members, self._at = members[order], self._at[order]
-        self._track = track[members].astype(np.int64)
+        mine = objects.are("topic", topic) & ~np.isnan(objects.numbers("track"))
+        members = np.flatnonzero(mine & np.isin(objects.integers("sweep"), self._sweeps))
+        at = np.searchsorted(self._sweeps, objects.integers("sweep")[members])
+        self._ground = ground_of(sweeps, rows, objects, members, at)
+        order = np.argsort(at, kind="stable")
+        members, self._seen_at = members[order], at[order]
+        self._seen_track = objects.integers("track")[members]
         self._agent = objects.are("set", "A")[members]
-        moves = objects.numbers("moving")[members] == 1
-        self._vx, self._vy = (np.where(moves, objects.numbers(name)[members], 0.0) for name in ("vx", "vy"))
         codes, names = objects.words("label")
         self._labels = ["" if code < 0 else names[code] for code in codes[members].tolist()]
-        self._ground = ground_of(sweeps, rows, objects, members, self._at)
+        self._table, self._rows = trajectories, rows_of(trajectories, topic, self._sweeps)
+        self._at = np.searchsorted(self._sweeps, trajectories.integers("sweep")[self._rows])
+        self._track, self._seconds = (self._column(name) for name in ("track", "t"))
+        self._x, self._y = (
+            self._column(name) - origin for name, origin in zip("xy", self._ground.origin, strict=True)
+        )
+
+    def _column(self, name: str) -> Float64:
+        return self._table.numbers(name)[self._rows]
 
     @property
     def are_there(self) -> bool:
-        """True if any object of the topic has a track."""
+        """True if there is any track of the topic."""
         return len(self._track) > 0
 
     def has(self, sweep: int) -> bool:
         """Return True if the tables hold this sweep."""
         return sweep in self._sweeps
 
-    def up_to(self, sweep: int) -> tuple[TrackPath, ...]:
-        """Return the tracks that go on in this sweep, by number; none where its pose is not known."""
+    def up_to(self, sweep: int, seconds: float = np.inf) -> tuple[TrackPath, ...]:
+        """Return the tracks that go on in this sweep, by number, from `seconds` before; none without a pose."""
         now = int(np.searchsorted(self._sweeps, sweep))
-        ground = self._ground
-        x, y = ground.to_sensor(now, ground.x, ground.y)
-        past = (self._at <= now) & np.isfinite(x) & np.isfinite(y)
-        alive = np.intersect1d(self._track[past], self._track[self._at >= now])
-        return tuple(self._path(number, now, x, y, past) for number in alive.tolist())
+        x, y = self._ground.to_sensor(now, self._x, self._y)
+        here = np.flatnonzero((self._at == now) & np.isfinite(x) & np.isfinite(y))
+        here = here[np.argsort(self._track[here])]
+        if not len(here):
+            return ()
+        past = (self._at <= now) & (self._seconds >= self._seconds[here[0]] - seconds) & np.isfinite(x)
+        return tuple(self._path(row, now, x, y, past) for row in here.tolist())
 
-    def _path(self, number: int, now: int, x: Float64, y: Float64, past: Bool) -> TrackPath:
+    def _path(self, row: int, now: int, x: Float64, y: Float64, past: Bool) -> TrackPath:
+        number = int(self._track[row])
         mine = np.flatnonzero(past & (self._track == number))
-        # The parts of a thing, as two legs, are one point.
-        places, part, size = np.unique(self._at[mine], return_inverse=True, return_counts=True)
-        last = int(mine[-1])
-        seen = bool(places[-1] == now)
-        vx, vy = self._ground.turned(now, self._vx[last : last + 1], self._vy[last : last + 1])
+        mine = mine[np.argsort(self._at[mine], kind="stable")]
+        known = np.flatnonzero((self._seen_track == number) & (self._seen_at <= now))
+        last = int(known[-1]) if len(known) else -1
+        seen = not bool(self._table.are("seen", "hidden")[self._rows[row]])
+        velocity = (self._column(name)[row : row + 1] for name in ("vx", "vy"))
+        vx, vy = self._ground.turned(now, *velocity)
         return TrackPath(
             number=number,
-            is_agent=bool(self._agent[last]),
-            label=self._labels[last],
+            is_agent=last >= 0 and bool(self._agent[last]),
+            label=self._labels[last] if last >= 0 else "",
             seen=seen,
-            x=np.bincount(part, x[mine]) / size,
-            y=np.bincount(part, y[mine]) / size,
+            x=x[mine],
+            y=y[mine],
             velocity=(float(vx[0]), float(vy[0])) if seen else (0.0, 0.0),
         )
+
+
+def rows_of(trajectories: Rows, topic: str, sweeps: Int64) -> Int64:
+    """Return the rows of the trajectories of a topic in these sweeps."""
+    mine = trajectories.are("topic", topic) & np.isin(trajectories.integers("sweep"), sweeps)
+    found: Int64 = np.flatnonzero(mine)
+    return found

@@ -19,9 +19,9 @@ from lidarcli._version import __version__
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.reports.charts import charts, constants, overview_chart
 from lidarcli.reports.ci import clean
-from lidarcli.reports.columns import Origin, Run
+from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.reports.document import PAGE, Code, Document
-from lidarcli.reports.ground import Ground, Raw, Walls, ground_of
+from lidarcli.reports.ground import Ground, Raw, Walls, ground_of, rows_of
 from lidarcli.reports.map_picture import MapPicture
 from lidarcli.reports.palette import page_style
 from lidarcli.reports.report import TRACK_CELLS_RIGHT, Report, track_cells
@@ -315,28 +315,50 @@ def _stream(
             "yaw": _base64(ground.pose_yaw, np.float32),
         }
     if run.sources[stream.source].tracked:
-        packed["tracks"] = _tracks(run, members, ground)
+        packed["tracks"] = _tracks(run, members)
+        if run.trajectories is not None:
+            packed["paths"] = _paths(run.trajectories, stream, sweeps, ground)
     if raw is not None and len(raw.sweep):
         packed["raw"] = _raw(raw, sweeps)
     return packed
 
 
-def _tracks(run: Run, members: Int64, ground: Ground) -> dict[str, Any]:
-    """Return number, position over ground and velocity of the track of each object; a track that stands has no velocity."""
+def _tracks(run: Run, members: Int64) -> dict[str, Any]:
+    """Return number and velocity of the track of each object; a track that stands has no velocity."""
     moves = run.objects.numbers("moving")[members] == 1
     packed: dict[str, Any] = {
         # Numbers beyond are no track's of a log that a page can show.
         "track": _base64(
             np.nan_to_num(np.minimum(run.objects.numbers("track")[members], 2**31 - 1)), np.int32
         ),
-        "x": _base64(ground.x, np.float32),
-        "y": _base64(ground.y, np.float32),
         "speed": SPEED,
     }
     for name in ("vx", "vy"):
-        velocity = np.where(moves, np.nan_to_num(run.objects.numbers(name)[members]), 0.0)
-        packed[name] = _base64(np.clip(np.round(velocity / SPEED), -32_767, 32_767), np.int16)
+        packed[name] = _speeds(np.where(moves, run.objects.numbers(name)[members], 0.0))
     return packed
+
+
+def _paths(found: Rows, stream: Stream, sweeps: Int64, ground: Ground) -> dict[str, Any]:
+    """Return number, position over ground and velocity of each track in each of the sweeps, seen or not."""
+    rows = rows_of(found, stream.topic, sweeps)
+    rows = rows[found.source[rows] == stream.source]
+    at = np.searchsorted(sweeps, found.integers("sweep")[rows])
+    order = np.lexsort((found.integers("track")[rows], at))
+    rows, at = rows[order], at[order]
+    return {
+        "offsets": _base64(np.searchsorted(at, np.arange(len(sweeps) + 1)), np.int32),
+        "track": _base64(np.minimum(found.integers("track")[rows], 2**31 - 1), np.int32),
+        **{
+            name: _base64(found.numbers(name)[rows] - origin, np.float32)
+            for name, origin in zip("xy", ground.origin, strict=True)
+        },
+        **{name: _speeds(found.numbers(name)[rows]) for name in ("vx", "vy")},
+        "seen": _base64(~found.are("seen", "hidden")[rows], np.uint8),
+    }
+
+
+def _speeds(values: Float64) -> str:
+    return _base64(np.clip(np.round(np.nan_to_num(values) / SPEED), -32_767, 32_767), np.int16)
 
 
 def _shares(values: Float64) -> UInt8:

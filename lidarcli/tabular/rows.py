@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from lidarcli.columns import Column, Per
 from lidarcli.formalism.detection import COLUMNS, SETS, Detection, fields_per
-from lidarcli.formalism.tracking.results import Tracks
-from lidarcli.formalism.tracking.trajectories import Trajectories
+from lidarcli.formalism.tracking.results import Tracks, Trajectories
 from lidarcli.range_rules import count_statuses
 from lidarcli.sweeps import STATUSES, SweepBatch
 from lidarcli.tabular.arrays import codes, floats, masked, names_of, plain
@@ -26,7 +25,9 @@ class Form:
         self.schema = schema_of(TABLES[table])
         self._columns = [(one, field.type) for one, field in zip(TABLES[table], self.schema, strict=True)]
 
-    def fill(self, columns: dict[str, Any], found: Detection | Tracks | Trajectories, count: int) -> pa.RecordBatch:
+    def fill(
+        self, columns: dict[str, Any], found: Detection | Tracks | Trajectories, count: int
+    ) -> pa.RecordBatch:
         """Return rows: of `columns`, then of the arrays that `found` has, and of nulls for what is not known."""
         for one, kind in self._columns:
             if one.name not in columns:

@@ -8,8 +8,7 @@ import pyarrow as pa
 
 from lidarcli.columns import Column, columns_of
 from lidarcli.formalism.detection import COLUMNS, fields_per
-from lidarcli.formalism.tracking.results import Followed, Tracks
-from lidarcli.formalism.tracking.trajectories import Trajectories
+from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
 from lidarcli.sweeps import STATUSES
 
 TEXT = pa.dictionary(pa.int32(), pa.string())
@@ -217,8 +216,16 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 """Table → its columns, in order."""
 
-OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, BACKGROUND, MATCHES, CLOUD, POSES, RUNS = map(schema_of, TABLES.values())
-SCHEMAS = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS, "trajectories": TRAJECTORIES, "beams": BEAMS}
+OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, BACKGROUND, MATCHES, CLOUD, POSES, RUNS = map(
+    schema_of, TABLES.values()
+)
+SCHEMAS = {
+    "objects": OBJECTS,
+    "sweeps": SWEEPS,
+    "tracks": TRACKS,
+    "trajectories": TRAJECTORIES,
+    "beams": BEAMS,
+}
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 
 NULLABLE = {name: frozenset(one.name for one in table if one.nullable) for name, table in TABLES.items()}

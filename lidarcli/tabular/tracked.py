@@ -11,8 +11,7 @@ import pyarrow as pa
 from lidarcli.formalism import SETS, SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, OBJECT
 from lidarcli.formalism.mapping.places import ByPlace
-from lidarcli.formalism.tracking.results import Followed, Tracks
-from lidarcli.formalism.tracking.trajectories import Trajectories
+from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
 from lidarcli.sweeps import Int32, SweepBatch, UInt8
 from lidarcli.tabular.arrays import answers, codes, floats, masked, plain
 from lidarcli.tabular.rows import Form, beams_of, constant

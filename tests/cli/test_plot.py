@@ -23,7 +23,9 @@ from lidarcli.pipeline import plotting
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.sweeps import SweepBatch
+from lidarcli.tabular import TRAJECTORIES
 from tests.places import SAMPLES
+from tests.reports.runs import trajectories
 
 Run = Callable[..., Any]
 
@@ -102,6 +104,9 @@ def tracked(lidarcli: Run, logs: Path, tmp_path: Path) -> Path:
         if row["object"] == 1:
             row |= {"track": 3, "set": "A", "vx": 0.5, "vy": 0.0, "moving": True, "label": "box"}
     pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), path)
+    sweeps = pq.read_table(folder / "run.sweeps.parquet").to_pylist()
+    paths = pa.Table.from_pylist(trajectories(sweeps, rows), schema=TRAJECTORIES)
+    pq.write_table(paths, folder / "run.trajectories.parquet")
     return path
 
 
@@ -202,12 +207,16 @@ def test_tracks_that_cannot_be_drawn(lidarcli: Run, logs: Path, tracked: Path, t
     pq.write_table(table.slice(0, 5), sweeps)
     ran = lidarcli(*words)
     assert (ran.code, ran.err) == (2, f"lidarcli: {tracked}: no sweep 5 of /scan in it\n")
-    pq.write_table(pq.read_table(tracked).slice(0, 0), tracked)
+    paths = tracked.with_name("run.trajectories.parquet")
+    pq.write_table(pq.read_table(paths).slice(0, 0), paths)
     ran = lidarcli(*words)
     assert (ran.code, ran.err) == (
         2,
         f"lidarcli: {tracked}: no tracks of /scan in it; lidarcli track LOG writes them\n",
     )
+    paths.unlink()
+    ran = lidarcli(*words)
+    assert (ran.code, ran.err) == (3, f"lidarcli: {paths}: not there; lidarcli track writes it\n")
     sweeps.unlink()
     assert lidarcli(*words).code == 3
     for name in ("a", "b"):
@@ -277,6 +286,7 @@ def test_an_animation_of_a_time(lidarcli: Run, logs: Path, tmp_path: Path) -> No
             2,
             "--tracks are drawn in the scene; give --view all or scene",
         ),
+        (("--trail", 5, "-o", "a.png"), 2, "--trail is for the paths of --tracks in the scene"),
         (
             ("--tracks", "none.tracks.parquet", "-o", "a.png"),
             3,

@@ -30,7 +30,7 @@ from tests.pipeline.patient import Patient
 from tests.places import SAMPLES
 
 Run = Callable[..., Any]
-TABLES = ("objects", "sweeps", "tracks")
+TABLES = ("objects", "sweeps", "tracks", "trajectories")
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_it_has_every_option_of_detect_and_its_own() -> None:
 
     shared, own = options(detect), options(track)
     assert {name: own[name] for name in shared} == shared
-    assert {*own} - {*shared} == {"--significance"}
+    assert {*own} - {*shared} == {"--significance", "--trajectories"}
 
 
 def test_the_default_in_help_is_that_of_the_tracker(lidarcli: Run) -> None:
@@ -168,7 +168,7 @@ def test_several_logs_by_processes_give_the_same_bytes(
         )
         assert ran.code == 0
         assert ran.err.splitlines()[-1].startswith("2 logs: 60 sweeps, 90 objects (0 of agents), ")
-    assert len(names(tmp_path / "1")) == 8
+    assert len(names(tmp_path / "1")) == 2 * (len(TABLES) + 1)
     for name in names(tmp_path / "1"):
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
 

@@ -31,6 +31,8 @@ MARKS = {
     "estimation": {"AT_LEAST"},
     "fold": {"DELAY", "AHEAD", "LEFT"},
     "scan_matching": {"COLUMNS", "TURN"},
+    "smoothing": {"STATE", "SQUARE", "GAIN", "KEPT"},
+    "trajectories": {"PARTS_MASK", "PARTLY_BIT", "MOST_ROWS"},
 }
 """Codes of modules that have constants, too."""
 BACKGROUND = {path.stem for path in (Path(formalism.__file__).parent / "background").glob("*.py")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from lidarcli.formalism.detection import AGENT, OBJECT, SETS, SHAPES, Detection
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.results import ENDS, Followed, Tracks
+from lidarcli.formalism.tracking.results import ENDS, Followed, Tracks, Trajectories
 from lidarcli.sweeps import SweepBatch
 
 PATIENCE = 100
@@ -52,6 +53,10 @@ class Patient:
         self._waiting.clear()
         self.notes.append(f"{self._things} things in {self._seen} sweeps of {self._first.topic}")
         return rest, things(self._things, int(self._first.stamp_ns[0]), self.label)
+
+    def trajectories(self) -> Iterator[Trajectories]:
+        """None: it does not know where things are."""
+        return iter(())
 
     def _settled(self, batch: SweepBatch, detection: Detection) -> Followed:
         thing = detection.set == OBJECT

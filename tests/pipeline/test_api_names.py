@@ -46,12 +46,12 @@ OF_THE_SHELL = {
 ONLY_SHELL = {
     "learn": {"plot"},
     "detect": {"output", "beams"},
-    "track": {"output", "beams"},
+    "track": {"output", "beams", "trajectories"},
     "map": {"jobs", "compare"},
     "info": {"output"},
     "plot": {"sweeps", "map", "animate", "fps", "start", "end"},
 }
-"""Options whose work Python has elsewhere, or not: `tables(beams=True)`, `map` for a map, a loop for several sweeps."""
+"""Options whose work Python has elsewhere, or not: `tables(beams=True)` and its trajectories, `map` for a map, a loop for sweeps."""
 OWN = {"log", "tables", "parameters", "axes"}
 """What stands in the place of the arguments of a command, and what only Python has."""
 

@@ -150,7 +150,7 @@ def test_what_does_not_change_is_that_of_detect(
     detect_to_files(source, tmp_path / "tracked", followed(beams=True))
     detect_to_files(source, tmp_path / "detected", DetectOptions(beams=True))
     tracked, detected = tables(tmp_path / "tracked"), tables(tmp_path / "detected")
-    assert {*tracked} - {*detected} == {"tracks"}
+    assert {*tracked} - {*detected} == {"tracks", "trajectories"}
     for name, table in detected.items():
         same = [column for column in table.column_names if column not in CHANGED[name]]
         assert tracked[name].select(same).equals(table.select(same))
@@ -172,7 +172,7 @@ def test_the_same_bytes_for_any_batch_size_and_jobs(
         detect_to_files(source, folder, options)
         written.add(tuple(path.read_bytes() for path in sorted(folder.iterdir())))
     assert len(written) == 1
-    assert len(written.pop()) == 3 + beams
+    assert len(written.pop()) == 4 + beams
 
 
 def test_the_tracker_of_the_package_depends_on_neither(source: Source, tmp_path: Path) -> None:
@@ -240,7 +240,7 @@ def test_rows_of_a_pipe_do_not_wait_for_its_end() -> None:
     ]
     rows = list(follow.take(made))
     assert 0 < len(rows) < len(made)
-    assert len(rows) + len(list(follow.finish())) == len(made) + 1
+    assert len(rows) + len(list(follow.finish())) == len(made) + 2
 
 
 def test_walls_have_no_track(tmp_path: Path, opened: Opens, patient: list[Patient]) -> None:
@@ -262,6 +262,7 @@ def test_a_log_without_objects_gives_whole_empty_tables(tmp_path: Path, opened: 
         "objects": 0,
         "sweeps": 4,
         "tracks": 0,
+        "trajectories": 0,
         "beams": 1440,
     }
     assert all(found[name].schema.equals(SCHEMAS[name]) for name in SCHEMAS)
@@ -272,7 +273,7 @@ def test_a_log_without_sweeps_gives_whole_empty_tables(tmp_path: Path, opened: O
     summary = detect_to_files(SOURCE, tmp_path, DetectOptions(tracking=TrackOptions()))
     assert (summary.sweeps, summary.things, summary.exit_code) == (0, 0, 0)
     assert {name: table.num_rows for name, table in tables(tmp_path).items()} == dict.fromkeys(
-        ("objects", "sweeps", "tracks"), 0
+        ("objects", "sweeps", "tracks", "trajectories"), 0
     )
 
 

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.tabular.schemas import OBJECTS, SWEEPS, TRACKS
+from lidarcli.tabular.schemas import OBJECTS, SWEEPS, TRACKS, TRAJECTORIES
 from lidarcli.tabular.writing import table_metadata
 
 START = 1_700_000_000_000_000_000
@@ -121,7 +121,35 @@ def run_of(
         "run.objects.parquet", "run", "mcap", 1000, "1", {"profile": "robust"}, tracked=tracks is not None
     )
     things = None if tracks is None else Rows.join([table(TRACKS, tracks)])
-    return Run((source,), Rows.join([table(SWEEPS, sweeps)]), Rows.join([table(OBJECTS, objects)]), things)
+    paths = None if tracks is None else Rows.join([table(TRAJECTORIES, trajectories(sweeps, objects))])
+    return Run(
+        (source,), Rows.join([table(SWEEPS, sweeps)]), Rows.join([table(OBJECTS, objects)]), things, paths
+    )
+
+
+def trajectories(
+    sweeps: Sequence[Mapping[str, Any]], objects: Sequence[Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """Where the tracks of these objects are in each sweep: amid their objects, and while hidden where they were."""
+    rows: list[dict[str, Any]] = []
+    for number in sorted({row["track"] for row in objects if row.get("track") is not None}):
+        mine = [row for row in objects if row.get("track") == number]
+        first, last = (end(row["sweep"] for row in mine) for end in (min, max))
+        for one in (one for one in sweeps if first <= one["sweep"] <= last):
+            here = [row for row in mine if row["sweep"] == one["sweep"]]
+            if here:
+                frame = "world" if here[0].get("world_x") is not None else "sensor"
+                names = {"world": "world_", "sensor": "box_"}[frame]
+                place = {axis: sum(row[names + axis] for row in here) / len(here) for axis in "xy"}
+                moves = bool(here[0].get("moving"))
+                speed = {axis: here[0][axis] if moves else 0.0 for axis in ("vx", "vy")}
+            source = {name: one[name] for name in ("log", "topic", "sweep", "stamp")} | {
+                "t": one["sweep"] / 10
+            }
+            seen = {"seen": "seen" if here else "hidden", "parts": len(here)}
+            unsure = dict.fromkeys(("x_sd", "y_sd", "xy_cov", "vx_sd", "vy_sd"), 0.0)
+            rows.append(source | {"track": number, "frame": frame} | place | speed | unsure | seen)
+    return rows
 
 
 def crossing(log: str = "run") -> dict[str, list[dict[str, Any]]]:
@@ -173,6 +201,7 @@ def write_run(
     tables = {"objects": (OBJECTS, objects), "sweeps": (SWEEPS, sweeps)}
     if tracks is not None:
         tables["tracks"] = (TRACKS, tracks)
+        tables["trajectories"] = (TRAJECTORIES, trajectories(sweeps, objects))
     for kind, (schema, rows) in tables.items():
         found = table(schema, rows).replace_schema_metadata(metadata)
         pq.write_table(found, folder / f"{name}.{kind}.parquet")

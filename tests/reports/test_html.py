@@ -169,17 +169,24 @@ def test_the_viewer_holds_the_tracks() -> None:
     held = found["tracks"]
     track = array(held["track"], np.int32)
     assert track.tolist() == run.objects.integers("track").tolist()
-    assert array(held["x"], np.float32) == pytest.approx(run.objects.numbers("box_x"))
     assert "pose" not in found
     person = track == 2
     assert array(held["vy"], np.int16)[person] * held["speed"] == pytest.approx(np.ones(16))
     # What stands has no velocity.
     assert not array(held["vx"], np.int16)[track == 1].any()
+    # Where they were in each sweep, the two legs as one.
+    paths, rows = found["paths"], run.trajectories
+    assert rows is not None
+    at = np.argsort(rows.integers("sweep"), kind="stable")
+    assert array(paths["offsets"], np.int32).tolist() == [0, 2, 4, 6, 8, 10, 13, 16, 19, 21, 23]
+    assert array(paths["track"], np.int32).tolist() == rows.integers("track")[at].tolist()
+    assert array(paths["y"], np.float32) == pytest.approx(rows.numbers("y")[at])
+    assert array(paths["vy"], np.int16)[1] * held["speed"] == pytest.approx(1.0)
     assert found["labels"] == ["pallet"]
     assert (array(found["label"], np.uint16) == np.where(track == 1, 0, html.LOST)).all()
     plain = run_of([sweep(0, 1)], [thing(0, 1)])
     (found,) = pack(plain, summarise(plain), choose_sweeps(plain, summarise(plain)), {})["streams"]
-    assert not {"tracks", "labels", "label"} & {*found}
+    assert not {"tracks", "paths", "labels", "label"} & {*found}
 
 
 def test_the_viewer_knows_where_the_sensor_was() -> None:
@@ -189,7 +196,8 @@ def test_the_viewer_knows_where_the_sensor_was() -> None:
     assert pose["side"] == -1
     assert pose["origin"] == [5e6, 0.0]
     assert array(pose["x"], np.float32) == pytest.approx(0.3 * np.arange(5))
-    assert array(found["tracks"]["x"], np.float32) == pytest.approx(np.full(4, 3.0))
+    assert array(found["paths"]["x"], np.float32) == pytest.approx(np.full(5, 3.0))
+    assert array(found["paths"]["seen"], np.uint8).tolist() == [1, 1, 0, 1, 1]
 
 
 def test_the_page_tells_of_tracks(lidarcli: Run, tmp_path: Path) -> None:

@@ -33,7 +33,8 @@ def driving(upside_down: bool = False, far: float = 0.0) -> Run:
 
 
 def paths_of(run: Run) -> Paths:
-    return Paths(run.sweeps, run.objects, "/scan")
+    assert run.trajectories is not None
+    return Paths(run.sweeps, run.objects, run.trajectories, "/scan")
 
 
 @pytest.mark.parametrize("upside_down", [False, True])
@@ -45,8 +46,8 @@ def test_a_thing_that_stands_is_one_point_for_a_driving_sensor(upside_down: bool
     for index, row in ((0, 0), (1, 1), (3, 2), (4, 3)):
         (path,) = found.up_to(index)
         assert (path.number, path.seen, path.is_agent) == (7, True, False)
-        assert path.x == pytest.approx(np.full(row + 1, box["box_x"][row]), abs=1e-6)
-        assert path.y == pytest.approx(np.full(row + 1, box["box_y"][row]), abs=1e-6)
+        assert path.x == pytest.approx(np.full(index + 1, box["box_x"][row]), abs=1e-6)
+        assert path.y == pytest.approx(np.full(index + 1, box["box_y"][row]), abs=1e-6)
     # The velocity is along x over ground; the sensor has turned by 0.8 rad, which upside down is the other way.
     (last,) = found.up_to(4)
     side = -1 if upside_down else 1
@@ -56,7 +57,7 @@ def test_a_thing_that_stands_is_one_point_for_a_driving_sensor(upside_down: bool
 
 def test_a_hidden_thing_is_where_it_was_last_seen() -> None:
     (path,) = paths_of(driving()).up_to(2)
-    assert (path.seen, len(path.x), path.velocity) == (False, 2, (0.0, 0.0))
+    assert (path.seen, len(path.x), path.velocity) == (False, 3, (0.0, 0.0))
     dx, dy = 3.0 - 0.6, 1.0 - 0.2
     assert (path.x[-1], path.y[-1]) == pytest.approx(
         (np.cos(0.4) * dx + np.sin(0.4) * dy, np.cos(0.4) * dy - np.sin(0.4) * dx)
@@ -69,9 +70,9 @@ def test_sweeps_without_a_pose_are_left_out() -> None:
     table[1] |= {"pose_x": None, "pose_y": None, "pose_yaw": None}
     objects = run.objects.table.to_pylist()
     objects[1] |= {"world_x": None, "world_y": None}
-    found = paths_of(run_of(table, objects))
+    found = paths_of(run_of(table, objects, [track(7, 0, 4)]))
     assert found.up_to(1) == ()
-    assert len(found.up_to(4)[0].x) == 3
+    assert len(found.up_to(4)[0].x) == 5
 
 
 def test_paths_of_a_crossing() -> None:
@@ -89,9 +90,13 @@ def test_paths_of_a_crossing() -> None:
     assert person.y == pytest.approx(-0.5 + 0.1 * np.arange(7))
     assert person.velocity == (0.0, 1.0)
     assert robot.x == pytest.approx([1.25, 1.3])
+    # Only the last seconds of it.
+    assert [len(one.y) for one in found.up_to(6, seconds=0.3)] == [4, 4, 2]
     # The person has left after sweep 7.
     assert [one.number for one in found.up_to(8)] == [1, 3]
-    assert not Paths(run_of(**crossing()).sweeps, run_of(**crossing()).objects, "/other").are_there
+    run = run_of(**crossing())
+    assert run.trajectories is not None
+    assert not Paths(run.sweeps, run.objects, run.trajectories, "/other").are_there
 
 
 def test_without_poses_the_sensor_stands() -> None:

@@ -77,6 +77,15 @@ CONTRACT = {
         ("moved_at", STAMP),
         ("end", TEXT),
     ],
+    "trajectories": [
+        *SOURCE[:2],
+        *SOURCE[3:],
+        ("track", "int64"),
+        ("frame", TEXT),
+        *doubles("x y vx vy x_sd y_sd xy_cov vx_sd vy_sd"),
+        ("seen", TEXT),
+        ("parts", "int32"),
+    ],
     "beams": [
         *SOURCE[:2],
         SOURCE[3],

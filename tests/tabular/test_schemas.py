@@ -5,7 +5,7 @@ from __future__ import annotations
 import pyarrow as pa
 import pytest
 
-from lidarcli.tabular import BEAMS, OBJECTS, SCHEMAS, SWEEPS, TRACKS
+from lidarcli.tabular import BEAMS, OBJECTS, SCHEMAS, SWEEPS, TRACKS, TRAJECTORIES
 from tests.tabular.contract import CONTRACT
 
 
@@ -28,4 +28,10 @@ def test_every_column_has_unit_and_description(table: str) -> None:
 
 
 def test_table_names() -> None:
-    assert SCHEMAS == {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS, "beams": BEAMS}
+    assert SCHEMAS == {
+        "objects": OBJECTS,
+        "sweeps": SWEEPS,
+        "tracks": TRACKS,
+        "trajectories": TRAJECTORIES,
+        "beams": BEAMS,
+    }

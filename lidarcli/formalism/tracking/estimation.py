@@ -699,7 +699,15 @@ def sighting_arrays(count: int) -> dict[str, NDArray[Any]]:
 
 
 def log_sighting(
-    log: Sightings, bodies: Bodies, b: int, sides: Sides, views: Views, k: int, sweep: int, time: float, at: int
+    log: Sightings,
+    bodies: Bodies,
+    b: int,
+    sides: Sides,
+    views: Views,
+    k: int,
+    sweep: int,
+    time: float,
+    at: int,
 ) -> None:
     """Write a sighting of a body by view k to the log; there is room."""
     i = log.count

@@ -1,4 +1,4 @@
-"""Results of tracking: the track of every object of a batch, and the tracks themselves."""
+"""Results of tracking: the track of every object of a batch, the tracks themselves, and their trajectories."""
 
 from __future__ import annotations
 
@@ -10,6 +10,11 @@ ENDS = ("left view", "free", "lost", "end of log")
 """Reasons for the end of a track: it left the view, beams pass through its place, it was lost, the log ended."""
 LEFT_VIEW, FREE, LOST, END_OF_LOG = range(4)
 
+VIEWS = ("seen", "partly", "hidden")
+"""How much of a track a sweep shows: all of it, a part of it (of a person one leg), or nothing."""
+SEEN, PARTLY, HIDDEN = range(3)
+FRAMES = ("sensor", "world")
+"""Frames of places: of a sensor that stands, and the fixed frame of the poses."""
 EMPTY, LIVE, ENDED = range(3)
 """States of a slot: without a body, with one, with one that has ended and waits for its window to be settled."""
 DISC, BOX, PERSON = range(3)
@@ -118,6 +123,39 @@ class Tracks:
     end: UInt8 = column("", "left view, free, lost or end of log: why it ends", per="track", words=ENDS)
     moved: Bool
     """(M,) True if it ever moved, from `moved_at_ns` on."""
+
+    def __len__(self) -> int:
+        return len(self.track)
+
+
+@record
+class Trajectories:
+    """N rows, those of one track in the order of time."""
+
+    track: Int64 = column("1", "number of the thing, as in the tracks table", per="trajectory")
+    sweep: Int64
+    """(N,) index of the sweep in the log."""
+    stamp_ns: Int64
+    seconds: Float64
+    """(N,) stamp of the sweep [ns], and seconds since the first sweep of the topic."""
+    frame: UInt8 = column(
+        "", "frame of x and y: world where poses are known, else sensor", per="trajectory", words=FRAMES
+    )
+    x: Float64 = column(
+        "m", "middle of the thing by all sweeps that saw it, before and after", per="trajectory"
+    )
+    y: Float64 = column("m", "middle of the thing", per="trajectory")
+    vx: Float64 = column("m/s", "velocity over ground; 0 while it stands", per="trajectory")
+    vy: Float64 = column("m/s", "velocity over ground", per="trajectory")
+    x_sd: Float64 = column("m", "standard deviation of x", per="trajectory")
+    y_sd: Float64 = column("m", "standard deviation of y", per="trajectory")
+    xy_cov: Float64 = column("m²", "covariance of x and y", per="trajectory")
+    vx_sd: Float64 = column("m/s", "standard deviation of vx", per="trajectory")
+    vy_sd: Float64 = column("m/s", "standard deviation of vy", per="trajectory")
+    seen: UInt8 = column(
+        "", "seen, partly (of a person one leg) or hidden in this sweep", per="trajectory", words=VIEWS
+    )
+    parts: Int32 = column("1", "objects of this sweep that are parts of it; 0 while hidden", per="trajectory")
 
     def __len__(self) -> int:
         return len(self.track)

@@ -20,9 +20,9 @@ from lidarcli.formalism.tracking.estimation import Bodies, sighting_arrays
 from lidarcli.formalism.tracking.fold import Correction, Fold
 from lidarcli.formalism.tracking.naming import Naming
 from lidarcli.formalism.tracking.observation import Memory, Seen, Views
-from lidarcli.formalism.tracking.results import Followed, Tracks
+from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
 from lidarcli.formalism.tracking.tracks import Track, tracks_of
-from lidarcli.formalism.tracking.trajectories import Trajectories, standing
+from lidarcli.formalism.tracking.trajectories import standing
 from lidarcli.formalism.tracking.windows import Register, Settled, Window
 from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch
 

@@ -246,7 +246,13 @@ def place_of(track: Track) -> tuple[float, float, float, float, float]:
     row, body = _row(track), main(track)
     c, s = math.cos(body.yaw), math.sin(body.yaw)
     along, across = body.still_cc
-    return row["x"], row["y"], c * c * along + s * s * across, c * s * (along - across), s * s * along + c * c * across
+    return (
+        row["x"],
+        row["y"],
+        c * c * along + s * s * across,
+        c * s * (along - across),
+        s * s * along + c * c * across,
+    )
 
 
 def main(track: Track) -> Body:

@@ -2,55 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidarcli.columns import column
+from lidarcli.formalism.tracking.results import HIDDEN, PARTLY, SEEN, Trajectories
 from lidarcli.formalism.tracking.tracks import Track, place_of
-from lidarcli.sweeps import Float64, Int32, Int64, UInt8, record
+from lidarcli.sweeps import Float64, Int64, UInt8
 
-VIEWS = ("seen", "partly", "hidden")
-"""How much of a track a sweep shows: all of it, a part of it (of a person one leg), or nothing."""
-SEEN, PARTLY, HIDDEN = range(3)
-FRAMES = ("sensor", "world")
-"""Frames of places: of a sensor that stands, and the fixed frame of the poses."""
 PARTS_MASK, PARTLY_BIT = 63, 64
 """A byte for a sweep of a track: the number of its parts that are seen, and whether more of it is hidden."""
 MOST_ROWS = 65_536
 """Rows that are handed out at once, about."""
-
-
-@record
-class Trajectories:
-    """N rows, those of one track in the order of time."""
-
-    track: Int64 = column("1", "number of the thing, as in the tracks table", per="trajectory")
-    sweep: Int64
-    """(N,) index of the sweep in the log."""
-    stamp_ns: Int64
-    seconds: Float64
-    """(N,) stamp of the sweep [ns], and seconds since the first sweep of the topic."""
-    frame: UInt8 = column("", "frame of x and y: world where poses are known, else sensor", per="trajectory", words=FRAMES)
-    x: Float64 = column("m", "middle of the thing by all sweeps that saw it, before and after", per="trajectory")
-    y: Float64 = column("m", "middle of the thing", per="trajectory")
-    vx: Float64 = column("m/s", "velocity over ground; 0 while it stands", per="trajectory")
-    vy: Float64 = column("m/s", "velocity over ground", per="trajectory")
-    x_sd: Float64 = column("m", "standard deviation of x", per="trajectory")
-    y_sd: Float64 = column("m", "standard deviation of y", per="trajectory")
-    xy_cov: Float64 = column("m²", "covariance of x and y", per="trajectory")
-    vx_sd: Float64 = column("m/s", "standard deviation of vx", per="trajectory")
-    vy_sd: Float64 = column("m/s", "standard deviation of vy", per="trajectory")
-    seen: UInt8 = column(
-        "", "seen, partly (of a person one leg) or hidden in this sweep", per="trajectory", words=VIEWS
-    )
-    parts: Int32 = column("1", "objects of this sweep that are parts of it; 0 while hidden", per="trajectory")
-
-    def __len__(self) -> int:
-        return len(self.track)
 
 
 @dataclass(slots=True)

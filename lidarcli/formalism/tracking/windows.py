@@ -13,10 +13,17 @@ from lidarcli.formalism.detection import UNKNOWN
 from lidarcli.formalism.tracking import grouping
 from lidarcli.formalism.tracking.estimation import Bodies
 from lidarcli.formalism.tracking.naming import Looks, Naming
-from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON
+from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON, Trajectories
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
 from lidarcli.formalism.tracking.tracks import Body, Track, row_shape
-from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, Path, Sweeps, Trajectories, joined, standing
+from lidarcli.formalism.tracking.trajectories import (
+    PARTLY_BIT,
+    PARTS_MASK,
+    Path,
+    Sweeps,
+    joined,
+    standing,
+)
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, UInt8
 
 EVERYTHING = slice(None)
@@ -406,9 +413,7 @@ def _moves(track: Track) -> bool:
     return track.moved
 
 
-def _smooth_track(
-    seen: WindowSightings, bodies: dict[int, Body], track: Track, numbers: list[int]
-) -> Path:
+def _smooth_track(seen: WindowSightings, bodies: dict[int, Body], track: Track, numbers: list[int]) -> Path:
     """Fill in the velocities of a track, by the sightings of all of its bodies, and return its path in the window."""
     is_person = any(part.kind == PERSON for part in track.parts)
     several = track.several or any(part.has_legs for part in track.parts)
@@ -426,9 +431,7 @@ def _smooth_track(
         span, body = seen.spans[number], bodies[number]
         half = np.array([_half(body, 0), _half(body, 1)])
         columns = {name: seen.column(name, span) for name in SMOOTHED}
-        stop = smoother.locate(
-            stop, columns, half, np.array(body.hh), body.kind, several and not is_person
-        )
+        stop = smoother.locate(stop, columns, half, np.array(body.hh), body.kind, several and not is_person)
     state = track.state
     if state is None:
         state = track.state = np.full(KEPT, np.nan)

@@ -119,7 +119,7 @@ def tables(log: LogsOrBatches, parameters: Parameters | None = None, **options: 
     UnreadableError, NoScanError, OptionError
         As of `read`.
     """
-    more = [name for name in ("trajectories", "beams") if options[name]]  # type: ignore[literal-required]
+    more = [name for name in ("trajectories", "beams") if options[name]]
     names = ("objects", "sweeps", "tracks", *more)
     made = _found(log, names, parameters, options, tracking_of(options))
     return Tables(**{name: _frame(table) for name, table in made.items()})

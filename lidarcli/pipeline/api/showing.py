@@ -8,7 +8,7 @@ from html import escape
 from os import fspath
 from typing import Any, Unpack
 
-from lidarcli.choices import VIEWS, Look
+from lidarcli.choices import TRAIL, VIEWS, Look
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism import Parameters
 from lidarcli.newfiles import refuse, write_whole
@@ -106,6 +106,7 @@ def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None,
         opening=opening,
         background=None if told["background"] is None else fspath(told["background"]),
         tracks=None if told["tracks"] is None else path_text(told["tracks"]),
+        trail=TRAIL if told["trail"] is None else told["trail"],
         poses=poses,
     )
     if isinstance(log, SweepBatch):

@@ -12,7 +12,7 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.files import Named, files_named
 from lidarcli.reports.columns import Origin
 from lidarcli.stores.url import Place, Url, place
-from lidarcli.tabular.reading import column_names, note_value, notes_of, read_columns, read_pieces
+from lidarcli.tabular.reading import MAKERS, column_names, note_value, notes_of, read_columns, read_pieces
 from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, table_suffix
 
@@ -164,9 +164,7 @@ def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
     """Read columns of one of the tables of a log, or raise `UnreadableError` with one line."""
     path = getattr(pair, kind)
     if not path.exists():
-        raise UnreadableError(
-            f"{path}: not there; a report needs both the objects and the sweeps table of a log"
-        )
+        raise UnreadableError(f"{path}: not there; lidarcli {MAKERS.get(kind, 'detect')} writes it")
     return read_columns(path, kind, SCHEMAS[kind], columns)
 
 

@@ -31,10 +31,23 @@ function unpack(one) {
     decodeAll(one.pose, ["x", "y", "yaw"], Float32Array, s.pose);
   }
   if (one.tracks) {
-    s.tracks = { speed: one.tracks.speed, track: decode(one.tracks.track, Int32Array), last: new Map() };
-    decodeAll(one.tracks, ["x", "y"], Float32Array, s.tracks);
+    s.tracks = { speed: one.tracks.speed, track: decode(one.tracks.track, Int32Array) };
     decodeAll(one.tracks, ["vx", "vy"], Int16Array, s.tracks);
-    for (let k = 0; k < s.count; k++) for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) s.tracks.last.set(s.tracks.track[j], k);
+  }
+  if (one.paths) {
+    s.paths = { object: new Map(), agent: new Map() };
+    decodeAll(one.paths, ["offsets", "track"], Int32Array, s.paths);
+    decodeAll(one.paths, ["x", "y"], Float32Array, s.paths);
+    decodeAll(one.paths, ["vx", "vy"], Int16Array, s.paths);
+    decodeAll(one.paths, ["seen"], Uint8Array, s.paths);
+    // Of each track the first object, and the sweep from which on it is an agent.
+    for (let k = 0; k < s.count; k++) {
+      for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) {
+        const number = s.tracks.track[j];
+        if (!s.paths.object.has(number)) s.paths.object.set(number, j);
+        if (s.set[j] === AGENT && !s.paths.agent.has(number)) s.paths.agent.set(number, k);
+      }
+    }
   }
   if (one.raw) {
     s.raw = { scale: one.raw.scale, start: new Int32Array(one.count + 1) };
@@ -109,24 +122,20 @@ function frameOf(s, k, world) {
 // The tracks of sweep k, each with its path over ground, the newest point first. They start
 // `seconds` before; `ended` takes those, too, that do not go on.
 function paths(s, k, seconds, most, ended) {
-  const t = s.tracks, found = new Map();
+  const t = s.paths, found = new Map();
   for (let m = k; m >= 0 && k - m < most && Math.abs(s.seconds[k] - s.seconds[m]) <= seconds; m--) {
-    const here = new Map();
-    for (const j of members(s, m)) {
-      if (t.track[j] < 1 || (!ended && t.last.get(t.track[j]) < k) || isNaN(t.x[j])) continue;
-      const sum = here.get(t.track[j]) || { x: 0, y: 0, n: 0, j: j };
-      sum.x += t.x[j]; sum.y += t.y[j]; sum.n += 1;
-      here.set(t.track[j], sum);
-    }
-    here.forEach((sum, number) => {
+    for (let i = t.offsets[m]; i < t.offsets[m + 1]; i++) {
+      const number = t.track[i];
       if (!found.has(number)) {
+        if (m < k && !ended) continue;
+        const object = t.object.get(number);
         found.set(number, {
-          number: number, agent: s.set[sum.j] === AGENT, seen: m === k, over: t.last.get(number) < k,
-          vx: t.vx[sum.j] * t.speed, vy: t.vy[sum.j] * t.speed, label: labelOf(s, sum.j), points: [],
+          number: number, agent: t.agent.get(number) <= k, seen: m === k && t.seen[i] === 1, over: m < k,
+          vx: t.vx[i] * s.tracks.speed, vy: t.vy[i] * s.tracks.speed, label: object === undefined ? "" : labelOf(s, object), points: [],
         });
       }
-      found.get(number).points.push([sum.x / sum.n, sum.y / sum.n]);
-    });
+      found.get(number).points.push([t.x[i], t.y[i]]);
+    }
   }
   return [...found.values()];
 }

@@ -65,7 +65,7 @@ function drawScene(pen, width, height, scene, colours) {
     if (s.raw) drawPoints(pen, s, k, p, frame, colours);
     for (const j of members(s, k)) drawBox(pen, s, j, p, frame, colours, j === chosen);
   }
-  if (s.tracks) drawTracks(pen, s, k, p, frame, colours, world);
+  if (s.paths) drawTracks(pen, s, k, p, frame, colours, world);
   if (frame.known) {
     const tip = [[0, 0, 8, 0], [0, 0, -5, -5], [0, 0, -5, 5]].map(([x, y, a, b]) => {
       const [u, v] = frame.beam(x + a / p.scale, y + b / p.scale);
@@ -122,7 +122,7 @@ function drawBox(pen, s, j, p, frame, colours, marked) {
   pen.strokeStyle = colours.shapes[s.shape[j]]; pen.lineWidth = 2;
   polygon(pen, box); pen.stroke();
   // What was followed bears the number of its track.
-  if (s.tracks && s.tracks.track[j] > 0) return;
+  if (s.paths && s.tracks.track[j] > 0) return;
   const [a, b] = frame.beam(s.box_x[j] * s.scale, s.box_y[j] * s.scale), [c, d] = frame.beam(0, 0);
   const u = p.X(a), v = p.Y(b), far = Math.hypot(a - c, b - d) || 1, x = (a - c) / far, y = (d - b) / far;
   const out = Math.max(...box.map(([e, f]) => (e - u) * x + (f - v) * y)) + 11;
@@ -139,9 +139,8 @@ function drawTracks(pen, s, k, p, frame, colours, world) {
     if (!points.length) continue;
     const [x, y] = points[0], u = p.X(x), v = p.Y(y), colour = one.agent ? colours.vermilion : colours.blue;
     pen.strokeStyle = colour; pen.lineWidth = one.over ? 0.8 : one.agent ? 2 : 1.2;
-    // The parts of a thing that are seen change: what stands would have a tangle of a path in the world.
     pen.beginPath();
-    if (one.agent || !world) points.forEach(([a, b], i) => (i ? pen.lineTo(p.X(a), p.Y(b)) : pen.moveTo(p.X(a), p.Y(b))));
+    points.forEach(([a, b], i) => (i ? pen.lineTo(p.X(a), p.Y(b)) : pen.moveTo(p.X(a), p.Y(b))));
     pen.stroke();
     if (one.over) {
       pen.fillStyle = colour; dot(pen, u, v, 2);

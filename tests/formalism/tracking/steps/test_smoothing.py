@@ -1,160 +1,217 @@
-"""Velocities by what was seen before and after, against a smoother in matrices."""
+"""Paths by what was seen before and after, against a smoother in matrices."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from lidarcli.formalism.tracking import smoothing
 from lidarcli.formalism.tracking.results import BOX, DISC
-from lidarcli.formalism.tracking.smoothing import Smoother
+from lidarcli.formalism.tracking.smoothing import KEPT, STATE, Smoother
 
 Array = np.ndarray[Any, Any]
+PLACE = np.eye(2, STATE)
 
 
-def step_of(dt: float, q: float) -> tuple[Array, Array]:
-    """How place and velocity go on, and the noise of that."""
-    return np.array([[1, dt], [0, 1]]), q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+class Sweeps(NamedTuple):
+    """What S sweeps saw of a track: measured places, their covariance, and legs as in `Smoother.measure`."""
+
+    time: Array
+    z: Array
+    r: Array
+    parts: Array
+    legs: Array
+
+    def since(self, first: int) -> Sweeps:
+        return Sweeps(*(values[first:] for values in self))
+
+
+def measured_by(legs: int) -> Array:
+    """What a measured place tells of the state: with one leg in view, where that leg is."""
+    return PLACE + (np.eye(2, STATE, 4) if legs == 1 else 0.0)
 
 
 def filtered(
-    z: Array, var: Array, time: Array, q: Array, start: tuple[float, Array, Array] | None = None
-) -> tuple[list[Array], list[Array], Array]:
-    """States, covariances and misfits; `start`: time, state and covariance of the sighting before."""
+    seen: Sweeps, q: Array, start: tuple[float, Array, Array] | None = None
+) -> tuple[list[Array], list[Array], list[Array], list[Array], Array]:
+    """States and covariances after and before each sweep, and misfits; `start`: time, state and covariance before."""
     states: list[Array] = []
     covs: list[Array] = []
-    misfits = np.zeros(len(z))
-    for i in range(len(z)):
+    ahead: list[Array] = []
+    steps: list[Array] = []
+    misfits = np.zeros(len(seen.time))
+    for i, time in enumerate(seen.time):
+        legs = int(seen.legs[i])
         if i == 0 and start is None:
-            states.append(np.array([z[0], 0.0]))
-            covs.append(np.diag([var[0], smoothing.FIRST_SPEED_SD**2]))
+            one, other = np.eye(2, STATE, 2), np.eye(2, STATE, 4)
+            p = PLACE.T @ seen.r[0] @ PLACE + one.T @ one * smoothing.FIRST_SPEED_SD**2
+            if legs == 1:
+                # The place of the body is that of the leg without its offset.
+                p += smoothing.LEG_VAR * (PLACE - other).T @ (PLACE - other)
+            elif legs == 2:
+                p += smoothing.LEG_VAR * other.T @ other
+            states.append(PLACE.T @ seen.z[0])
+            covs.append(p)
+            ahead.append(p)
+            steps.append(np.eye(STATE))
             continue
-        before, x, p = start if i == 0 and start is not None else (time[i - 1], states[-1], covs[-1])
-        step, noise = step_of(time[i] - before, q[i])
+        before, x, p = start if i == 0 and start is not None else (seen.time[i - 1], states[-1], covs[-1])
+        dt = time - before
+        left = math.exp(-dt / smoothing.LEG_SECONDS)
+        step = np.eye(STATE)
+        step[0, 2] = step[1, 3] = dt
+        step[4, 4] = step[5, 5] = left
+        noise = np.zeros((STATE, STATE))
+        for axis in range(2):
+            noise[axis, axis], noise[2 + axis, 2 + axis] = q[i] * dt**3 / 3, q[i] * dt
+            noise[axis, 2 + axis] = noise[2 + axis, axis] = q[i] * dt**2 / 2
+            noise[4 + axis, 4 + axis] = smoothing.LEG_VAR * (1 - left**2) if p[4, 4] > 0 else 0.0
         x, p = step @ x, step @ p @ step.T + noise
-        off, s = z[i] - x[0], p[0, 0] + var[i]
-        misfits[i] = min(off**2 / s, smoothing.MOST_MISFIT) + math.log(s)
-        s = max(s, off**2 / smoothing.MOST_MISFIT)
-        gain = p[:, 0] / s
-        states.append(x + gain * off)
-        covs.append(p - np.outer(gain, p[0]))
-    return states, covs, misfits
+        ahead.append(p)
+        steps.append(step)
+        if seen.parts[i]:
+            h = measured_by(legs)
+            off, s = seen.z[i] - h @ x, h @ p @ h.T + seen.r[i]
+            squared = off @ np.linalg.solve(s, off)
+            misfits[i] = min(squared, smoothing.MOST_MISFIT) + math.log(np.linalg.det(s))
+            s = s * max(squared / smoothing.MOST_MISFIT, 1.0)
+            gain = np.linalg.solve(s, h @ p).T
+            x, p = x + gain @ off, p - gain @ h @ p
+        states.append(x)
+        covs.append(p)
+    return states, covs, ahead, steps, misfits
 
 
-def smoothed(states: list[Array], covs: list[Array], time: Array, q: Array) -> Array:
-    """(N,) velocities by Rauch, Tung and Striebel."""
-    x = states[-1]
-    speeds = [x[1]]
+def smoothed(seen: Sweeps, q: Array, start: tuple[float, Array, Array] | None = None) -> Array:
+    """(S, 9) paths by Rauch, Tung and Striebel."""
+    states, covs, ahead, steps, _ = filtered(seen, q, start)
+    x, p = states[-1], covs[-1]
+    rows = [(x, p)]
     for i in range(len(states) - 2, -1, -1):
-        step, noise = step_of(time[i + 1] - time[i], q[i + 1])
-        ahead = step @ covs[i] @ step.T + noise
-        x = states[i] + covs[i] @ step.T @ np.linalg.inv(ahead) @ (x - step @ states[i])
-        speeds.append(x[1])
-    return np.array(speeds[::-1])
+        gain = covs[i] @ steps[i + 1].T @ np.linalg.pinv(ahead[i + 1])
+        x = states[i] + gain @ (x - steps[i + 1] @ states[i])
+        p = covs[i] + gain @ (p - ahead[i + 1]) @ gain.T
+        rows.append((x, p))
+    return np.array([[*x[:4], p[0, 0], p[0, 1], p[1, 1], p[2, 2], p[3, 3]] for x, p in rows[::-1]])
 
 
-def chosen(z: Array, var: Array, time: Array, start: tuple[float, Array, Array] | None) -> Array:
-    """(N,) the acceleration of each step that explains the sightings around it best."""
+def chosen(seen: Sweeps, start: tuple[float, Array, Array] | None = None) -> Array:
+    """(S,) the acceleration of each step: that which explains the sweeps around it best; of what is hidden the most."""
     levels = smoothing.ACCELERATIONS
-    misfits = [filtered(z, var, time, np.full(len(z), q), start)[2] for q in levels]
+    misfits = [filtered(seen, np.full(len(seen.time), q), start)[4] for q in levels]
     best = []
-    for i in range(len(z)):
+    for i, parts in enumerate(seen.parts):
         around = slice(max(i - smoothing.AROUND_SIGHTINGS, 0), i + smoothing.AROUND_SIGHTINGS + 1)
         totals = [c * smoothing.LIVELIER_GAIN + misfits[c][around].sum() for c in range(len(levels))]
-        best.append(levels[int(np.argmin(totals))])
+        best.append(levels[int(np.argmin(totals))] if parts else levels[-1])
     return np.array(best)
 
 
-def sightings(rng: np.random.Generator, count: int) -> tuple[Array, Array, Array]:
-    """Noisy places along x and y, their variances and times; some far off, some after a pause."""
+def sightings(rng: np.random.Generator, count: int, person: bool = False) -> Sweeps:
+    """Noisy places along x and y with their covariances; some far off, some after a pause, some hidden."""
     time = np.cumsum(rng.choice([0.1, 0.1, 0.1, 0.5], count))
-    true = np.array([0.3 * time, np.where(time < time.mean(), 0.0, 2.0 * (time - time.mean()))])
-    var = rng.choice([1e-4, 4e-4, 0.01], (2, count))
-    z = true + np.sqrt(var) * rng.normal(size=var.shape)
-    z[:, rng.random(count) < 0.05] += 1.5
-    return z, var, time
+    true = np.array([0.3 * time, np.where(time < time.mean(), 0.0, 2.0 * (time - time.mean()))]).T
+    root = rng.normal(scale=0.03, size=(count, 2, 2))
+    r = root @ root.transpose(0, 2, 1) + 1e-4 * np.eye(2)
+    z = true + np.einsum("nij,nj->ni", np.linalg.cholesky(r), rng.normal(size=(count, 2)))
+    z[rng.random(count) < 0.05] += 1.5
+    parts = np.where(rng.random(count) < 0.15, 0, 1)
+    parts[0] = 1
+    legs = rng.choice([1, 2], count) if person else np.zeros(count)
+    return Sweeps(time, z, r, parts, legs.astype(np.uint8))
 
 
-def smooth(
-    z: Array, var: Array, time: Array, state: Array, keep: int, onset: int = 0
-) -> tuple[Array, Array, Array]:
-    """What the core says of sightings by their centres."""
-    count = len(time)
-    sighted = {name: np.zeros(count) for name in ("half_1", "half_2", "sin")}
-    sighted |= {"centred": np.ones(count, np.int64), "cos": np.ones(count)}
-    sighted |= {"z": np.repeat(z.T, 2, axis=1).copy(), "var": np.repeat(var.T, 2, axis=1).copy()}
-    room = Smoother(count + 3)
-    half = np.zeros(2)
-    assert room.locate(0, sighted, half, half, DISC, False) == count
-    vx, vy, moving = np.full(count, 9.0), np.full(count, 9.0), np.full(count, 9, np.uint8)
-    room.smooth(np.arange(count), time, state, keep, onset, vx, vy, moving)
-    return vx, vy, moving
+def smooth(seen: Sweeps, state: Array, keep: int, onset: int = 0) -> tuple[Array, Array]:
+    """What the core says of sweeps."""
+    count = len(seen.time)
+    room = Smoother(1, count + 3)
+    for i in range(count):
+        room.z[2 * i], room.z[2 * i + 1] = seen.z[i]
+        room.r[3 * i], room.r[3 * i + 1], room.r[3 * i + 2] = seen.r[i][[0, 0, 1], [0, 1, 1]]
+    path, moving = np.full((count, 9), 9.0), np.full(count, 9, np.uint8)
+    room.smooth(seen.time, seen.parts, seen.legs, state, keep, onset, path, moving)
+    return path, moving
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_velocities_are_those_of_a_smoother_in_matrices(seed: int) -> None:
+@pytest.mark.parametrize("person", [False, True])
+@pytest.mark.parametrize("seed", range(6))
+def test_paths_are_those_of_a_smoother_in_matrices(seed: int, person: bool) -> None:
     rng = np.random.default_rng(seed)
-    z, var, time = sightings(rng, int(rng.choice([1, 2, 3, 60, 120])))
-    state = np.full(12, -1.0)
-    found = smooth(z, var, time, state, len(time))
-    for axis in range(2):
-        q = chosen(z[axis], var[axis], time, None)
-        states, covs, _ = filtered(z[axis], var[axis], time, q)
-        np.testing.assert_allclose(found[axis], smoothed(states, covs, time, q), rtol=1e-6, atol=1e-9)
-        # What is handed on is what is known after the last of them.
-        known = [time[-1], *states[-1], covs[-1][0, 0], covs[-1][0, 1], covs[-1][1, 1]]
-        np.testing.assert_allclose(state[6 * axis : 6 * axis + 6], known, rtol=1e-6, atol=1e-12)
+    seen = sightings(rng, int(rng.choice([1, 2, 3, 60, 120])), person)
+    state = np.full(KEPT, np.nan)
+    path, _ = smooth(seen, state, len(seen.time))
+    q = chosen(seen)
+    np.testing.assert_allclose(path, smoothed(seen, q), rtol=1e-5, atol=1e-8)
+    # What is handed on is what is known after the last of them.
+    states, covs, *_ = filtered(seen, q)
+    known = [seen.time[-1], *states[-1], *covs[-1].ravel()]
+    np.testing.assert_allclose(state, known, rtol=1e-6, atol=1e-11)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_window_goes_on_where_the_one_before_has_ended(seed: int) -> None:
     rng = np.random.default_rng([1, seed])
-    z, var, time = sightings(rng, 90)
+    seen = sightings(rng, 90, person=seed % 2 == 1)
     keep = 50
-    state = np.full(12, -1.0)
-    smooth(z, var, time, state, keep)
-    found = smooth(z[:, keep:], var[:, keep:], time[keep:], state.copy(), 20)
-    for axis in range(2):
-        begin, x, v, xx, xv, vv = state[6 * axis : 6 * axis + 6]
-        assert begin == time[keep - 1]
-        start = (float(begin), np.array([x, v]), np.array([[xx, xv], [xv, vv]]))
-        q = chosen(z[axis, keep:], var[axis, keep:], time[keep:], start)
-        states, covs, _ = filtered(z[axis, keep:], var[axis, keep:], time[keep:], q, start)
-        np.testing.assert_allclose(found[axis], smoothed(states, covs, time[keep:], q), rtol=1e-6, atol=1e-9)
+    state = np.full(KEPT, np.nan)
+    smooth(seen, state, keep)
+    rest = seen.since(keep)
+    path, _ = smooth(rest, state.copy(), 20)
+    assert state[0] == seen.time[keep - 1]
+    start = float(state[0]), state[1 : 1 + STATE], state[1 + STATE :].reshape(STATE, STATE)
+    np.testing.assert_allclose(path, smoothed(rest, chosen(rest, start), start), rtol=1e-5, atol=1e-8)
+
+
+def steady(z: Array, var: float = 1e-4) -> Sweeps:
+    """Sweeps at 10 Hz that see all of a thing."""
+    count = len(z)
+    return Sweeps(
+        0.1 * np.arange(count),
+        z,
+        np.tile(var * np.eye(2), (count, 1, 1)),
+        np.ones(count, np.int64),
+        np.zeros(count, np.uint8),
+    )
 
 
 def test_a_steady_speed_is_found_and_a_body_that_stands_does_not_move() -> None:
     rng = np.random.default_rng(5)
-    time = 0.1 * np.arange(100)
-    z = np.array([0.8 * time, np.zeros(100)]) + 0.01 * rng.normal(size=(2, 100))
-    var = np.full((2, 100), 1e-4)
-    vx, vy, moving = smooth(z, var, time, np.full(12, -1.0), 100)
-    assert np.abs(vx - 0.8).max() < 0.05
-    assert np.abs(vy).max() < 0.05
+    way = np.column_stack([0.08 * np.arange(100), np.zeros(100)])
+    path, moving = smooth(steady(way + 0.01 * rng.normal(size=way.shape)), np.full(KEPT, np.nan), 100)
+    assert np.abs(path[:, :2] - way).max() < 0.02
+    assert np.abs(path[:, 2:4] - [0.8, 0.0]).max() < 0.05
     assert moving.all()
-    _, _, moving = smooth(0.0 * z + [[1.0], [2.0]], var, time, np.full(12, -1.0), 100)
+    _, moving = smooth(steady(0.0 * way + [1.0, 2.0]), np.full(KEPT, np.nan), 100)
     assert not moving.any()
 
 
 def test_before_the_onset_it_stands() -> None:
-    time = 0.1 * np.arange(60)
-    z = np.array([0.8 * time, 0.0 * time])
-    vx, vy, moving = smooth(z, np.full((2, 60), 1e-4), time, np.full(12, -1.0), 60, onset=25)
-    assert (vx[:25] == 0).all()
-    assert (vy[:25] == 0).all()
+    way = np.column_stack([0.08 * np.arange(60), np.zeros(60)])
+    path, moving = smooth(steady(way), np.full(KEPT, np.nan), 60, onset=25)
+    assert not path[:25][:, [2, 3, 7, 8]].any()
     assert not moving[:25].any()
     assert moving[25:].all()
 
 
+def test_one_leg_swings_beside_its_person() -> None:
+    """Legs 0.4 m apart in turn, of which one is seen, are no person who runs from side to side."""
+    swing = 0.2 * np.sign(np.sin(2 * math.pi * 0.1 * np.arange(80) / 1.1))
+    way = np.column_stack([0.1 * np.arange(80), np.zeros(80)])
+    seen = steady(way + np.column_stack([swing, np.zeros(80)]), 4e-4)
+    person, _ = smooth(seen._replace(legs=np.ones(80, np.uint8)), np.full(KEPT, np.nan), 80)
+    thing, _ = smooth(seen, np.full(KEPT, np.nan), 80)
+    assert np.abs(person[10:70, 2] - 1.0).max() < 0.25 < np.abs(thing[10:70, 2] - 1.0).max()
+
+
 def test_the_middle_between_two_sides_of_which_one_may_be_unknown() -> None:
-    assert smoothing.centre_of(1.0, 2.0, 0.04, 0.08, 0.7, 0.01) == (1.5, pytest.approx(0.03))
-    assert smoothing.centre_of(1.0, 1.2, 0.04, -1.0, 0.7, 0.01) == (pytest.approx(1.7), pytest.approx(0.05))
-    assert smoothing.centre_of(1.8, 2.0, -1.0, 0.04, 0.7, 0.01) == (pytest.approx(1.3), pytest.approx(0.05))
-    middle, var = smoothing.centre_of(1.0, 2.0, -1.0, -1.0, 0.7, 0.01)
-    assert (middle, var) == (1.5, smoothing.UNKNOWN_VAR)
+    assert smoothing.centre_of(1.0, 2.0, 0.04, 0.08, 0.7, 0.01) == (1.5, pytest.approx(0.03), 0.0)
+    # The error of the size is the same in every sweep: it stands apart.
+    assert smoothing.centre_of(1.0, 1.2, 0.04, -1.0, 0.7, 0.01) == (pytest.approx(1.7), 0.04, 0.01)
+    assert smoothing.centre_of(1.8, 2.0, -1.0, 0.04, 0.7, 0.01) == (pytest.approx(1.3), 0.04, 0.01)
+    assert smoothing.centre_of(1.0, 2.0, -1.0, -1.0, 0.7, 0.01) == (1.5, smoothing.UNKNOWN_VAR, 0.0)
 
 
 def test_sides_along_the_axes_of_a_body_are_a_place_in_the_world() -> None:
@@ -169,13 +226,30 @@ def test_sides_along_the_axes_of_a_body_are_a_place_in_the_world() -> None:
         "z": np.array([[1.0, 1.8, 0.3, 0.4]]),
         "var": np.array([[0.02, 0.02, 0.01, -1.0]]),
     }
-    room = Smoother(1)
+    room = Smoother(1, 1)
     # Early sightings did not know how large it is: what is known in the end counts.
     room.locate(0, sighted, np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, False)
-    along, across, var_1, var_2 = 1.4, 0.55, 0.01, 0.012
-    assert (room.z[0], room.z[1]) == pytest.approx((c * along - s * across, s * along + c * across))
-    assert (room.var[0], room.var[1]) == pytest.approx(
-        (c * c * var_1 + s * s * var_2, s * s * var_1 + c * c * var_2)
-    )
+    along, across, turn = 1.4, 0.55, np.array([[c, -s], [s, c]])
+    assert (room.place[0], room.place[1]) == pytest.approx((c * along - s * across, s * along + c * across))
+    noise, size = (turn @ np.diag(values) @ turn.T for values in ([0.01, 0.01], [0.0, 0.002]))
+    assert [room.noise[k] for k in range(3)] == pytest.approx(noise[[0, 0, 1], [0, 1, 1]])
+    assert [room.common[k] for k in range(3)] == pytest.approx(size[[0, 0, 1], [0, 1, 1]])
     room.locate(0, sighted, np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, True)
-    assert room.var[0] == pytest.approx(c * c * var_1 + s * s * var_2 + smoothing.PART_VAR)
+    assert room.noise[0] == pytest.approx(noise[0, 0] + smoothing.PART_VAR)
+
+
+def test_the_parts_of_one_sweep_are_one_place() -> None:
+    room = Smoother(4, 3)
+    places = np.array([[1.0, 0.0], [5.0, 5.0], [1.4, 0.2], [2.0, 1.0]])
+    sighted: dict[str, Any] = {name: np.zeros(4) for name in ("half_1", "half_2", "sin")}
+    sighted |= {"centred": np.ones(4, np.int64), "cos": np.ones(4)}
+    sighted |= {"z": np.repeat(places, 2, axis=1).copy(), "var": np.full((4, 4), 0.01)}
+    room.locate(0, sighted, np.zeros(2), np.zeros(2), DISC, False)
+    parts = np.full(3, 9)
+    # Sweep 1 does not see it; sightings 0 and 2 are legs in sweep 0.
+    room.measure(np.array([2, 0, 3]), np.array([0, 0, 2]), parts, np.array([2, 1, 1], np.uint8))
+    assert parts.tolist() == [2, 0, 1]
+    assert (room.z[0], room.z[1]) == pytest.approx((1.2, 0.1))
+    assert room.r[0] == pytest.approx(0.005 + smoothing.LEGS_VAR)
+    assert (room.z[4], room.z[5]) == pytest.approx((2.0, 1.0))
+    assert room.r[6] == pytest.approx(0.01)
