@@ -451,8 +451,8 @@ class Trajectories(TypedDict, total=False):
 
     trajectories: Annotated[
         bool,
-        Option(OUTPUT, None, True, both=True),
-        "Also make the table <log>.trajectories.parquet, one row per thing and sweep, hidden sweeps too.",
+        Option(OUTPUT, None, True),
+        "Make the table <log>.trajectories.parquet, one row per thing and sweep, hidden sweeps too.",
     ]
 
 

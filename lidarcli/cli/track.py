@@ -19,7 +19,7 @@ class TrackCommand(Tables, Tracking, Trajectories, total=False):
     TrackCommand,
     examples="""\
   lidarcli track run.mcap
-  lidarcli track bags/ -o tables --jobs 4 --overwrite
+  lidarcli track bags/ -o tables --jobs 4 --no-trajectories --overwrite
   lidarcli track --join run_0.bag run_1.bag run_2.bag
   lidarcli track run.mcap --background empty.background.parquet
   lidarcli track run.bag --pose /amcl_pose --significance 1e-7

@@ -249,7 +249,7 @@ class Paths:
         self._ground = ground_of(sweeps, rows, objects, members, at)
         order = np.argsort(at, kind="stable")
         members, self._seen_at = members[order], at[order]
-        self._seen_track = objects.integers("track")[members]
+        self._seen_track = objects.numbers("track")[members].astype(np.int64)
         self._agent = objects.are("set", "A")[members]
         codes, names = objects.words("label")
         self._labels = ["" if code < 0 else names[code] for code in codes[members].tolist()]

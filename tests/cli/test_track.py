@@ -72,7 +72,7 @@ def test_it_has_every_option_of_detect_and_its_own() -> None:
 
     shared, own = options(detect), options(track)
     assert {name: own[name] for name in shared} == shared
-    assert {*own} - {*shared} == {"--significance", "--trajectories"}
+    assert {*own} - {*shared} == {"--significance", "--no-trajectories"}
 
 
 def test_the_default_in_help_is_that_of_the_tracker(lidarcli: Run) -> None:

@@ -51,7 +51,8 @@ ONLY_SHELL = {
     "info": {"output"},
     "plot": {"sweeps", "map", "animate", "fps", "start", "end"},
 }
-"""Options whose work Python has elsewhere, or not: `tables(beams=True)` and its trajectories, `map` for a map, a loop for sweeps."""
+"""Options whose work Python has elsewhere, or not: `tables(beams=True)`, its trajectories, `map` for a map,
+a loop for several sweeps."""
 OWN = {"log", "tables", "parameters", "axes"}
 """What stands in the place of the arguments of a command, and what only Python has."""
 

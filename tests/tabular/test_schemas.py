@@ -23,7 +23,7 @@ def test_every_column_has_unit_and_description(table: str) -> None:
 
     units = {leaf.name: leaf.metadata[b"unit"] for field in SCHEMAS[table] for leaf in leaves(field)}
     assert all(leaf.metadata[b"description"] for field in SCHEMAS[table] for leaf in leaves(field))
-    assert set(units.values()) <= {b"rad", b"m", b"m/s", b"s", b"1", b"ns", b""}
+    assert set(units.values()) <= {b"rad", b"m", b"m/s", b"s", b"1", b"ns", "m²".encode(), b""}
     assert all(units[name] == b"rad" for name in units if name.startswith("theta") or name.endswith("yaw"))
 
 

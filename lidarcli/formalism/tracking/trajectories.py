@@ -28,6 +28,19 @@ class Path:
     """(S, 9) as `smoothing.Smoother.smooth` fills it in."""
     codes: UInt8
     """(S,) bytes as of `PARTS_MASK`."""
+    moving: UInt8
+    """(S,) 1 where it moves."""
+
+    def sum_up(self) -> None:
+        """Add the piece to the way and the greatest speed of the track, whose place is the end of the piece from now on."""
+        track, place = self.track, self.path[:, :2]
+        hidden = self.codes & PARTS_MASK == 0
+        steps = np.diff(place, axis=0, prepend=place[:1] if track.told < 0 else [[track.x, track.y]])
+        track.distance += float(np.hypot(steps[:, 0], steps[:, 1])[hidden | (self.moving == 1)].sum())
+        speed = np.hypot(self.path[:, 2], self.path[:, 3])[~hidden]
+        track.speed_max = max(track.speed_max, float(speed.max(initial=0.0)))
+        track.x, track.y = float(place[-1, 0]), float(place[-1, 1])
+        track.told = self.begin + len(self.codes)
 
 
 class Sweeps:
@@ -87,7 +100,8 @@ def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
             continue
         codes = np.concatenate(track.stood)
         track.stood.clear()
-        pending.append(Path(track, track.told - len(codes), _at_rest(track, len(codes)), codes))
+        rest = np.zeros(len(codes), np.uint8)
+        pending.append(Path(track, track.told - len(codes), _at_rest(track, len(codes)), codes, rest))
         rows += len(codes)
         if rows >= MOST_ROWS:
             yield joined(sweeps, pending)

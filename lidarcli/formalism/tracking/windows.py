@@ -27,8 +27,6 @@ from lidarcli.formalism.tracking.trajectories import (
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, UInt8
 
 EVERYTHING = slice(None)
-LONGEST_LAPSE = 10.0
-"""[s] Longest time without a sighting that adds to the distance of a track."""
 ARRIVAL_SWEEPS = 8
 """A body that is shown to move within so many sweeps has moved from the first one on."""
 LEGS_APART = 0.3
@@ -167,7 +165,7 @@ class Register:
         if paths:
             self.trajectories.append(joined(self.sweeps, paths))
         for path in paths:
-            path.track.told = path.begin + len(path.codes)
+            path.sum_up()
 
     def _sum_up(self, window: Window, seen: WindowSightings) -> None:
         """Add the sightings of a window to the sums of the tracks."""
@@ -197,13 +195,13 @@ class Register:
             track.last_sweeps, track.last_time = int(sweeps[-1]), float(times[-1])
             track.sweeps += len(sweeps)
             if track.moved:
-                _sum_up_motion(track, seen, firsts, times)
                 agent = np.flatnonzero(seen.agent[firsts])
                 if len(agent) and not track.is_agent:
                     track.is_agent = True
                     track.onset_ns = stamps.item(int(sweeps[agent[0]]) - window.begin)
-            last = seen.sweep[at] == sweeps[-1]
-            track.x, track.y = float(seen.x[at][last].mean()), float(seen.y[at][last].mean())
+            else:
+                last = seen.sweep[at] == sweeps[-1]
+                track.x, track.y = float(seen.x[at][last].mean()), float(seen.y[at][last].mean())
 
     def _name(self, naming: Naming, window: Window, seen: WindowSightings, at: Int64, found: Bool) -> None:
         """Name the tracks of a window."""
@@ -226,14 +224,6 @@ class Register:
             del self.bodies[number]
         if self.naming is not None:
             self.naming.forget(over)
-
-
-def _sum_up_motion(track: Track, seen: WindowSightings, at: Any, times: Float64) -> None:
-    """Add to the distance and the greatest speed of a track that moves."""
-    speed, going = np.hypot(seen.vx[at], seen.vy[at]), seen.moving[at]
-    lapse = np.minimum(np.diff(times, append=times[-1]), LONGEST_LAPSE)
-    track.distance += float((speed * lapse * going).sum())
-    track.speed_max = max(track.speed_max, float(speed.max(initial=0.0)))
 
 
 class WindowSightings:
@@ -453,7 +443,7 @@ def _smooth_track(seen: WindowSightings, bodies: dict[int, Body], track: Track, 
     at = at[order]
     seen.vx[at], seen.vy[at], seen.moving[at] = path[step, 2], path[step, 3], moving[step]
     seen.agent[at] = step >= onset
-    return Path(track, begin, path[:keep], codes[:keep])
+    return Path(track, begin, path[:keep], codes[:keep], moving[:keep])
 
 
 def _half(body: Body, axis: int) -> float:
