@@ -24,8 +24,8 @@ TABLES = {
     "objects": "One row per object per sweep, ordered by topic, sweep and object.",
     "sweeps": "One row per sweep, ordered by topic and sweep.",
     "tracks": "One row per thing, ordered by topic and track (`track`); [track.md](track.md) says what a track is.",
-    "trajectories": "One row per thing and sweep, from its first sight to its last (`track`); the rows of a thing are in the "
-    "order of time, those of several are mixed. [track.md](track.md#trajectories) says more.",
+    "trajectories": "One row per thing and sweep, from its first sight to its last (`track`); the rows of a thing "
+    "are in the order of time, those of several are mixed. [track.md](track.md#trajectories) says more.",
     "beams": "One row per beam of each sweep (`--beams`).",
 }
 METADATA = {

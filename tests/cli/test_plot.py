@@ -216,7 +216,7 @@ def test_tracks_that_cannot_be_drawn(lidarcli: Run, logs: Path, tracked: Path, t
     )
     paths.unlink()
     ran = lidarcli(*words)
-    assert (ran.code, ran.err) == (3, f"lidarcli: {paths}: not there; lidarcli track writes it\n")
+    assert (ran.code, ran.err.endswith(f"{paths}: not there; lidarcli track writes it\n")) == (3, True)
     sweeps.unlink()
     assert lidarcli(*words).code == 3
     for name in ("a", "b"):
