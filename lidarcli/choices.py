@@ -28,7 +28,7 @@ SIGNIFICANCES = (1e-12, 0.1)
 MIN_THING = 0.3
 """Least probability that an object is a thing and not a piece of building; anything less counts as wall."""
 TRAIL = 3.0
-"""Length of the paths of tracks in a picture of a sweep [s]."""
+"""Length of the paths of tracks in a picture of a sweep and in overlays [s]."""
 STATION_DISTANCE = 0.25
 """Greatest distance of a sweep from its station [m], by default."""
 STATION_DEGREES = 5.0

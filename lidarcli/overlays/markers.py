@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
+from enum import Enum
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -97,24 +97,15 @@ def scatter(buffer: NDArray[np.uint8], places: NDArray[np.int64], items: Structu
     windows[places] = items.view(f"V{size}")
 
 
-class Kind(IntEnum):
-    """Kind of a marker: its `type` in the message."""
+class Kind(Enum):
+    """Kind of a marker: its `type` in the message, and its namespace, by which a viewer hides what is not wanted."""
 
-    ARROW = 0
-    CUBE = 1
-    CYLINDER = 3
-    OUTLINE = 4
-    LABEL = 9
-
-
-NAMESPACES = {
-    Kind.ARROW: b"velocity",
-    Kind.CUBE: b"body",
-    Kind.CYLINDER: b"body",
-    Kind.OUTLINE: b"outline",
-    Kind.LABEL: b"label",
-}
-"""Kind → namespace, by which a viewer hides what is not wanted."""
+    ARROW = (0, b"velocity")
+    CUBE = (1, b"body")
+    CYLINDER = (3, b"body")
+    OUTLINE = (4, b"outline")
+    PATH = (4, b"path")
+    LABEL = (9, b"label")
 
 
 @record
@@ -135,7 +126,7 @@ class Markers:
     colour: Float32
     """(M, 4) red, green, blue, alpha, each 0 to 1."""
     points: Float64 | None = None
-    """(M, P, 2) metres, of an outline."""
+    """(M, P, 2) metres, of an outline or a path."""
     text: NDArray[np.bytes_] | None = None
     """(M,) of a label, all of one length."""
 
@@ -248,15 +239,16 @@ def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shi
     builder.field("seconds", "i")
     builder.field("nanoseconds", "I")
     builder.text(frame)
-    builder.text(b"" if deletes else NAMESPACES[kind])
+    number, namespace = kind.value
+    builder.text(b"" if deletes else namespace)
     if deletes:
-        builder.number("i", 0, kind, DELETE_ALL)
+        builder.number("i", 0, number, DELETE_ALL)
         # Viewers look at these numbers in every marker: a quaternion of zeros is an error, and so is a scale of 0.
         builder.number("d", 0, 0, 0, 0, 0, 0, 1, 1, 1, 1)
         builder.number("f", 1, 1, 1, 1)
     else:
         builder.field("id", "i")
-        builder.number("i", kind, ADD)
+        builder.number("i", number, ADD)
         builder.field("position", "d", (3,))
         builder.number("d", 0, 0)
         builder.field("turn", "d", (2,))
@@ -265,7 +257,7 @@ def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shi
     builder.number("i", 0)  # lifetime: until it is deleted
     builder.number("I", 0)
     builder.number("B", 0)  # frame_locked
-    points = length if kind is Kind.OUTLINE else 0
+    points = length if kind in (Kind.OUTLINE, Kind.PATH) else 0
     builder.number("I", points)
     if points:
         builder.field("points", "d", (points, 3))

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from lidarcli.choices import TRAIL
 from lidarcli.overlays.markers import Kind, Markers
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
 
@@ -17,6 +18,8 @@ COLUMNS = (
     *("vertices", "track", "vx", "vy", "moving", "label", "world_x", "world_y"),
 )
 """Columns of the objects table that markers need."""
+PATH_COLUMNS = ("topic", "sweep", "t", "track", "frame", "x", "y", "vx", "vy")
+"""Columns of the trajectories table that paths need."""
 
 HEIGHT, LEAST_SIDE, WIDEST = 0.2, 0.02, 1e6
 """Height of every body, for a sweep has none, and the least and the greatest side of a body [m]."""
@@ -56,6 +59,39 @@ class Colours:
     """Colours of tracks, by their number: a track has one colour in all sweeps."""
 
 
+@record
+class Trajectories:
+    """N rows of the trajectories of what moves, of one topic, by track and sweep."""
+
+    track: Int64
+    sweep: Int64
+    seconds: Float64
+    x: Float64
+    y: Float64
+    in_world: Bool
+
+    @staticmethod
+    def of(table: pa.Table, topic: str) -> Trajectories:
+        """Return those of a topic in a table with `PATH_COLUMNS`."""
+        table = table.filter(pc.equal(table["topic"], topic))
+        number, speed = (
+            table["track"].to_numpy(),
+            np.hypot(table["vx"].to_numpy(), table["vy"].to_numpy()),
+        )
+        table = table.filter(np.isin(number, np.unique(number[speed > 0.0])))
+        table = table.sort_by([("track", "ascending"), ("sweep", "ascending")])
+        track, sweep, seconds, x, y = (table[name].to_numpy() for name in ("track", "sweep", "t", "x", "y"))
+        in_world = pc.equal(table["frame"], "world").to_numpy(zero_copy_only=False).astype(bool)
+        return Trajectories(track, sweep, seconds, x, y, in_world)
+
+    def up_to(self, sweep: int) -> Iterator[tuple[int, Int64]]:
+        """Yield each track that has a row in a sweep with its rows in the last `TRAIL` seconds."""
+        for row in np.flatnonzero(self.sweep == sweep).tolist():
+            begin = int(np.searchsorted(self.track, self.track[row]))
+            mine = np.arange(begin, row + 1)
+            yield int(self.track[row]), mine[self.seconds[mine] >= self.seconds[row] - TRAIL]
+
+
 def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses, colours: Colours) -> list[Markers]:
     """Return the markers of N objects.
 
@@ -79,6 +115,47 @@ def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses, colours: Colo
         *objects.labels(),
         *objects.arrows(_in_sensor_frame(rows, message, poses)),
     ]
+
+
+def paths_of(
+    trajectories: Trajectories, index: Int64, poses: Poses, hangs: bool, colours: Colours
+) -> list[Markers]:
+    """Return the paths of what moves in the last `TRAIL` seconds before each of S sweeps, in the sensor frame of each.
+
+    Parameters
+    ----------
+    trajectories : of the topic of these sweeps
+    index : (S,) index of each sweep in the log, one message each
+    hangs : whether the sensor hangs head down
+    """
+    found: dict[int, list[tuple[int, int, Float64]]] = {}
+    for message, sweep in enumerate(index.tolist()):
+        for number, rows in trajectories.up_to(sweep):
+            x, y = trajectories.x[rows], trajectories.y[rows]
+            if trajectories.in_world[rows[-1]]:
+                cos, sin = np.cos(poses.yaw[message]), np.sin(poses.yaw[message])
+                x, y = x - poses.x[message], y - poses.y[message]
+                x, y = cos * x + sin * y, (cos * y - sin * x) * (-1.0 if hangs else 1.0)
+            if len(x) > 1 and np.isfinite(x).all() and np.isfinite(y).all():
+                found.setdefault(len(x), []).append((message, number, np.column_stack([x, y])))
+    return [_paths(found[count], colours) for count in sorted(found)]
+
+
+def _paths(paths: Sequence[tuple[int, int, Float64]], colours: Colours) -> Markers:
+    """Return paths with the same number of points, each with its message and the number of its track."""
+    message, number = (np.array([path[k] for path in paths], np.int64) for k in (0, 1))
+    count = len(paths)
+    rgb = np.array([_rgb(text) for text in colours.tracks], np.float32)[number % len(colours.tracks)]
+    return Markers(
+        Kind.PATH,
+        message,
+        (number & 0x7FFFFFFF).astype(np.int32),
+        np.zeros((count, 3)),
+        np.zeros(count),
+        np.full((count, 3), LINE),
+        np.column_stack([rgb, np.full(count, SOLID, np.float32)]),
+        np.stack([path[2] for path in paths]),
+    )
 
 
 class _Objects:

@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport
 from lidarcli.overlays.files import topic_name
-from lidarcli.overlays.objects import COLUMNS, Poses
+from lidarcli.overlays.objects import COLUMNS, PATH_COLUMNS, Poses, Trajectories
 from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.poses.messages import TRANSFORMS
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
@@ -154,6 +154,8 @@ class Joined:
     """N rows."""
     row: Int64
     """(N,) index of the sweep of each object, ascending."""
+    index: Int64
+    """(S,) index of each sweep in the log."""
 
     def by_frame(self) -> Iterator[tuple[str, Joined]]:
         """Yield each frame with its sweeps."""
@@ -166,7 +168,8 @@ class Joined:
         poses = Poses(self.poses.x[mine], self.poses.y[mine], self.poses.yaw[mine])
         its = mine[self.row]
         place = np.cumsum(mine) - 1
-        return Joined(self.raw.rows(mine), poses, self.objects.filter(pa.array(its)), place[self.row[its]])
+        objects = self.objects.filter(pa.array(its))
+        return Joined(self.raw.rows(mine), poses, objects, place[self.row[its]], self.index[mine])
 
 
 class Tables:
@@ -201,6 +204,13 @@ class Tables:
             if joined is not None:
                 yield joined
 
+    def trajectories(self, topic: str) -> Trajectories | None:
+        """Return the trajectories of a topic; None where there is no such table."""
+        if not self._pair.trajectories.exists():
+            return None
+        path, schema = self._pair.trajectories, SCHEMAS["trajectories"]
+        return Trajectories.of(read_columns(path, "trajectories", schema, PATH_COLUMNS), topic)
+
     def left(self) -> int:
         """Count the sweeps of the tables that the log does not have."""
         return sum(
@@ -223,7 +233,7 @@ class Tables:
         poses = Poses(
             *(sweeps[name].to_numpy(zero_copy_only=False) for name in ("pose_x", "pose_y", "pose_yaw"))
         )
-        return Joined(raw, poses, objects, row)
+        return Joined(raw, poses, objects, row, index + first)
 
     def _other(self) -> UnreadableError:
         return UnreadableError(

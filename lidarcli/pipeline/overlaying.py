@@ -21,7 +21,7 @@ from lidarcli.maps.mapserver import image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import new_files, refuse, unwritable
 from lidarcli.overlays.files import FRAME, MAP, SUFFIXES, overlay_file, topic_name, topics_of_objects
 from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, marker_arrays, transforms
-from lidarcli.overlays.objects import Colours, is_mirrored, markers_of
+from lidarcli.overlays.objects import Colours, Trajectories, is_mirrored, markers_of, paths_of
 from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_config
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source, open_source
@@ -208,6 +208,8 @@ class Overlay:
         """Frames whose place this file has told."""
         self._hangs: dict[tuple[str, str], bool] = {}
         """Topic and frame of a sensor → True where it hangs head down, as far as its objects have shown."""
+        self._trajectories: dict[str, Trajectories | None] = {}
+        """Topic → its trajectories, where there are any."""
 
     def messages(self, stack: ExitStack, progress: Progress | None) -> Iterator[Outgoing]:
         """Yield all messages in the order in which they are to be played."""
@@ -307,21 +309,31 @@ class Overlay:
     def _markers(self, frame: str, joined: Joined) -> Iterator[Outgoing]:
         """Yield the markers of some sweeps of one frame."""
         groups = markers_of(joined.objects, joined.row, joined.poses, COLOURS)
+        topic = joined.raw.topic
+        if topic not in self._trajectories:
+            self._trajectories[topic] = self._tables.trajectories(topic)
+        if (known := self._trajectories[topic]) is not None:
+            hangs = self._hanging(joined, frame)
+            groups += paths_of(known, joined.index, joined.poses, hangs, COLOURS)
         data = marker_arrays(joined.raw.time_ns, frame, groups, cdr=self._is_ros2)
         return of_sweeps(self._names[joined.raw.topic], TYPE, joined.raw, data)
 
-    def _poses(self, frame: str, told: str, joined: Joined) -> Iterator[Outgoing]:
-        """Yield the poses of the sensor as transforms, for a log without transforms that viewers know."""
+    def _hanging(self, joined: Joined, told: str) -> bool:
+        """Return whether a sensor hangs head down, as far as its objects have shown."""
         key = joined.raw.topic, told
         if joined.objects.num_rows:
             self._hangs[key] = bool(np.mean(is_mirrored(joined.objects, joined.row, joined.poses)) > 0.5)
+        return self._hangs.get(key, False)
+
+    def _poses(self, frame: str, told: str, joined: Joined) -> Iterator[Outgoing]:
+        """Yield the poses of the sensor as transforms, for a log without transforms that viewers know."""
         known = np.isfinite(joined.poses.yaw)
         if not known.any():
             return iter(())
         self._placing.add(frame)
         raw = joined.raw.rows(known)
         pose = np.column_stack([joined.poses.x, joined.poses.y, joined.poses.yaw])[known]
-        hangs = np.full(len(raw), self._hangs.get(key, False))
+        hangs = np.full(len(raw), self._hanging(joined, told))
         data = transforms(raw.time_ns, self._worlds[told], frame, pose, hangs, cdr=self._is_ros2)
         return of_sweeps("/tf", TF, raw, data)
 

@@ -36,7 +36,7 @@ from tests.sweeping import room_sweeps
 Run = Callable[..., Any]
 OBJECTS, MARKERS = "/lidarcli/objects", "visualization_msgs/msg/MarkerArray"
 DRIVE, PEOPLE = SAMPLES / "drive.db3", SAMPLES / "people.csv.gz"
-KINDS = ("outline", "body", "label", "velocity")
+KINDS = ("outline", "body", "label", "velocity", "path")
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +118,9 @@ def test_viewers_stumble_over_nothing(made: Path, name: str, suffix: str) -> Non
                 assert marker.type == 4
                 assert len(marker.points) >= 3
                 assert marker.points[0] == marker.points[-1]
+            elif marker.ns == "path":
+                assert marker.type == 4
+                assert len(marker.points) >= 2
             elif marker.ns == "label":
                 assert marker.type == 9
                 assert marker.text.isascii()

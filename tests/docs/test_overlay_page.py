@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 
 from lidarcli.overlays import files, objects
-from lidarcli.overlays.markers import NAMESPACES, Kind
+from lidarcli.overlays.markers import Kind
 from lidarcli.overlays.viewers import LAYOUT, RVIZ
 from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "overlay.md").read_text(encoding="utf-8")
 ROS_NAMES = {
     Kind.OUTLINE: "LINE_STRIP",
+    Kind.PATH: "LINE_STRIP",
     Kind.CUBE: "CUBE",
     Kind.CYLINDER: "CYLINDER",
     Kind.LABEL: "TEXT_VIEW_FACING",
@@ -22,9 +23,9 @@ ROS_NAMES = {
 
 def test_every_namespace_is_told_with_its_markers() -> None:
     told = dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \|", PAGE, re.MULTILINE))
-    assert told.keys() == {name.decode() for name in NAMESPACES.values()}
-    for kind, name in NAMESPACES.items():
-        assert ROS_NAMES[kind] in told[name.decode()]
+    assert told.keys() == {kind.value[1].decode() for kind in Kind}
+    for kind in Kind:
+        assert ROS_NAMES[kind] in told[kind.value[1].decode()]
 
 
 def test_numbers_and_names_are_those_of_the_code() -> None:

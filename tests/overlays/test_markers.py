@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.overlays.markers import LAST_SECOND, NAMESPACES, TYPE, Kind, Markers, marker_arrays, transforms
+from lidarcli.overlays.markers import LAST_SECOND, TYPE, Kind, Markers, marker_arrays, transforms
 from lidarcli.ros.messages import ROS1, ROS2, TF
 
 MESSAGES = 6
@@ -18,7 +18,7 @@ FRAMES = ("", "l", "la", "lid", "base", "laser", "front_laser_link", "straße")
 def some(kind: Kind, count: int, seed: int, length: int = 0) -> Markers:
     """Markers of one kind; message 3 has none."""
     rng = np.random.default_rng(seed)
-    is_outline, is_label = kind is Kind.OUTLINE, kind is Kind.LABEL
+    is_line, is_label = kind in (Kind.OUTLINE, Kind.PATH), kind is Kind.LABEL
     letters = rng.integers(65, 91, (count, length), np.uint8)
     return Markers(
         kind,
@@ -28,7 +28,7 @@ def some(kind: Kind, count: int, seed: int, length: int = 0) -> Markers:
         rng.uniform(-np.pi, np.pi, count),
         rng.uniform(0.1, 1, (count, 3)),
         rng.uniform(0.1, 1, (count, 4)).astype(np.float32),
-        rng.normal(size=(count, length, 2)) if is_outline else None,
+        rng.normal(size=(count, length, 2)) if is_line else None,
         letters.view(f"S{length}").reshape(-1) if is_label else None,
     )
 
@@ -41,6 +41,7 @@ def all_kinds() -> list[Markers]:
         some(Kind.CYLINDER, 6, 21),
         *(some(Kind.LABEL, 5, 30 + length, length) for length in (1, 6, 7, 8, 9)),
         some(Kind.ARROW, 4, 40),
+        *(some(Kind.PATH, 5, 50 + points, points) for points in (2, 31)),
     ]
 
 
@@ -67,8 +68,8 @@ def test_a_type_store_builds_the_same_bytes(frame: str, cdr: bool) -> None:
         expected = [(group, row) for group in groups for row in np.flatnonzero(group.message == number)]
         assert len(others) == len(expected)
         for marker, (group, row) in zip(others, expected, strict=True):
-            assert (marker.type, marker.action, marker.id) == (group.kind, 0, group.id[row])
-            assert marker.ns == NAMESPACES[group.kind].decode()
+            assert (marker.type, marker.ns.encode()) == group.kind.value
+            assert (marker.action, marker.id) == (0, group.id[row])
             stamp = marker.header.stamp
             assert stamp.sec * 1_000_000_000 + stamp.nanosec == STAMPS[number]
             position, turn, scale = marker.pose.position, marker.pose.orientation, marker.scale

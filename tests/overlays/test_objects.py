@@ -18,11 +18,13 @@ from lidarcli.overlays.objects import (
     SOLID,
     Colours,
     Poses,
+    Trajectories,
     is_mirrored,
     markers_of,
+    paths_of,
 )
 from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
-from lidarcli.tabular.schemas import OBJECTS
+from lidarcli.tabular.schemas import OBJECTS, TRAJECTORIES
 
 COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS)
 NOWHERE = Poses(*(np.full(9, np.nan) for _ in range(3)))
@@ -228,3 +230,51 @@ def test_an_arrow_is_turned_into_the_frame_of_the_sensor(hangs: bool) -> None:
 
 def test_nothing_is_drawn_of_nothing() -> None:
     assert drawn(message=[]) == []
+
+
+def walk(**more: Any) -> Trajectories:
+    """Track 3 goes 1 m/s along x from sweep 10 to 59 at 10 Hz, at y = 2 m; track 4 stands."""
+    unsure = dict.fromkeys(("x_sd", "y_sd", "xy_cov", "vx_sd", "vy_sd"), 0.0)
+    there = {
+        "topic": "/scan",
+        "frame": "sensor",
+        "seen": "seen",
+        "parts": 1,
+        "vy": 0.0,
+        "y": 2.0,
+        **unsure,
+        **more,
+    }
+    rows = [
+        {"track": track, "sweep": k, "t": k / 10, "x": speed * k / 10, "vx": speed} | there | other
+        for k in range(10, 60)
+        for track, speed, other in ((3, 1.0, {}), (4, 0.0, {}), (3, 5.0, {"topic": "/rear"}))
+    ]
+    return Trajectories.of(pa.Table.from_pylist(rows, schema=TRAJECTORIES), "/scan")
+
+
+def test_what_moves_has_a_path_of_the_last_seconds() -> None:
+    found = paths_of(walk(), np.array([9, 10, 12, 50, 60]), NOWHERE, False, COLOURS)
+    # One point is no line, and before and after there is none.
+    assert [(one.kind, one.message.tolist(), one.id.tolist()) for one in found] == [
+        (Kind.PATH, [2], [3]),
+        (Kind.PATH, [3], [3]),
+    ]
+    short, long = found
+    assert short.points is not None
+    assert long.points is not None
+    assert short.points[0] == pytest.approx(np.array([[1.0, 2.0], [1.1, 2.0], [1.2, 2.0]]))
+    assert long.points[0, [0, -1], 0] == pytest.approx([2.0, 5.0])
+    assert long.colour[0, :3].tolist() == pytest.approx(rgb(TRACK_COLOURS[3]))
+
+
+@pytest.mark.parametrize("hangs", [False, True])
+def test_a_path_in_the_world_is_drawn_as_the_sensor_sees_it(hangs: bool) -> None:
+    poses = Poses(np.array([1.0]), np.array([1.0]), np.array([np.pi / 2]))
+    (found,) = paths_of(walk(frame="world"), np.array([11]), poses, hangs, COLOURS)
+    assert found.points is not None
+    # The sensor looks along y: what lies ahead of it in x is on its right.
+    left = 1.0 if hangs else -1.0
+    assert found.points[0] == pytest.approx(np.array([[1.0, 0.0], [1.0, 0.1 * left]]))
+    nowhere = Poses(*(np.full(1, np.nan) for _ in range(3)))
+    assert paths_of(walk(frame="world"), np.array([11]), nowhere, hangs, COLOURS) == []

@@ -268,7 +268,7 @@ def tracking_of(told: Values) -> TrackOptions:
     from lidarcli.pipeline.objects.following import TrackOptions
 
     how = TrackParameters(significance=told["significance"], memory=told["memory"])
-    return TrackOptions(how, trajectories=told.get("trajectories", False))
+    return TrackOptions(how, trajectories=told.get("trajectories", True))
 
 
 def memory_of(told: Values) -> TrackOptions | None:
