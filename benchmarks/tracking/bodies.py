@@ -1,4 +1,4 @@
-"""What the table of tracks says of the bodies themselves: their shapes and sizes."""
+"""What the tables say of the bodies themselves: their shapes and sizes, and where they were."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from benchmarks.tracking.methods import Result
 from benchmarks.tracking.recordings import Detected, Recording
-from lidarcli.formalism.detection import SHAPES
-from lidarcli.formalism.tracking.results import Tracks
+from lidarcli.formalism.detection import AGENT, SHAPES
+from lidarcli.formalism.tracking.results import HIDDEN, Tracks, Trajectories
 from lidarcli.sweeps import Float64, Int64
 
 EXPECTED = {"box": "prismatic", "cylinder": "round", "plant": "irregular", "person": "legged"}
@@ -29,10 +30,49 @@ class Bodies:
     width_errors: Float64 = field(default_factory=_NOTHING.copy)
     deviations: Float64 = field(default_factory=_NOTHING.copy)
     """Errors of both sides as multiples of the standard deviations that the table states."""
+    paths: Paths | None = None
 
 
-def bodies(recording: Recording, found: Detected, track: Int64, tracks: Tracks) -> Bodies:
-    """Compare the table of tracks with the entities that most of their objects are of."""
+@dataclass(frozen=True, eq=False, slots=True)
+class Paths:
+    """Trajectories of agents, in the N sweeps that show nothing of any other entity."""
+
+    place_errors: Float64
+    """(N,) [m]"""
+    deviations: Float64
+    """(N,) the same as multiples of the standard deviations that the table states."""
+    speed_errors: Float64
+    """(N,) [m/s]"""
+    ratios: Float64
+    """Length of each path over that of the true one."""
+
+
+def paths(recording: Recording, found: Detected, track: Int64, tracks: Tracks, rows: Trajectories) -> Paths:
+    """Compare the trajectories of agents with the way of the entity that most of their objects are of."""
+    places, deviations, speeds, ratios = [_NOTHING], [_NOTHING], [_NOTHING], []
+    for number in tracks.track[tracks.set == AGENT].tolist():
+        mine = np.flatnonzero(track == number)
+        entity = int(np.bincount(found.entity[mine] + 1).argmax()) - 1
+        mixed = np.unique(found.row[mine[found.entity[mine] != entity]])
+        at = np.flatnonzero((rows.track == number) & (rows.seen != HIDDEN) & ~np.isin(rows.sweep, mixed))
+        if entity < 0 or not recording.begun[-1, entity] or len(at) < SIGHTINGS:
+            continue
+        sweep = rows.sweep[at]
+        path, true = np.column_stack([rows.x[at], rows.y[at]]), recording.place[sweep, entity]
+        velocity = np.column_stack([rows.vx[at], rows.vy[at]])
+        off = np.hypot(*(path - true).T)
+        places.append(off)
+        deviations.append(off / np.hypot(rows.x_sd[at], rows.y_sd[at]))
+        speeds.append(np.hypot(*(velocity - recording.velocity[sweep, entity]).T))
+        ways = [float(np.hypot(*np.diff(one, axis=0).T).sum()) for one in (path, true)]
+        ratios.append(ways[0] / ways[1])
+    return Paths(np.concatenate(places), np.concatenate(deviations), np.concatenate(speeds), np.array(ratios))
+
+
+def bodies(recording: Recording, found: Detected, result: Result) -> Bodies:
+    """Compare the tables with the entities that most of the objects of each track are of."""
+    tracks, track = result.tracks, result.track
+    assert tracks is not None
     shapes: dict[tuple[str, str], int] = {}
     lengths, widths, deviations = [], [], []
     for row, number in enumerate(tracks.track.tolist()):
@@ -51,4 +91,6 @@ def bodies(recording: Recording, found: Detected, track: Int64, tracks: Tracks) 
             lengths.append(off[0])
             widths.append(off[1])
             deviations += (off / np.array([tracks.length_sd[row], tracks.width_sd[row]])).tolist()
-    return Bodies(shapes, np.array(lengths), np.array(widths), np.array(deviations))
+    rows = result.trajectories
+    known = None if rows is None else paths(recording, found, track, tracks, rows)
+    return Bodies(shapes, np.array(lengths), np.array(widths), np.array(deviations), known)

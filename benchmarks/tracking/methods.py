@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import fields
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +14,7 @@ from benchmarks.tracking.recordings import Detected, Recording
 from benchmarks.tracking.rules import Datmo, DynamicObstacleDetector, ObstacleDetector, Rules, Seen
 from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.parameters import Parameters
-from lidarcli.formalism.tracking.results import Tracks
+from lidarcli.formalism.tracking.results import Tracks, Trajectories
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch, record
 
@@ -36,6 +37,7 @@ class Result:
     seconds: float
     """Time that it took."""
     tracks: Tracks | None = None
+    trajectories: Trajectories | None = None
 
 
 Method = Callable[[Detected], Result]
@@ -45,9 +47,12 @@ def lidarcli(found: Detected) -> Result:
     """The tracker of this project."""
     begin = time.process_time()
     tracker, followed = Tracker(), []
+    paths: list[Trajectories] = []
     for batch, detection in zip(found.batches, found.detections, strict=True):
         followed += tracker.add(batch, detection)
+        paths += tracker.trajectories()
     rest, tracks = tracker.finish()
+    paths += tracker.trajectories()
     seconds = time.process_time() - begin
     followed += rest
     return Result(
@@ -58,6 +63,11 @@ def lidarcli(found: Detected) -> Result:
         agent=np.concatenate([one.set for one in followed]) == AGENT,
         seconds=seconds,
         tracks=tracks,
+        trajectories=Trajectories(
+            *(np.concatenate([getattr(one, each.name) for one in paths]) for each in fields(Trajectories))
+        )
+        if paths
+        else None,
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -168,7 +169,7 @@ def _bodies(figures: Figures) -> str:
     if not rows:
         return text + "*No tracks.*\n"
     text += table(["entity", *SHAPES, "right"], rows)
-    return text + "\n" + _sizes(known)
+    return text + "\n" + _sizes(known) + "\n" + _paths(figures)
 
 
 def _sizes(known: Sequence[Bodies]) -> str:
@@ -188,6 +189,47 @@ def _sizes(known: Sequence[Bodies]) -> str:
         _percent(float(np.mean(off <= 2)) if len(off) else float("nan")),
     ]
     return text + table(["", "length", "width", "within 2 sd"], [["boxes and cylinders", *row]])
+
+
+def _paths(figures: Figures) -> str:
+    text = (
+        "## Trajectories\n\n"
+        "Agents in sweeps that show nothing of another entity: error of place and velocity, rows whose place\n"
+        "lies within twice the stated standard deviation, and the length of their paths over that of the true ones\n"
+        "(median over tracks):\n\n"
+    )
+    rows = []
+    kinds: dict[str, Callable[[Cell], bool]] = {
+        "persons": persons,
+        "rigid, parked": partial(_rigid_and, "parked"),
+        "rigid, driving": partial(_rigid_and, "driving"),
+    }
+    for name, wanted in kinds.items():
+        logs = [log for log in figures.of(wanted) if OURS in log.scores]
+        found = [one.paths for log in logs if (one := log.scores[OURS].bodies) is not None]
+        known = [one for one in found if one is not None]
+        off, sd, speed, ratio = (
+            np.concatenate([np.empty(0), *(getattr(one, part) for one in known)])
+            for part in ("place_errors", "deviations", "speed_errors", "ratios")
+        )
+        if len(off):
+            root = [np.sqrt(np.mean(values**2)) for values in (off, speed)]
+            rows.append(
+                [
+                    name,
+                    f"{len(ratio):,}",
+                    f"{root[0]:.3f} / {np.median(off):.3f} m",
+                    f"{root[1]:.3f} / {np.median(speed):.3f} m/s",
+                    _percent(float(np.mean(sd <= 2))),
+                    f"{np.median(ratio):.3f}",
+                ]
+            )
+    head = ["", "tracks", "place: RMSE / median", "v: RMSE / median", "within 2 sd", "length of path"]
+    return text + (table(head, rows) if rows else "*No agents.*\n")
+
+
+def _rigid_and(carried: str, cell: Cell) -> bool:
+    return rigid(cell) and cell.carried == carried
 
 
 def _cost(figures: Figures) -> str:

@@ -37,6 +37,8 @@ class Recording:
     kinds: tuple[str, ...]
     size: Float64
     """(E, 2) length and width [m]."""
+    place: Float64
+    """(S, E, 2) middles of the bodies [m]; where poses drift, as if they did not."""
     velocity: Float64
     """(S, E, 2) of the bodies over ground [m/s]."""
     begun: Bool
@@ -81,8 +83,11 @@ def simulate(
     batch = normalise(raw, np.arange(len(raw)), RangeRules())
     seconds = np.arange(len(raw)) / scene.sensor.rate
     true = scene.path.poses(seconds)
+    place = np.stack([entity.poses(seconds)[:, :2] for entity in entities], axis=1)
     turn = -true[:, 2]
-    if poses:
+    if not poses:
+        place = _turned(place - true[:, None, :2], turn)
+    else:
         # A pose of the past is told as that of now.
         late = _believed(scene, seed, drift, delay)
         batch = replace(
@@ -100,6 +105,7 @@ def simulate(
         rigid=np.array([entity.kind in RIGID for entity in entities]),
         kinds=tuple(entity.kind for entity in entities),
         size=np.array([[entity.length, entity.width] for entity in entities]),
+        place=place,
         velocity=_turned(velocity[..., :2], turn),
         begun=np.logical_or.accumulate(velocity.any(axis=2), axis=0),
         fast=np.logical_or.accumulate(speed >= SLOW, axis=0),

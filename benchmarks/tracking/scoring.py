@@ -77,7 +77,7 @@ def score(recording: Recording, found: Detected, result: Result) -> Score:
         standing_in_a=_share(result.agent[(found.entity >= 0) & ~moves[found.entity]]),
         sweeps=len(recording.batch),
         seconds=result.seconds,
-        bodies=None if result.tracks is None else bodies(recording, found, result.track, result.tracks),
+        bodies=None if result.tracks is None else bodies(recording, found, result),
     )
 
 

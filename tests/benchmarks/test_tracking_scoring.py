@@ -145,5 +145,5 @@ def test_every_method_answers_for_every_object() -> None:
     told = follow(OURS, recording, found)
     assert len(told.track) == len(told.velocity) == len(told.agent) == len(found.row)
     assert told.tracks is not None
-    known = bodies(recording, found, told.track, told.tracks)
+    known = bodies(recording, found, told)
     assert len(known.length_errors) == len(known.width_errors)
