@@ -69,6 +69,10 @@ def as_json(figures: Figures) -> str:
             {"side": side, "log": log, "place": place, "method": method, **asdict(counts)}
             for (side, log, place, method), counts in figures.by_eye.counts.items()
         ]
+        tables["building_kept"] = {
+            log: {"sweep": one.building_kept(one.sweep), "votes": one.building_kept(one.votes)}
+            for log, one in figures.by_eye.buildings.items()
+        }
     return json.dumps(tables, indent=1) + "\n"
 
 

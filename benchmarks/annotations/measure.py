@@ -13,7 +13,8 @@ import pyarrow as pa
 import lidarcli
 from benchmarks.accuracy.methods import METHODS
 from benchmarks.accuracy.real import centroids
-from benchmarks.annotations import crossed, flicker
+from benchmarks.annotations import buildings, crossed, flicker
+from benchmarks.annotations.buildings import Building
 from benchmarks.annotations.choice import CHOSEN, Chosen, Side
 from benchmarks.annotations.crossed import Boxes
 from benchmarks.annotations.flicker import Flicker
@@ -39,6 +40,8 @@ class ByEye:
     boxes: Boxes = field(default_factory=Boxes)
     sweeps: dict[Side, int] = field(default_factory=dict)
     logs: dict[Side, int] = field(default_factory=dict)
+    buildings: dict[str, Building] = field(default_factory=dict)
+    """Log → its bodies that its map tells."""
 
     def of(self, side: Side, method: str, *, place: str | None = None, log: str | None = None) -> Counts:
         """The counts of a method, of one kind of place, of one log, or of all."""
@@ -84,6 +87,9 @@ def measure(folder: Path, *, baselines: bool = True) -> ByEye:
         found.sweeps[chosen.side] = found.sweeps.get(chosen.side, 0) + len(mine)
         _measure(found, folder, chosen, mine, baselines)
     found.logs = {side: len(names) for side, names in logs.items()}
+    for chosen in buildings.chosen_logs(folder):
+        judged = told.get((chosen.log, chosen.topic), {})
+        found.buildings[chosen.log] = buildings.measure(buildings.sweeps_of(folder, chosen), judged)
     return found
 
 

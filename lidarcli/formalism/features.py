@@ -506,7 +506,7 @@ def _measure_face(
     for i in range(LINE, UNBROKEN):
         values[at + i] = 0.0
     along_x, along_y = faces.direction_x[face], faces.direction_y[face]
-    # What is too short to have a direction gets that of the
+    # What is too short to have a direction gets that of the building.
     if features.aligned[face] or faces.length[face] < OWN_LENGTH or faces.points[face] < OWN_POINTS:
         along_x, along_y = features.cos, features.sin
         if features.axis[face]:

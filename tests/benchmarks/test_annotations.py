@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from benchmarks.annotations import crossed, flicker
+from benchmarks.annotations import buildings, crossed, flicker
 from benchmarks.annotations.choice import CHOSEN
 from benchmarks.annotations.methods import from_rows
 from benchmarks.annotations.pieces import pieces
@@ -23,12 +23,17 @@ from benchmarks.annotations.table import (
     THING,
     UNCLEAR,
     Judged,
+    Stretch,
+    Sweep,
     answered,
     read,
     write,
 )
-from lidarcli.formalism import detect, sweep
+from lidarcli.formalism import Parameters, detect, sweep
+from lidarcli.simulate import entities as make
+from lidarcli.simulate.scene import Course
 from lidarcli.sweeps import TURN, SweepBatch
+from tests.formalism.tracking.following import scene_of, simulated
 
 
 def board_before_a_wall() -> SweepBatch:
@@ -186,3 +191,23 @@ def test_whole_logs_are_on_one_side_and_the_table_is_what_was_chosen() -> None:
         ends = [(stretch.first, stretch.last) for stretch in each.stretches]
         assert all(first <= last for first, last in ends)
         assert all(a[1] < b[0] for a, b in zip(sorted(ends), sorted(ends)[1:], strict=False))
+
+
+def test_the_map_labels_what_is_on_its_lines_and_what_stands_in_free_space() -> None:
+    """A cupboard amid a room, whose wall is seen in strips past a fence; by eye all of one sweep is building."""
+    cupboard = make.box(0.0, 0.6, 0.9, 0.45)
+    fence = [make.box(-4.0 + 0.9 * k, 3.1, 0.5, 0.3) for k in range(9)]
+    drive = Course(np.array([[-3.0, -2.0], [3.0, -2.0], [3.0, 2.0], [-3.0, 2.0]]), speed=1.0)
+    batch = simulated(scene_of(cupboard, *fence, path=drive), 240)
+    found = detect(batch, Parameters(min_thing=0.0), per_beam=True)
+    assert batch.poses is not None
+    x, y, _ = batch.poses.to_world(found.row, found.box_x, found.box_y, found.box_yaw)
+    sweep_20 = Sweep("log", "scan", 20, "room", (Stretch(0, batch.width - 1, BUILDING, 0),))
+    told = buildings.measure([batch], {20: sweep_20})
+    wall = int(np.sum(y > 3.7))
+    assert wall > 900
+    assert abs(told.count(BUILDING) - wall) < 0.03 * wall
+    assert told.count(THING) >= np.sum(np.hypot(x, y - 0.6) < 0.5) > 200
+    assert told.kept(BUILDING, 0.0) == 1.0
+    assert told.building_kept(told.votes) < told.building_kept(told.sweep)
+    assert 0 < told.right < told.judged

@@ -34,11 +34,8 @@ def lines(hits: Int32, passes: Int32, resolution: float) -> Int64:
     resolution : side of a cell [m]
     """
     width = hits.shape[1]
-    cell = np.flatnonzero(hits)
-    hit = hits.reshape(-1)[cell]
-    occupied = hit > OCCUPIED_SHARE * (hit + passes.reshape(-1)[cell])
-    cell, hit = cell[occupied], hit[occupied]
-    steady = cell[hit > 1]
+    cell = _occupied(hits, passes)
+    steady = cell[hits.reshape(-1)[cell] > 1]
     row, column = np.divmod(steady if len(steady) > ENOUGH_CELLS else cell, width)
     if not len(row):
         return cell
@@ -54,9 +51,15 @@ def lines(hits: Int32, passes: Int32, resolution: float) -> Int64:
     found: Int64 = row[inside] * width + column[inside]
     if not len(found):
         return found
-    left_out = _islands(cell, hits, passes, resolution)
-    rest: Int64 = found[~np.isin(found, left_out)]
+    rest: Int64 = found[~np.isin(found, islands(hits, passes, resolution))]
     return rest
+
+
+def _occupied(hits: Int32, passes: Int32) -> Int64:
+    """Return the occupied cells, by their number in the map."""
+    cell = np.flatnonzero(hits)
+    hit = hits.reshape(-1)[cell]
+    return cell[hit > OCCUPIED_SHARE * (hit + passes.reshape(-1)[cell])]
 
 
 def _lines(row: Int64, column: Int64, resolution: float) -> Iterator[tuple[Int64, Int64]]:
@@ -120,9 +123,12 @@ def _beside(along: Float64, distance: int, cos: float, sin: float, resolution: f
     return row.reshape(-1), column.reshape(-1)
 
 
-def _islands(cell: Int64, hits: Int32, passes: Int32, resolution: float) -> Int64:
-    """Return the cells of small pieces with free space around, of N occupied cells in order."""
+def islands(hits: Int32, passes: Int32, resolution: float) -> Int64:
+    """Return (N,) the occupied cells of small pieces with free space around, by their number in the map; as `lines`."""
     height, width = hits.shape
+    cell = _occupied(hits, passes)
+    if not len(cell):
+        return cell
     piece = _pieces(cell, width)
     row, column = np.divmod(cell, width)
     count = int(piece.max()) + 1
