@@ -29,8 +29,8 @@ DUPLICATE_MARGIN = 0.1
 """[m] Greatest distance of the centre of a body outside of another one from which it was split."""
 PACE_SIGHTINGS = 12
 """Sightings that give the velocity of a piece at its end."""
-LONGEST_STITCH_GAP = 15.0
-"""[s] Longest gap between two pieces of a track."""
+LONGEST_STITCH_GAP, LONGEST_STANDING_GAP = 15.0, 30.0
+"""[s] Longest gap between two pieces of a track, and between two that both stand."""
 STITCH_DISTANCE = 0.35
 """[m] Greatest distance of a piece from where it is expected, without a gap."""
 STITCH_SPEED = 0.9
@@ -90,7 +90,7 @@ def _goes_with(seen: Any, body: Body, person: Body) -> bool:
         return False
     at, path = seen.spans[body.number], seen.spans.get(person.number)
     if path is None:
-        return True
+        return not person.has_ended
     time, then = seen.time[at], seen.time[path]
     early = np.maximum(np.maximum(then[0] - time, time - then[-1]), 0.0)
     dx = seen.x[at] - np.interp(time, then, seen.x[path])
@@ -140,7 +140,7 @@ def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> None:
         for earlier in ends:
             gap = later.time - earlier.time
             if (
-                not 0.0 < gap <= LONGEST_STITCH_GAP
+                not 0.0 < gap <= (LONGEST_STITCH_GAP if later.body.moved else _longest_gap(earlier.body))
                 or _differ(earlier.body, later.body)
                 or not _is_over(earlier, later)
             ):
@@ -223,11 +223,30 @@ def _ending(seen: Any, body: Body) -> _Piece:
     span = seen.spans.get(body.number)
     x, y = body.place(still=not body.moved)
     piece = _Piece(body, body.last_sweep, body.seen_at, x, y)
-    if span is not None:
+    if body.final is not None:
+        piece.x, piece.y, piece.vx, piece.vy = body.final
+    elif span is not None:
         piece.x, piece.y = float(seen.x[span.stop - 1]), float(seen.y[span.stop - 1])
         if body.moved:
             piece.vx, piece.vy = _speed(seen, slice(max(span.start, span.stop - PACE_SIGHTINGS), span.stop))
     return piece
+
+
+def remember_end(seen: Any, body: Body) -> None:
+    """Keep the last place and velocity of a body whose sightings are settled."""
+    if body.final is None:
+        piece = _ending(seen, body)
+        body.final = piece.x, piece.y, piece.vx, piece.vy
+
+
+def is_past(seen: Any, body: Body) -> bool:
+    """Return whether no piece that begins after the window can be joined to a body that has ended."""
+    return float(seen.time[seen.now].max(initial=-math.inf)) - body.seen_at > _longest_gap(body)
+
+
+def _longest_gap(earlier: Body) -> float:
+    """Return the longest gap after a piece [s]."""
+    return LONGEST_STITCH_GAP if earlier.moved else LONGEST_STANDING_GAP
 
 
 def _speed(seen: Any, at: slice) -> tuple[float, float]:

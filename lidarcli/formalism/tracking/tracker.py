@@ -172,6 +172,7 @@ class Tracker:
                 batch.sweep[begin:row], batch.stamp_ns[begin:row], times[begin:row], batch.poses is not None
             )
             window.frames.append(frames[begin:row])
+            window.placed.append(placed[begin:row])
             if looks is not None:
                 window.looks.append(looks.rows(slice(first, last)))
             if fold.sweeps % WINDOW == 0:

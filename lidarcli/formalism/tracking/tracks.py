@@ -66,6 +66,8 @@ class Body:
     legs: tuple[tuple[float, float], ...] = ()
     """Places of legs that are too slim to be objects [m]."""
     has_ended: bool = False
+    final: tuple[float, float, float, float] | None = None
+    """Last place [m] and velocity there [m/s], once the sightings are settled."""
     row_shape: int = UNKNOWN
     """Shape in the rows, by what was seen so far."""
     track: Track | None = None

@@ -27,6 +27,8 @@ from lidarcli.formalism.tracking.trajectories import (
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, UInt8
 
 EVERYTHING = slice(None)
+MOST_PLACED = 0.5
+"""Share of the sweeps of a window with a known place of the sensor, above which places of before still hold."""
 ARRIVAL_SWEEPS = 8
 """A body that is shown to move within so many sweeps has moved from the first one on."""
 LEGS_APART = 0.3
@@ -55,11 +57,18 @@ class Window:
     """(S,) frame of each sweep."""
     looks: list[Looks] = field(default_factory=list)
     """Measured sizes of each object, where tracks are named."""
+    placed: list[Bool] = field(default_factory=list)
+    """(S,) True where the place of the sensor is known, because it has a pose or stands."""
 
     @property
     def count(self) -> int:
         """Number of sweeps."""
         return sum(map(len, self.index))
+
+    @property
+    def is_placed(self) -> bool:
+        """True if the place of the sensor is known in most sweeps."""
+        return float(np.concatenate(self.placed).mean()) > MOST_PLACED
 
 
 @dataclass(slots=True)
@@ -100,7 +109,7 @@ class Register:
         self.naming = naming
         """Naming of tracks, if there is a catalogue."""
         self.bodies: dict[int, Body] = {}
-        """Bodies by number, without those that have ended and are settled."""
+        """Bodies by number, without those that have ended and to which no later one can be joined."""
         self.tracks: list[Track] = []
         """Tracks by number, from 1."""
         self.sweeps = Sweeps()
@@ -134,7 +143,7 @@ class Register:
         if self.naming is not None:
             self._name(self.naming, window, seen, at, found)
         settled = _rows(seen, at, found)
-        self._forget(stop)
+        self._forget(seen, stop, window.is_placed)
         return settled
 
     def _number(self, seen: WindowSightings) -> None:
@@ -215,9 +224,12 @@ class Register:
         naming.take(window.looks, number, axes, self.bodies)
         naming.name(seen.tracks())
 
-    def _forget(self, stop: int) -> None:
-        """Drop the bodies that have ended; their tracks keep them as parts."""
-        over = [n for n, body in self.bodies.items() if body.has_ended and body.last_sweep < stop]
+    def _forget(self, seen: WindowSightings, stop: int, is_placed: bool) -> None:
+        """Drop the bodies that have ended and are not joined to later ones; their tracks keep them as parts."""
+        settled = [n for n, body in self.bodies.items() if body.has_ended and body.last_sweep < stop]
+        for number in settled:
+            grouping.remember_end(seen, self.bodies[number])
+        over = [n for n in settled if not is_placed or grouping.is_past(seen, self.bodies[n])]
         for track in {id(track): track for n in over if (track := self.bodies[n].track) is not None}.values():
             track.let_go(stop)
         for number in over:
