@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from lidarcli.formalism.tracking import settling
 from lidarcli.formalism.tracking.results import DISC, PERSON
 from lidarcli.formalism.tracking.tracks import Body, Track
 
 PERSON_WIDTH = 0.65
 """[m] Greatest width of a person at the legs."""
-STEP = 0.7
-"""[m] Greatest distance of a leg from the path of its person, which grows with the time before or after."""
 TOGETHER_SWEEPS = 3
 """Least number of sweeps in which two legs are seen together."""
 TOGETHER_SHARE = 0.3
@@ -45,20 +44,24 @@ SIZE_SHARE = 0.3
 """Greatest difference in size, as a share of the larger size."""
 
 
-def join(seen: Any, bodies: dict[int, Body]) -> None:
+def join(seen: Any, bodies: dict[int, Body], is_placed: bool) -> None:
     """Join the bodies that are new in a window to the tracks that they belong to.
 
     Parameters
     ----------
     seen : sightings of the window and the next one (`windows.WindowSightings`)
     bodies : bodies that were seen often enough, by number
+    is_placed : True if the place of the sensor is known: then legs beside a person are given to that person
     """
     new = [bodies[number] for number in seen.in_window if bodies[number].track is None]
-    if not new:
-        return
     _join_doubles(seen, new, bodies)
     _join_legs(seen, bodies)
-    _stitch(seen, [body for body in new if body.track is None or body.track.number == 0], bodies)
+    if is_placed:
+        settling.settle_legs(seen, bodies)
+    _stitch(seen, [body for body in new if _is_new(seen, body)], bodies)
+    if is_placed:
+        # The pieces of a person make a longer path.
+        settling.settle_legs(seen, bodies)
 
 
 def _join_doubles(seen: Any, new: list[Body], bodies: dict[int, Body]) -> None:
@@ -95,7 +98,7 @@ def _goes_with(seen: Any, body: Body, person: Body) -> bool:
     early = np.maximum(np.maximum(then[0] - time, time - then[-1]), 0.0)
     dx = seen.x[at] - np.interp(time, then, seen.x[path])
     dy = seen.y[at] - np.interp(time, then, seen.y[path])
-    return bool(np.median(np.hypot(dx, dy) - STITCH_SPEED * early) <= STEP)
+    return bool(np.median(np.hypot(dx, dy) - STITCH_SPEED * early) <= settling.STEP)
 
 
 def _is_inside(body: Body, other: Body) -> bool:
@@ -188,6 +191,14 @@ def _allowed(earlier: Body, later: Body, gap: float) -> float:
         return min(STITCH_DISTANCE + STITCH_SPEED * gap, MOST_STITCH_DISTANCE)
     # A body that stands now may have moved while it was hidden, but hardly far.
     return min(STITCH_DISTANCE + STANDING_STITCH_SPEED * gap, MOST_STANDING_STITCH_DISTANCE)
+
+
+def _is_new(seen: Any, body: Body) -> bool:
+    """Return whether a body has sightings of its own, and its track no row yet."""
+    if body.track is not None and body.track.number > 0:
+        return False
+    span = seen.spans[body.number]
+    return bool((seen.owner[span] == body.number).any())
 
 
 def _is_over(earlier: _Piece, later: _Piece) -> bool:

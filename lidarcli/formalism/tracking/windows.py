@@ -135,7 +135,7 @@ class Register:
         """Return the results of a window, by its sightings and those of the next one: the first `count` of the log."""
         stop = window.begin + window.count
         seen = WindowSightings(log, count, self.bodies, stop)
-        grouping.join(seen, self.bodies)
+        grouping.join(seen, self.bodies, window.is_placed)
         self._number(seen)
         self._tell(seen, _smooth(seen, self.bodies))
         at, found = seen.find(window)
@@ -148,7 +148,7 @@ class Register:
 
     def _number(self, seen: WindowSightings) -> None:
         """Number the new tracks with rows in this window by first sight."""
-        for number in seen.in_window:
+        for number in seen.owners_in_window():
             body = self.bodies[number]
             if body.track is None:
                 Track().absorb(body)
@@ -157,6 +157,7 @@ class Register:
                 self.tracks.append(body.track)
                 body.track.number = len(self.tracks)
             body.row_shape = row_shape(body)
+        seen.number_tracks()
 
     def _tell(self, seen: WindowSightings, paths: list[Path]) -> None:
         """Tell the paths of what moves, and keep in which sweeps the rest was seen."""
@@ -182,12 +183,9 @@ class Register:
             np.concatenate(values) for values in (window.index, window.stamps, window.frames)
         )
         for track, at in seen.by_track():
-            sweeps = seen.sweep[at]
-            firsts = at
-            if not isinstance(at, slice):
-                # The first of several parts in one sweep stands for all.
-                sweeps, first = np.unique(sweeps, return_index=True)
-                firsts = at[first]
+            # The first of several parts in one sweep stands for all.
+            sweeps, first = np.unique(seen.sweep[at], return_index=True)
+            firsts = at[first]
             times = seen.time[firsts]
             begin, end = int(sweeps[0]) - window.begin, int(sweeps[-1]) - window.begin
             if track.sweeps == 0:
@@ -215,14 +213,14 @@ class Register:
     def _name(self, naming: Naming, window: Window, seen: WindowSightings, at: Int64, found: Bool) -> None:
         """Name the tracks of a window."""
         number, axes = np.zeros(len(found), np.int64), np.full(len(found), np.nan)
-        number[found] = seen.number[at]
+        number[found] = np.where(seen.owner[at] == seen.number[at], seen.number[at], 0)
         axes[found] = np.where(
             seen.column("centred")[at] != 0,
             np.nan,
             np.arctan2(seen.column("sin")[at], seen.column("cos")[at]),
         )
         naming.take(window.looks, number, axes, self.bodies)
-        naming.name(seen.tracks())
+        naming.name([track for track, _ in seen.by_track()])
 
     def _forget(self, seen: WindowSightings, stop: int, is_placed: bool) -> None:
         """Drop the bodies that have ended and are not joined to later ones; their tracks keep them as parts."""
@@ -251,21 +249,28 @@ class WindowSightings:
         """
         number = log["number"][:count]
         believed = np.fromiter(bodies, np.int64, len(bodies))
-        keep = np.flatnonzero(np.isin(number, believed))
         # Most sightings of a leg may belong to its person; the rest is too little for a track.
-        seen, counts = np.unique(number[keep], return_counts=True)
-        few = [n for n in seen[counts < CONFIRMED_SIGHTINGS].tolist() if bodies[n].track is None]
-        if few:
-            keep = keep[~np.isin(number[keep], few)]
+        seen, counts = np.unique(number, return_counts=True)
+        few = [
+            n for n in seen[counts < CONFIRMED_SIGHTINGS].tolist() if n in bodies and bodies[n].track is None
+        ]
         # In the order of the log within each body.
-        keep = keep[np.argsort(number[keep], kind="stable")]
+        keep = np.argsort(number, kind="stable")
         self.number: Int64 = number[keep]
+        self.owner: Int64 = np.where(
+            np.isin(self.number, believed) & ~np.isin(self.number, few), self.number, 0
+        )
+        """(N,) number of the body to whose track each sighting belongs; 0 for none."""
+        self.track: Int64 = np.zeros(len(keep), np.int64)
+        """(N,) number of the track of each sighting; 0 without one that has a row in the window."""
         self._log, self._keep = log, keep
         self.sweep: Int64 = self.column("sweep")
         self.time: Float64 = self.column("time")
         self.object: Int64 = self.column("object")
         self.x: Float64 = self.column("x")
         self.y: Float64 = self.column("y")
+        self.width: Float64 = 2.0 * np.maximum(self.column("half_1"), self.column("half_2"))
+        """(N,) width of the body at each sighting [m]."""
         self.bodies = bodies
         self.now: Bool = self.sweep < stop
         """(N,) True in the window, False in the next one."""
@@ -274,8 +279,12 @@ class WindowSightings:
         self.moving, self.agent = np.zeros(size, bool), np.zeros(size, bool)
         numbers, begins = np.unique(self.number, return_index=True)
         ends = np.append(begins, size)[1:]
-        self.spans = {int(n): slice(int(b), int(e)) for n, b, e in zip(numbers, begins, ends, strict=True)}
-        """Sightings of each body, by its number."""
+        self.spans = {
+            int(n): slice(int(b), int(e))
+            for n, b, e in zip(numbers, begins, ends, strict=True)
+            if self.owner[b]
+        }
+        """Sightings of each body that was seen often enough, by its number."""
         first: dict[int, int] = {}
         for n, span in self.spans.items():
             if self.now[span.start]:
@@ -283,7 +292,7 @@ class WindowSightings:
         self.in_window = sorted(first, key=first.__getitem__)
         """Numbers of the bodies with a row in the window, by first sight."""
 
-    def column(self, name: str, of: slice = EVERYTHING) -> NDArray[Any]:
+    def column(self, name: str, of: slice | Int64 = EVERYTHING) -> NDArray[Any]:
         """Return a column of the log of sightings, or a part of it."""
         return self._log[name][self._keep[of]]
 
@@ -295,25 +304,34 @@ class WindowSightings:
         keys = (self.number << 32) + self.sweep
         wanted = (numbers << 32) + sweeps
         at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
-        found = keys[at] == wanted if len(keys) else np.zeros(len(numbers), bool)
+        found = (keys[at] == wanted) & (self.track[at] > 0) if len(keys) else np.zeros(len(numbers), bool)
         return at[found], found
 
-    def tracks(self) -> list[Track]:
-        """Return the tracks with sightings in the window."""
-        parts = (self.bodies[number].track for number in self.in_window)
-        return list({track.number: track for track in parts if track is not None}.values())
+    def owners_in_window(self) -> list[int]:
+        """Return the numbers of the bodies to whose tracks rows in the window belong, by first sight."""
+        mine = np.flatnonzero(self.now & (self.owner > 0))
+        mine = mine[np.argsort(self.object[mine])]
+        owners, first = np.unique(self.owner[mine], return_index=True)
+        numbers: list[int] = owners[np.argsort(first)].tolist()
+        return numbers
 
-    def by_track(self) -> list[tuple[Track, Any]]:
-        """Return the tracks with sightings in the window, and these in the order of the log, as a slice or indices."""
-        members: dict[int, list[slice]] = {}
-        tracks: dict[int, Track] = {}
-        for number in self.in_window:
-            span, track = self.spans[number], self.bodies[number].track
-            assert track is not None
-            now = int(np.count_nonzero(self.now[span]))
-            members.setdefault(track.number, []).append(slice(span.start, span.start + now))
-            tracks[track.number] = track
-        return [(tracks[number], self._in_order(spans)) for number, spans in members.items()]
+    def number_tracks(self) -> None:
+        """Write the number of the track of each sighting, once those with rows in the window have one."""
+        owners, inverse = np.unique(self.owner, return_inverse=True)
+        tracks = (None if n == 0 else self.bodies[n].track for n in owners.tolist())
+        self.track = np.array([0 if track is None else track.number for track in tracks], np.int64)[inverse]
+
+    def by_track(self, *, ahead: bool = False) -> list[tuple[Track, Int64]]:
+        """Return the tracks with sightings in the window, and these in the order of the log.
+
+        `ahead`: with their sightings in the next window.
+        """
+        order = np.lexsort((self.sweep, self.track))
+        order = order[(self.track[order] > 0) & (self.now[order] | ahead)]
+        begins = np.unique(self.track[order], return_index=True)[1]
+        tracks = (self.bodies[owner].track for owner in self.owner[order[begins]].tolist())
+        each = zip(tracks, np.split(order, begins[1:]), strict=True) if len(begins) else ()
+        return [(track, at) for track, at in each if track is not None and self.now[at[0]]]
 
     def codes(self, track: Track, at: Any) -> tuple[int, UInt8]:
         """Return the sweep after the last one that was told of a track, and the bytes of all sweeps up to its last one."""
@@ -331,18 +349,10 @@ class WindowSightings:
         """
         parts = np.minimum(np.bincount(step, minlength=count), PARTS_MASK)
         hidden = np.bincount(step, self.column("whole")[at] == 0, count) > 0
-        if any(self.bodies[number].has_legs for number in np.unique(self.number[at]).tolist()):
+        if any(self.bodies[number].has_legs for number in np.unique(self.owner[at]).tolist()):
             # One leg hides the other.
             hidden = (parts == 1) & (np.bincount(step, self.column("chord")[at], count) < LEGS_APART)
         return (parts + np.where(hidden & (parts > 0), PARTLY_BIT, 0)).astype(np.uint8)
-
-    def _in_order(self, spans: list[slice]) -> Any:
-        """Return the sightings of several bodies in the order of the log."""
-        first = spans[0]
-        if len(spans) == 1 and self.bodies[int(self.number[first.start])].kind != PERSON:
-            return first
-        at = np.concatenate([np.arange(span.start, span.stop) for span in spans])
-        return at[np.argsort(self.sweep[at], kind="stable")]
 
 
 def _rows(seen: WindowSightings, at: Int64, found: Bool) -> Settled:
@@ -354,18 +364,15 @@ def _rows(seen: WindowSightings, at: Int64, found: Bool) -> Settled:
     at, found : sightings of the objects that have one, and (K,) which these are (`WindowSightings.find`)
     """
     size = len(seen.number)
-    track_of, label_of, score_of, shape = (
-        np.zeros(size, np.int64),
+    label_of, score_of, shape = (
         np.full(size, -1, np.int32),
         np.full(size, np.nan),
         np.full(size, UNKNOWN, np.uint8),
     )
-    for number in seen.in_window:
-        track = seen.bodies[number].track
-        assert track is not None
-        span = seen.spans[number]
-        track_of[span], label_of[span], score_of[span] = track.number, track.label, track.label_score
-        shape[span] = seen.bodies[number].row_shape
+    for track, own in seen.by_track():
+        label_of[own], score_of[own] = track.label, track.label_score
+    for owner in seen.owners_in_window():
+        shape[seen.owner == owner] = seen.bodies[owner].row_shape
 
     def column(values: NDArray[Any], empty: Any) -> NDArray[Any]:
         out = np.full(len(found), empty, values.dtype)
@@ -373,7 +380,7 @@ def _rows(seen: WindowSightings, at: Int64, found: Bool) -> Settled:
         return out
 
     return Settled(
-        track=column(track_of, 0),
+        track=column(seen.track, 0),
         vx=column(seen.vx, np.nan),
         vy=column(seen.vy, np.nan),
         moving=column(seen.moving, False),
@@ -389,16 +396,8 @@ def _smooth(seen: WindowSightings, bodies: dict[int, Body]) -> list[Path]:
 
     Return the paths of what moves.
     """
-    tracks: dict[int, tuple[Track, list[int]]] = {}
-    for number in seen.spans:
-        track = bodies[number].track
-        if track is not None and track.number > 0:
-            tracks.setdefault(track.number, (track, []))[1].append(number)
-    now = {track.number for track in seen.tracks()}
     return [
-        _smooth_track(seen, bodies, track, numbers)
-        for track, numbers in tracks.values()
-        if _moves(track) and track.number in now
+        _smooth_track(seen, bodies, track, at) for track, at in seen.by_track(ahead=True) if _moves(track)
     ]
 
 
@@ -415,11 +414,12 @@ def _moves(track: Track) -> bool:
     return track.moved
 
 
-def _smooth_track(seen: WindowSightings, bodies: dict[int, Body], track: Track, numbers: list[int]) -> Path:
-    """Fill in the velocities of a track, by the sightings of all of its bodies, and return its path in the window."""
+def _smooth_track(seen: WindowSightings, bodies: dict[int, Body], track: Track, at: Int64) -> Path:
+    """Fill in the velocities of a track, by all of its sightings, and return its path in the window."""
     is_person = any(part.kind == PERSON for part in track.parts)
     several = track.several or any(part.has_legs for part in track.parts)
-    at = np.concatenate([np.arange(seen.spans[n].start, seen.spans[n].stop) for n in numbers])
+    # By body.
+    at = np.sort(at)
     order = np.argsort(seen.sweep[at], kind="stable")
     sighted = seen.sweep[at][order]
     last = int(sighted[seen.now[at][order]][-1])
@@ -429,10 +429,11 @@ def _smooth_track(seen: WindowSightings, bodies: dict[int, Body], track: Track, 
     step, count = np.searchsorted(sweeps, sighted), len(sweeps)
     smoother = Smoother(len(at), count)
     stop = 0
-    for number in numbers:
-        span, body = seen.spans[number], bodies[number]
+    numbers, begins = np.unique(seen.number[at], return_index=True)
+    for number, own in zip(numbers.tolist(), np.split(at, begins[1:]), strict=True):
+        body = bodies.get(number) or Body(number)
         half = np.array([_half(body, 0), _half(body, 1)])
-        columns = {name: seen.column(name, span) for name in SMOOTHED}
+        columns = {name: seen.column(name, own) for name in SMOOTHED}
         stop = smoother.locate(stop, columns, half, np.array(body.hh), body.kind, several and not is_person)
     state = track.state
     if state is None:

@@ -260,7 +260,6 @@ def test_two_persons_that_pass_each_other_keep_their_tracks() -> None:
     assert told.tracks.sweeps[told.tracks.moved].tolist() == [75, 75]
 
 
-@pytest.mark.xfail(reason="the second leg of a person may be a track of its own at first")
 def test_persons_are_one_track_from_their_first_row_on() -> None:
     assert len(passing_persons().tracks) == 2
 

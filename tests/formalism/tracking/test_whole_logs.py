@@ -166,7 +166,11 @@ def assert_alike(one: GivenPaths, other: GivenPaths, order: Any, cos: float, sin
 
 @pytest.mark.parametrize(
     ("kind", "seed", "beams"),
-    [(kind, seed, beams) for kind, seed in PLACES for beams in (90, 180, 37)],
+    [
+        pytest.param(kind, seed, beams, marks=SWAPPED if (kind, beams) == ("people", 37) else ())
+        for kind, seed in PLACES
+        for beams in (90, 180, 37)
+    ],
 )
 def test_a_sensor_that_is_turned_tells_the_same(kind: Kind, seed: int, beams: int) -> None:
     log = full_turn(kind, seed)

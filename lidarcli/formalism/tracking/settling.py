@@ -1,0 +1,222 @@
+"""Rows of slim tracks that go one by one to the person beside whom they were seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from lidarcli.formalism.tracking.results import PERSON
+from lidarcli.formalism.tracking.tracks import Body
+from lidarcli.sweeps import Bool, Float64, Int64
+
+LEG_WIDTH = 0.35
+"""[m] Greatest usual width of the views of one leg."""
+STEP = 0.7
+"""[m] Greatest distance of a leg from the path of its person, or from the other leg."""
+PAUSE = 0.6
+"""[s] Longest time between the views of two legs that are seen in turn."""
+RUN_SWEEPS = 4
+"""Least number of sweeps in which a leg goes beside a person, and greatest number of sweeps without it in between."""
+BESIDE_SHARE = 0.5
+"""Least share of the sweeps with both in which a leg is beside its person, and of all sweeps of a leg that stands."""
+MOST_CROWDED = 0.15
+"""Greatest share of these sweeps in which the two have more than two views."""
+PATH_TIME = 0.5
+"""[s] The path of a person is the mean of the places so long before and after, which is about a step."""
+PATH_SWEEPS = 6
+"""Least number of sweeps of a path, and number of sweeps that give the velocity at its ends."""
+PATH_MARGIN = 1.0
+"""[s] Longest time before and after a path in which views are compared with it."""
+
+
+@dataclass(slots=True, eq=False)
+class Walk:
+    """Sightings of a slim track, or of a slim body without one, and the places of its S sweeps."""
+
+    owner: int
+    """Number of the body that was seen most."""
+    at: Int64
+    """(N,) sightings in the order of the log."""
+    moves: bool
+    """True if it was shown to move."""
+    is_person: bool
+    has_rows: bool
+    """True if it had rows in earlier windows."""
+    sweep: Int64 = field(init=False)
+    count: Int64 = field(init=False)
+    """(S,) number of views in each sweep."""
+    time: Float64 = field(init=False)
+    x: Float64 = field(init=False)
+    y: Float64 = field(init=False)
+    """(S,) time [s], and mean of the places [m]."""
+
+    def lay(self, seen: Any) -> None:
+        """Compute the places by the sightings."""
+        self.sweep, first, self.count = np.unique(seen.sweep[self.at], return_index=True, return_counts=True)
+        self.time = seen.time[self.at[first]]
+        self.x, self.y = (np.add.reduceat(of[self.at], first) / self.count for of in (seen.x, seen.y))
+
+    def path(self) -> tuple[Float64, Float64]:
+        """Return (S,) x and y without the swing of the legs [m]: the mean over as many sweeps before as after."""
+        here = np.arange(len(self.time))
+        first = np.searchsorted(self.time, self.time - PATH_TIME)
+        stop = np.searchsorted(self.time, self.time + PATH_TIME, side="right")
+        half = np.minimum(here - first, stop - 1 - here)
+        total_x, total_y = (np.append(0.0, np.cumsum(of)) for of in (self.x, self.y))
+        first, stop = here - half, here + half + 1
+        return (total_x[stop] - total_x[first]) / (stop - first), (total_y[stop] - total_y[first]) / (
+            stop - first
+        )
+
+
+def settle_legs(seen: Any, bodies: dict[int, Body]) -> None:
+    """Give sightings of legs to their persons, among those of a window and the next one.
+
+    Parameters
+    ----------
+    seen : the sightings (`windows.WindowSightings`), of which `owner` changes
+    bodies : bodies that were seen often enough, by number
+    """
+    walks = _walks(seen, bodies)
+    _merge(seen, walks)
+    walks = [walk for walk in walks if len(walk.at)]
+    persons = [walk for walk in walks if walk.is_person and len(walk.sweep) >= PATH_SWEEPS]
+    persons.sort(key=lambda walk: (-len(walk.sweep), walk.owner))
+    _gather_fragments(seen, walks, persons)
+    _gather_views(seen, [walk for walk in persons if len(walk.at)])
+
+
+def _walks(seen: Any, bodies: dict[int, Body]) -> list[Walk]:
+    """Return the slim tracks, and slim bodies without one, in the order of their first sweeps."""
+    order = np.argsort(seen.owner, kind="stable")
+    owners, begins = np.unique(seen.owner[order], return_index=True)
+    owned = dict(zip(owners.tolist(), np.split(order, begins[1:]), strict=True)) if len(order) else {}
+    owned.pop(0, None)
+    groups: dict[int, list[int]] = {}
+    for number in owned:
+        track = bodies[number].track
+        groups.setdefault(number if track is None else -id(track), []).append(number)
+    walks = []
+    for numbers in groups.values():
+        at = np.concatenate([owned[number] for number in numbers])
+        if np.median(seen.width[at]) >= LEG_WIDTH:
+            continue
+        owner = max(numbers, key=lambda number: len(owned[number]))
+        track = bodies[owner].track
+        parts = [bodies[owner]] if track is None else track.parts
+        walk = Walk(
+            owner=owner,
+            at=at[np.argsort(seen.sweep[at], kind="stable")],
+            moves=any(part.moved for part in parts) or (track is not None and track.moved),
+            is_person=any(part.kind == PERSON for part in parts),
+            has_rows=track is not None and track.number > 0,
+        )
+        walk.lay(seen)
+        walks.append(walk)
+    return sorted(walks, key=lambda walk: (int(walk.sweep[0]), walk.owner))
+
+
+def _merge(seen: Any, walks: list[Walk]) -> None:
+    """Give a track that goes beside a person to that person, run by run."""
+    pairs = []
+    for i, one in enumerate(walks):
+        for other in walks[i + 1 :]:
+            if other.sweep[0] > one.sweep[-1]:
+                break
+            if (one.is_person or other.is_person) and _touch(one, other):
+                pairs.append((min(len(one.at), len(other.at)), one.owner, other.owner, one, other))
+    for _, _, _, one, other in sorted(pairs, key=lambda pair: pair[:3]):
+        if len(one.at) and len(other.at):
+            leads = one.is_person and (len(one.at) >= len(other.at) or not other.is_person)
+            person, leg = (one, other) if leads else (other, one)
+            _give_runs(seen, person, leg)
+
+
+def _touch(one: Walk, other: Walk) -> bool:
+    """Return whether the rectangles around two walks are within a step."""
+    return bool(
+        one.x.min() - STEP < other.x.max()
+        and other.x.min() - STEP < one.x.max()
+        and one.y.min() - STEP < other.y.max()
+        and other.y.min() - STEP < one.y.max()
+    )
+
+
+def _give_runs(seen: Any, person: Walk, leg: Walk) -> None:
+    """Give the sightings of a leg to a person in the runs of sweeps in which it is beside that person."""
+    after = np.minimum(np.searchsorted(person.sweep, leg.sweep), len(person.sweep) - 1)
+    before = np.maximum(after - 1, 0)
+    pause = np.minimum(np.abs(leg.time - person.time[before]), np.abs(leg.time - person.time[after]))
+    x, y = np.interp(leg.time, person.time, person.x), np.interp(leg.time, person.time, person.y)
+    both = pause < PAUSE
+    near = np.flatnonzero(both & (np.hypot(leg.x - x, leg.y - y) < STEP))
+    # Two who pass each other are near for a while only.
+    if len(near) < max(BESIDE_SHARE * np.count_nonzero(both), 2):
+        return
+    views = leg.count + np.where(person.sweep[after] == leg.sweep, person.count[after], 0)
+    given = np.zeros(len(leg.sweep), bool)
+    for run in np.split(near, np.flatnonzero(np.diff(near) >= RUN_SWEEPS) + 1):
+        is_whole = len(run) >= BESIDE_SHARE * len(leg.sweep)
+        is_leg = is_whole or (leg.moves and len(run) >= RUN_SWEEPS)
+        given[run] = is_leg and np.mean(views[run] > 2) <= MOST_CROWDED
+    if given.any():
+        _give(seen, person, leg, np.isin(seen.sweep[leg.at], leg.sweep[given]))
+
+
+def _give(seen: Any, person: Walk, leg: Walk, given: Bool) -> None:
+    """Give some sightings of a leg to a person."""
+    seen.owner[leg.at[given]] = person.owner
+    at = np.sort(np.concatenate([person.at, leg.at[given]]))
+    person.at, leg.at = at[np.argsort(seen.sweep[at], kind="stable")], leg.at[~given]
+    for walk in (person, leg):
+        walk.lay(seen)
+
+
+def _gather_fragments(seen: Any, walks: list[Walk], persons: list[Walk]) -> None:
+    """Give the new tracks that are never further than a step from the path of a person to that person."""
+    for walk in sorted(walks, key=lambda walk: (len(walk.sweep), walk.owner)):
+        if walk.has_rows:
+            continue
+        for person in persons:
+            if len(person.sweep) <= len(walk.sweep) or not _is_beside(walk.time[[0, -1]], person).all():
+                continue
+            if _away(walk.time, walk.x, walk.y, person).max() < STEP:
+                _give(seen, person, walk, np.ones(len(walk.at), bool))
+                break
+
+
+def _gather_views(seen: Any, persons: list[Walk]) -> None:
+    """Give the views without a track that are within a step of the path of a person to that person, who has two legs."""
+    loose = np.flatnonzero((seen.owner == 0) & (seen.width < LEG_WIDTH))
+    for person in persons:
+        near = loose[_is_beside(seen.time[loose], person)]
+        if not len(near):
+            continue
+        near = near[_away(seen.time[near], seen.x[near], seen.y[near], person) < STEP]
+        legs = dict(zip(person.sweep.tolist(), person.count.tolist(), strict=True))
+        for i, sweep in zip(near.tolist(), seen.sweep[near].tolist(), strict=True):
+            legs[sweep] = legs.get(sweep, 0) + 1
+            if legs[sweep] <= 2:
+                seen.owner[i] = person.owner
+        loose = loose[seen.owner[loose] == 0]
+
+
+def _is_beside(time: Float64, person: Walk) -> Bool:
+    """Return (N,) whether times are between the first and the last sweep of a person, or shortly before or after."""
+    beside: Bool = (time >= person.time[0] - PATH_MARGIN) & (time <= person.time[-1] + PATH_MARGIN)
+    return beside
+
+
+def _away(time: Float64, x: Float64, y: Float64, person: Walk) -> Float64:
+    """Return (N,) the distances [m] of places from the path of a person, which goes on at both ends at its speed there."""
+    early, late = np.minimum(time - person.time[0], 0.0), np.maximum(time - person.time[-1], 0.0)
+    few = min(PATH_SWEEPS, len(person.time)) - 1
+    off: list[Float64] = []
+    for place, path in zip((x, y), person.path(), strict=True):
+        begin = (path[few] - path[0]) / max(person.time[few] - person.time[0], 1e-3)
+        end = (path[-1] - path[-1 - few]) / max(person.time[-1] - person.time[-1 - few], 1e-3)
+        off.append(place - np.interp(time, person.time, path) - early * begin - late * end)
+    away: Float64 = np.hypot(*off)
+    return away
