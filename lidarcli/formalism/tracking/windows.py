@@ -15,7 +15,7 @@ from lidarcli.formalism.tracking.estimation import Bodies
 from lidarcli.formalism.tracking.naming import Looks, Naming
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON, Trajectories
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
-from lidarcli.formalism.tracking.tracks import Body, Track, row_shape
+from lidarcli.formalism.tracking.tracks import Body, Track, main, row_shape
 from lidarcli.formalism.tracking.trajectories import (
     PARTLY_BIT,
     PARTS_MASK,
@@ -31,6 +31,8 @@ MOST_PLACED = 0.5
 """Share of the sweeps of a window with a known place of the sensor, above which places of before still hold."""
 ARRIVAL_SWEEPS = 8
 """A body that is shown to move within so many sweeps has moved from the first one on."""
+LEFT_SDS = 2.0
+"""A body is not where it was first if it is further away than its size and so many standard deviations of both places."""
 LEGS_APART = 0.3
 """[m] Least width of an object that is both legs of a person."""
 SMOOTHED = ("centred", "cos", "sin", "half_1", "half_2", "z", "var")
@@ -452,11 +454,34 @@ def _smooth_track(seen: WindowSightings, bodies: dict[int, Body], track: Track, 
     smoother.measure(order, step, parts, legs)
     keep = last + 1 - begin
     onset = int(np.searchsorted(sweeps, track.onset))
+    state_before = state.copy()
     smoother.smooth(time, parts, legs, state, keep, onset, path, moving)
+    if not track.is_agent and 0 < onset < count:
+        # Looked at backwards, it may have moved before that was shown.
+        left = _leaves(path[: onset + 1], 2.0 * max(main(track).h))
+        if track.told < 0 and left <= ARRIVAL_SWEEPS:
+            left = 0
+        if left < onset:
+            onset, track.onset = left, int(sweeps[left])
+            state[:] = state_before
+            smoother.smooth(time, parts, legs, state, keep, onset, path, moving)
     at = at[order]
     seen.vx[at], seen.vy[at], seen.moving[at] = path[step, 2], path[step, 3], moving[step]
     seen.agent[at] = step >= onset
     return Path(track, begin, path[:keep], codes[:keep], moving[:keep])
+
+
+def _leaves(path: Float64, size: float) -> int:
+    """Return the index of the last sweep in which a body is where it was first.
+
+    Parameters
+    ----------
+    path : (S, 9) as `smoothing.Smoother.smooth` fills it in
+    size : size of the body [m]
+    """
+    way = np.hypot(path[:, 0] - path[0, 0], path[:, 1] - path[0, 1])
+    var = 0.5 * (path[:, 4] + path[:, 6])
+    return int(np.flatnonzero(way <= size + LEFT_SDS * np.sqrt(var + var[0]))[-1])
 
 
 def _half(body: Body, axis: int) -> float:

@@ -139,3 +139,21 @@ def test_room_for_sightings() -> None:
     log = estimation.Sightings()
     log.attach(arrays)
     assert (log.count, log.room) == (0, 7)
+
+
+def test_a_body_has_left_its_first_place_when_it_is_further_away_than_its_size() -> None:
+    def path(x: np.ndarray, sd: float = 0.01) -> np.ndarray:
+        result = np.zeros((len(x), 9))
+        result[:, 0], result[:, [4, 6]] = x, sd * sd
+        return result
+
+    stands = np.zeros(30)
+    goes = np.arange(1, 31) / 10
+    # After 20 cm and the noise of both places.
+    assert windows._leaves(path(np.append(stands, goes)), 0.2) == 31
+    assert windows._leaves(path(np.append(stands, goes)), 0.5) == 34
+    assert windows._leaves(path(np.append(stands, goes), 0.2), 0.2) == 36
+    # It came walking.
+    assert windows._leaves(path(goes), 0.2) == 2
+    # It swings, but never leaves.
+    assert windows._leaves(path(0.1 * np.sin(np.arange(40))), 0.2) == 39
