@@ -58,7 +58,7 @@ cdef void smooth_path(
     double* path
 ) noexcept nogil
 @cython.locals(total=double, best=Py_ssize_t, first=Py_ssize_t, stop=Py_ssize_t)
-cdef void choose_accelerations(Smoother room, long long* parts, Py_ssize_t count) noexcept nogil
+cdef void choose_accelerations(Smoother room, long long* parts, unsigned char* legs, Py_ssize_t count) noexcept nogil
 @cython.locals(known=bint, i=Py_ssize_t, k=Py_ssize_t)
 cdef void filter_forward(
     Smoother room, double* time, long long* parts, unsigned char* legs, double* state, Py_ssize_t count, Py_ssize_t keep,

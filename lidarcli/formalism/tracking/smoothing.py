@@ -218,14 +218,14 @@ def locate_sightings(
 def centre_of(
     low: float, high: float, low_var: float, high_var: float, half: float, half_var: float
 ) -> tuple[float, float, float]:
-    """Return the middle between two sides, of which one may be unknown, its variance, and that of the size in it."""
+    """Return the middle between two sides, of which one may be unknown, its variance, and the share of the size in it."""
     middle, noise, size = 0.5 * (low + high), UNKNOWN_VAR, 0.0
     if low_var >= 0.0 and high_var >= 0.0:
         noise = 0.25 * (low_var + high_var)
     elif low_var >= 0.0:
-        middle, noise, size = low + half, low_var, half_var
+        middle, noise, size = low + half, low_var + half_var, half_var
     elif high_var >= 0.0:
-        middle, noise, size = high - half, high_var, half_var
+        middle, noise, size = high - half, high_var + half_var, half_var
     return middle, noise, size
 
 
@@ -270,15 +270,15 @@ def smooth_path(
         for i in range(count):
             room.acceleration[i] = room.liveliness[c]
         filter_forward(room, time, parts, legs, state, count, 0, c)
-    choose_accelerations(room, parts, count)
+    choose_accelerations(room, parts, legs, count)
     filter_forward(room, time, parts, legs, state, count, keep, -1)
     smooth_backward(room, parts, legs, count, path)
 
 
-def choose_accelerations(room: Smoother, parts: Any, count: int) -> None:
-    """Choose the acceleration of each step by the least misfit over the sweeps around it; what is hidden may do most."""
+def choose_accelerations(room: Smoother, parts: Any, legs: Any, count: int) -> None:
+    """Choose the acceleration of each step by the least misfit over the sweeps around it; hidden persons may do most."""
     for i in range(count):
-        if parts[i] == 0:
+        if parts[i] == 0 and legs[i] > 0:
             room.acceleration[i] = room.liveliness[LIVELINESSES - 1]
             continue
         first, stop = max(i - AROUND_SIGHTINGS, 0), min(i + AROUND_SIGHTINGS + 1, count)
