@@ -16,6 +16,8 @@ EXPECTED = {"box": "prismatic", "cylinder": "round", "plant": "irregular", "pers
 """Kind of entity → shape of its track."""
 SIGHTINGS = 20
 """Tracks seen in fewer sweeps are not asked."""
+LEAST_WAY = 0.5
+"""[m]"""
 _NOTHING = np.empty(0)
 
 
@@ -44,7 +46,7 @@ class Paths:
     speed_errors: Float64
     """(N,) [m/s]"""
     ratios: Float64
-    """Length of each path over that of the true one."""
+    """Length of each path over that of the true one, where that is at least `LEAST_WAY`."""
 
 
 def paths(recording: Recording, found: Detected, track: Int64, tracks: Tracks, rows: Trajectories) -> Paths:
@@ -65,7 +67,8 @@ def paths(recording: Recording, found: Detected, track: Int64, tracks: Tracks, r
         deviations.append(off / np.hypot(rows.x_sd[at], rows.y_sd[at]))
         speeds.append(np.hypot(*(velocity - recording.velocity[sweep, entity]).T))
         ways = [float(np.hypot(*np.diff(one, axis=0).T).sum()) for one in (path, true)]
-        ratios.append(ways[0] / ways[1])
+        if ways[1] >= LEAST_WAY:
+            ratios.append(ways[0] / ways[1])
     return Paths(np.concatenate(places), np.concatenate(deviations), np.concatenate(speeds), np.array(ratios))
 
 
