@@ -40,6 +40,19 @@ def test_their_types_are_those_that_pandas_counts_with() -> None:
     assert seen.beams["object"].dtype == pd.Int32Dtype()
 
 
+def test_trajectories_are_there_unless_they_are_left_out() -> None:
+    found = lidarcli.tables(ROOM, end=1.0)
+    # As before there were any, four tables are unpacked.
+    objects, _, tracks, beams = found
+    assert beams is None
+    rows = found.trajectories
+    assert rows["track"].nunique() == len(tracks) == 5
+    assert len(rows) == (tracks["last_sweep"] - tracks["first_sweep"] + 1).sum()
+    assert rows["parts"].sum() == objects["track"].notna().sum()
+    assert {*rows["frame"]} == {"sensor"}
+    assert lidarcli.tables(ROOM, end=1.0, trajectories=False).trajectories is None
+
+
 def test_they_take_what_track_takes() -> None:
     batches = list(lidarcli.read(ROOM, end=1.0))
     assert lidarcli.tables(batches, beams=True).beams["sweep"].value_counts().to_dict() == dict.fromkeys(

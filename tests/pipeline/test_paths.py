@@ -289,7 +289,7 @@ def test_batches_and_processors_make_no_difference(late: Path, tmp_path: Path, s
         )
         detect_to_files(Source(str(late), "late"), folder, options)
         outputs.append({file.name: file.read_bytes() for file in sorted(folder.iterdir())})
-    assert len(outputs[0]) == 3
+    assert len(outputs[0]) == 4
     assert outputs[0] == outputs[1]
 
 

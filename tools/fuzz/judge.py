@@ -44,6 +44,8 @@ def judge(target: Target, place: Place) -> list[str]:
     beside = _names(place.root)
     small = sum(size for _, size, _, _ in before["input"].values()) < SMALL
     import_once()
+    # Garbage of earlier cases that goes while this one works would make up for what it takes.
+    gc.collect()
     reset_peak()
     held = peak_mb()
     started = time.process_time()

@@ -81,9 +81,7 @@ def track(
     return TrackTables(**_found(log, TrackTables._fields, parameters, options, tracking_of(options)))
 
 
-class Tables(NamedTuple):
-    """The tables of logs as pandas data frames, with the columns of docs/tables.md."""
-
+class _Tables(NamedTuple):
     objects: pd.DataFrame
     """One row per object per sweep."""
     sweeps: pd.DataFrame
@@ -92,6 +90,11 @@ class Tables(NamedTuple):
     """One row per thing."""
     beams: pd.DataFrame | None = None
     """One row per beam of each sweep, where that was asked for."""
+
+
+class Tables(_Tables):
+    """The tables of logs as pandas data frames, with the columns of docs/tables.md; the first four can be unpacked."""
+
     trajectories: pd.DataFrame | None = None
     """One row per thing and sweep, from its first sight to its last, unless they were left out."""
 
@@ -122,7 +125,11 @@ def tables(log: LogsOrBatches, parameters: Parameters | None = None, **options: 
     more = [name for name in ("trajectories", "beams") if options[name]]
     names = ("objects", "sweeps", "tracks", *more)
     made = _found(log, names, parameters, options, tracking_of(options))
-    return Tables(**{name: _frame(table) for name, table in made.items()})
+    frames = {name: _frame(table) for name, table in made.items()}
+    trajectories = frames.pop("trajectories", None)
+    found = Tables(**frames)
+    found.trajectories = trajectories
+    return found
 
 
 def _frame(table: pa.Table) -> pd.DataFrame:

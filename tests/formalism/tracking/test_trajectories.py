@@ -12,6 +12,8 @@ from benchmarks.tracking.recordings import Detected, Recording, detected, in_bat
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.results import FRAMES, HIDDEN, PARTLY, Tracks, Trajectories
+from lidarcli.formalism.tracking.tracks import Track
+from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, Path, Sweeps, joined
 from lidarcli.sweeps import Int64
 
 WALKERS = Cell("people", "1081", 0.01, "parked")
@@ -69,3 +71,21 @@ def test_what_moves_is_where_it_truly_was(run: Run) -> None:
     assert np.median(found.speed_errors) < 0.05
     assert 0.95 < np.median(found.ratios) < 1.05
     assert np.mean(found.deviations < 2) > 0.75
+
+
+def test_the_way_of_a_track_goes_on_from_piece_to_piece() -> None:
+    sweeps, track = Sweeps(), Track(number=3)
+    sweeps.add(np.arange(40, 60), np.arange(20) * 10**8, np.arange(20) / 10, posed=False)
+    way = np.zeros((10, 9))
+    way[:, 0], way[:, 2], way[:, 4:7] = 0.1 * np.arange(10), 1.0, [4e-4, 1e-4, 9e-4]
+    codes = np.full(10, 1, np.uint8)
+    codes[4:6], codes[8] = 0, 2 | PARTLY_BIT
+    for begin in (5, 10):
+        piece = slice(begin - 5, begin)
+        Path(track, begin, way[piece], codes[piece], np.ones(5, np.uint8)).sum_up()
+    assert (track.distance, track.speed_max, track.x, track.told) == pytest.approx((0.9, 1.0, 0.9, 15))
+    rows = joined(sweeps, [Path(track, 5, way, codes, np.ones(10, np.uint8))])
+    assert rows.sweep.tolist() == list(range(45, 55))
+    assert rows.parts.tolist() == (codes & PARTS_MASK).tolist()
+    assert rows.seen[[4, 8]].tolist() == [HIDDEN, PARTLY]
+    assert (rows.x_sd[0], rows.y_sd[0], rows.xy_cov[0]) == pytest.approx((0.02, 0.03, 1e-4))
