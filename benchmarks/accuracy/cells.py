@@ -22,7 +22,7 @@ from benchmarks.scenes.random import (
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import Entity, Scene, Sensor
-from lidarcli.sweeps import Float64, Int32, RawSweeps, SweepBatch, UInt8, concatenate
+from lidarcli.sweeps import TURN, Float64, Int32, RawSweeps, SweepBatch, UInt8, concatenate
 
 Things = Literal["plain", "whole", "legs"]
 """Scenes without legged things; with them, each one entity; with them, each leg an entity of its own."""
@@ -54,19 +54,28 @@ class Cell:
 
     def fitted(self) -> Sensor:
         """The sensor with its faults."""
-        sensor = SENSORS[self.sensor]
+        sensor = {**SENSORS, **NARROW}[self.sensor]
         return cheap(sensor) if self.cheap else sensor_with(sensor, self.noise, self.lost)
 
 
 CELLS = tuple(Cell(kind, sensor, *fault) for kind in KINDS for sensor in SENSORS for fault in FAULTS)
 """Scenes of clean surfaces."""
+BUILDING_FAULTS = ((0.01, 0.003, False), (*CHEAP_NOISE[:1], 0.01, True))
 BUILDING_CELLS = tuple(
-    Cell(kind, sensor, *fault)
-    for kind in building.KINDS
-    for sensor in SENSORS
-    for fault in ((0.01, 0.003, False), (*CHEAP_NOISE[:1], 0.01, True))
+    Cell(kind, sensor, *fault) for kind in building.KINDS for sensor in SENSORS for fault in BUILDING_FAULTS
 )
 """Scenes like real buildings."""
+NARROW = {
+    "181": Sensor(181, -TURN / 4, TURN / 360, 0.1, 30.0),
+    "361 over half a turn": Sensor(361, -TURN / 4, TURN / 720, 0.1, 30.0),
+    "361 up to 5 m": Sensor(361, -TURN / 2, TURN / 360, 0.1, 5.0),
+    "683": Sensor(683, -TURN / 3, TURN / 1023, 0.05, 5.6),
+}
+"""Sensors of a narrow or a short view."""
+NARROW_CELLS = tuple(
+    Cell(kind, sensor, *fault) for kind in building.KINDS for sensor in NARROW for fault in BUILDING_FAULTS
+)
+"""Scenes like real buildings of which little is seen: trees are grown on them, nothing is reported on them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +119,10 @@ def judged(raw: RawSweeps) -> SweepBatch:
 
 
 def cells_of(
-    kind: Kind | building.Kind, seeds: list[int], things: Things
+    kind: Kind | building.Kind,
+    seeds: list[int],
+    things: Things,
+    cells: tuple[Cell, ...] = (*CELLS, *BUILDING_CELLS),
 ) -> Iterator[tuple[Cell, SweepBatch, Truth]]:
     """The cells of one kind of scene: one sweep of each seed's scene by each sensor with each fault."""
     ideal, legged = SENSORS["361"], things != "plain"
@@ -122,7 +134,7 @@ def cells_of(
             scenes.append(random_scene(kind, seed, ideal, legged=legged))
     if things == "legs":
         scenes = [with_legs_apart(scene) for scene in scenes]
-    for cell in (*CELLS, *BUILDING_CELLS):
+    for cell in cells:
         if cell.kind == kind:
             sensor = cell.fitted()
             batch, truth = simulate([replace(scene, sensor=sensor) for scene in scenes], seeds)

@@ -20,8 +20,7 @@ from benchmarks.annotations.sweeps import judged_sweeps
 from benchmarks.annotations.table import BUILDING, THING
 from benchmarks.scenes import building, random
 from benchmarks.thing.examples import Examples, drawn, judged, legs, together
-from benchmarks.thing.grow import SECOND_PASS, Trees, grow, odds, write
-from lidarcli.formalism import forest
+from benchmarks.thing.grow import grow, odds, write
 
 ROOT = Path(__file__).parents[2]
 FOREST = ROOT / "lidarcli" / "formalism" / "forest.py"
@@ -30,14 +29,9 @@ SEEDS = 0
 """First seed; what is reported begins with 50,000."""
 BUILDINGS, CLEAN = 120, 60
 """Scenes of each kind like real buildings, and of each kind with clean surfaces, both with and without legged things."""
-TREES, LEAVES = 80, 8
-"""Of each pass."""
-REAL, LEGS = 0.3, 0.1
-"""Weight of the sweeps judged by eye, and of the labelled legs, beside that of four kinds of drawn scenes."""
+REAL, LEGS = 0.6, 0.1
+"""Weight of the sweeps judged by eye, and of the labelled legs, beside that of all drawn scenes."""
 CHUNK = 10
-
-Grown = tuple[Trees, float]
-NOTHING: Grown = ((), 0.0)
 
 
 def parts() -> Iterator[tuple[str, list[int], Things]]:
@@ -51,50 +45,48 @@ def parts() -> Iterator[tuple[str, list[int], Things]]:
                 yield kind, list(range(first, first + CHUNK)), things
 
 
-def _measure(work: tuple[str, list[int], Things, Grown]) -> tuple[str, list[Examples]]:
-    kind, seeds, things, first = work
-    _use(first)
+def _measure(work: tuple[str, list[int], Things]) -> tuple[str, list[Examples]]:
+    kind, seeds, things = work
     return kind, list(drawn(kind, seeds, things))
 
 
-def _use(first: Grown) -> None:
-    """Let the core decide by these trees in its first pass."""
-    forest.FIRST, forest.SECOND, forest.PRIOR = first[0], (), (first[1], 0.0)
-
-
-def examples(first: Grown, recordings: Path, jobs: int) -> Examples:
-    """All examples, with the features that the core measures after this first pass; each kind of scene counts alike."""
+def scenes(jobs: int) -> list[Examples]:
+    """The examples of each kind of drawn scene, which all count alike."""
     kinds: dict[str, list[Examples]] = {}
     with ProcessPoolExecutor(jobs) as pool:
-        for kind, found in pool.map(_measure, ((*part, first) for part in parts())):
+        for kind, found in pool.map(_measure, parts()):
             kinds.setdefault(kind, []).extend(found)
-    _use(first)
-    scenes = [together(found) for found in kinds.values()]
-    each = sum(len(scene.thing) for scene in scenes) / len(scenes)
-    by_eye = [
-        judged(sweep.batch, sweep.row, sweep.verdict == THING, sweep.verdict == BUILDING)
-        for sweep in judged_sweeps(recordings, "tuning")
-    ]
-    return together(
-        [
-            *(scene.scaled(each) for scene in scenes),
-            together(by_eye).scaled(REAL * 4 * each),
-            legs(recordings).scaled(LEGS * 4 * each),
-        ]
-    )
+    found_of = [together(found) for found in kinds.values()]
+    each = sum(len(one.thing) for one in found_of) / len(found_of)
+    return [one.scaled(each) for one in found_of]
 
 
-def _say(name: str, grown: Grown, told: Examples) -> None:
-    """How far the trees tell apart what they were grown on."""
-    found = odds(*grown, told.features)
+def judged_logs(recordings: Path) -> dict[str, Examples]:
+    """Log of the tuning half → examples of its judged sweeps."""
+    logs: dict[str, list[Examples]] = {}
+    for sweep in judged_sweeps(recordings, "tuning"):
+        found = judged(sweep.batch, sweep.row, sweep.verdict == THING, sweep.verdict == BUILDING)
+        logs.setdefault(sweep.told.log, []).append(found)
+    return {log: together(found) for log, found in logs.items()}
+
+
+def weighed(drawn_ones: list[Examples], by_eye: list[Examples], on_legs: Examples) -> Examples:
+    """All examples with their weights."""
+    whole = sum(float(one.weight.sum()) for one in drawn_ones)
+    return together([*drawn_ones, together(by_eye).scaled(REAL * whole), on_legs.scaled(LEGS * whole)])
+
+
+def _say(drawn_ones: list[Examples], logs: dict[str, Examples], on_legs: Examples) -> None:
+    """How far trees tell apart the bodies of each judged log that were grown without it."""
+    found = []
+    for left_out in logs:
+        others = [told for log, told in logs.items() if log != left_out]
+        found.append(odds(*grow(weighed(drawn_ones, others, on_legs)), logs[left_out].features))
+    told, thing = np.concatenate(found), together(list(logs.values())).thing
     for least in (0.1, 0.3, 0.5):
-        kept = found >= np.log(least / (1.0 - least))
-        weight = told.weight
-        right = weight[kept & told.thing].sum()
-        print(
-            f"{name}, thing >= {least}: precision {right / weight[kept].sum():.3f}, "
-            f"recall {right / weight[told.thing].sum():.3f}"
-        )
+        kept = told >= np.log(least / (1.0 - least))
+        right = thing[kept].mean(), kept[thing].mean()
+        print(f"logs left out, thing >= {least}: precision {right[0]:.3f}, recall {right[1]:.3f}")
 
 
 def main() -> None:
@@ -102,18 +94,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.thing", description=__doc__)
     parser.add_argument("--output", type=Path, default=FOREST, metavar="FILE", help="module to write")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument(
+        "--left-out", action="store_true", help="tell, too, how right trees are that never saw a log"
+    )
     arguments = parser.parse_args()
     folder = os.environ.get(REAL_LOGS)
     if not folder:
         sys.exit(f"{REAL_LOGS} names no folder of recordings: nothing is grown without them")
-    known = examples(NOTHING, Path(folder), arguments.jobs)
-    first = grow(known, trees=TREES, leaves=LEAVES, without=SECOND_PASS)
-    _say("first pass", first, known)
-    known = examples(first, Path(folder), arguments.jobs)
-    second = grow(known, trees=TREES, leaves=LEAVES)
-    _say("second pass", second, known)
-    write(arguments.output, first[0], second[0], (first[1], second[1]))
+    drawn_ones, logs, on_legs = scenes(arguments.jobs), judged_logs(Path(folder)), legs(Path(folder))
+    write(arguments.output, *grow(weighed(drawn_ones, list(logs.values()), on_legs)))
     print(f"wrote {arguments.output}")
+    if arguments.left_out:
+        _say(drawn_ones, logs, on_legs)
 
 
 if __name__ == "__main__":

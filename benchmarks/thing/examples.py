@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.accuracy.cells import WALL, Things, cells_of
+from benchmarks.accuracy.cells import BUILDING_CELLS, CELLS, NARROW_CELLS, WALL, Things, cells_of
 from benchmarks.accuracy.methods import labels_of
 from benchmarks.accuracy.real import centroids, labelled_legs
 from benchmarks.accuracy.scoring import assign
@@ -48,7 +48,8 @@ def together(parts: list[Examples]) -> Examples:
 
 def drawn(kind: str, seeds: list[int], things: Things) -> Iterator[Examples]:
     """Bodies of drawn scenes, cell by cell: right ones are things, those mostly on walls are not; the rest is left out."""
-    for _, batch, truth in cells_of(kind, seeds, things):  # type: ignore[arg-type]
+    every = (*CELLS, *BUILDING_CELLS, *NARROW_CELLS)
+    for _, batch, truth in cells_of(kind, seeds, things, every):  # type: ignore[arg-type]
         found = detect(batch, EVERYTHING, per_beam=True, explain=True)
         result = assign(labels_of(found), truth, batch)
         order = np.lexsort((result.label, result.row))

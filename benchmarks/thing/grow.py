@@ -6,63 +6,62 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sklearn.ensemble import GradientBoostingClassifier
+from sklearn.ensemble import HistGradientBoostingClassifier
 
 from benchmarks.thing.examples import Examples
-from lidarcli.formalism.features import NAMES
 from lidarcli.sweeps import Float64
 
 Node = tuple[int, float, int, float]
 """Feature (-1: a leaf), its bound or the leaf's value, the node to go on with above it, the mean of the leaves below."""
 Trees = tuple[tuple[Node, ...], ...]
 
+TREES, LEAVES = 80, 8
 RATE = 0.15
 """Share of what a tree has learnt that is kept; the next ones correct the rest."""
-SAMPLE = 0.6
-"""Share of the examples that each tree sees."""
-LEAST = 60
-"""Examples in a leaf."""
-SECOND_PASS = ("first", "jump_free", "hidden_by_wall", "hidden_by_thing", "others")
-"""Features that the first pass does not have."""
+SAMPLE = 0.5
+"""Share of the features that each split may ask for."""
+LEAST, PENALTY = 40, 5.0
+"""Examples in a leaf; what draws the values of leaves towards 0."""
 DIGITS = 4
 """Of the constants."""
 
 
-def grow(
-    examples: Examples, *, trees: int, leaves: int, without: tuple[str, ...] = (), seed: int = 0
-) -> tuple[Trees, float]:
-    """Trees for some examples, which do not ask for some features; and the log-odds before any tree."""
-    columns = [k for k, name in enumerate(NAMES) if name not in without]
-    model = GradientBoostingClassifier(
-        n_estimators=trees,
-        max_leaf_nodes=leaves,
-        max_depth=None,
+def grow(examples: Examples, *, seed: int = 0) -> tuple[Trees, float]:
+    """Trees for some examples, and the log-odds before any tree."""
+    model = HistGradientBoostingClassifier(
+        max_iter=TREES,
+        max_leaf_nodes=LEAVES,
         learning_rate=RATE,
-        subsample=SAMPLE,
+        max_features=SAMPLE,
         min_samples_leaf=LEAST,
+        l2_regularization=PENALTY,
+        early_stopping=False,
         random_state=seed,
     )
-    model.fit(examples.features[:, columns], examples.thing, sample_weight=examples.weight)
-    share = float(np.average(examples.thing, weights=examples.weight))
-    prior = round(float(np.log(share / (1.0 - share))), DIGITS)
-    return tuple(_nodes(tree.tree_, columns) for tree in model.estimators_[:, 0]), prior
+    model.fit(examples.features, examples.thing, sample_weight=examples.weight)
+    prior = round(float(model._baseline_prediction[0, 0]), DIGITS)
+    return tuple(_nodes(each.nodes) for (each,) in model._predictors), prior
 
 
-def _nodes(tree: Any, columns: list[int]) -> tuple[Node, ...]:
+def _nodes(grown: Any) -> tuple[Node, ...]:
     """The nodes of one tree, each before those below it: first all at most at its bound, then those above."""
     nodes: list[Node] = []
 
-    def add(n: int) -> None:
-        at = len(nodes)
-        value = round(RATE * float(tree.value[n, 0, 0]), DIGITS)
-        if tree.children_left[n] < 0:
+    def add(n: int) -> float:
+        """Add a node and those below it; returns the mean of their leaves."""
+        at, node = len(nodes), grown[n]
+        if node["is_leaf"]:
+            value = round(float(node["value"]), DIGITS)
             nodes.append((-1, value, 0, value))
-            return
+            return value
         nodes.append((0, 0.0, 0, 0.0))
-        add(int(tree.children_left[n]))
-        feature = columns[int(tree.feature[n])]
-        nodes[at] = (feature, float(f"{tree.threshold[n]:.{DIGITS}g}"), len(nodes), value)
-        add(int(tree.children_right[n]))
+        low, high = int(node["left"]), int(node["right"])
+        mean = add(low) * int(grown[low]["count"])
+        above = len(nodes)
+        mean = (mean + add(high) * int(grown[high]["count"])) / int(node["count"])
+        bound = float(f"{node['num_threshold']:.{DIGITS}g}")
+        nodes[at] = (int(node["feature_idx"]), bound, above, round(mean, DIGITS))
+        return mean
 
     add(0)
     return tuple(nodes)
@@ -97,12 +96,8 @@ Trees = tuple[tuple[tuple[int, float, int, float], ...], ...]
 '''
 
 
-def write(path: Path, first: Trees, second: Trees, prior: tuple[float, float]) -> None:
+def write(path: Path, trees: Trees, prior: float) -> None:
     """Write the module of constants."""
-    lines = [HEAD, f"PRIOR = {prior!r}\n", '"""Log-odds before any tree, of both passes."""\n']
-    for name, trees in (("FIRST", first), ("SECOND", second)):
-        lines.append(f"{name}: Trees = (\n")
-        for tree in trees:
-            lines.append(f"    ({', '.join(repr(node) for node in tree)},),\n")
-        lines.append(")\n")
-    path.write_text("".join(lines), encoding="utf-8")
+    lines = [HEAD, f"PRIOR = {prior!r}\n", '"""Log-odds before any tree."""\n', "TREES: Trees = (\n"]
+    lines += [f"    ({', '.join(repr(node) for node in tree)},),\n" for tree in trees]
+    path.write_text("".join([*lines, ")\n"]), encoding="utf-8")

@@ -191,7 +191,7 @@ def _as_sensors_need(core: Core) -> None:
     features.measure(
         core.features, core.survey, core.points, core.segments, core.faces, core.bodies, core.scans
     )
-    verdict.decide(core.verdict, core.features, core.points, core.segments)
+    verdict.decide(core.verdict, core.features)
     verdict.choose(core.survey, core.segments, core.features, core.verdict)
     for j in range(core.segments.count):
         core.survey.label[j] = core.bodies.label[j]

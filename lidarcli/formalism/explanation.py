@@ -17,28 +17,25 @@ KINDS = {
     "form": ("bulge_to", "bulge_away", "roughness", "grazing"),
     "sweep": ("walls", "noise"),
 }
-"""Kind of evidence → features of the first pass that belong to it."""
-START, NEIGHBOURS = "start", "neighbours"
-"""Log-odds before any feature, and those of the second pass, which knows the first verdicts on all other bodies."""
+"""Kind of evidence → features that belong to it."""
+START = "start"
+"""Log-odds before any feature."""
 PLACE, MAP = "place", "map"
 """Mean log-odds by all sweeps at that place, which take the place of this sweep's own, and what the map adds."""
 LEAST = 0.05
 """Least log-odds that are shown."""
 
 
-def contributions(features: Float64, thing: Float64) -> dict[str, Float64]:
+def contributions(features: Float64) -> dict[str, Float64]:
     """Return the part of each kind of evidence in the log-odds of being a thing; their sum is the whole.
 
-    Parameters
-    ----------
-    features : (K, F) as `Detection.features` has them
-    thing : (K,) the probabilities that were decided on
+    `features` is (K, F) as `Detection.features` has them.
     """
     kind_of = {name: kind for kind, names in KINDS.items() for name in names}
-    found = {kind: np.zeros(len(features)) for kind in (START, *KINDS, NEIGHBOURS)}
-    found[START] += forest.PRIOR[0]
+    found = {kind: np.zeros(len(features)) for kind in (START, *KINDS)}
+    found[START] += forest.PRIOR
     every = np.arange(len(features))
-    for tree in forest.FIRST:
+    for tree in forest.TREES:
         asked = np.array([node[0] for node in tree])
         bound = np.array([node[1] for node in tree])
         above = np.array([node[2] for node in tree])
@@ -52,14 +49,12 @@ def contributions(features: Float64, thing: Float64) -> dict[str, Float64]:
                 mine = asks & (asked[at] == feature)
                 found[kind_of[NAMES[feature]]][mine] += (value[then] - value[at])[mine]
             at = then
-    share = np.clip(thing, 1e-9, 1.0 - 1e-9)
-    found[NEIGHBOURS] += np.log(share / (1.0 - share)) - sum(found.values())
     return found
 
 
 def reasons(features: Float64, thing: Float64) -> list[str | None]:
     """Return (K,) the parts in words, the greatest first: `edges +2.1, lines -0.8`; None without a verdict."""
-    told = contributions(features, thing)
+    told = contributions(features)
     names = list(told)
     values = np.stack(list(told.values()), axis=1)
     lines: list[str | None] = []

@@ -44,11 +44,6 @@ NAMES = (
     "view",
     "range",
     "flicker",
-    "first",
-    "jump_free",
-    "hidden_by_wall",
-    "hidden_by_thing",
-    "others",
 )
 """Names of the features in their order (docs/formalism.md explains them)."""
 (
@@ -80,13 +75,8 @@ NAMES = (
     VIEW,
     RANGE,
     FLICKER,
-    FIRST,
-    JUMP_FREE,
-    HIDDEN_BY_WALL,
-    HIDDEN_BY_THING,
-    OTHERS,
     COUNT,
-) = range(34)
+) = range(29)
 
 FAR = 3.0
 """[m] The jump at an edge behind which nothing is seen; none counts as larger."""
@@ -162,7 +152,7 @@ def measure(
     bodies: Bodies,
     scans: Scans,
 ) -> None:
-    """Fill in the features of all bodies, but for those of the second pass."""
+    """Fill in the features of all bodies."""
     if features.count == 0:
         return
     find_direction(features, faces)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import Detection, Parameters, detect, features, forest
-from lidarcli.formalism.explanation import KINDS, NEIGHBOURS, START, contributions, reasons
+from lidarcli.formalism.explanation import KINDS, START, contributions, reasons
 from tests.formalism.batches import batch_of
 from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
 from tests.formalism.test_robust_scenes import turn
@@ -101,13 +101,10 @@ def test_what_each_kind_of_evidence_adds_is_all_there_is() -> None:
         [*wall(2.0, (-3.0, -1.6), (-0.6, 0.6), (1.6, 3.0)), *wall(-1.5, (-0.2, 0.2)), *wall(5.0, (-8, 8))]
     )
     assert found.features is not None
-    told = contributions(found.features, found.thing)
-    assert [*told] == [START, *KINDS, NEIGHBOURS]
+    told = contributions(found.features)
+    assert [*told] == [START, *KINDS]
     odds = np.log(found.thing / (1.0 - found.thing))
     np.testing.assert_allclose(sum(told.values()), odds, atol=1e-6)
-    # Without the second look they are the log-odds of the first.
-    first = found.features[:, features.NAMES.index("first")]
-    np.testing.assert_allclose(odds - told[NEIGHBOURS], first, atol=1e-3)
     lines = reasons(found.features, found.thing)
     assert all(line is not None and line.split(", ")[0].split()[0] in told for line in lines)
     assert reasons(found.features[:1], np.array([np.nan])) == [None]
@@ -115,12 +112,8 @@ def test_what_each_kind_of_evidence_adds_is_all_there_is() -> None:
 
 def test_every_feature_is_evidence_of_one_kind() -> None:
     kinds = [name for names in KINDS.values() for name in names]
-    second = ("first", "jump_free", "hidden_by_wall", "hidden_by_thing", "others")
-    assert sorted([*kinds, *second]) == sorted(features.NAMES)
-    assert {node[0] for tree in forest.FIRST for node in tree} <= {
-        -1,
-        *range(len(features.NAMES) - len(second)),
-    }
+    assert sorted(kinds) == sorted(features.NAMES)
+    assert {node[0] for tree in forest.TREES for node in tree} <= {-1, *range(len(features.NAMES))}
 
 
 def test_beams_that_flicker_prove_nothing() -> None:

@@ -172,26 +172,16 @@ def by_trees(trees: forest.Trees, prior: float, values: list[float]) -> float:
     return total
 
 
-def test_two_passes_of_trees_decide() -> None:
-    second = 0
+def test_trees_decide() -> None:
+    seen = 0
     for one in recordings()[::4]:
         state = one.after["verdict.decide"]
-        first = []
         for k, _ in bodies_of(state):
             values = state.features.values[k * features.COUNT : (k + 1) * features.COUNT]
-            odds = by_trees(forest.FIRST, forest.PRIOR[0], values)
-            assert value(state, k, "first") == pytest.approx(odds, abs=1e-9)
-            first.append(odds)
-        shares = [1.0 / (1.0 + exp(-odds)) for odds in first]
-        for k, odds in enumerate(first):
-            others = (2.0 + sum(shares) - shares[k]) / (len(shares) + 1.0)
-            assert value(state, k, "others") == pytest.approx(others, abs=1e-9)
-            if abs(odds) < 3.5:
-                values = state.features.values[k * features.COUNT : (k + 1) * features.COUNT]
-                odds = by_trees(forest.SECOND, forest.PRIOR[1], values)
-                second += 1
+            odds = by_trees(forest.TREES, forest.PRIOR, values)
             assert state.verdict.thing[k] == pytest.approx(1.0 / (1.0 + exp(-odds)), abs=1e-9)
-    assert second > 100
+            seen += 1
+    assert seen > 300
 
 
 def test_what_is_likely_enough_is_an_object_and_the_rest_is_wall() -> None:
