@@ -11,11 +11,14 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from benchmarks.thing.examples import Examples
 from lidarcli.sweeps import Float64
 
-Node = tuple[int, float, int, float]
-"""Feature (-1: a leaf), its bound or the leaf's value, the node to go on with above it, the mean of the leaves below."""
-Trees = tuple[tuple[Node, ...], ...]
+Question = tuple[int, float, float]
+"""Feature, bound, and what the leaves below it add on average."""
+Trees = tuple[tuple[tuple[Question, ...], tuple[float, ...]], ...]
 
-TREES, LEAVES = 80, 8
+TREES, DEPTH = 100, 3
+ASKED, LEAVES = 2**DEPTH - 1, 2**DEPTH
+SEED = 1
+"""Of the features that are drawn for each split."""
 RATE = 0.15
 """Share of what a tree has learnt that is kept; the next ones correct the rest."""
 SAMPLE = 0.5
@@ -26,72 +29,70 @@ DIGITS = 4
 """Of the constants."""
 
 
-def grow(examples: Examples, *, seed: int = 0) -> tuple[Trees, float]:
+def grow(examples: Examples) -> tuple[Trees, float]:
     """Trees for some examples, and the log-odds before any tree."""
     model = HistGradientBoostingClassifier(
         max_iter=TREES,
         max_leaf_nodes=LEAVES,
+        max_depth=DEPTH,
         learning_rate=RATE,
         max_features=SAMPLE,
         min_samples_leaf=LEAST,
         l2_regularization=PENALTY,
         early_stopping=False,
-        random_state=seed,
+        random_state=SEED,
     )
     model.fit(examples.features, examples.thing, sample_weight=examples.weight)
     prior = round(float(model._baseline_prediction[0, 0]), DIGITS)
-    return tuple(_nodes(each.nodes) for (each,) in model._predictors), prior
+    return tuple(_tree(each.nodes) for (each,) in model._predictors), prior
 
 
-def _nodes(grown: Any) -> tuple[Node, ...]:
-    """The nodes of one tree, each before those below it: first all at most at its bound, then those above."""
-    nodes: list[Node] = []
+def _tree(grown: Any) -> tuple[tuple[Question, ...], tuple[float, ...]]:
+    """Questions and leaves of one tree; a leaf that came early stands for all below it."""
+    questions: list[Question] = [(0, 0.0, 0.0)] * ASKED
+    leaves = [0.0] * LEAVES
 
-    def add(n: int) -> float:
-        """Add a node and those below it; returns the mean of their leaves."""
-        at, node = len(nodes), grown[n]
-        if node["is_leaf"]:
-            value = round(float(node["value"]), DIGITS)
-            nodes.append((-1, value, 0, value))
+    def fill(at: int, n: int) -> float:
+        """Fill in what is below a node; returns the mean of its leaves."""
+        node = grown[n]
+        if at >= ASKED:
+            leaves[at - ASKED] = value = round(float(node["value"]), DIGITS)
             return value
-        nodes.append((0, 0.0, 0, 0.0))
+        if node["is_leaf"]:
+            questions[at] = (0, 0.0, fill(2 * at + 1, n))
+            return fill(2 * at + 2, n)
         low, high = int(node["left"]), int(node["right"])
-        mean = add(low) * int(grown[low]["count"])
-        above = len(nodes)
-        mean = (mean + add(high) * int(grown[high]["count"])) / int(node["count"])
+        mean: float = fill(2 * at + 1, low) * int(grown[low]["count"])
+        mean = (mean + fill(2 * at + 2, high) * int(grown[high]["count"])) / int(node["count"])
         bound = float(f"{node['num_threshold']:.{DIGITS}g}")
-        nodes[at] = (int(node["feature_idx"]), bound, above, round(mean, DIGITS))
+        questions[at] = (int(node["feature_idx"]), bound, round(mean, DIGITS))
         return mean
 
-    add(0)
-    return tuple(nodes)
+    fill(0, 0)
+    return tuple(questions), tuple(leaves)
 
 
 def odds(trees: Trees, prior: float, features: Float64) -> Float64:
     """(N,) log-odds by the trees, as the core has them."""
-    total = np.full(len(features), prior)
-    for tree in trees:
+    total, every = np.full(len(features), prior), np.arange(len(features))
+    for questions, leaves in trees:
+        asked, bound, _ = (np.array(column) for column in zip(*questions, strict=True))
         at = np.zeros(len(features), np.int64)
-        kind = np.array([node[0] for node in tree])
-        bound = np.array([node[1] for node in tree])
-        above = np.array([node[2] for node in tree])
-        for _ in range(len(tree)):
-            asks = kind[at] >= 0
-            low = features[np.arange(len(features)), np.maximum(kind[at], 0)] <= bound[at]
-            at = np.where(asks, np.where(low, at + 1, above[at]), at)
-        total += bound[at]
+        for _ in range(DEPTH):
+            at = 2 * at + 1 + (features[every, asked[at]] > bound[at])
+        total += np.array(leaves)[at - ASKED]
     return total
 
 
 HEAD = '''"""The trees that tell things from pieces of building. Written by `python -m benchmarks.thing`: do not edit.
 
-A node is a feature (its place in `features.NAMES`; -1: a leaf), a bound (of a leaf: what it adds to the log-odds), the node
-of the tree to go on with above the bound (at or below it the next one follows), and what its leaves add on average.
+A tree is its questions and its leaves, as `verdict.Trees` goes through them. A question is a feature (its place in
+`features.NAMES`), a bound, and what the leaves below it add on average; a leaf is what it adds to the log-odds.
 """
 
 from __future__ import annotations
 
-Trees = tuple[tuple[tuple[int, float, int, float], ...], ...]
+Trees = tuple[tuple[tuple[tuple[int, float, float], ...], tuple[float, ...]], ...]
 
 '''
 
@@ -99,5 +100,5 @@ Trees = tuple[tuple[tuple[int, float, int, float], ...], ...]
 def write(path: Path, trees: Trees, prior: float) -> None:
     """Write the module of constants."""
     lines = [HEAD, f"PRIOR = {prior!r}\n", '"""Log-odds before any tree."""\n', "TREES: Trees = (\n"]
-    lines += [f"    ({', '.join(repr(node) for node in tree)},),\n" for tree in trees]
+    lines += [f"    {tree!r},\n" for tree in trees]
     path.write_text("".join([*lines, ")\n"]), encoding="utf-8")

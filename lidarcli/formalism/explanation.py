@@ -12,7 +12,7 @@ from lidarcli.sweeps import Float64
 KINDS = {
     "edges": ("jump_least", "jump_most", "hidden", "open", "view", "flicker"),
     "lines": ("aligned", "support", "support_near", "line", "unbroken", "cross_line"),
-    "relief": ("backing", "line_behind", "depth_behind", "line_before", "before_back", "protrusion"),
+    "relief": ("backing", "line_behind", "depth_behind", "line_before", "protrusion"),
     "size": ("width", "reach", "beams", "range"),
     "form": ("bulge_to", "bulge_away", "roughness", "grazing"),
     "sweep": ("walls", "noise"),
@@ -35,18 +35,15 @@ def contributions(features: Float64) -> dict[str, Float64]:
     found = {kind: np.zeros(len(features)) for kind in (START, *KINDS)}
     found[START] += forest.PRIOR
     every = np.arange(len(features))
-    for tree in forest.TREES:
-        asked = np.array([node[0] for node in tree])
-        bound = np.array([node[1] for node in tree])
-        above = np.array([node[2] for node in tree])
-        value = np.array([node[3] for node in tree])
+    for questions, leaves in forest.TREES:
+        asked, bound, value = (np.array(column) for column in zip(*questions, strict=True))
+        value = np.append(value, leaves)
         found[START] += value[0]
         at: NDArray[np.int64] = np.zeros(len(features), np.int64)
-        while (asks := asked[at] >= 0).any():
-            low = features[every, np.maximum(asked[at], 0)] <= bound[at]
-            then = np.where(asks, np.where(low, at + 1, above[at]), at)
-            for feature in np.unique(asked[at[asks]]).tolist():
-                mine = asks & (asked[at] == feature)
+        for _ in range(len(leaves).bit_length() - 1):
+            then = 2 * at + 1 + (features[every, asked[at]] > bound[at])
+            for feature in np.unique(asked[at]).tolist():
+                mine = asked[at] == feature
                 found[kind_of[NAMES[feature]]][mine] += (value[then] - value[at])[mine]
             at = then
     return found

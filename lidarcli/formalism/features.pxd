@@ -8,16 +8,15 @@ from lidarcli.formalism.segmentation cimport Points, Scans, Segments
 from lidarcli.formalism.surfaces cimport Faces, Survey
 
 cdef Py_ssize_t JUMP_LEAST, JUMP_MOST, HIDDEN, OPEN, WIDTH, REACH, BEAMS, ALIGNED, SUPPORT, SUPPORT_NEAR, BACKING, LINE
-cdef Py_ssize_t LINE_BEHIND, DEPTH_BEHIND, LINE_BEFORE, UNBROKEN, CROSS_LINE, BULGE_TO, BULGE_AWAY, BEFORE_BACK, WALLS
+cdef Py_ssize_t LINE_BEHIND, DEPTH_BEHIND, LINE_BEFORE, UNBROKEN, CROSS_LINE, BULGE_TO, BULGE_AWAY, WALLS
 cdef Py_ssize_t NOISE, GRAZING, PROTRUSION, ROUGHNESS, VIEW, RANGE, FLICKER, COUNT, BINS
 cdef double FAR, NEARER
 cdef Py_ssize_t DIRECTION_POINTS, FACE_POINTS
 cdef double RIGHT_ANGLE, KERNEL, CLOSE, DIRECTION_LENGTH, ALIGNED_LEAST, ALIGNED_MOST, ALIGNED_NOISE, FACE_LENGTH, FACE_PLANE, FACE_PLANE_NOISE
 cdef double RELIEF, LINE_NEAR, LINE_BESIDE
 cdef Py_ssize_t OWN_POINTS, BINS_BEFORE, MOST_STRIDE, BEHIND_FIRST, BEHIND_LAST, BEFORE_FIRST, BEFORE_LAST, CROSSED
-cdef Py_ssize_t BACK_LEAST, BACK_MOST
 cdef double OWN_LENGTH, LINE_REACH, LINE_PLANE, LINE_NOISE, TINY, LINE_PRIOR, BIN, SHALLOWEST, DEEPEST, SPACING, SLANT
-cdef double FRONT, BACK_SURFACE, BACK_PLANE, BACK_NOISE
+cdef double FRONT
 
 
 cdef class Features:
@@ -29,13 +28,17 @@ cdef class Features:
     cdef Py_ssize_t* body
     cdef Py_ssize_t* aligned
     cdef Py_ssize_t* axis
+    cdef Py_ssize_t* lines
+    cdef Py_ssize_t* begin
     cdef double* offset
     cdef double* low
     cdef double* high
     cdef double cos, sin, share, goes_on
     cdef double* angle
-    cdef Py_ssize_t* chosen
+    cdef double* length
+    cdef double* votes
     cdef double* bins
+    cdef double* sums
 
 
 cdef void gather(Features features, Survey survey, Points points, Segments segments, Bodies bodies) noexcept nogil
@@ -57,16 +60,21 @@ cdef void measure_outline(
 ) noexcept nogil
 
 
-@cython.locals(a=Py_ssize_t, b=Py_ssize_t, count=Py_ssize_t, best=double, most=double, votes=double, off=double)
+@cython.locals(
+    a=Py_ssize_t, b=Py_ssize_t, count=Py_ssize_t, best=double, most=double, off=double, one=double, weight=double,
+    kernel=double
+)
 cdef void find_direction(Features features, Faces faces) noexcept nogil
 cdef double _turned(double angle) noexcept nogil
-@cython.locals(turned=bint, more=double, less=double, allowed=double, u=double, v=double)
+@cython.locals(
+    turned=bint, is_line=bint, number=Py_ssize_t, more=double, less=double, allowed=double, u=double, v=double
+)
 cdef void align(Features features, Points points, Faces faces) noexcept nogil
 @cython.locals(some=bint, i=Py_ssize_t, longest=double, total=double, aligned=double)
 cdef void measure_support(
     Features features, Points points, Segments segments, Faces faces, Py_ssize_t k
 ) noexcept nogil
-@cython.locals(everywhere=double, near=double, behind=double, gap=double, depth=double)
+@cython.locals(g=Py_ssize_t, everywhere=double, near=double, behind=double, gap=double, depth=double)
 cdef void _add_support(
     Features features, Points points, Faces faces, Py_ssize_t k, Py_ssize_t axis, double offset, double low,
     double high, double weight
@@ -78,12 +86,14 @@ cdef void measure_line(
     Features features, Points points, Segments segments, Faces faces, Scans scans, Py_ssize_t k
 ) noexcept nogil
 @cython.locals(
-    i=Py_ssize_t, half=Py_ssize_t, off=Py_ssize_t, line=double, behind=double, depth=double, before=double,
-    beyond=double, occupied=double, crossed=double, along_x=double, along_y=double
+    i=Py_ssize_t, half=Py_ssize_t, behind=double, depth=double, before=double, share=double, beyond=double,
+    along_x=double, along_y=double
 )
 cdef void _measure_face(
     Features features, Points points, Segments segments, Faces faces, Scans scans, Py_ssize_t k, Py_ssize_t face
 ) noexcept nogil
+@cython.locals(end=Py_ssize_t)
+cdef double _share(double* sums, double beyond, Py_ssize_t at, Py_ssize_t half) noexcept nogil
 @cython.locals(
     lost=Py_ssize_t, last=double, begin=double, beyond=double, crossed=Py_ssize_t, far=double, stride=Py_ssize_t,
     left=Py_ssize_t, skip=Py_ssize_t, turn=Py_ssize_t, step=double
@@ -92,5 +102,3 @@ cdef double _follow(
     Features features, Points points, Scans scans, Py_ssize_t start, int way, double normal_x, double normal_y,
     double c
 ) noexcept nogil
-@cython.locals(number=Py_ssize_t)
-cdef void measure_back(Features features, Points points, Segments segments, Py_ssize_t k) noexcept nogil

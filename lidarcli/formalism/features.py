@@ -7,6 +7,7 @@ space. Every feature is one such question, put to the whole sweep.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from lidarcli import native
@@ -35,7 +36,6 @@ NAMES = (
     "cross_line",
     "bulge_to",
     "bulge_away",
-    "before_back",
     "walls",
     "noise",
     "grazing",
@@ -66,7 +66,6 @@ NAMES = (
     CROSS_LINE,
     BULGE_TO,
     BULGE_AWAY,
-    BEFORE_BACK,
     WALLS,
     NOISE,
     GRAZING,
@@ -76,7 +75,7 @@ NAMES = (
     RANGE,
     FLICKER,
     COUNT,
-) = range(29)
+) = range(28)
 
 FAR = 3.0
 """[m] The jump at an edge behind which nothing is seen; none counts as larger."""
@@ -107,12 +106,20 @@ class Features:
         self.offset = native.doubles(self.owner, 2 * most)
         self.low = native.doubles(self.owner, 2 * most)
         self.high = native.doubles(self.owner, 2 * most)
+        self.lines = native.integers(self.owner, 2 * most)
+        """Aligned faces that are long enough to be parts of lines, those along the building before those across."""
+        self.begin = native.integers(self.owner, 3)
+        """Where those of each axis begin in `lines`, and where they end."""
         self.cos = 1.0
         """Direction of the building."""
         self.sin = 0.0
         self.angle = native.doubles(self.owner, 2 * most)
-        self.chosen = native.integers(self.owner, 2 * most)
-        self.bins = native.doubles(self.owner, BINS + 1)
+        self.length = native.doubles(self.owner, 2 * most)
+        self.votes = native.doubles(self.owner, 2 * most)
+        self.bins = native.doubles(self.owner, BINS)
+        """[m] How much of a line is met at each depth."""
+        self.sums = native.doubles(self.owner, BINS + 1)
+        """Sums of the bins before each one, and of all."""
         self.goes_on = 0.0
         """[m] How far a line goes on past the ends of a body without a beam that passes through it."""
         self.share = 0.0
@@ -162,7 +169,6 @@ def measure(
         measure_outline(features, survey, points, segments, bodies, k)
         measure_support(features, points, segments, faces, k)
         measure_line(features, points, segments, faces, scans, k)
-        measure_back(features, points, segments, k)
 
 
 # What is seen of a body by itself: its edges, its size, its form.
@@ -267,27 +273,28 @@ def find_direction(features: Features, faces: Faces) -> None:
 
     Each face that tells one votes for those of a like direction; the best and those close to it make the mean.
     """
-    angle, chosen, count = features.angle, features.chosen, 0
+    angle, length, votes, count = features.angle, features.length, features.votes, 0
     for f in range(faces.count):
         if faces.length[f] >= DIRECTION_LENGTH and faces.points[f] >= DIRECTION_POINTS:
-            angle[count] = math.atan2(faces.direction_y[f], faces.direction_x[f])
-            chosen[count] = f
+            angle[count] = _turned(math.atan2(faces.direction_y[f], faces.direction_x[f]))
+            length[count], votes[count] = faces.length[f], 0.0
             count += 1
+    kernel = KERNEL
+    for a in range(count):
+        one, weight = angle[a], length[a]
+        for b in range(count):
+            off = abs(angle[b] - one)
+            votes[b] += weight * max(kernel - min(off, RIGHT_ANGLE - off), 0.0)
     best, most = 0.0, 0.0
     for a in range(count):
-        votes = 0.0
-        for b in range(count):
-            off = abs(_turned(angle[b] - angle[a]))
-            if off < KERNEL:
-                votes += faces.length[chosen[b]] * (KERNEL - off)
-        if votes > most:
-            best, most = angle[a], votes
+        if votes[a] > most:
+            best, most = angle[a], votes[a]
     total, mean = 0.0, 0.0
     for b in range(count):
         off = _turned(angle[b] - best)
         if abs(off) <= CLOSE:
-            total += faces.length[chosen[b]]
-            mean += faces.length[chosen[b]] * off
+            total += length[b]
+            mean += length[b] * off
     beta = best + (mean / total if total > 0.0 else 0.0)
     features.cos, features.sin = math.cos(beta), math.sin(beta)
 
@@ -319,6 +326,14 @@ def align(features: Features, points: Points, faces: Faces) -> None:
             noise = ALIGNED_NOISE * points.sigma / (math.sqrt(faces.points[f]) * faces.length[f])
             allowed = max(ALIGNED_LEAST, min(ALIGNED_MOST, noise))
         features.aligned[f] = less < allowed * more
+    for axis in range(2):
+        number = features.begin[axis]
+        for f in range(faces.count):
+            is_line = faces.points[f] >= FACE_POINTS and faces.length[f] > FACE_LENGTH
+            if is_line and features.aligned[f] and features.axis[f] == axis:
+                features.lines[number] = f
+                number += 1
+        features.begin[axis + 1] = number
 
 
 def measure_support(features: Features, points: Points, segments: Segments, faces: Faces, k: int) -> None:
@@ -392,15 +407,12 @@ def _add_support(
     allowed = FACE_PLANE + FACE_PLANE_NOISE * points.sigma
     everywhere, near, behind = 0.0, 0.0, 0.0
     side = 1.0 if offset > 0.0 else -1.0
-    for g in range(faces.count):
-        if not features.aligned[g] or features.axis[g] != axis:
-            continue
+    for i in range(features.begin[axis], features.begin[axis + 1]):
+        g = features.lines[i]
         depth = (features.offset[g] - offset) * side
-        if not (depth >= -allowed and depth <= RELIEF):
+        if not (depth >= -allowed and depth <= RELIEF) or features.body[faces.segment[g]] == k:
             continue
         length = faces.length[g]
-        if faces.points[g] < FACE_POINTS or length <= FACE_LENGTH or features.body[faces.segment[g]] == k:
-            continue
         gap = max(features.low[g] - high, low - features.high[g])
         if depth <= allowed:
             everywhere += length
@@ -421,8 +433,8 @@ LINE_REACH = 2.5
 """[m] A line is followed this far past either end of a body."""
 LINE_PLANE, LINE_NOISE = 0.035, 2.0
 """[m] Points this near to a line, and so many times the noise, are on it."""
-TINY = 1e-6
-"""[m] Less is rounding."""
+TINY = 1e-9
+"""Less is rounding."""
 LINE_PRIOR = 0.3
 """[m] So much of a line is taken for crossed beforehand."""
 BIN = 0.02
@@ -431,7 +443,7 @@ BINS_BEFORE = 30
 """Of the bins, those before the line."""
 SHALLOWEST, DEEPEST = -BIN * BINS_BEFORE, BIN * (BINS - BINS_BEFORE) - 0.5 * BIN
 """[m] What lies further before a line or behind it is in no bin."""
-SPACING, MOST_STRIDE = 0.04, 6
+SPACING, MOST_STRIDE = 0.08, 6
 """[m] Beams that meet a line closer together than this are passed over, so many in a row at most."""
 BEHIND_FIRST, BEHIND_LAST = 3, 15
 """Bins behind the line in which a wall may lie from which the body stands out: 6 to 30 cm."""
@@ -443,12 +455,6 @@ SLANT = 0.015
 """By so much a line may turn: m per m."""
 FRONT = 0.1
 """A line is not followed where beams meet it at a lesser sine."""
-BACK_SURFACE = 0.25
-"""[m] of surface on either side of a body that tell the wall behind it."""
-BACK_LEAST, BACK_MOST = 6, 15
-"""Beams on either side."""
-BACK_PLANE, BACK_NOISE = 0.03, 2.0
-"""[m] rms of a wall behind."""
 
 
 def measure_line(
@@ -492,9 +498,10 @@ def _measure_face(
     features: Features, points: Points, segments: Segments, faces: Faces, scans: Scans, k: int, face: int
 ) -> None:
     """Measure the surfaces on the line of one face of a body, before it and behind it, past both ends of the body."""
-    values, at, bins = features.values, k * COUNT, features.bins
+    values, at, bins, sums = features.values, k * COUNT, features.bins, features.sums
     for i in range(LINE, UNBROKEN):
         values[at + i] = 0.0
+    head, tail = features.head[k], features.tail[k]
     along_x, along_y = faces.direction_x[face], faces.direction_y[face]
     # What is too short to have a direction gets that of the building.
     if features.aligned[face] or faces.length[face] < OWN_LENGTH or faces.points[face] < OWN_POINTS:
@@ -507,41 +514,34 @@ def _measure_face(
         normal_x, normal_y, c = -normal_x, -normal_y, -c
     if c < BIN:
         return
-    for i in range(BINS + 1):
+    for i in range(BINS):
         bins[i] = 0.0
-    first, last = segments.first[features.head[k]], segmentation.last_point(segments, features.tail[k])
+    first, last = segments.first[head], segmentation.last_point(segments, tail)
     features.goes_on = 0.0
     beyond = _follow(features, points, scans, first, -1, normal_x, normal_y, c)
     beyond += _follow(features, points, scans, last, 1, normal_x, normal_y, c)
     values[at + UNBROKEN] = faces.length[face] + features.goes_on
+    for i in range(BINS):
+        sums[i + 1] = sums[i] + bins[i]
     half = int((LINE_PLANE + LINE_NOISE * points.sigma) / BIN + 0.5)
-    line, behind, depth, before = 0.0, 0.0, 0.0, 0.0
-    # Sums of the bins around one, and of those beyond them: what beams have crossed to get there.
-    occupied, crossed = 0.0, beyond
-    for i in range(BINS):
-        crossed += bins[i]
-    for i in range(min(half, BINS)):
-        occupied += bins[i]
-        crossed -= bins[i]
-    for i in range(BINS):
-        if i + half < BINS:
-            occupied += bins[i + half]
-            crossed -= bins[i + half]
-        if i - half - 1 >= 0:
-            occupied -= bins[i - half - 1]
-        if occupied < TINY:
-            continue
-        share = occupied / (occupied + max(crossed, 0.0) + LINE_PRIOR)
-        off = i - BINS_BEFORE
-        if off == 0:
-            line = share
-        elif off >= BEHIND_FIRST and off <= BEHIND_LAST:
-            if share > behind:
-                behind, depth = share, off * BIN
-        elif off <= -BEFORE_FIRST and off >= -BEFORE_LAST:
-            before = max(before, share)
-    values[at + LINE], values[at + LINE_BEHIND] = line, behind
-    values[at + DEPTH_BEHIND], values[at + LINE_BEFORE] = depth, before
+    values[at + LINE] = _share(sums, beyond, BINS_BEFORE, half)
+    behind, depth, before = 0.0, 0.0, 0.0
+    for i in range(BEHIND_FIRST, BEHIND_LAST + 1):
+        share = _share(sums, beyond, BINS_BEFORE + i, half)
+        # Of depths with the same share, which rounding must not tell apart, the least one.
+        if share > behind + TINY:
+            behind, depth = share, i * BIN
+    for i in range(BEFORE_FIRST, BEFORE_LAST + 1):
+        before = max(before, _share(sums, beyond, BINS_BEFORE - i, half))
+    values[at + LINE_BEHIND], values[at + DEPTH_BEHIND] = behind, depth
+    values[at + LINE_BEFORE] = before
+
+
+def _share(sums: Sequence[float], beyond: float, at: int, half: int) -> float:
+    """Return the share of a line that is met around a bin, of what beams have met there or crossed."""
+    end = min(at + half + 1, BINS)
+    met = sums[end] - sums[max(at - half, 0)]
+    return met / (met + sums[BINS] - sums[end] + beyond + LINE_PRIOR)
 
 
 def _follow(
@@ -619,53 +619,3 @@ def _follow(
             bins[int(depth / BIN + BINS_BEFORE + 0.5)] += step
     features.goes_on += far
     return beyond
-
-
-def measure_back(features: Features, points: Points, segments: Segments, k: int) -> None:
-    """Return the distance of a body before the surface on both of its sides [m]; 0 without one."""
-    values, at, x, y = features.values, k * COUNT, points.x, points.y
-    values[at + BEFORE_BACK] = 0.0
-    head, tail = features.head[k], features.tail[k]
-    a, b = segments.first[head], segmentation.last_point(segments, tail)
-    spacing = 0.5 * (points.r[a] + points.r[b]) * points.step
-    number = BACK_LEAST
-    while number < BACK_MOST and (number + 1) * spacing <= BACK_SURFACE:
-        number += 1
-    low, high = a - number, b + number
-    if points.period == 0 and (low < 0 or high >= points.count):
-        return
-    if b - a + 1 + 2 * number > points.count:
-        return
-    sum_x, sum_y, sum_xx, sum_xy, sum_yy = 0.0, 0.0, 0.0, 0.0, 0.0
-    x0, y0 = x[a], y[a]
-    for i in range(2 * number):
-        p = low + i if i < number else b + 1 + i - number
-        if p < 0:
-            p += points.count
-        while p >= points.count:
-            p -= points.count
-        dx, dy = x[p] - x0, y[p] - y0
-        sum_x += dx
-        sum_y += dy
-        sum_xx += dx * dx
-        sum_xy += dx * dy
-        sum_yy += dy * dy
-    share = 1.0 / (2 * number)
-    mean_x, mean_y = sum_x * share, sum_y * share
-    xx, xy, yy = (
-        sum_xx * share - mean_x * mean_x,
-        sum_xy * share - mean_x * mean_y,
-        sum_yy * share - mean_y * mean_y,
-    )
-    half = 0.5 * (xx - yy)
-    root = math.sqrt(half * half + xy * xy)
-    rms = math.sqrt(max(0.5 * (xx + yy) - root, 0.0))
-    if rms > BACK_PLANE + BACK_NOISE * points.sigma or not root > 0.0:
-        return
-    angle = 0.5 * math.atan2(xy, half)
-    normal_x, normal_y = -math.sin(angle), math.cos(angle)
-    c = normal_x * (x0 + mean_x) + normal_y * (y0 + mean_y)
-    if c < 0.0:
-        normal_x, normal_y, c = -normal_x, -normal_y, -c
-    middle = normal_x * 0.5 * (x[a] + x[b]) + normal_y * 0.5 * (y[a] + y[b])
-    values[at + BEFORE_BACK] = max(NEARER, min(c - middle, FAR))

@@ -8,14 +8,16 @@ from lidarcli.formalism.segmentation cimport Segments
 from lidarcli.formalism.surfaces cimport Survey
 
 
+cdef Py_ssize_t ASKED, LEAVES
+
+
 cdef class Trees:
     cdef list owner
     cdef readonly Py_ssize_t trees
     cdef double prior
-    cdef Py_ssize_t* root
     cdef Py_ssize_t* feature
     cdef double* bound
-    cdef Py_ssize_t* above
+    cdef double* leaf
 
 
 cdef class Verdict:
@@ -26,6 +28,6 @@ cdef class Verdict:
 
 
 cdef void decide(Verdict verdict, Features evidence) noexcept nogil
-@cython.locals(n=Py_ssize_t)
+@cython.locals(n=Py_ssize_t, root=Py_ssize_t)
 cdef double score(Trees trees, Features evidence, Py_ssize_t k) noexcept nogil
 cdef void choose(Survey survey, Segments segments, Features evidence, Verdict verdict) noexcept nogil

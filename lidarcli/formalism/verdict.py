@@ -14,9 +14,12 @@ from lidarcli.formalism.features import Features
 from lidarcli.formalism.segmentation import Segments
 from lidarcli.formalism.surfaces import Survey
 
+ASKED, LEAVES = 7, 8
+"""Questions and leaves of a tree."""
+
 
 class Trees:
-    """Binary trees, node by node: each asks whether a feature is at most a bound, and a leaf has a value."""
+    """Complete binary trees: each question is whether a feature is above a bound; node n goes on with 2n + 1 or 2n + 2."""
 
     def __init__(self, trees: forest.Trees, prior: float) -> None:
         """
@@ -28,17 +31,17 @@ class Trees:
         self.owner: list[Any] = []
         self.prior = prior
         self.trees = len(trees)
-        nodes = sum(len(tree) for tree in trees)
-        self.root = native.integers(self.owner, self.trees)
-        self.feature = native.integers(self.owner, nodes)
-        self.bound = native.doubles(self.owner, nodes)
-        self.above = native.integers(self.owner, nodes)
-        n = 0
-        for number, tree in enumerate(trees):
-            self.root[number] = root = n
-            for feature, bound, above, _ in tree:
-                self.feature[n], self.bound[n], self.above[n] = feature, bound, root + above
-                n += 1
+        self.feature = native.integers(self.owner, ASKED * self.trees)
+        self.bound = native.doubles(self.owner, ASKED * self.trees)
+        self.leaf = native.doubles(self.owner, LEAVES * self.trees)
+        for number, (questions, leaves) in enumerate(trees):
+            for n, (feature, bound, _) in enumerate(questions):
+                self.feature[ASKED * number + n], self.bound[ASKED * number + n] = feature, bound
+            for n, value in enumerate(leaves):
+                self.leaf[LEAVES * number + n] = value
+
+
+TREES = Trees(forest.TREES, forest.PRIOR)
 
 
 class Verdict:
@@ -52,7 +55,7 @@ class Verdict:
         least : least probability of a thing
         """
         self.owner: list[Any] = []
-        self.trees = Trees(forest.TREES, forest.PRIOR)
+        self.trees = TREES
         self.least = least
         self.thing = native.doubles(self.owner, most)
         """Probability of each body."""
@@ -66,12 +69,15 @@ def decide(verdict: Verdict, evidence: Features) -> None:
 
 def score(trees: Trees, evidence: Features, k: int) -> float:
     """Return the log-odds of a body: the sum of one leaf of each tree."""
-    total, at = trees.prior, k * features.COUNT
+    feature, bound, leaf, values = trees.feature, trees.bound, trees.leaf, evidence.values
+    total, begin, root = trees.prior, k * features.COUNT, 0
     for tree in range(trees.trees):
-        n = trees.root[tree]
-        while trees.feature[n] >= 0:
-            n = n + 1 if evidence.values[at + trees.feature[n]] <= trees.bound[n] else trees.above[n]
-        total += trees.bound[n]
+        # Without branches, which would be guessed wrong.
+        n = root + 1 + (values[begin + feature[root]] > bound[root])
+        n = 2 * n + 1 - root + (values[begin + feature[n]] > bound[n])
+        n = 2 * n + 1 - root + (values[begin + feature[n]] > bound[n])
+        total += leaf[n - ASKED + tree]
+        root += ASKED
     return total
 
 

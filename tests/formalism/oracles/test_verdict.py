@@ -163,12 +163,12 @@ def test_shares_of_lines_are_shares_and_walls_behind_are_behind() -> None:
 def by_trees(trees: forest.Trees, prior: float, values: list[float]) -> float:
     """Log-odds by walking every tree."""
     total = prior
-    for tree in trees:
+    for questions, leaves in trees:
         n = 0
-        while tree[n][0] >= 0:
-            feature, bound, above, _ = tree[n]
-            n = n + 1 if values[feature] <= bound else above
-        total += tree[n][1]
+        while n < len(questions):
+            feature, bound, _ = questions[n]
+            n = 2 * n + (2 if values[feature] > bound else 1)
+        total += leaves[n - len(questions)]
     return total
 
 
