@@ -107,3 +107,15 @@ def date_and_time(stamp_ns: int) -> str:
     """
     seconds, rest = divmod(stamp_ns, 1_000_000_000)
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
+
+
+def stamp(stamp_ns: int) -> str:
+    """Return a stamp in UTC, to the millisecond.
+
+    >>> stamp(1_700_000_000_123_456_789)
+    '2023-11-14T22:13:20.123Z'
+    """
+    try:
+        return date_and_time(stamp_ns)
+    except (OverflowError, ValueError, OSError):
+        return f"{stamp_ns} ns"

@@ -43,7 +43,7 @@ MAY_IMPORT = {
     "simulate": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "tabular", "tomlfiles"},
     "reports": CORE | {"formalism", "tabular"},
     "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
-    "overlays": CORE | {"maps", "ros"},
+    "overlays": CORE | {"maps", "ros", "tabular"},
     "pipeline": CORE
     | OPTIONS
     | {"logs", "poses", "formalism", "tabular", "reports", "maps", "overlays", "ros"}

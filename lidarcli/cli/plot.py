@@ -161,7 +161,6 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
     from lidarcli.errors import UnreadableError
     from lidarcli.newfiles import refuse
     from lidarcli.pipeline.api.options import parameters_of
-    from lidarcli.pipeline.inputs.tables import table_files
     from lidarcli.pipeline.plotting import (
         PlotOptions,
         picture_bytes,
@@ -172,8 +171,11 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
 
     overwrite = told["overwrite"]
     if output != STDOUT:
-        others = [str(table) for table in table_files([tracks] if tracks else [])]
-        others += [file for file in (background, told["mask"], poses.file) if file]
+        others = [file for file in (background, told["mask"], poses.file) if file]
+        if tracks:
+            from lidarcli.pipeline.inputs.tables import table_files
+
+            others += [str(table) for table in table_files([tracks])]
         refuse(paths, overwrite, [*files_of([source]), *others])
     found_with = parameters_of(None, told)
     if in_world:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lidarcli.choices import TRAIL
 from lidarcli.overlays.markers import Kind, Markers
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
+from lidarcli.tabular.arrays import answers, are, codes, held, numbers, plain
 
 COLUMNS = (
     *("topic", "sweep", "object", "shape", "x", "y", "box_x", "box_y", "box_length", "box_width", "box_yaw"),
@@ -73,16 +74,14 @@ class Trajectories:
     @staticmethod
     def of(table: pa.Table, topic: str) -> Trajectories:
         """Return those of a topic in a table with `PATH_COLUMNS`."""
-        table = table.filter(pc.equal(table["topic"], topic))
-        number, speed = (
-            table["track"].to_numpy(),
-            np.hypot(table["vx"].to_numpy(), table["vy"].to_numpy()),
-        )
-        table = table.filter(np.isin(number, np.unique(number[speed > 0.0])))
-        table = table.sort_by([("track", "ascending"), ("sweep", "ascending")])
-        track, sweep, seconds, x, y = (table[name].to_numpy() for name in ("track", "sweep", "t", "x", "y"))
-        in_world = pc.equal(table["frame"], "world").to_numpy(zero_copy_only=False).astype(bool)
-        return Trajectories(track, sweep, seconds, x, y, in_world)
+        mine = are(table["topic"], topic)
+        names = ("track", "sweep", "t", "x", "y", "vx", "vy")
+        track, sweep, seconds, x, y, vx, vy = (held(table[name])[0] for name in names)
+        mine &= np.isin(track, np.unique(track[mine & (np.hypot(vx, vy) > 0.0)]))
+        rows = np.flatnonzero(mine)
+        rows = rows[np.lexsort((sweep[rows], track[rows]))]
+        in_world = are(table["frame"], "world")[rows]
+        return Trajectories(track[rows], sweep[rows], seconds[rows], x[rows], y[rows], in_world)
 
     def up_to(self, sweep: int) -> Iterator[tuple[int, Int64]]:
         """Yield each track that has a row in a sweep with its rows in the last `TRAIL` seconds."""
@@ -107,7 +106,7 @@ def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses, colours: Colo
     there = np.isfinite(x) & np.isfinite(y)
     if not there.all():
         keep = np.flatnonzero(there)
-        return markers_of(rows.take(pa.array(keep)), message[keep], poses, colours)
+        return markers_of(rows.take(plain(keep)), message[keep], poses, colours)
     objects = _Objects(rows, message, np.column_stack([x, y]), colours)
     return [
         *objects.outlines(),
@@ -170,10 +169,9 @@ class _Objects:
         self._sides = np.fmin(np.fmax(np.column_stack(sides), LEAST_SIDE), WIDEST)
         names, shape = _coded(rows["shape"])
         self._is_round = np.array([name == "round" for name in names])[shape]
-        track = rows["track"]
-        self._is_tracked = np.asarray(track.is_valid())
-        number = track.fill_null(0).to_numpy(zero_copy_only=False)
-        objects = rows["object"].to_numpy(zero_copy_only=False).astype(np.int64)
+        number, self._is_tracked = held(rows["track"])
+        number = np.where(self._is_tracked, number, 0)
+        objects = held(rows["object"])[0].astype(np.int64)
         self._part = _parts(message, number, self._is_tracked)
         self._number = np.where(self._is_tracked, number, objects)
         # Where some are tracked, the numbers of the others must be none of a track.
@@ -209,12 +207,12 @@ class _Objects:
         rows = np.flatnonzero(self._part == 0)
         texts = self._texts(rows)
         behind = self._behind()
-        lengths = pc.binary_length(texts).to_numpy()
+        lengths = held(pc.binary_length(texts))[0]
         for length in np.unique(lengths).tolist():
             mine = np.flatnonzero(lengths == length)
             where = rows[mine]
             # Texts of one length lie one after the other.
-            text = np.frombuffer(texts.take(pa.array(mine)).buffers()[2], f"S{length}", len(mine))
+            text = np.frombuffer(texts.take(plain(mine)).buffers()[2], f"S{length}", len(mine))
             yield self._markers(
                 Kind.LABEL, where, behind[where], 0.0, np.full(3, TEXT), SOLID, lift=HEIGHT + LIFT, text=text
             )
@@ -222,7 +220,7 @@ class _Objects:
     def arrows(self, velocity: Float64) -> Iterator[Markers]:
         """Yield an arrow for each track that moves: its way in a second."""
         speed = np.hypot(*velocity.T)
-        moving = self._rows["moving"].fill_null(False).to_numpy(zero_copy_only=False)
+        moving = np.logical_and(*held(self._rows["moving"]))
         rows = np.flatnonzero(moving & (speed > LEAST_SPEED) & self._is_tracked & (self._part == 0))
         if len(rows):
             scale = np.column_stack([speed[rows], np.full((len(rows), 2), SHAFT)])
@@ -276,23 +274,30 @@ class _Objects:
 
     def _texts(self, rows: NDArray[np.intp]) -> pa.StringArray:
         """Return number, name and size of some objects."""
-        name = pc.coalesce(
-            self._rows["label"].dictionary_decode(), self._rows["shape"].dictionary_decode(), UNKNOWN
-        )
+        label, shape = (self._rows[name].dictionary_decode() for name in ("label", "shape"))
+        name = pc.coalesce(label, shape, _always(UNKNOWN, len(label))).take(plain(rows))
         length, width = (_metres(side) for side in self._sides[rows].T)
-        both = pc.binary_join_element_wise(length, width, " x ")
+        nothing, times, colon, line, unit = (
+            _always(text, len(rows)) for text in ("", " x ", ": ", "\n", " m")
+        )
+        both = pc.binary_join_element_wise(length, width, times)
         # A width that is no more than what is drawn at least was not seen.
         alone = self._is_round[rows] | (self._sides[rows, 1] <= LEAST_SIDE)
-        size = pc.if_else(pa.array(alone), length, both)
-        number = pa.array(self._number[rows]).cast(pa.string())
+        size = pc.if_else(answers(alone.astype(np.int8)), length, both)
+        number = plain(self._number[rows]).cast(pa.string())
         # RViz draws ASCII alone; what stands in a catalogue is the user's.
-        return pc.binary_join_element_wise(number, ": ", name.take(pa.array(rows)), "\n", size, " m", "")
+        return pc.binary_join_element_wise(number, colon, name, line, size, unit, nothing)
+
+
+def _always(text: str, count: int) -> pa.StringArray:
+    """Return one text so many times; a scalar of Arrow would import pandas."""
+    return codes(np.zeros(count, np.uint8), (text,)).dictionary_decode()
 
 
 def _metres(sides: Float64) -> pa.StringArray:
     """Return lengths as text, to the centimetre."""
     hundredths, which = np.unique(np.rint(100 * sides).astype(np.int64), return_inverse=True)
-    return pa.array([f"{each / 100:.2f}" for each in hundredths.tolist()]).take(pa.array(which))
+    return codes(which, [f"{each / 100:.2f}" for each in hundredths.tolist()]).dictionary_decode()
 
 
 def _parts(message: Int64, track: Int64, is_tracked: Bool) -> Int64:
@@ -312,9 +317,9 @@ def _vertices(
 ) -> tuple[Float64, Int64, Int64]:
     """Return the corners of all outlines (P, 2), and for each of N objects the index of its first one and their number."""
     column = rows["vertices"]
-    offsets = column.offsets.to_numpy().astype(np.int64)
+    offsets = held(column.offsets)[0].astype(np.int64)
     within = column.values
-    theta, r = (within.field(k).to_numpy(zero_copy_only=False) for k in (0, 1))
+    theta, r = (numbers(within.field(k)) for k in (0, 1))
     with np.errstate(invalid="ignore"):
         points = np.column_stack([r * np.cos(theta), r * np.sin(theta)])
     starts, counts = offsets[:-1].copy(), np.diff(offsets)
@@ -367,15 +372,14 @@ def _place(rows: pa.RecordBatch, axis: str) -> Float64:
 
 
 def _floats(rows: pa.RecordBatch, name: str) -> Float64:
-    values: Float64 = rows[name].to_numpy(zero_copy_only=False)
-    return values
+    return numbers(rows[name])
 
 
 def _coded(column: pa.DictionaryArray) -> tuple[list[str], Int64]:
     """Return names, and (N,) the index of the name of each row; null is unknown."""
     names = [*column.dictionary.to_pylist(), UNKNOWN]
-    codes: Int64 = column.indices.fill_null(len(names) - 1).to_numpy(zero_copy_only=False)
-    return names, codes
+    code, there = held(column.indices)
+    return names, np.where(there, code, len(names) - 1)
 
 
 def _rgb(text: str) -> tuple[float, ...]:

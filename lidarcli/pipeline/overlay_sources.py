@@ -10,7 +10,6 @@ from itertools import count
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport
@@ -21,6 +20,7 @@ from lidarcli.poses.messages import TRANSFORMS
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Bool, Int64, RawSweeps
+from lidarcli.tabular.arrays import are, held, numbers, plain
 from lidarcli.tabular.reading import read_columns, read_pieces
 from lidarcli.tabular.schemas import SCHEMAS
 
@@ -168,7 +168,7 @@ class Joined:
         poses = Poses(self.poses.x[mine], self.poses.y[mine], self.poses.yaw[mine])
         its = mine[self.row]
         place = np.cumsum(mine) - 1
-        objects = self.objects.filter(pa.array(its))
+        objects = self.objects.take(plain(np.flatnonzero(its)))
         return Joined(self.raw.rows(mine), poses, objects, place[self.row[its]], self.index[mine])
 
 
@@ -230,9 +230,7 @@ class Tables:
         strays = (row >= len(index)) | (index[np.minimum(row, len(index) - 1)] != of)
         if (np.diff(index) <= 0).any() or (raw.time_ns != stamps).any() or strays.any():
             raise self._other()
-        poses = Poses(
-            *(sweeps[name].to_numpy(zero_copy_only=False) for name in ("pose_x", "pose_y", "pose_yaw"))
-        )
+        poses = Poses(*(numbers(sweeps[name]) for name in ("pose_x", "pose_y", "pose_yaw")))
         return Joined(raw, poses, objects, row, index + first)
 
     def _other(self) -> UnreadableError:
@@ -283,8 +281,8 @@ class _Cursor:
     def _read(self, table: str, columns: tuple[str, ...], topic: str) -> Iterator[pa.RecordBatch]:
         last = -1
         for piece in read_pieces(self._path, table, SCHEMAS[table], columns):
-            mine = pc.equal(piece["topic"], topic)
-            rows = piece if mine.true_count == len(mine) else piece.filter(mine)
+            mine = are(piece["topic"], topic)
+            rows = piece if mine.all() else piece.take(plain(np.flatnonzero(mine)))
             if not rows.num_rows:
                 if last >= 0:
                     return
@@ -303,5 +301,5 @@ def _ints(rows: pa.RecordBatch, name: str) -> Int64:
     column = rows[name]
     if pa.types.is_timestamp(column.type):
         column = column.view(pa.int64())
-    values: Int64 = column.fill_null(-1).to_numpy(zero_copy_only=False)
-    return values
+    values, there = held(column)
+    return np.where(there, values, -1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,9 +20,6 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.newfiles import new_files, unwritable, write_whole
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inputs.tables import one_pair, read_table
-from lidarcli.pipeline.mapping import MapOptions, Mapping
-from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines, read_log
 from lidarcli.pipeline.reading.pose_sources import NO_POSES, Need, PoseOptions
@@ -37,6 +35,9 @@ from lidarcli.stores.url import Place
 from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
 
+if TYPE_CHECKING:
+    from lidarcli.pipeline.mapping import MapOptions
+    from lidarcli.pipeline.objects.subtracting import Subtracting
 BATCH = 64
 NEAR = 1.0
 """Farthest time from a sweep that stands for it [s]: most sensors sweep ten times in a second."""
@@ -238,8 +239,11 @@ class _Work:
         self._options = options
         # A file as people know it, with its suffix.
         self._log = source.file_name
-        self._subtracting = None
+        self._subtracting: Subtracting | None = None
+        # Imported here, and so below: most plots need no tables.
         if options.background is not None:
+            from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
+
             self._subtracting = Subtracting(BackgroundOptions.of(options.background), options.parameters)
         self._paths: Paths | None = None
 
@@ -271,6 +275,8 @@ class _Work:
         if (name := self._options.tracks) is None:
             return None
         if self._paths is None:
+            from lidarcli.pipeline.inputs.tables import one_pair, read_table
+
             pair = one_pair(name)
             read = {kind: Rows.join([read_table(pair, kind, columns)]) for kind, columns in COLUMNS.items()}
             self._paths = Paths(read["sweeps"], read["objects"], read["trajectories"], batch.topic)
@@ -362,6 +368,8 @@ def take_map(
     OptionError
         A sweep is not there or has no pose, or the tables are of another log.
     """
+    from lidarcli.pipeline.mapping import Mapping
+
     mapping = Mapping(options)
     summary = mapping.add(source)
     paths = [(path.x, path.y) for path in mapping.paths]
@@ -399,6 +407,8 @@ def write_maps(
 
 def _overview(tracks: str, source: Source) -> MapPicture:
     """Return the things and agents of the tables of this log, in the world."""
+    from lidarcli.pipeline.inputs.tables import one_pair, read_table
+
     pair = one_pair(tracks)
     sweeps, objects, things = (
         Rows.join([read_table(pair, kind, map_picture.COLUMNS[kind])])

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from lidarcli.sweeps import Float64, Int32, Int64
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 OBJECTS_OF_SWEEP = ("objects", "agents")
 """Columns of the sweeps table (Def. 4) that together count the objects of a sweep, tracked or not …"""
@@ -55,22 +56,33 @@ class Rows:
         """The rows of several sources, one after the other; `sources` where not every source has a table."""
         numbers = np.arange(len(tables)) if sources is None else np.asarray(sources)
         source = np.repeat(numbers.astype(np.int32), [table.num_rows for table in tables])
+        import pyarrow as pa
+
         return Rows(pa.concat_tables(tables).unify_dictionaries().combine_chunks(), source)
 
     def numbers(self, name: str) -> Float64:
         """A numeric column, NaN for null; the number of elements of a list column."""
+        import pyarrow as pa
+
+        from lidarcli.tabular.arrays import numbers
+
         column = self.table[name]
         if pa.types.is_list(column.type):
+            import pyarrow.compute as pc
+
             column = pc.list_value_length(column)
-        values: Float64 = column.cast(pa.float64()).to_numpy(zero_copy_only=False)
-        return values
+        return numbers(column.cast(pa.float64()))
 
     def integers(self, name: str) -> Int64:
         """A column of integers without nulls; a stamp in nanoseconds."""
+        import pyarrow as pa
+
+        from lidarcli.tabular.arrays import held
+
         column = self.table[name]
         if pa.types.is_timestamp(column.type):
             column = column.cast(pa.int64())
-        values: Int64 = column.to_numpy(zero_copy_only=False).astype(np.int64, copy=False)
+        values: Int64 = held(column)[0].astype(np.int64, copy=False)
         return values
 
     def total(self, names: Sequence[str]) -> Float64:
@@ -80,11 +92,14 @@ class Rows:
 
     def words(self, name: str) -> tuple[Int32, list[str]]:
         """A column of names: (K,) codes, -1 for null, and the names."""
+        from lidarcli.tabular.arrays import held
+
         column = self.table[name]
         if not column.num_chunks or not len(column):
             return np.empty(0, np.int32), []
         chunk = column.chunk(0)
-        codes = pc.fill_null(chunk.indices, -1).to_numpy(zero_copy_only=False).astype(np.int32, copy=False)
+        codes, there = held(chunk.indices)
+        codes = np.where(there, codes, -1).astype(np.int32, copy=False)
         return codes, chunk.dictionary.to_pylist()
 
     def are(self, name: str, word: str) -> NDArray[np.bool_]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.reports.columns import Rows, Run
-from lidarcli.reports.figures import round_up
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, UInt8, record
 
 CELLS = 160
@@ -209,6 +208,8 @@ def _cells(x: Float64, y: Float64) -> Walls | None:
     """Return the cells that enough of these points lie in."""
     if not len(x):
         return None
+    from lidarcli.reports.figures import round_up
+
     x0, y0 = float(x.min()), float(y.min())
     cell = max(round_up(max(float(np.ptp(x)), float(np.ptp(y)), 1e-3) / CELLS), FINEST)
     ix, iy = np.floor((x - x0) / cell).astype(np.int64), np.floor((y - y0) / cell).astype(np.int64)

@@ -16,6 +16,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from lidarcli._version import __version__
+from lidarcli.display import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.reports.charts import charts, constants, overview_chart
 from lidarcli.reports.ci import clean
@@ -28,7 +29,7 @@ from lidarcli.reports.report import TRACK_CELLS_RIGHT, Report, track_cells
 from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.streams import KINDS, Stream
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import number, stamp
+from lidarcli.reports.wording import number
 from lidarcli.sweeps import Float64, Int64, UInt8
 from lidarcli.tabular.runs import Entry
 

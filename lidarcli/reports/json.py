@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli._version import __version__
+from lidarcli.display import stamp
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.document import Document
 from lidarcli.reports.figures import Histogram
@@ -18,7 +19,6 @@ from lidarcli.reports.report import Report
 from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.streams import Standing, Stream
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import stamp
 from lidarcli.tabular.runs import Entry
 
 SCHEMA = "lidarcli.report/1"

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.display import counted
+from lidarcli.display import counted, stamp
 from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import OBJECT, SHAPES, WALL
 from lidarcli.reports.ground import TrackPath
-from lidarcli.reports.wording import stamp
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 
 

@@ -10,6 +10,7 @@ from itertools import groupby
 
 import numpy as np
 
+from lidarcli.display import stamp
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.document import (
@@ -45,7 +46,6 @@ from lidarcli.reports.wording import (
     resample,
     shade,
     spark,
-    stamp,
     track_kinds,
 )
 from lidarcli.sweeps import Float64, worth_telling

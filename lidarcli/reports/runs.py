@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from lidarcli.display import stamp
 from lidarcli.reports.document import (
     MARKDOWN,
     PAGE,
@@ -20,7 +21,7 @@ from lidarcli.reports.document import (
     Table,
 )
 from lidarcli.reports.figures import Figure
-from lidarcli.reports.wording import counted, number, share, stamp
+from lidarcli.reports.wording import counted, number, share
 from lidarcli.tabular.runs import DAMAGED, FAILED, OUTCOMES, Entry, newest
 
 BAD = {FAILED: "Failed logs", DAMAGED: "Damaged logs"}

@@ -112,18 +112,6 @@ def differences(unlike: Unlike) -> str:
     return "; ".join(parts)
 
 
-def stamp(stamp_ns: int) -> str:
-    """Return a stamp in UTC, to the millisecond.
-
-    >>> stamp(1_700_000_000_123_456_789)
-    '2023-11-14T22:13:20.123Z'
-    """
-    try:
-        return display.date_and_time(stamp_ns)
-    except (OverflowError, ValueError, OSError):
-        return f"{stamp_ns} ns"
-
-
 def has_agents(summary: Summary) -> bool:
     """Return True if there were tracks, or the tables have agents."""
     return summary.tracked is not None or bool(summary.figures["agents"])

@@ -71,6 +71,52 @@ def names_of(values: NDArray[np.uint8], names: Sequence[str]) -> pa.StringArray:
     return pa.StringArray.from_buffers(len(values), pa.py_buffer(offsets), pa.py_buffer(text))
 
 
+def held(column: pa.Array | pa.ChunkedArray) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Return (K,) numbers or answers of a column and where it is not null; as `to_numpy`, which imports pandas.
+
+    >>> held(answers(np.array([1, 0, -1], np.int8)))
+    (array([ True, False, False]), array([ True,  True, False]))
+    """
+    if isinstance(column, pa.ChunkedArray):
+        chunks = [held(chunk) for chunk in column.chunks] or [(np.empty(0), np.empty(0, bool))]
+        values, there = zip(*chunks, strict=True)
+        return (np.concatenate(values), np.concatenate(there)) if len(chunks) > 1 else chunks[0]
+    known, data = column.buffers()
+    part = slice(column.offset, column.offset + len(column))
+    there = _bits(known)[part] if column.null_count else np.ones(len(column), bool)
+    if pa.types.is_boolean(column.type):
+        return _bits(data)[part], there
+    return np.frombuffer(b"" if data is None else data, column.type.to_pandas_dtype())[part], there
+
+
+def numbers(column: pa.Array | pa.ChunkedArray) -> NDArray[np.float64]:
+    """Return (K,) numbers of a column, NaN where it is null.
+
+    >>> numbers(floats(np.array([1.5, np.nan])))
+    array([1.5, nan])
+    """
+    values, there = held(column)
+    return np.where(there, values.astype(np.float64, copy=False), np.nan)
+
+
+def are(column: pa.DictionaryArray | pa.ChunkedArray, word: str) -> NDArray[np.bool_]:
+    """Return (K,) where a column of names has this one.
+
+    >>> are(codes(np.array([1, 0, -1], np.int8), ("O", "S")), "S")
+    array([ True, False, False])
+    """
+    if isinstance(column, pa.ChunkedArray):
+        return np.concatenate([np.empty(0, bool), *(are(chunk, word) for chunk in column.chunks)])
+    names = column.dictionary.to_pylist()
+    code, there = held(column.indices)
+    return there & (code == names.index(word)) if word in names else np.zeros(len(column), bool)
+
+
+def _bits(data: pa.Buffer) -> NDArray[np.bool_]:
+    found: NDArray[np.bool_] = np.unpackbits(np.frombuffer(data, np.uint8), bitorder="little").view(bool)
+    return found
+
+
 def any_nan(values: NDArray[np.floating[Any]]) -> bool:
     """Tell whether any of the (K,) values is NaN."""
     # The minimum is NaN where any value is: one pass, where `isnan(...).any()` takes two.

@@ -49,7 +49,7 @@ def tracked_objects(
     rows = _with(rows, {"set": codes(sets, SETS)} | columns)
     order = followed.order if walls else followed.order[followed.set[followed.order] != NOISE]
     whole = len(order) == len(rows) and np.array_equal(order, np.arange(len(rows)))
-    return rows if whole else rows.take(pa.array(order))
+    return rows if whole else rows.take(plain(order))
 
 
 def explained_objects(rows: pa.RecordBatch, told: ByPlace) -> pa.RecordBatch:

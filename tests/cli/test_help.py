@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
@@ -22,6 +23,7 @@ from lidarcli.formalism import Parameters
 from lidarcli.option_forms import options_of
 from lidarcli.options import Learning, Mapping, Plotting, Reading, Reporting, Tabling
 from lidarcli.range_rules import RangeRules, parse_no_return
+from tests.places import SAMPLES
 from tools.reference import commands
 
 Run = Callable[..., Any]
@@ -124,13 +126,40 @@ def test_nothing_heavy_is_imported(code: str) -> None:
     assert ran.stdout.splitlines()[-1] == ""
 
 
-def test_detect_imports_nothing_that_it_does_not_use(tmp_path: Any, logs: Any) -> None:
-    call = f"from lidarcli.cli import run; run(['-q', 'detect', {str(logs / 'run.mcap')!r}, '-o', {str(tmp_path)!r}])"
+NEVER = ("pandas", "pyarrow.acero", "pyarrow.dataset")
+"""Modules that take long to import, and that no command needs."""
+
+
+@pytest.mark.parametrize(
+    ("words", "others"),
+    [
+        ("detect room.mcap -o new", ("rich", "numpy.ma", "pyarrow.compute")),
+        ("track drive.db3 -o new", ("rich", "matplotlib")),
+        ("overlay drive.db3 -o new.mcap", ("rich", "matplotlib")),
+        ("report tables/drive.objects.parquet", ("matplotlib", "jinja2")),
+        ("report tables/drive.objects.parquet -o new.html --log drive.db3", ()),
+        ("plot drive.db3 -o new.png", ("rich", "pyarrow")),
+        ("plot drive.db3 -o new.gif --animate --sweeps 0:3 --view scene", ("pyarrow",)),
+        ("plot drive.db3 -o new.png --tracks tables/drive.tracks.parquet", ("rich",)),
+        ("map drive.db3 -o new.yaml", ("rich", "matplotlib", "pyarrow.compute")),
+        ("map drive.db3 -o new.png", ("rich", "pyarrow.compute")),
+    ],
+)
+def test_a_command_imports_nothing_that_it_does_not_use(
+    tmp_path: Path, lidarcli: Run, words: str, others: tuple[str, ...]
+) -> None:
+    for name in ("room.mcap", "drive.db3"):
+        (tmp_path / name).symlink_to(SAMPLES / name)
+    if "tables/" in words:
+        lidarcli("track", tmp_path / "drive.db3", "-o", tmp_path / "tables")
     code = (
-        f"{call}; import sys; print([name for name in ('pandas', 'rich', 'numpy.ma') if name in sys.modules])"
+        f"from lidarcli.cli import run; code = run(['-q', *{words!r}.split()]); "
+        f"import sys; print(code, [name for name in {NEVER + others!r} if name in sys.modules])"
     )
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout == "[]\n"
+    ran = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert ran.stdout.splitlines()[-1] == "0 []"
 
 
 @pytest.mark.parametrize("words", [(), ("detect",), ("background",), ("background", "build")])

@@ -30,12 +30,12 @@ from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.reading.pose_sources import NONE, PoseOptions
 from lidarcli.range_rules import RangeRules, parse_no_return
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.options import DetectOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -245,6 +245,8 @@ def detect_options(
     **more: Any,
 ) -> DetectOptions:
     """Return how objects are found; `parameters` replace the keywords of what an object is."""
+    from lidarcli.pipeline.objects.options import DetectOptions
+
     background = background_options(told)
     catalogue = told["catalogue"]
     return DetectOptions(

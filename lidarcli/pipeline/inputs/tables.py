@@ -6,11 +6,12 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.files import Named, files_named
-from lidarcli.reports.columns import Origin
+from lidarcli.reports.columns import Origin, Rows
 from lidarcli.stores.url import Place, Url, place
 from lidarcli.tabular.reading import MAKERS, column_names, note_value, notes_of, read_columns, read_pieces
 from lidarcli.tabular.schemas import SCHEMAS
@@ -190,15 +191,24 @@ def read_tracks(pair: Pair, objects: pa.Table, columns: Iterable[str]) -> pa.Tab
     if not pair.tracks.exists():
         return None
     tracks = read_table(pair, "tracks", {"topic", "track", *columns})
-    known = {(row["topic"], row["track"]) for row in tracks.select(["topic", "track"]).to_pylist()}
-    rows = objects.select(["topic", "track"]).drop_null()
-    seen = rows.group_by(["topic", "track"]).aggregate([]).to_pylist()
-    if (known and not seen) or any((row["topic"], row["track"]) not in known for row in seen):
+    known, seen = _numbers(tracks), _numbers(objects)
+    if (known and not seen) or not seen <= known:
         raise UnreadableError(
             f"{pair.tracks}: does not belong to {pair.objects.name}, whose tracks are others; "
             "write both again with lidarcli track"
         )
     return tracks
+
+
+def _numbers(table: pa.Table) -> set[tuple[str, float]]:
+    """Return the tracks that rows are of: topic and number."""
+    rows = Rows.join([table])
+    code, topics = rows.words("topic")
+    track = rows.numbers("track")
+    mine = [np.unique(track[(code == k) & ~np.isnan(track)]) for k in range(len(topics))]
+    return {
+        (topic, number) for topic, numbers in zip(topics, mine, strict=True) for number in numbers.tolist()
+    }
 
 
 def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
