@@ -34,6 +34,10 @@ from lidarcli.sweeps import Float64, Int64
 CHART_SIZE = (4.2, 2.5)
 """Size of a chart [inch]: about the width of a phone."""
 WIDE_SIZE = (6.4, 4.2)
+ABOUT = (0.1, 0.17, 0.87, 0.79)
+"""Left, low, width and height of the axes of a chart, by its size: where they are about, so that their ticks are right."""
+EDGE = 0.04
+"""Margin of a chart [inch]."""
 OVERVIEW_SIZE = 7.0
 """Longest side of the run from above [inch]."""
 SVG_STYLE: dict[str, Any] = {"svg.fonttype": "none", "svg.image_inline": True}
@@ -175,12 +179,34 @@ def overview_chart(picture: MapPicture) -> Chart:
 def _chart(title: str, draw: Callable[[Axes], None], wide: bool = False) -> Chart:
     with project_style(SVG_STYLE):
         figure = new_figure(*(WIDE_SIZE if wide else CHART_SIZE))
-        draw(figure.add_subplot())
+        axes = figure.add_subplot()
+        draw(axes)
+        if wide:
+            layout = figure.get_layout_engine()
+            assert layout is not None  # all figures here are made with one
+            layout.execute(figure)
+        else:
+            _fill(figure, axes)
         return _as_chart(title, figure, wide)
 
 
+def _fill(figure: Figure, axes: Axes) -> None:
+    """Let axes fill a chart but for the words around them; in a third of the time that a layout of matplotlib takes."""
+    figure.set_layout_engine(None)
+    axes.set_position(ABOUT)
+    inner, outer = axes.get_window_extent(), axes.get_tightbbox()
+    assert outer is not None  # they are visible
+    (width, height), edge = figure.bbox.size, EDGE * figure.dpi
+    left, low = edge + inner.x0 - outer.x0, edge + inner.y0 - outer.y0
+    right, high = edge + outer.x1 - inner.x1, edge + outer.y1 - inner.y1
+    across, along = width - left - right, height - low - high
+    axes.set_position((left / width, low / height, across / width, along / height))
+
+
 def _as_chart(title: str, figure: Figure, wide: bool) -> Chart:
+    """Return a figure that is laid out as a chart."""
     out = io.StringIO()
+    figure.set_layout_engine(None)
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
     return Chart(title, _inline(out.getvalue(), title), wide)
 
