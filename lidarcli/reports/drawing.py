@@ -18,6 +18,7 @@ import matplotlib
 import numpy as np
 from matplotlib import style
 from matplotlib.animation import FFMpegWriter
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
@@ -30,10 +31,10 @@ from lidarcli.choices import ANIMATED_DPI, AS_IT_COMES, FRAMES_PER_SECOND, Look
 from lidarcli.display import counted
 from lidarcli.errors import OptionError
 from lidarcli.reports import palette, panels
-from lidarcli.reports.panels import scene
+from lidarcli.reports.panels import Frame, scene
 from lidarcli.reports.picture import Limits, Picture, limits_of
 
-Panel = Callable[["Axes", Picture, Limits], None]
+Panel = Callable[["Axes", Picture, Limits, "Frame | None"], "Frame"]
 
 WIDE, MIDDLE, NARROW = 7.2, 5.04, 3.5
 """Widths of two columns of a paper, of what is between, and of one column [inch]."""
@@ -47,9 +48,13 @@ CURVE, LOW_CURVE = 1.3, 1.1
 ROUNDS = 5
 ENOUGH = 0.01
 """Greatest error of a height that is kept [inch]."""
+NEARLY = 0.1
+"""Greatest error of a height that changes neither ticks nor what stands around the axes [inch]."""
 TALLEST = 2.2
 """Greatest height of a scene by the width of its place."""
 MOST_COLUMNS = 8
+HANDLE, GAP, BETWEEN, BESIDE = 1.4, 0.5, 1.2, 0.4
+"""Of a legend: the length of a mark, and the gaps beside it, between columns, and around all, by the size of letters."""
 LEGEND_DOT = 2.8
 """Diameter of a beam's dot in the legend [pt]: smaller ones could not be seen alone."""
 Entries = dict[str, Any]
@@ -145,9 +150,17 @@ def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], a
     aspect : how many times as wide as high is what those without a height show
     """
     grids = [one.get_subplotspec() for one in axes]
+    layout = figure.get_layout_engine()
+    assert layout is not None  # all figures here are made with one
+    # Drawn smaller than its place, a scene would seem to need less room around it.
+    scenes = [(one, one.get_aspect()) for one, wanted in zip(axes, heights, strict=True) if not wanted]
+    for one, _ in scenes:
+        one.set_aspect("auto")
+    # A circle is not always as high as its place.
+    enough = ENOUGH if any(one.name == "polar" for one in axes) else NEARLY
     # What is drawn outside of the axes may take more room once these are larger.
     for _ in range(ROUNDS):
-        figure.draw_without_rendering()
+        layout.execute(figure)
         width, height = figure.get_size_inches()
         have: dict[int, float] = {}
         want: dict[int, float] = {}
@@ -161,13 +174,36 @@ def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], a
             for row in rows:
                 have[row] = max(have.get(row, 0.0), box.height * height if len(rows) == 1 else 0.0)
                 want[row] = max(want.get(row, 0.0), (high - gap) / len(rows))
+        more = {row: want[row] - have[row] for row in sorted(want)}
         assert grids[0] is not None
-        grids[0].get_gridspec().set_height_ratios([want[row] for row in sorted(want)])
-        more = sum(want.values()) - sum(have.values())
-        figure.set_size_inches(width, height + more)
-        if abs(more) < ENOUGH:
+        grids[0].get_gridspec().set_height_ratios([want[row] for row in more])
+        if all(abs(grows) < enough for grows in more.values()):
+            _stretch(figure, axes, more)
             break
-    figure.draw_without_rendering()
+        figure.set_size_inches(width, height + sum(more.values()))
+    for one, kept in scenes:
+        one.set_aspect(kept)
+    for one in axes:
+        one.apply_aspect()
+
+
+def _stretch(figure: Figure, axes: Sequence[Axes], more: dict[int, float]) -> None:
+    """Make rows higher by so little [inch] that what stands around the axes stays as it is."""
+    width, height = figure.get_size_inches()
+    whole = height + sum(more.values())
+    figure.set_size_inches(width, whole)
+    for one in axes:
+        grid = one.get_subplotspec()
+        assert grid is not None  # all axes stand in one grid
+        box = one.get_position(original=True)
+        low = box.y0 * height + sum(grows for row, grows in more.items() if row >= grid.rowspan.stop)
+        high = box.height * height + sum(more[row] for row in grid.rowspan)
+        one.set_position((box.x0, low / whole, box.width, high / whole))
+        # A layout may move it again.
+        one.set_in_layout(True)
+    if (title := figure._suptitle) is not None:  # type: ignore[attr-defined]
+        x, y = title.get_position()
+        title.set_position((x, 1.0 - (1.0 - y) * height / whole))
 
 
 def draw(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
@@ -193,54 +229,95 @@ def animate(
     with project_style():
         figure = new_figure(width_of(view, look))
         figure.set_dpi(look.dpi or ANIMATED_DPI)
-        frames = _frames(figure, pictures, view, look, report)
+        moving = _Moving(figure, pictures, view, look)
+        shown = moving.frames(report)
         if not is_film:
-            write_gif(path, map(_pixels, frames), fps, palette.ALL)
+            write_gif(path, (moving.pixels() for _ in shown), fps, palette.ALL)
             return
         writer = FFMpegWriter(fps=fps)  # type: ignore[arg-type]
-        first = next(frames)
-        with writer.saving(first, str(path), first.dpi):
-            writer.grab_frame()
-            for _ in frames:
+        with writer.saving(figure, str(path), figure.dpi):
+            for _ in shown:
                 writer.grab_frame()
 
 
-def _frames(
-    figure: Figure, pictures: Sequence[Picture], view: str, look: Look, report: Callable[[int], None] | None
-) -> Iterator[Figure]:
-    """Yield one figure with each of the pictures in turn.
+class _Moving:
+    """A figure that shows one picture after the other.
 
-    Axes and legend stay where they are, and the legend names what is in any of the frames.
+    Axes and legend stay where they are, and the legend names what is in any of the pictures.
     """
-    limits = limits_of([picture.batch for picture in pictures])
-    entries: Entries = {}
-    for picture in pictures:
+
+    def __init__(self, figure: Figure, pictures: Sequence[Picture], view: str, look: Look) -> None:
+        self._figure, self._pictures, self._look = figure, pictures, look
+        self._limits = limits = limits_of([picture.batch for picture in pictures])
+        self._places = places_of(pictures[0], view, limits, look)
+        self._axes = add_axes(figure, self._places, limits)
+        self._had: list[Frame | None] = [None] * len(self._places)
+        self._still: Any = None
+        """Pixels of what is the same in the next picture; None where they have to be drawn."""
+        entries: Entries = {}
+        for picture in pictures:
+            self._show(picture)
+            entries = entries_of(self._axes) | entries
         figure.clear()
-        entries = entries_of(_fill(figure, picture, view, limits, look)) | entries
-    figure.clear()
-    longest = max(pictures, key=lambda picture: len(" ".join(picture.title)))
-    whole = draw_whole(figure, longest, view, limits, look, entries)
-    places = [axes.get_position(original=True) for axes in whole]
-    columns = _columns(figure, entries)
-    figure.set_layout_engine("none")
-    for number, picture in enumerate(pictures, 1):
-        figure.clear()
-        for axes, place in zip(_fill(figure, picture, view, limits, look), places, strict=True):
-            axes.set_position(place)
-        _title(figure, picture, look)
+        longest = max(pictures, key=lambda picture: len(" ".join(picture.title)))
+        self._axes = draw_whole(figure, longest, view, limits, look, entries)
+        self._had = [None] * len(self._places)
+        figure.set_layout_engine(None)
+        for legend in [*figure.legends]:
+            legend.remove()
         if look.legend:
-            draw_legend(figure, entries, "lower left", columns)
-        yield figure
-        if report is not None:
-            report(number)
+            draw_legend(figure, entries, "lower left")
+
+    def frames(self, report: Callable[[int], None] | None) -> Iterator[None]:
+        """Show each of the pictures in turn; `report` takes the number of those that are done."""
+        for number, picture in enumerate(self._pictures, 1):
+            self._show(picture)
+            _title(self._figure, picture, self._look)
+            yield
+            if report is not None:
+                report(number)
+
+    def pixels(self) -> Pixels:
+        """Return (H, W, 3) the pixels of the picture that is shown."""
+        figure = self._figure
+        canvas = cast("FigureCanvasAgg", figure.canvas)
+        moving = [self._moving(axes) for axes in self._axes]
+        title = figure._suptitle  # type: ignore[attr-defined]
+        if self._still is None:
+            for one in (artist for artists in [*moving, [title] if title else []] for artist in artists):
+                one.set_animated(True)
+            # All but what is animated.
+            canvas.draw()  # type: ignore[no-untyped-call]
+            self._still = canvas.copy_from_bbox(figure.bbox)  # type: ignore[no-untyped-call]
+        canvas.restore_region(self._still)  # type: ignore[no-untyped-call]
+        if title is not None:
+            figure.draw_artist(title)
+        for axes, artists in zip(self._axes, moving, strict=True):
+            for artist in artists:
+                axes.draw_artist(artist)
+        return np.asarray(canvas.buffer_rgba(), np.uint8)[..., :3].copy()  # type: ignore[no-untyped-call]
+
+    def _show(self, picture: Picture) -> None:
+        """Draw the panels of a picture in place of those before."""
+        for k, (axes, place) in enumerate(zip(self._axes, self._places, strict=True)):
+            for artist in _content(axes):
+                artist.remove()
+            axes.containers.clear()
+            had = self._had[k]
+            self._had[k] = place.panel(axes, picture, self._limits, had)
+            if self._had[k] != had:
+                self._still = None
+                _share(axes, place)
+
+    @staticmethod
+    def _moving(axes: Axes) -> list[Artist]:
+        """Return what is drawn anew for each picture, in the order of drawing: the lines around axes lie on some of it."""
+        return sorted([*_content(axes), *axes.spines.values()], key=lambda artist: artist.get_zorder())
 
 
-def _pixels(figure: Figure) -> NDArray[np.uint8]:
-    """Return (H, W, 3) the pixels of a figure."""
-    canvas = cast("FigureCanvasAgg", figure.canvas)
-    canvas.draw()  # type: ignore[no-untyped-call]
-    shown = canvas.buffer_rgba()  # type: ignore[no-untyped-call]
-    return np.asarray(shown, np.uint8)[..., :3].copy()
+def _content(axes: Axes) -> list[Artist]:
+    """Return what was drawn on axes."""
+    return [*axes._children]  # type: ignore[attr-defined]
 
 
 @contextmanager
@@ -278,11 +355,16 @@ def _fill(figure: Figure, picture: Picture, view: str, limits: Limits, look: Loo
     places = places_of(picture, view, limits, look)
     drawn = add_axes(figure, places, limits)
     for axes, place in zip(drawn, places, strict=True):
-        place.panel(axes, picture, limits)
-        if place.shares:
-            axes.set_xlabel("")
-            axes.tick_params(labelbottom=False)
+        place.panel(axes, picture, limits, None)
+        _share(axes, place)
     return drawn
+
+
+def _share(axes: Axes, place: Place) -> None:
+    """Leave the axis of bearings to the panel below."""
+    if place.shares:
+        axes.set_xlabel("")
+        axes.tick_params(labelbottom=False)
 
 
 def _title(figure: Figure, picture: Picture, look: Look) -> None:
@@ -294,6 +376,10 @@ def _title(figure: Figure, picture: Picture, look: Look) -> None:
         room = 0.98 * figure.bbox.width
         lines: list[str] = []
         for whole in picture.title:
+            title.set_text(whole)
+            if title.get_window_extent().width <= room:
+                lines.append(whole)
+                continue
             lines.append("")
             for part in whole.split(", "):
                 longer = f"{lines[-1]}, {part}" if lines[-1] else part
@@ -324,11 +410,15 @@ def draw_legend(figure: Figure, entries: Entries, place: str, columns: int = 0) 
 
 def _columns(figure: Figure, entries: Entries) -> int:
     """Return the most columns of a legend for which there is room."""
+    legend = _add_legend(figure, entries, "lower left", 1)
+    size = float(legend.get_texts()[0].get_fontsize())
+    widths = [text.get_window_extent().width for text in legend.get_texts()]
+    legend.remove()
+    unit = size * figure.dpi / 72.0
+    room = 0.99 * figure.bbox.width / unit - 2.0 * BESIDE
     for count in range(min(len(entries), MOST_COLUMNS), 1, -1):
-        legend = _add_legend(figure, entries, "lower left", count)
-        width = legend.get_window_extent().width
-        legend.remove()
-        if width <= 0.99 * figure.bbox.width:
+        columns = np.array_split(np.array(widths) / unit + HANDLE + GAP, count)
+        if sum(column.max() for column in columns) + (count - 1) * BETWEEN <= room:
             return count
     return 1
 
@@ -341,9 +431,10 @@ def _add_legend(figure: Figure, entries: Entries, place: Any, columns: int) -> L
         loc=place,
         ncols=columns,
         frameon=False,
-        handlelength=1.4,
-        handletextpad=0.5,
-        columnspacing=1.2,
+        handlelength=HANDLE,
+        handletextpad=GAP,
+        columnspacing=BETWEEN,
+        borderpad=BESIDE,
         borderaxespad=0.2,
     )
     for handle in legend.legend_handles:
@@ -355,6 +446,8 @@ def _add_legend(figure: Figure, entries: Entries, place: Any, columns: int) -> L
 def file_bytes(figure: Figure, suffix: str, dpi: int | None = None) -> bytes:
     """Return a figure as a file of the kind of `suffix` (.png, .svg, .pdf), without a date and with text as text."""
     out = io.BytesIO()
+    # It would lay everything out again.
+    figure.set_layout_engine(None)
     dates: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with matplotlib.rc_context({"svg.fonttype": "none"}):
         figure.savefig(out, format=suffix[1:], dpi=dpi or "figure", metadata=dates.get(suffix))
@@ -400,7 +493,7 @@ def _on(axes: Sequence[Axes], picture: Picture, view: str, look: Look) -> Figure
     for mine, place in zip(axes, places, strict=True):
         if place.polar and mine.name != "polar":
             raise OptionError(f"view {view} needs polar axes: plt.subplot(projection='polar')")
-        place.panel(mine, picture, limits)
+        place.panel(mine, picture, limits, None)
     figure = axes[0].get_figure(root=True)
     assert isinstance(figure, Figure)  # every axes that is drawn on has one
     return figure
@@ -414,7 +507,8 @@ def write_gif(path: Path, frames: Iterable[Pixels], fps: float, colours: Iterabl
     colours : what is drawn with, `#RRGGBB`, on white; all else is shown in the nearest shade of these
     """
     table = _table(colours)
-    first, *rest = (_reduced(pixels, table) for pixels in frames)
+    codes = np.full(1 << 24, -1, np.int16)
+    first, *rest = (_reduced(pixels, table, codes) for pixels in frames)
     first.save(
         path,
         format="GIF",
@@ -434,13 +528,17 @@ def _table(colours: Iterable[str]) -> NDArray[np.int64]:
     return np.unique(np.concatenate([[[255, 255, 255]], shades]), axis=0)[-MOST:]
 
 
-def _reduced(pixels: Pixels, table: NDArray[np.int64]) -> Image.Image:
-    """Return a frame with the nearest colours of the table."""
-    packed = pixels.astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
-    seen, place = np.unique(packed, return_inverse=True)
-    parts = np.stack([seen >> 16, (seen >> 8) & 255, seen & 255], axis=1)
-    nearest = ((parts[:, None] - table) ** 2).sum(axis=2).argmin(axis=1).astype(np.uint8)
-    image = Image.fromarray(nearest[place].reshape(pixels.shape[:2]))
+def _reduced(pixels: Pixels, table: NDArray[np.int64], codes: NDArray[np.int16]) -> Image.Image:
+    """Return a frame with the nearest colours of the table; `codes` keeps their places, by colour, -1 where not known."""
+    red, green, blue = (pixels[..., k].astype(np.int32) for k in range(3))
+    packed = red << 16 | green << 8 | blue
+    places = codes[packed]
+    if (places < 0).any():
+        new = np.unique(packed[places < 0])
+        parts = np.stack([new >> 16, new >> 8 & 255, new & 255], axis=1)
+        codes[new] = ((parts[:, None] - table) ** 2).sum(axis=2).argmin(axis=1)
+        places = codes[packed]
+    image = Image.fromarray(places.astype(np.uint8))
     # From grey levels to places in the table.
     image.putpalette(table.astype(np.uint8).ravel().tolist())
     return image

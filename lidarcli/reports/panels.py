@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 
 from lidarcli.formalism.detection import CORNER, ROUND, SETS, VERTEX_KINDS
@@ -44,18 +47,81 @@ TICKS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0))
 """Ticks of each decade: the first choice that gives an axis two ticks on either side."""
 
 
-def scene(axes: Axes, picture: Picture, limits: Limits | None = None, vertices: bool = False) -> None:
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Axes of a panel: all that is the same in most sweeps."""
+
+    x: tuple[float, float]
+    """Limits."""
+    y: tuple[float, float]
+    names: tuple[str, str] = ("", "")
+    """Words at both axes."""
+    x_ticks: tuple[float, ...] | None = None
+    """Ticks; None: as matplotlib chooses them."""
+    y_ticks: tuple[float, ...] | None = None
+    linear: float = 0.0
+    """Greatest y that is drawn in proportion, those beyond by their logarithm; 0: all are."""
+    equal: bool = False
+    """True if x and y have the same scale."""
+    radii_at: float | None = None
+    """Bearing at which the lengths of radii stand [deg]; None for axes that are not polar."""
+
+    def on(self, axes: Axes, had: Frame | None) -> Frame:
+        """Set axes that have another frame; None: none yet."""
+        if self == had:
+            return self
+        if self.equal:
+            axes.set_aspect("equal", adjustable="box", anchor="N")
+        if self.linear:
+            axes.set_yscale("symlog", linthresh=self.linear, linscale=DECADES)
+        elif had is not None and had.linear:
+            axes.set_yscale("linear")
+        axes.set(xlim=self.x, ylim=self.y, xlabel=self.names[0], ylabel=self.names[1])
+        if self.radii_at is not None:
+            self._set_polar(axes, self.radii_at)
+            return self
+        if self.x_ticks is not None:
+            axes.set_xticks(self.x_ticks)
+        if self.y_ticks is not None:
+            axes.set_yticks(self.y_ticks, [_signed(value) for value in self.y_ticks])
+            axes.set_yticks([], minor=True)
+        return self
+
+    def _set_polar(self, axes: Axes, radii_at: float) -> None:
+        axes.tick_params(pad=1)
+        turns = [*range(0, 181, 45), *range(-135, 0, 45)]
+        axes.set_xticks(np.radians(turns), [f"{_signed(turn)}°" for turn in turns])
+        axes.set_xlim(*self.x)
+        radii = self.y_ticks or ()
+        axes.set_yticks(radii, [f"{radius:g} m" for radius in radii], zorder=9)
+        axes.set_rlabel_position(radii_at)  # type: ignore[attr-defined]
+        for text in axes.get_yticklabels():
+            text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.4})
+
+
+def _signed(value: float) -> str:
+    return f"{value:g}".replace("-", "\N{MINUS SIGN}")
+
+
+def scene(
+    axes: Axes,
+    picture: Picture,
+    limits: Limits | None = None,
+    had: Frame | None = None,
+    *,
+    vertices: bool = False,
+) -> Frame:
     """Draw one sweep in its sensor frame [m], x to the right: beams, objects with their numbers, tracks.
 
     Parameters
     ----------
     limits : what the axes show; None: all beams of the sweep
+    had : frame that the axes have, here and below
     vertices : mark start, end and corners of each object, and the point that is nearest to the sensor
     """
     limits = limits or limits_of([picture.batch])
     x, y = picture.points()
-    axes.set_aspect("equal", adjustable="box", anchor="N")
-    axes.set(xlim=limits.x, ylim=limits.y, xlabel="x [m]", ylabel="y [m]")
+    frame = Frame(limits.x, limits.y, ("x [m]", "y [m]"), equal=True).on(axes, had)
     scatter_beams(axes, picture, x, y, _dot(axes, limits))
     draw_sensor(axes)
     found = picture.detection
@@ -68,6 +134,7 @@ def scene(axes: Axes, picture: Picture, limits: Limits | None = None, vertices: 
     if vertices:
         mark_nearest(axes, picture, lambda theta, r: (r * np.cos(theta), r * np.sin(theta)))
     _label(axes, picture, _numbers(picture) if picture.tracks is None else _tracks(axes, picture.tracks))
+    return frame
 
 
 def draw_sensor(axes: Axes, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, size: float = 6.0) -> None:
@@ -226,7 +293,7 @@ def _tracks(axes: Axes, paths: Sequence[TrackPath]) -> list[Label]:
     return labels
 
 
-def sweep(axes: Axes, picture: Picture, limits: Limits) -> None:
+def sweep(axes: Axes, picture: Picture, limits: Limits, had: Frame | None = None) -> Frame:
     """Draw r(θ) with the objects shaded (Def. 1)."""
     _shade(axes, picture)
     theta, ranges = np.degrees(picture.theta), picture.ranges
@@ -236,11 +303,10 @@ def sweep(axes: Axes, picture: Picture, limits: Limits) -> None:
     mark_vertices(
         axes, picture, lambda angle, r: (low + np.degrees(unwound(angle - np.radians(low))), r), True
     )
-    axes.set(ylim=(0, limits.r), ylabel=r"range $r(\theta)$ [m]")
-    _bearings(axes, picture)
+    return _curve(picture, (0.0, limits.r), r"range $r(\theta)$ [m]").on(axes, had)
 
 
-def difference(axes: Axes, picture: Picture, limits: Limits) -> None:
+def difference(axes: Axes, picture: Picture, limits: Limits, had: Frame | None = None) -> Frame:
     """Draw s(θ) as stems, ±d_th, and the discontinuities at which objects begin and end (Def. 2 and 3)."""
     _shade(axes, picture)
     signed = picture.detection.beam_s
@@ -251,9 +317,9 @@ def difference(axes: Axes, picture: Picture, limits: Limits) -> None:
     there = np.isfinite(s)
     beyond = there & (np.abs(s) > d_th)
     below = there & ~beyond
-    axes.vlines(theta[below], 0, s[below], color=palette.GREY, lw=0.6, zorder=3)
+    _stems(axes, theta[below], s[below], color=palette.GREY, lw=0.6, zorder=3)
     if beyond.any():
-        axes.vlines(theta[beyond], 0, s[beyond], color=palette.VERMILION, lw=0.9, zorder=4)
+        _stems(axes, theta[beyond], s[beyond], color=palette.VERMILION, lw=0.9, zorder=4)
         axes.plot(
             theta[beyond], s[beyond], ".", color=palette.VERMILION, ms=3, zorder=4, label=r"$|s| > d_{th}$"
         )
@@ -265,12 +331,10 @@ def difference(axes: Axes, picture: Picture, limits: Limits) -> None:
     # Over the seam and over lost beams differences may be greater than from beam to beam.
     values = np.abs(np.concatenate([s, picture.detection.s_i, picture.detection.s_f]))
     reach = max(limits.s, 1.1 * float(np.nanmax(values, initial=0.0)))
-    axes.set_ylabel(r"difference $s(\theta)$ [m]")
-    _up_to(axes, reach, d_th)
-    _bearings(axes, picture)
+    return _up_to(_curve(picture, (-reach, reach), r"difference $s(\theta)$ [m]"), d_th).on(axes, had)
 
 
-def backgrounds(axes: Axes, picture: Picture, limits: Limits) -> None:
+def backgrounds(axes: Axes, picture: Picture, limits: Limits, had: Frame | None = None) -> Frame:
     """Draw r_w, the sweep, beside r_e, the scene without the objects of interest (§3)."""
     assert picture.background is not None  # the panel is drawn only with one
     _shade(axes, picture)
@@ -281,11 +345,10 @@ def backgrounds(axes: Axes, picture: Picture, limits: Limits) -> None:
     axes.plot(
         *_broken(theta, picture.ranges), color=palette.BLUE, lw=0.8, zorder=4, label="$r_w$, this sweep"
     )
-    axes.set(ylim=(0, limits.r), ylabel="$r_w$, $r_e$ [m]")
-    _bearings(axes, picture)
+    return _curve(picture, (0.0, limits.r), "$r_w$, $r_e$ [m]").on(axes, had)
 
 
-def subtraction(axes: Axes, picture: Picture, _: Limits) -> None:
+def subtraction(axes: Axes, picture: Picture, _: Limits, had: Frame | None = None) -> Frame:
     """Draw r_w - r_e: below zero something new stands in front, above zero something is gone."""
     assert picture.background is not None  # the panel is drawn only with one
     _shade(axes, picture)
@@ -294,16 +357,17 @@ def subtraction(axes: Axes, picture: Picture, _: Limits) -> None:
     there = np.isfinite(change)
     new, gone = there & (change < 0), there & (change >= 0)
     if new.any():
-        axes.vlines(theta[new], 0, change[new], color=palette.VERMILION, lw=0.8, label="nearer")
+        _stems(axes, theta[new], change[new], color=palette.VERMILION, lw=0.8, label="nearer")
     if gone.any():
-        axes.vlines(theta[gone], 0, change[gone], color=palette.GREEN, lw=0.8, label="farther")
+        _stems(axes, theta[gone], change[gone], color=palette.GREEN, lw=0.8, label="farther")
     axes.axhline(0, color=palette.BLACK, lw=0.5)
     reach = max(0.1, 1.1 * float(np.abs(change[there]).max(initial=0)))
-    axes.set(ylim=(-reach, reach), ylabel="$r_w - r_e$ [m]")
-    _bearings(axes, picture)
+    return _curve(picture, (-reach, reach), "$r_w - r_e$ [m]").on(axes, had)
 
 
-def polar(axes: Axes, picture: Picture, limits: Limits, vertices: bool = False) -> None:
+def polar(
+    axes: Axes, picture: Picture, limits: Limits, had: Frame | None = None, *, vertices: bool = False
+) -> Frame:
     """Draw r(θ) in polar coordinates, the sensor in the middle, x to the right; `vertices` as for the scene."""
     found = picture.detection
     labels = []
@@ -320,25 +384,15 @@ def polar(axes: Axes, picture: Picture, limits: Limits, vertices: bool = False) 
     mark_vertices(axes, picture, lambda theta, r: (theta, r), vertices)
     if vertices:
         mark_nearest(axes, picture, lambda theta, r: (theta, r))
-    axes.set_ylim(0, limits.r)
-    axes.tick_params(pad=1)
-    turns = [*range(0, 181, 45), *range(-135, 0, 45)]
-    axes.set_xticks(np.radians(turns), [f"{turn}°".replace("-", "\N{MINUS SIGN}") for turn in turns])
-    axes.set_xlim(-np.pi, np.pi)
-    at = _free_bearing(picture)
-    radii = [
-        radius
-        for radius in MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0, limits.r)
-        if 0 < radius <= limits.r
-    ]
-    axes.set_yticks(radii, [f"{radius:g} m" for radius in radii], zorder=9)
-    axes.set_rlabel_position(at)  # type: ignore[attr-defined]
-    for text in axes.get_yticklabels():
-        text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.4})
     if len(labels) <= MANY:
         there = np.isfinite(picture.ranges)
         points = np.stack([picture.theta[there], picture.ranges[there]], axis=1)
         add_labels(axes, [Label(str(number), around) for number, around in labels], [points])
+    radii = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0, limits.r)
+    shown = tuple(float(radius) for radius in radii if 0 < radius <= limits.r)
+    return Frame((-np.pi, np.pi), (0.0, limits.r), y_ticks=shown, radii_at=_free_bearing(picture)).on(
+        axes, had
+    )
 
 
 def _free_bearing(picture: Picture) -> float:
@@ -354,15 +408,13 @@ def _free_bearing(picture: Picture) -> float:
     return float(between[np.lexsort((np.abs(between + 22.5), crowd))[0]])
 
 
-def _up_to(axes: Axes, reach: float, d_th: float) -> None:
-    """Set an axis of both signs on which d_th is seen beside values that are many times as large."""
+def _up_to(frame: Frame, d_th: float) -> Frame:
+    """Return a frame of both signs on which d_th is seen beside values that are many times as large."""
+    reach = frame.y[1]
     if not d_th > 0 or reach < HIGH * d_th:
-        axes.set_ylim(-reach, reach)
-        return
+        return frame
     linear = _round_up(LINEAR * d_th)
     reach *= AIR
-    axes.set_yscale("symlog", linthresh=linear, linscale=DECADES)
-    axes.set_ylim(-reach, reach)
     decades = 10.0 ** np.arange(np.floor(np.log10(linear)), np.ceil(np.log10(reach)) + 1)
     ticks: list[float] = []
     for steps in TICKS:
@@ -370,9 +422,8 @@ def _up_to(axes: Axes, reach: float, d_th: float) -> None:
         ticks = [value for value in values if 1.4 * linear <= value <= reach]
         if len(ticks) >= 2:
             break
-    shown = [*(-value for value in reversed(ticks)), 0.0, *ticks]
-    axes.set_yticks(shown, [f"{value:g}".replace("-", "\N{MINUS SIGN}") for value in shown])
-    axes.set_yticks([], minor=True)
+    shown = (*(-value for value in reversed(ticks)), 0.0, *ticks)
+    return replace(frame, y=(-reach, reach), y_ticks=shown, linear=linear)
 
 
 def _round_up(value: float) -> float:
@@ -391,7 +442,7 @@ def _edges(axes: Axes, picture: Picture) -> None:
     if there.any():
         at = np.degrees(low + unwound(places[there] - low))
         # Beside lost beams the edge has a difference, though its beam has none.
-        axes.vlines(at, 0, values[there], color=palette.BLACK, lw=0.5, ls=":", zorder=2)
+        _stems(axes, at, values[there], color=palette.BLACK, lw=0.5, ls=":", zorder=2)
         axes.plot(
             at,
             values[there],
@@ -405,20 +456,40 @@ def _edges(axes: Axes, picture: Picture) -> None:
         )
 
 
+def _stems(axes: Axes, x: Float64, y: Float64, **style: Any) -> None:
+    """Draw a line from zero to each value, all as one."""
+    gap = np.full(len(x), np.nan)
+    axes.plot(
+        np.stack([x, x, gap], axis=1).ravel(),
+        np.stack([np.zeros(len(x)), y, gap], axis=1).ravel(),
+        solid_capstyle="butt",
+        snap=True,
+        **style,
+    )
+
+
 def _shade(axes: Axes, picture: Picture) -> None:
+    """Shade the bearings of objects."""
     found = picture.detection
     low, high = float(picture.theta.min()), float(picture.theta.max())
     half = picture.step / 2
+    parts: list[tuple[float, float]] = []
     for k in range(len(found)):
         if picture.is_wall(k):
             continue
         start = low + float(unwound(np.array(found.theta_i[k] - low)))
         end = start + float(found.theta_f[k] - found.theta_i[k])
-        parts = [(start - half, min(end, high) + half)]
+        parts.append((start - half, min(end, high) + half))
         if end > high + half:
             parts.append((low, low + (end - low) % TURN + half))
-        for first, last in parts:
-            axes.axvspan(np.degrees(first), np.degrees(last), color=palette.SKY, alpha=0.25, lw=0, zorder=1)
+    if parts:
+        first, last = np.degrees(parts).T
+        feet, tops = np.zeros(len(parts)), np.ones(len(parts))
+        corners = np.stack([first, feet, last, feet, last, tops, first, tops], axis=1).reshape(-1, 4, 2)
+        shade = Path.make_compound_path_from_polys(corners)
+        # From the foot of the axes to their top.
+        whole = axes.get_xaxis_transform()
+        axes.add_patch(PathPatch(shade, color=palette.SKY, alpha=0.25, lw=0, zorder=1, transform=whole))
 
 
 def _broken(theta: Float64, values: Float64) -> tuple[Float64, Float64]:
@@ -427,8 +498,9 @@ def _broken(theta: Float64, values: Float64) -> tuple[Float64, Float64]:
     return theta[order], values[order]
 
 
-def _bearings(axes: Axes, picture: Picture) -> None:
-    low, high = np.degrees(picture.theta.min()), np.degrees(picture.theta.max())
-    axes.set(xlim=(low - 1, high + 1), xlabel=r"bearing $\theta$ [deg]")
+def _curve(picture: Picture, y: tuple[float, float], name: str) -> Frame:
+    """Return the frame of a curve by bearing."""
+    low, high = float(np.degrees(picture.theta.min())), float(np.degrees(picture.theta.max()))
     step = 45 if high - low > 200 else 15
-    axes.set_xticks([tick for tick in range(-360, 361, step) if low - 1 <= tick <= high + 1])
+    ticks = tuple(tick for tick in range(-360, 361, step) if low - 1 <= tick <= high + 1)
+    return Frame((low - 1, high + 1), y, (r"bearing $\theta$ [deg]", name), ticks)

@@ -248,7 +248,9 @@ def test_an_object_across_the_seam_is_shaded_on_both_sides() -> None:
     one = picture([2.0] * 3 + room()[6:] + [2.0] * 3)
     axes = Figure().add_subplot()
     panels.sweep(axes, one, limits_of([one.batch]))
-    spans = sorted((patch.get_x(), patch.get_x() + patch.get_width()) for patch in axes.patches)
+    (shade,) = axes.patches
+    parts = np.array(shade.get_path().to_polygons(closed_only=False))
+    spans = sorted(zip(parts[:, :, 0].min(axis=1), parts[:, :, 0].max(axis=1), strict=True))
     assert np.array(spans) == pytest.approx(np.array([[-180, -167.5], [162.5, 177.5]]))
 
 
@@ -256,10 +258,9 @@ def test_what_the_subtraction_shows() -> None:
     one = picture(room(b10_14=2.0), np.array(room(b40_41=3.0)))
     axes = Figure().add_subplot()
     panels.subtraction(axes, one, limits_of([one.batch]))
-    near, far = axes.collections
-    assert len(near.get_segments()) == 5
-    assert [segment[1][1] for segment in near.get_segments()] == [-2.0] * 5
-    assert max(segment[1][1] for segment in far.get_segments()) == 1.0
+    near, far = (np.asarray(line.get_ydata(), float).reshape(-1, 3)[:, :2] for line in axes.lines[:2])
+    assert near.tolist() == [[0.0, -2.0]] * 5
+    assert far.max() == 1.0
 
 
 @pytest.mark.slow
@@ -286,15 +287,16 @@ def test_sweeps_with_hardly_anything_in_them(ranges: list[float]) -> None:
 def test_the_frames_of_an_animation_hold_still(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     legends: list[list[str]] = []
     places: list[list[float]] = []
-    shown = drawing._pixels
+    shown = drawing._Moving.pixels
 
-    def pixels(figure: Figure) -> Any:
+    def pixels(moving: drawing._Moving) -> Any:
+        figure = moving._figure
         (legend,) = figure.legends
         legends.append([text.get_text() for text in legend.get_texts()])
         places.append([*legend.get_window_extent().bounds, *figure.axes[0].get_window_extent().bounds])
-        return shown(figure)
+        return shown(moving)
 
-    monkeypatch.setattr(drawing, "_pixels", pixels)
+    monkeypatch.setattr(drawing._Moving, "pixels", pixels)
     pictures = [picture(room()), picture(room(b10_14=2.0)), picture(room())]
     done: list[int] = []
     animate(pictures, "scene", tmp_path / "a.gif", Look(fps=5, dpi=60, width=80), done.append)
