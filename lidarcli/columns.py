@@ -12,19 +12,26 @@ Per = Literal["object", "vertex", "face", "offset", "sweep", "beam", "track", "t
 offsets have one more than objects."""
 
 
+SINGLE: tuple[Unit, ...] = ("m", "rad", "1")
+"""Units of numbers that tables keep in single precision: a range has 24 bits, and so has what is measured by ranges.
+
+Times, velocities and covariances stay double, and what is declared so: places and headings in the world.
+"""
+
+
 class Column(NamedTuple):
     """Declaration of a column, which schemas, compiled loops, checks and docs follow."""
 
     name: str
     kind: Any
-    """Type in the table: of numpy (`float64`), `text` (a dictionary), `string`, `stamp`, `bool`, or a type of Arrow."""
+    """Type in the table: of numpy (`float32`), `text` (a dictionary), `string`, `stamp`, `bool`, or a type of Arrow."""
     unit: Unit
     meaning: str
     """One line for readers of the table."""
     words: tuple[str, ...] = ()
     """Names that the array has codes for."""
     nullable: bool = False
-    """True for a column that may be null. Columns of floating point all may, where nothing was measured."""
+    """True for a column that may be null."""
     later: bool = False
     """True for a column that tables of earlier versions do not have; it is read as null."""
     infinite: bool = False
@@ -52,7 +59,7 @@ def column(
     """Declare the column of a field of a record. Name and type are by default those of the field.
 
     The default name drops what the entries and the unit say already: `vertex_theta` is `theta`, `first_stamp_ns` is
-    `first_stamp`.
+    `first_stamp`. The default type of a double follows from its unit (`SINGLE`).
     """
     kind = kind or ("text" if words else "stamp" if unit == "ns" else "")
     known = Column(name, kind, unit, meaning, words, nullable, later, per=per)
@@ -69,7 +76,8 @@ def columns_of(cls: type) -> dict[str, Column]:
             name = known.name or each.name.removeprefix(f"{known.per}_").removesuffix("_ns")
             # The annotation is text: `Float32 | None` is an array of float32.
             dtype = str(each.type).removesuffix(" | None").lower()
+            kind = "float32" if dtype == "float64" and known.unit in SINGLE else dtype
             found[each.name] = known._replace(
-                name=name, kind=known.kind or dtype, field=each.name, dtype=dtype
+                name=name, kind=known.kind or kind, field=each.name, dtype=dtype
             )
     return found

@@ -22,7 +22,7 @@ START, END, CORNER, EXTREMUM = range(4)
 APPEARED, REMOVED = range(2)
 
 
-THRESHOLD = "threshold of a discontinuity that was used"
+THRESHOLD = "threshold of a discontinuity that was used; null where it is d_mean and that is null"
 
 
 @record
@@ -46,9 +46,11 @@ class Detection:
     theta_f: Float64 = column("rad", "bearing of the last point P_f; may pass pi, never below theta_i")
     r_i: Float64 = column("m", "range of P_i")
     r_f: Float64 = column("m", "range of P_f")
-    s_i: Float64 = column("m", "signed difference on entering the object; null where undefined")
-    s_f: Float64 = column("m", "signed difference on leaving the object; null where undefined")
-    d_th: Float64 = column("m", THRESHOLD)
+    s_i: Float64 = column(
+        "m", "signed difference on entering the object; null where undefined", nullable=True
+    )
+    s_f: Float64 = column("m", "signed difference on leaving the object; null where undefined", nullable=True)
+    d_th: Float64 = column("m", THRESHOLD, nullable=True)
     theta_min: Float64 = column("rad", "bearing of the point nearest to the scanner")
     r_min: Float64 = column("m", "range of the point nearest to the scanner")
     x: Float64 = column("m", "centroid of the points, sensor frame, forward")
@@ -62,6 +64,7 @@ class Detection:
     thing: Float64 = column(
         "1",
         "how likely it is a thing and not a piece of building, 0 to 1; null with a background or profile paper",
+        nullable=True,
         later=True,
     )
 
@@ -86,16 +89,17 @@ class Detection:
         "m",
         "least range of the sweep, be it of an object or a wall; null without a range",
         per="sweep",
+        nullable=True,
         later=True,
     )
     nearest_theta: Float64 = column(
-        "rad", "bearing of the beam with that range; null without one", per="sweep", later=True
+        "rad", "bearing of the beam with that range; null without one", per="sweep", nullable=True, later=True
     )
     """Of several the first."""
     d_mean: Float64 = column(
-        "m", "mean of |s|, the threshold of Def. 3; null without a difference", per="sweep"
+        "m", "mean of |s|, the threshold of Def. 3; null without a difference", per="sweep", nullable=True
     )
-    sweep_d_th: Float64 = column("m", THRESHOLD, per="sweep")
+    sweep_d_th: Float64 = column("m", THRESHOLD, per="sweep", nullable=True)
     """With `adaptive` the part that does not grow with range."""
     noise: Float64 = column("m", "noise of the ranges: their estimated standard deviation sigma", per="sweep")
     objects: Int32 = column("1", "objects in the sweep (set O)", per="sweep")
@@ -114,22 +118,27 @@ class Detection:
         "1", "number of the object the beam belongs to; null in S", per="beam", nullable=True, default=None
     )
     beam_s: Float64 | None = column(
-        "m", "signed difference to the beam before; null where undefined", per="beam", default=None
+        "m",
+        "signed difference to the beam before; null where undefined",
+        per="beam",
+        nullable=True,
+        default=None,
     )
     beam_difference: Float32 | None = column(
-        "m", "r_w - r_e; null without a background", per="beam", kind="float64", default=None
+        "m", "r_w - r_e; null without a background", per="beam", nullable=True, default=None
     )
     """Only with a background and `per_beam`."""
 
     intensity: Float32 | None = column(
         "1",
         "median intensity of its beams, in the sensor's own unit; null where the log has none",
+        nullable=True,
         later=True,
         default=None,
     )
     """None: no sweep has intensities."""
     difference: Float64 | None = column(
-        "m", "median of r_w - r_e over its beams; null without a background", default=None
+        "m", "median of r_w - r_e over its beams; null without a background", nullable=True, default=None
     )
     change: Int8 | None = column(
         "", "appeared or removed; null without a background", words=CHANGES, nullable=True, default=None
@@ -154,7 +163,7 @@ class Detection:
     )
     """Entry of the catalogue; None without a catalogue."""
     label_score: Float64 | None = column(
-        "1", "how well the label fits, 0 to 1; null without one", later=True, default=None
+        "1", "how well the label fits, 0 to 1; null without one", nullable=True, later=True, default=None
     )
 
     def __len__(self) -> int:

@@ -204,7 +204,8 @@ def _table(runs: Sequence[Run], matched: Sequence[Matched], told: dict[bytes, by
         "track": plain(_joined([run.track for run in runs], np.int64)[order]),
     }
     for name in ("x", "y", "moved", "score"):
-        columns[name] = floats(_joined([getattr(found, name) for found in matched], np.float64)[order])
+        values = _joined([getattr(found, name) for found in matched], np.float64)[order]
+        columns[name] = floats(values, MATCHES.field(name).type)
     return pa.Table.from_arrays([columns[name] for name in MATCHES.names], schema=MATCHES.with_metadata(told))
 
 

@@ -21,7 +21,7 @@ from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scan
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Bool, Int64, RawSweeps
 from lidarcli.tabular.arrays import are, held, numbers, plain
-from lidarcli.tabular.reading import read_columns, read_pieces
+from lidarcli.tabular.reading import read_columns, read_pieces, read_schema
 from lidarcli.tabular.schemas import SCHEMAS
 
 WINDOW = 4096
@@ -253,7 +253,7 @@ class _Cursor:
 
     def __init__(self, path: Place, table: str, columns: tuple[str, ...], topic: str) -> None:
         self._path = path
-        self._schema = pa.schema([field for field in SCHEMAS[table] if field.name in columns])
+        self._schema = read_schema(SCHEMAS[table], columns)
         self._pieces = self._read(table, columns, topic)
         self._rows: pa.RecordBatch | None = None
 

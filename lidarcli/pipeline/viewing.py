@@ -184,6 +184,10 @@ def _table(path: Place, sweep: Int64, beam: Int64, theta: Float64, r: Float64) -
     ranges[row, beam] = r
     bearings = np.full_like(ranges, np.nan)
     bearings[row, beam] = theta
-    increment = np.nan_to_num(bearings[:, 1:2] - bearings[:, :1]).sum(axis=1)
+    # From the first beam to the last: in single precision a bearing is as exact as a step, not a step of two.
+    last = np.zeros(len(indices), np.int64)
+    np.maximum.at(last, row, beam)
+    ends = bearings[np.arange(len(indices)), last]
+    increment = np.nan_to_num((ends - bearings[:, 0]) / np.maximum(last, 1))
     kind = closure(beams.astype(np.int32), increment)
     return Raw(indices, bearings[:, 0], increment, kind, beams.astype(np.int64), ranges)

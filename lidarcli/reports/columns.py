@@ -61,7 +61,11 @@ class Rows:
         return Rows(pa.concat_tables(tables).unify_dictionaries().combine_chunks(), source)
 
     def numbers(self, name: str) -> Float64:
-        """A numeric column, NaN for null; the number of elements of a list column."""
+        """A numeric column, NaN for null; the number of elements of a list column.
+
+        A number of single precision is the one of six decimals that it stands for, if there is one: 0.08, which checks
+        and reports name, and not the double of its bits.
+        """
         import pyarrow as pa
 
         from lidarcli.tabular.arrays import numbers
@@ -71,7 +75,11 @@ class Rows:
             import pyarrow.compute as pc
 
             column = pc.list_value_length(column)
-        return numbers(column.cast(pa.float64()))
+        values = numbers(column.cast(pa.float64()))
+        if not pa.types.is_float32(column.type):
+            return values
+        short: Float64 = np.rint(values * 1e6) / 1e6
+        return np.where(short.astype(np.float32) == values.astype(np.float32), short, values)
 
     def integers(self, name: str) -> Int64:
         """A column of integers without nulls; a stamp in nanoseconds."""

@@ -43,7 +43,9 @@ def floats(values: NDArray[np.floating[Any]], kind: pa.DataType | None = None) -
     [1.5, None]
     """
     kind = kind or _DOUBLE
-    numbers = np.ascontiguousarray(values, kind.to_pandas_dtype())
+    # What single precision cannot hold, such as a bearing of a broken header, is infinite.
+    with np.errstate(over="ignore"):
+        numbers = np.ascontiguousarray(values, kind.to_pandas_dtype())
     if not any_nan(numbers):
         return plain(numbers, kind)
     return _array(numbers, ~np.isnan(numbers), kind)

@@ -52,7 +52,7 @@ def read_columns(path: Place, kind: str, schema: pa.Schema, names: Iterable[str]
         There is no such file, it is no Parquet file, or a column is missing, there twice, of a type or with values that
         it cannot have.
     """
-    wanted = _wanted(schema, names)
+    wanted = read_schema(schema, names)
     with _opened(path, kind) as file:
         there = _columns_there(path, kind, file.schema_arrow.names, wanted)
         found = file.read(columns=there, use_threads=False)
@@ -67,7 +67,7 @@ def read_columns(path: Place, kind: str, schema: pa.Schema, names: Iterable[str]
 
 def read_pieces(path: Place, kind: str, schema: pa.Schema, names: Iterable[str]) -> Iterator[pa.RecordBatch]:
     """Yield columns as `read_columns` does, piece by piece, for a table that may be large."""
-    wanted = _wanted(schema, names)
+    wanted = read_schema(schema, names)
     with _opened(path, kind) as file:
         there = _columns_there(path, kind, file.schema_arrow.names, wanted)
         for rows in file.iter_batches(columns=there, use_threads=False):
@@ -192,9 +192,19 @@ def _file(path: Place) -> pa.NativeFile:
     return pa.OSFile(os.fsencode(path), "rb")
 
 
-def _wanted(schema: pa.Schema, names: Iterable[str] | None) -> pa.Schema:
+def read_schema(schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Schema:
+    """Return the schema of columns that are read: any may be null, for other programs and earlier versions write tables."""
     chosen = schema.names if names is None else set(names)
-    return pa.schema([field for field in schema if field.name in chosen])
+    return pa.schema([_nullable(field) for field in schema if field.name in chosen])
+
+
+def _nullable(field: pa.Field) -> pa.Field:
+    kind = field.type
+    if pa.types.is_list(kind):
+        kind = pa.list_(_nullable(kind.value_field))
+    elif pa.types.is_struct(kind):
+        kind = pa.struct([_nullable(part) for part in kind])
+    return field.with_type(kind).with_nullable(True)
 
 
 def _columns_there(path: Place, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
@@ -222,9 +232,11 @@ def _fitted(path: Place, kind: str, field: pa.Field, column: pa.ChunkedArray) ->
     place = f"{path}: column {field.name}"
     if not _castable(column.type, field.type):
         raise UnreadableError(f"{place} is {_words(column.type)}, not {_words(field.type)}")
+    # Values are checked before they become single, as which some are infinite.
+    kind = pa.float64() if pa.types.is_float32(field.type) else field.type
     try:
         column.validate(full=True)
-        fitted = _cast(column, field.type)
+        fitted = _cast(column, kind)
     except pa.ArrowException as err:
         raise UnreadableError(
             f"{place} holds a value that is no {_words(field.type)}: {_first_line(err)}"
@@ -233,7 +245,7 @@ def _fitted(path: Place, kind: str, field: pa.Field, column: pa.ChunkedArray) ->
     if empty and not pa.types.is_floating(field.type) and field.name not in NULLABLE[kind]:
         raise UnreadableError(f"{place} is empty (null) in {empty:,} of {len(fitted):,} rows")
     _refuse_values(place, field, fitted)
-    return fitted
+    return fitted if fitted.type.equals(field.type) else fitted.cast(field.type)
 
 
 def _castable(found: pa.DataType, wanted: pa.DataType) -> bool:

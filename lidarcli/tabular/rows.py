@@ -10,12 +10,12 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from lidarcli.columns import Column, Per
-from lidarcli.formalism.detection import COLUMNS, SETS, Detection, fields_per
+from lidarcli.formalism.detection import COLUMNS, Detection, fields_per
 from lidarcli.formalism.tracking.results import Tracks, Trajectories
 from lidarcli.range_rules import count_statuses
 from lidarcli.sweeps import STATUSES, SweepBatch
 from lidarcli.tabular.arrays import codes, floats, masked, names_of, plain
-from lidarcli.tabular.schemas import FACES, KINDS, STAMP, TABLES, VERTICES, schema_of
+from lidarcli.tabular.schemas import FACES, KINDS, SCHEMAS, TABLES, VERTICES, schema_of
 
 
 class Form:
@@ -26,25 +26,32 @@ class Form:
         self._columns = [(one, field.type) for one, field in zip(TABLES[table], self.schema, strict=True)]
 
     def fill(
-        self, columns: dict[str, Any], found: Detection | Tracks | Trajectories, count: int
+        self, columns: dict[str, Any], found: Detection | Tracks | Trajectories | None, count: int
     ) -> pa.RecordBatch:
-        """Return rows: of `columns`, then of the arrays that `found` has, and of nulls for what is not known."""
+        """Return rows: of `columns`, of the arrays that `found` has, and of nulls for what is not known."""
+        arrays = []
         for one, kind in self._columns:
-            if one.name not in columns:
-                values = getattr(found, one.field, None)
-                columns[one.name] = pa.nulls(count, kind) if values is None else as_column(values, one)
-        return pa.RecordBatch.from_arrays([columns[one.name] for one, _ in self._columns], schema=self.schema)
+            values = columns[one.name] if one.name in columns else getattr(found, one.field, None)
+            if values is None:
+                values = pa.nulls(count, kind)
+            arrays.append(values if isinstance(values, pa.Array) else as_column(values, one))
+        return pa.RecordBatch.from_arrays(arrays, schema=self.schema)
+
+    def replaced(self, rows: pa.RecordBatch, columns: dict[str, Any]) -> pa.RecordBatch:
+        """Return the rows with some columns in the place of theirs."""
+        return self.fill(dict(zip(rows.schema.names, rows.columns, strict=True)) | columns, None, len(rows))
 
 
 def as_column(values: NDArray[Any], one: Column) -> pa.Array:
-    """Return the array of a record as the column that it declares."""
+    """Return an array as the column that is declared."""
     if one.words:
         return names_of(values, one.words) if one.kind == "string" else codes(values, one.words)
     kind = KINDS[one.kind]
     return floats(values, kind) if pa.types.is_floating(kind) else plain(values, kind)
 
 
-_OBJECTS, _SWEEPS, _BEAMS = map(Form, ("objects", "sweeps", "beams"))
+FORMS = {table: Form(table) for table in SCHEMAS}
+"""Table of a log → its form."""
 
 
 def objects_rows(
@@ -60,9 +67,9 @@ def objects_rows(
         "log": constant(log, count),
         "topic": constant(batch.topic, count),
         "frame_id": codes(batch.frame[row], batch.frame_ids),
-        "sweep": plain(batch.sweep[row]),
-        "stamp": plain(batch.stamp_ns[row], STAMP),
-        "t": plain(batch.seconds()[row]),
+        "sweep": batch.sweep[row],
+        "stamp": batch.stamp_ns[row],
+        "t": batch.seconds()[row],
         "vertices": _lists(detection, VERTICES, detection.vertex_offsets, "vertex"),
         "faces": _lists(detection, FACES, detection.face_offsets, "face"),
     }
@@ -77,8 +84,8 @@ def objects_rows(
         # An object is seen from where the sensor was when it came to the beam in its middle.
         boxes = detection.box_x, detection.box_y, detection.box_yaw
         world = batch.poses.to_world(row, *boxes, detection.shares(batch))
-        columns |= zip(("world_x", "world_y", "world_yaw"), map(floats, world), strict=True)
-    return _OBJECTS.fill(columns, detection, count)
+        columns |= zip(("world_x", "world_y", "world_yaw"), world, strict=True)
+    return FORMS["objects"].fill(columns, detection, count)
 
 
 def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:
@@ -88,18 +95,18 @@ def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordB
         "log": constant(log, count),
         "topic": constant(batch.topic, count),
         "frame_id": codes(batch.frame, batch.frame_ids),
-        "sweep": plain(batch.sweep),
-        "stamp": plain(batch.stamp_ns, STAMP),
-        "t": plain(batch.seconds()),
-        "beams": plain(batch.beams),
+        "sweep": batch.sweep,
+        "stamp": batch.stamp_ns,
+        "t": batch.seconds(),
+        "beams": batch.beams,
     }
-    columns |= zip(STATUSES, map(plain, count_statuses(batch.status)), strict=False)
+    columns |= zip(STATUSES, count_statuses(batch.status), strict=False)
     if detection.station is not None:
         columns["station"] = masked(detection.station, detection.station < 0)
     if batch.poses is not None:
         poses = batch.poses.at_stamp()
-        columns |= {"pose_x": floats(poses.x), "pose_y": floats(poses.y), "pose_yaw": floats(poses.yaw)}
-    return _SWEEPS.fill(columns, detection, count)
+        columns |= {"pose_x": poses.x, "pose_y": poses.y, "pose_yaw": poses.yaw}
+    return FORMS["sweeps"].fill(columns, detection, count)
 
 
 def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:
@@ -118,18 +125,18 @@ def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBa
     columns = {
         "log": constant(log, count),
         "topic": constant(batch.topic, count),
-        "sweep": plain(batch.sweep[row]),
-        "beam": plain(beam.astype(np.int32)),
-        "theta": floats(batch.bearings()[row, beam]),
-        "r": floats(batch.ranges[row, beam]),
-        "status": codes(batch.status[row, beam], STATUSES),
-        "s": floats(detection.beam_s[row, beam]),
-        "set": codes(detection.beam_set[row, beam], SETS),
+        "sweep": batch.sweep[row],
+        "beam": beam.astype(np.int32),
+        "theta": batch.bearings()[row, beam],
+        "r": batch.ranges[row, beam],
+        "status": batch.status[row, beam],
+        "s": detection.beam_s[row, beam],
+        "set": detection.beam_set[row, beam],
         "object": masked(owner, owner == 0),
     }
     if detection.beam_difference is not None:
-        columns["difference"] = floats(detection.beam_difference[row, beam])
-    return _BEAMS.fill(columns, detection, count)
+        columns["difference"] = detection.beam_difference[row, beam]
+    return FORMS["beams"].fill(columns, detection, count)
 
 
 def beams_of(batch: SweepBatch) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

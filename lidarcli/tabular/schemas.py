@@ -30,7 +30,7 @@ KINDS = {
 def field_of(one: Column) -> pa.Field:
     """Return a column as Arrow has it, with unit and meaning as its metadata."""
     metadata = {b"unit": one.unit.encode(), b"description": one.meaning.encode()}
-    return pa.field(one.name, KINDS.get(one.kind, one.kind), metadata=metadata)
+    return pa.field(one.name, KINDS.get(one.kind, one.kind), nullable=one.nullable, metadata=metadata)
 
 
 def schema_of(columns: Iterable[Column]) -> pa.Schema:
@@ -40,7 +40,7 @@ def schema_of(columns: Iterable[Column]) -> pa.Schema:
 
 def _list(item: pa.DataType) -> pa.DataType:
     # The element is named as Parquet names it, whatever the default of the pyarrow at hand.
-    return pa.list_(pa.field("element", item))
+    return pa.list_(pa.field("element", item, nullable=False))
 
 
 def _between(columns: Mapping[str, Column], first: str, last: str) -> list[Column]:
@@ -63,13 +63,19 @@ _STAMP = Column("stamp", "stamp", "ns", "header stamp, or the log's record time 
 _SECONDS = Column("t", "float64", "s", "seconds since the first sweep of the topic in the log", later=True)
 _BEAM = Column("beam", "int32", "1", "index of the beam in its sweep, from 0")
 BEAM_OF_SENSOR = Column("beam", "int32", "1", "index of the beam, from 0")
-_THETA = Column("theta", "float64", "rad", "bearing of the beam")
+_THETA = Column("theta", "float32", "rad", "bearing of the beam")
 _POSE = (
     *(
-        Column(f"pose_{axis}", "float64", "m", "sensor position in the world frame; null without a pose")
+        Column(
+            f"pose_{axis}",
+            "float64",
+            "m",
+            "sensor position in the world frame; null without a pose",
+            nullable=True,
+        )
         for axis in "xy"
     ),
-    Column("pose_yaw", "float64", "rad", "sensor yaw in the world frame; null without a pose"),
+    Column("pose_yaw", "float64", "rad", "sensor yaw in the world frame; null without a pose", nullable=True),
 )
 _LABEL, _LABEL_SCORE = COLUMNS["label"], COLUMNS["label_score"]
 _STATUSES = {
@@ -92,10 +98,18 @@ TABLES: dict[str, tuple[Column, ...]] = {
         *_between(_FOLLOWED, "track", "moving"),
         *(COLUMNS["thing"], _LABEL, _LABEL_SCORE),
         *(
-            Column(f"world_{axis}", "float64", "m", "box centre in the world frame; null without a pose")
+            Column(
+                f"world_{axis}",
+                "float64",
+                "m",
+                "box centre in the world frame; null without a pose",
+                nullable=True,
+            )
             for axis in "xy"
         ),
-        Column("world_yaw", "float64", "rad", "box yaw in the world frame; null without a pose"),
+        Column(
+            "world_yaw", "float64", "rad", "box yaw in the world frame; null without a pose", nullable=True
+        ),
         Column(
             "why",
             "string",
@@ -125,7 +139,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
     ),
     "beams": (
         *(_LOG, _TOPIC, _SWEEP, _BEAM, _THETA),
-        Column("r", "float64", "m", "range; null where the beam has none"),
+        Column("r", "float32", "m", "range; null where the beam has none", nullable=True),
         Column("status", "text", "", "valid, no_return, too_close, invalid or masked", words=STATUSES),
         *(COLUMNS[name] for name in ("beam_s", "beam_set", "beam_object", "beam_difference")),
     ),
@@ -133,12 +147,14 @@ TABLES: dict[str, tuple[Column, ...]] = {
         *(_TOPIC, _FRAME),
         Column("station", "int32", "1", "place and heading of the sensor, from 0 for each topic and frame"),
         BEAM_OF_SENSOR,
-        _THETA,
+        # All in double precision: a background that is read again is the one that was learned.
+        _THETA._replace(kind="float64"),
         Column(
             "r_e",
             "float64",
             "m",
             "range of the background; inf: open, nothing returns; null: nothing known",
+            nullable=True,
             infinite=True,
         ),
         Column(
@@ -146,9 +162,12 @@ TABLES: dict[str, tuple[Column, ...]] = {
             "float64",
             "m",
             "nearest surface with as much support as r_e needs; r_e but for depth edges",
+            nullable=True,
             infinite=True,
         ),
-        Column("spread", "float64", "m", "robust standard deviation of the ranges that back r_e"),
+        Column(
+            "spread", "float64", "m", "robust standard deviation of the ranges that back r_e", nullable=True
+        ),
         Column("support", "float64", "1", "share of the observations that back r_e"),
         Column("no_return", "float64", "1", "share of the observations without a return"),
         Column("sweeps", "int64", "1", "sweeps of the station"),
@@ -166,12 +185,17 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("y", "float64", "m", "where it stands"),
         Column(
             "moved",
-            "float64",
+            "float32",
             "m",
             "how far from where it was in the run before that has it; null in the first",
+            nullable=True,
         ),
         Column(
-            "score", "float64", "1", "how likely it is that thing and no other, 0 to 1; null in the first"
+            "score",
+            "float32",
+            "1",
+            "how likely it is that thing and no other, 0 to 1; null in the first",
+            nullable=True,
         ),
     ),
     "cloud": (
@@ -179,7 +203,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("stamp", "stamp", "ns", "time of the beam"),
         *(Column(axis, "float64", "m", "point in the world frame") for axis in "xy"),
         COLUMNS["beam_set"]._replace(
-            meaning=f"{COLUMNS['beam_set'].meaning}; null where the beams were not told apart"
+            nullable=True, meaning=f"{COLUMNS['beam_set'].meaning}; null where the beams were not told apart"
         ),
     ),
     "poses": (
@@ -210,7 +234,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("output_sizes", _list(pa.int64()), "byte", "size of each of them", nullable=True),
         Column("sweeps", "int64", "1", "sweeps that were read; null where the log failed", nullable=True),
         Column("rows", "int64", "1", "rows of all its tables; null where the log failed", nullable=True),
-        Column("seconds", "float64", "s", "how long it took; null where the log failed"),
+        Column("seconds", "float64", "s", "how long it took; null where the log failed", nullable=True),
         Column("ended", "stamp", "ns", "when it was done"),
     ),
 }
@@ -229,7 +253,7 @@ SCHEMAS = {
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 
 NULLABLE = {name: frozenset(one.name for one in table if one.nullable) for name, table in TABLES.items()}
-"""Table → columns that may be null beside those of floating point, which all may: null is what was not measured."""
+"""Table → columns that may be null."""
 LATER = {name: frozenset(one.name for one in TABLES[name] if one.later) for name in ("objects", "sweeps")}
 """Table → columns that tables of earlier versions do not have: read as null."""
 INFINITE = frozenset(one.name for table in TABLES.values() for one in table if one.infinite)

@@ -235,14 +235,22 @@ def _python_rows(rows: pa.RecordBatch) -> Any:
             texts = np.datetime_as_string(stamps, unit="ns")
             there = values.is_valid().to_pylist()
             columns.append([f"{text}Z" if known else None for text, known in zip(texts, there, strict=True)])
-        elif pa.types.is_float32(field.type):
+        elif (text := _with_singles(field.type, pa.string())) != field.type:
             # The shortest decimals: as doubles, 0.1 has 17 digits.
-            numbers = map(float, values.to_numpy(zero_copy_only=False).astype("U").tolist())
-            there = values.is_valid().to_pylist()
-            columns.append([number if known else None for number, known in zip(numbers, there, strict=True)])
+            columns.append(values.cast(text).cast(_with_singles(field.type, pa.float64())).to_pylist())
         else:
             columns.append(values.to_pylist())
     return zip(*columns, strict=True)
+
+
+def _with_singles(kind: pa.DataType, other: pa.DataType) -> pa.DataType:
+    """Return a type with another in the place of numbers of single precision, also inside of lists and structs."""
+    if pa.types.is_list(kind):
+        item = kind.value_field
+        return pa.list_(item.with_type(_with_singles(item.type, other)))
+    if pa.types.is_struct(kind):
+        return pa.struct([part.with_type(_with_singles(part.type, other)) for part in kind])
+    return other if pa.types.is_float32(kind) else kind
 
 
 def _compact(value: object) -> str:

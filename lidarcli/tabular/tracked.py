@@ -8,16 +8,14 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.formalism import SETS, SHAPES, Detection
+from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import AGENT, NOISE, OBJECT
 from lidarcli.formalism.mapping.places import ByPlace
 from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
 from lidarcli.sweeps import Int32, SweepBatch, UInt8
-from lidarcli.tabular.arrays import answers, codes, floats, masked, plain
-from lidarcli.tabular.rows import Form, beams_of, constant
+from lidarcli.tabular.arrays import answers, codes, masked
+from lidarcli.tabular.rows import FORMS, beams_of, constant
 from lidarcli.tabular.schemas import STAMP
-
-_TRACKS, _TRAJECTORIES = Form("tracks"), Form("trajectories")
 
 
 def tracked_objects(
@@ -31,22 +29,22 @@ def tracked_objects(
     tracks : whether the columns on tracks are filled
     """
     sets = followed.set
-    columns = {
-        "object": plain(followed.object),
-        "shape": codes(followed.shape, SHAPES),
-        "thing": floats(followed.thing),
+    columns: dict[str, Any] = {
+        "object": followed.object,
+        "shape": followed.shape,
+        "thing": followed.thing,
     }
     if tracks:
         columns |= {
             "track": masked(followed.track, followed.track == 0),
-            "vx": floats(followed.vx),
-            "vy": floats(followed.vy),
+            "vx": followed.vx,
+            "vy": followed.vy,
             "moving": answers(followed.moving),
             **_labelled(followed, labels),
         }
     else:
         sets = np.where(sets == AGENT, OBJECT, sets)
-    rows = _with(rows, {"set": codes(sets, SETS)} | columns)
+    rows = FORMS["objects"].replaced(rows, {"set": sets} | columns)
     order = followed.order if walls else followed.order[followed.set[followed.order] != NOISE]
     whole = len(order) == len(rows) and np.array_equal(order, np.arange(len(rows)))
     return rows if whole else rows.take(plain(order))
@@ -61,7 +59,7 @@ def explained_objects(rows: pa.RecordBatch, told: ByPlace) -> pa.RecordBatch:
     from lidarcli.formalism.explanation import reasons_by_place
 
     lines = reasons_by_place(reasons.to_pylist(), told.place, told.map)
-    return _with(rows, {"why": pa.array(lines, pa.string())})
+    return FORMS["objects"].replaced(rows, {"why": pa.array(lines, pa.string())})
 
 
 def tracked_sweeps(rows: pa.RecordBatch, followed: Followed, *, tracks: bool) -> pa.RecordBatch:
@@ -75,7 +73,7 @@ def tracked_sweeps(rows: pa.RecordBatch, followed: Followed, *, tracks: bool) ->
             np.zeros_like(counts["agents"]),
             np.zeros_like(counts["agents"]),
         )
-    return _with(rows, {name: plain(values) for name, values in counts.items()})
+    return FORMS["sweeps"].replaced(rows, counts)
 
 
 def tracked_beams(
@@ -85,7 +83,7 @@ def tracked_beams(
     sets, number = beam_sets(batch, detection, followed, tracks=tracks)
     row, beam = beams_of(batch)
     owner = number[row, beam]
-    return _with(rows, {"set": codes(sets[row, beam], SETS), "object": masked(owner, owner == 0)})
+    return FORMS["beams"].replaced(rows, {"set": sets[row, beam], "object": masked(owner, owner == 0)})
 
 
 def beam_sets(
@@ -118,7 +116,7 @@ def tracks_rows(
         "frame_id": codes(tracks.frame, frames),
         "moved_at": masked(tracks.moved_at_ns, ~tracks.moved, STAMP),
     }
-    return _TRACKS.fill(columns | _labelled(tracks, labels), tracks, count)
+    return FORMS["tracks"].fill(columns | _labelled(tracks, labels), tracks, count)
 
 
 def trajectories_rows(log: str, topic: str, found: Trajectories) -> pa.RecordBatch:
@@ -127,20 +125,13 @@ def trajectories_rows(log: str, topic: str, found: Trajectories) -> pa.RecordBat
     columns = {
         "log": constant(log, count),
         "topic": constant(topic, count),
-        "sweep": plain(found.sweep),
-        "stamp": plain(found.stamp_ns, STAMP),
-        "t": plain(found.seconds),
+        "sweep": found.sweep,
+        "stamp": found.stamp_ns,
+        "t": found.seconds,
     }
-    return _TRAJECTORIES.fill(columns, found, count)
+    return FORMS["trajectories"].fill(columns, found, count)
 
 
 def _labelled(found: Followed | Tracks, labels: Sequence[str]) -> dict[str, Any]:
     """Return the columns of names in the catalogue; without one all are null."""
-    return {"label": codes(found.label, labels), "label_score": floats(found.label_score)}
-
-
-def _with(rows: pa.RecordBatch, columns: dict[str, Any]) -> pa.RecordBatch:
-    """Return the rows with some columns replaced."""
-    names = rows.schema.names
-    arrays = [columns.get(name, column) for name, column in zip(names, rows.columns, strict=True)]
-    return pa.RecordBatch.from_arrays(arrays, schema=rows.schema)
+    return {"label": codes(found.label, labels), "label_score": found.label_score}

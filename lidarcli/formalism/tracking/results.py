@@ -43,9 +43,12 @@ class Followed:
     vx: Float64 = column(
         "m/s",
         "velocity of the thing over ground, world frame or else sensor frame; null until tracked",
+        nullable=True,
         later=True,
     )
-    vy: Float64 = column("m/s", "velocity of the thing over ground; null until tracked", later=True)
+    vy: Float64 = column(
+        "m/s", "velocity of the thing over ground; null until tracked", nullable=True, later=True
+    )
     moving: Int8 = column(
         "",
         "whether the thing moves in this sweep; null until tracked",
@@ -103,14 +106,25 @@ class Tracks:
     sweeps: Int64 = column("1", "sweeps in which it was seen", per="track")
     hidden: Float64 = column("s", "time between first and last sight in which it was not seen", per="track")
     x: Float64 = column(
-        "m", "centre, world frame or else sensor frame; of an agent where it was last", per="track"
+        "m",
+        "centre, world frame or else sensor frame; of an agent where it was last",
+        per="track",
+        kind="float64",
     )
-    y: Float64 = column("m", "centre, world frame or else sensor frame", per="track")
-    yaw: Float64 = column("rad", "direction of the longer side", per="track")
-    length: Float64 = column("m", "longer side by all that was seen of it; null where unknown", per="track")
-    width: Float64 = column("m", "shorter side by all that was seen of it; null where unknown", per="track")
-    length_sd: Float64 = column("m", "standard deviation of the length", per="track")
-    width_sd: Float64 = column("m", "standard deviation of the width", per="track")
+    y: Float64 = column("m", "centre, world frame or else sensor frame", per="track", kind="float64")
+    yaw: Float64 = column("rad", "direction of the longer side", per="track", kind="float64")
+    length: Float64 = column(
+        "m", "longer side by all that was seen of it; null where unknown", per="track", nullable=True
+    )
+    width: Float64 = column(
+        "m", "shorter side by all that was seen of it; null where unknown", per="track", nullable=True
+    )
+    length_sd: Float64 = column(
+        "m", "standard deviation of the length; null without one", per="track", nullable=True
+    )
+    width_sd: Float64 = column(
+        "m", "standard deviation of the width; null without one", per="track", nullable=True
+    )
     distance: Float64 = column("m", "way travelled over ground, in the sweeps in which it moves", per="track")
     speed_mean: Float64 = column("m/s", "mean speed from the first sight to the last", per="track")
     speed_max: Float64 = column("m/s", "greatest speed", per="track")
@@ -142,9 +156,12 @@ class Trajectories:
         "", "frame of x and y: world where poses are known, else sensor", per="trajectory", words=FRAMES
     )
     x: Float64 = column(
-        "m", "middle of the thing by all sweeps that saw it, before and after", per="trajectory"
+        "m",
+        "middle of the thing by all sweeps that saw it, before and after",
+        per="trajectory",
+        kind="float64",
     )
-    y: Float64 = column("m", "middle of the thing", per="trajectory")
+    y: Float64 = column("m", "middle of the thing", per="trajectory", kind="float64")
     vx: Float64 = column("m/s", "velocity over ground; 0 while it stands", per="trajectory")
     vy: Float64 = column("m/s", "velocity over ground", per="trajectory")
     x_sd: Float64 = column("m", "standard deviation of x", per="trajectory")
