@@ -233,10 +233,10 @@ def _fitted(path: Place, kind: str, field: pa.Field, column: pa.ChunkedArray) ->
     if not _castable(column.type, field.type):
         raise UnreadableError(f"{place} is {_words(column.type)}, not {_words(field.type)}")
     # Values are checked before they become single, as which some are infinite.
-    kind = pa.float64() if pa.types.is_float32(field.type) else field.type
+    checked = pa.float64() if pa.types.is_float32(field.type) else field.type
     try:
         column.validate(full=True)
-        fitted = _cast(column, kind)
+        fitted = _cast(column, checked)
     except pa.ArrowException as err:
         raise UnreadableError(
             f"{place} holds a value that is no {_words(field.type)}: {_first_line(err)}"

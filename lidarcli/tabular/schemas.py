@@ -161,12 +161,16 @@ TABLES: dict[str, tuple[Column, ...]] = {
             "r_near",
             "float64",
             "m",
-            "nearest surface with as much support as r_e needs; r_e but for depth edges",
+            "nearest surface with as much support as r_e needs; r_e but for depth edges; null where nothing is known",
             nullable=True,
             infinite=True,
         ),
         Column(
-            "spread", "float64", "m", "robust standard deviation of the ranges that back r_e", nullable=True
+            "spread",
+            "float64",
+            "m",
+            "robust standard deviation of the ranges that back r_e; null where that is no range",
+            nullable=True,
         ),
         Column("support", "float64", "1", "share of the observations that back r_e"),
         Column("no_return", "float64", "1", "share of the observations without a return"),

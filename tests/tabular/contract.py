@@ -6,9 +6,12 @@ TEXT = "dictionary<values=string, indices=int32, ordered=0>"
 
 STAMP = "timestamp[ns, tz=UTC]"
 
-VERTICES = "list<element: struct<theta: double, r: double, kind: string>>"
+VERTICES = "list<element: struct<theta: float not null, r: float not null, kind: string not null> not null>"
 
-FACES = "list<element: struct<theta_i: double, theta_f: double, length: double, rms: double>>"
+FACES = (
+    "list<element: struct<theta_i: float not null, theta_f: float not null, length: float not null, "
+    "rms: float not null> not null>"
+)
 
 SOURCE = [
     ("log", TEXT),
@@ -24,6 +27,10 @@ def doubles(names: str) -> list[tuple[str, str]]:
     return [(name, "double") for name in names.split()]
 
 
+def floats(names: str) -> list[tuple[str, str]]:
+    return [(name, "float") for name in names.split()]
+
+
 def counts(names: str) -> list[tuple[str, str]]:
     return [(name, "int32") for name in names.split()]
 
@@ -36,26 +43,26 @@ CONTRACT = {
         ("shape", TEXT),
         ("visibility", TEXT),
         *counts("beam_i beam_f beams"),
-        *doubles("theta_i theta_f r_i r_f s_i s_f d_th theta_min r_min x y width"),
-        *doubles("box_x box_y box_length box_width box_yaw"),
+        *floats("theta_i theta_f r_i r_f s_i s_f d_th theta_min r_min x y width"),
+        *floats("box_x box_y box_length box_width box_yaw"),
         ("intensity", "float"),
         ("vertices", VERTICES),
         ("faces", FACES),
-        ("difference", "double"),
+        ("difference", "float"),
         ("change", TEXT),
         ("track", "int64"),
         *doubles("vx vy"),
         ("moving", "bool"),
-        ("thing", "double"),
+        ("thing", "float"),
         ("label", TEXT),
-        ("label_score", "double"),
+        ("label_score", "float"),
         *doubles("world_x world_y world_yaw"),
         ("why", "string"),
     ],
     "sweeps": [
         *SOURCE,
         *counts("beams valid no_return too_close invalid masked"),
-        *doubles("nearest nearest_theta d_mean d_th noise"),
+        *floats("nearest nearest_theta d_mean d_th noise"),
         *counts("objects agents object_beams agent_beams noise_beams"),
         *doubles("pose_x pose_y pose_yaw"),
         ("station", "int32"),
@@ -66,14 +73,16 @@ CONTRACT = {
         ("set", TEXT),
         ("shape", TEXT),
         ("label", TEXT),
-        ("label_score", "double"),
+        ("label_score", "float"),
         ("first_sweep", "int64"),
         ("last_sweep", "int64"),
         ("first_stamp", STAMP),
         ("last_stamp", STAMP),
         ("duration", "double"),
         ("sweeps", "int64"),
-        *doubles("hidden x y yaw length width length_sd width_sd distance speed_mean speed_max"),
+        *doubles("hidden x y yaw"),
+        *floats("length width length_sd width_sd distance"),
+        *doubles("speed_mean speed_max"),
         ("moved_at", STAMP),
         ("end", TEXT),
     ],
@@ -82,7 +91,9 @@ CONTRACT = {
         *SOURCE[3:],
         ("track", "int64"),
         ("frame", TEXT),
-        *doubles("x y vx vy x_sd y_sd xy_cov vx_sd vy_sd"),
+        *doubles("x y vx vy"),
+        *floats("x_sd y_sd"),
+        *doubles("xy_cov vx_sd vy_sd"),
         ("seen", TEXT),
         ("parts", "int32"),
     ],
@@ -90,11 +101,21 @@ CONTRACT = {
         *SOURCE[:2],
         SOURCE[3],
         ("beam", "int32"),
-        *doubles("theta r"),
+        *floats("theta r"),
         ("status", TEXT),
-        ("s", "double"),
+        ("s", "float"),
         ("set", TEXT),
         ("object", "int32"),
-        ("difference", "double"),
+        ("difference", "float"),
     ],
 }
+
+OPEN = {
+    "objects": "s_i s_f d_th intensity difference change track vx vy moving thing label label_score "
+    "world_x world_y world_yaw why",
+    "sweeps": "nearest nearest_theta d_mean d_th pose_x pose_y pose_yaw station",
+    "tracks": "label label_score length width length_sd width_sd moved_at",
+    "trajectories": "",
+    "beams": "r s object difference",
+}
+"""Columns that may be null; all others have a value in every row."""

@@ -78,7 +78,7 @@ def test_names_leave_out_what_entries_and_units_say() -> None:
     assert (tracks["first_stamp_ns"].kind, COLUMNS["set"].kind, COLUMNS["r_min"].kind) == (
         "stamp",
         "text",
-        "float64",
+        "float32",
     )
 
 

@@ -181,7 +181,7 @@ def test_nan_is_null(tables: Path) -> None:
     [
         ("sweeps", "topic", lambda n: pa.array([0.5] * n), "column topic is double, not text"),
         ("sweeps", "topic", lambda n: pa.array([True] * n), "column topic is bool, not text"),
-        ("objects", "width", lambda n: pa.array(["0.5"] * n), "column width is text, not double"),
+        ("objects", "width", lambda n: pa.array(["0.5"] * n), "column width is text, not float"),
         ("objects", "sweep", lambda n: pa.array([b"1"] * n), "column sweep is binary, not int64"),
         ("sweeps", "stamp", lambda n: pa.array([5] * n), "column stamp is int64, not timestamp"),
         (
@@ -292,7 +292,7 @@ def test_a_beams_table_that_cannot_be_read_leaves_the_rest_of_the_page(
     pq.write_table(replaced(table, "theta", table["topic"].cast(pa.string())), path)
     page = tables / "r.html"
     assert run(["-q", "report", str(tables / "room.objects.parquet"), "-o", str(page)]) == 3
-    line = f"{path}: column theta is text, not double"
+    line = f"{path}: column theta is text, not float"
     assert capfd.readouterr().err == f"lidarcli: {line}\n"
     assert line in page.read_text()
     far = pa.array([2**31 - 1] * table.num_rows, pa.int32())
@@ -305,12 +305,8 @@ def test_a_beams_table_that_cannot_be_read_leaves_the_rest_of_the_page(
 
 def test_only_columns_that_say_so_may_be_null() -> None:
     for kind, schema in ALL.items():
-        said = {
-            field.name
-            for field in schema
-            if b"null" in field.metadata[b"description"] and not pa.types.is_floating(field.type)
-        }
-        assert said == NULLABLE[kind]
+        said = {field.name for field in schema if b"null" in field.metadata[b"description"]}
+        assert said == NULLABLE[kind] == {field.name for field in schema if field.nullable}
 
 
 def changes(count: int, column: pa.ChunkedArray) -> Iterator[tuple[str, Any]]:

@@ -28,19 +28,22 @@ def test_object_rows_equal_the_detection(batch: SweepBatch, detection: Detection
         for name, kind in CONTRACT["objects"]:
             value = getattr(detection, name, None)
             if value is not None and kind in ("double", "float", "int32") and name not in ("row",):
-                expected = None if np.isnan(value[k]) else value[k]
+                expected = (
+                    None if np.isnan(value[k]) else np.float32(value[k]) if kind == "float" else value[k]
+                )
                 assert row[name] == expected, name
         first, last = detection.vertex_offsets[k : k + 2]
         assert row["vertices"] == [
             {
-                "theta": detection.vertex_theta[v],
-                "r": detection.vertex_r[v],
+                "theta": np.float32(detection.vertex_theta[v]),
+                "r": np.float32(detection.vertex_r[v]),
                 "kind": VERTEX_KINDS[detection.vertex_kind[v]],
             }
             for v in range(first, last)
         ]
         first, last = detection.face_offsets[k : k + 2]
-        assert [face["length"] for face in row["faces"]] == detection.face_length[first:last].tolist()
+        lengths = detection.face_length[first:last].astype(np.float32).tolist()
+        assert [face["length"] for face in row["faces"]] == lengths
         assert row["t"] == (STAMPS[at] - STAMPS[0]) / 1e9
         tracked = ("track", "vx", "vy", "moving", "label", "label_score")
         unknown = ("difference", "change", *tracked, "world_x", "world_y", "world_yaw")
@@ -75,8 +78,8 @@ def test_sweep_rows_count_beams(batch: SweepBatch, detection: Detection) -> None
         (359, 0, 0, 1),
     ]
     assert [row["objects"] for row in rows] == detection.objects.tolist()
-    assert [row["d_mean"] for row in rows] == detection.d_mean.tolist()
-    assert [row["d_th"] for row in rows] == detection.sweep_d_th.tolist()
+    assert [row["d_mean"] for row in rows] == detection.d_mean.astype(np.float32).tolist()
+    assert [row["d_th"] for row in rows] == detection.sweep_d_th.astype(np.float32).tolist()
     for row in rows:
         assert row["object_beams"] + row["agent_beams"] + row["noise_beams"] == row["beams"]
 
@@ -94,7 +97,7 @@ def test_beam_rows_leave_padding_out(batch: SweepBatch) -> None:
     in_object = [row for row in rows.to_pylist() if row["object"] is not None]
     assert {row["set"] for row in in_object} == {"O"}
     assert len(in_object) == detection.object_beams.sum()
-    assert beams_rows("run", padded, detection)["theta"][0].as_py() == padded.angle_min[0]
+    assert beams_rows("run", padded, detection)["theta"][0].as_py() == np.float32(padded.angle_min[0])
 
 
 def test_beam_rows_need_the_beams(batch: SweepBatch) -> None:

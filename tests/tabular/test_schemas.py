@@ -6,12 +6,13 @@ import pyarrow as pa
 import pytest
 
 from lidarcli.tabular import BEAMS, OBJECTS, SCHEMAS, SWEEPS, TRACKS, TRAJECTORIES
-from tests.tabular.contract import CONTRACT
+from tests.tabular.contract import CONTRACT, OPEN
 
 
 @pytest.mark.parametrize("table", sorted(CONTRACT))
 def test_schema_is_the_contract(table: str) -> None:
     assert [(field.name, str(field.type)) for field in SCHEMAS[table]] == CONTRACT[table]
+    assert [field.name for field in SCHEMAS[table] if field.nullable] == OPEN[table].split()
 
 
 @pytest.mark.parametrize("table", sorted(CONTRACT))

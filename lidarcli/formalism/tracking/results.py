@@ -120,10 +120,10 @@ class Tracks:
         "m", "shorter side by all that was seen of it; null where unknown", per="track", nullable=True
     )
     length_sd: Float64 = column(
-        "m", "standard deviation of the length; null without one", per="track", nullable=True
+        "m", "standard deviation of the length; null with it", per="track", nullable=True
     )
     width_sd: Float64 = column(
-        "m", "standard deviation of the width; null without one", per="track", nullable=True
+        "m", "standard deviation of the width; null with it", per="track", nullable=True
     )
     distance: Float64 = column("m", "way travelled over ground, in the sweeps in which it moves", per="track")
     speed_mean: Float64 = column("m/s", "mean speed from the first sight to the last", per="track")
