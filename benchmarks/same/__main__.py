@@ -1,9 +1,10 @@
 """Compare what another commit and the work tree write: `detect`, `track`, `map` and backgrounds, file by file.
 
 Both run on the same logs: the samples, random scenes, sweeps that no sensor gives, and the logs that are named. Files
-with the same bytes are the same. In other tables what is counted or named has to be equal, numbers within 1e-9,
-directions of lines within half a turn; with --exact the bytes have to be equal. The logs and the results of the other
-commit are kept, so that the next comparison with it runs the work tree alone.
+with the same bytes are the same. In other tables what is counted or named has to be equal, numbers within 1e-9, those of
+single precision within a millionth of their size, directions of lines within half a turn; with --exact the bytes have to
+be equal. The logs and the results of the other commit are kept, so that the next comparison with it runs the work tree
+alone.
 """
 
 from __future__ import annotations
@@ -94,7 +95,7 @@ def columns(done: Iterable[Compared]) -> list[str]:
                 by_column[f"{kind}: {each.column}"].append((each, compared.case))
     if not by_column:
         return []
-    lines = ["", f"{'':30}{'runs':>6}{'other value':>13}{'> 1e-9':>9}{'greatest':>11}"]
+    lines = ["", f"{'':30}{'runs':>6}{'other value':>13}{'beyond':>9}{'greatest':>11}"]
     for name, cases in by_column.items():
         other, beyond = (sum(getattr(each, part) for each, _ in cases) for part in ("other", "beyond"))
         greatest = max(each.greatest for each, _ in cases)

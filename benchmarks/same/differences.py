@@ -17,6 +17,8 @@ from lidarcli.sweeps import Bool, Float64, Int64
 
 TOLERANCE = 1e-9
 """Numbers that differ by no more are the same [m], [rad]."""
+SINGLE = 1e-6
+"""Relative difference of numbers that are the same where one side keeps them in single precision."""
 UNDIRECTED = ("box_yaw", "world_yaw")
 """Directions of lines, which are the same after half a turn."""
 KEYS = {"background": ["topic", "frame_id", "station"], "tracks": ["topic", "track"]}
@@ -77,16 +79,20 @@ def compare_tables(one: pa.Table, other: pa.Table, keys: list[str]) -> Iterator[
     """The differences of two tables, columns that are the same left out.
 
     Rows are compared in their order. Those of a sweep with another number of rows count as such and are not compared.
+    Numbers of single and of double precision are compared; that a type is another one of these is rounding.
     """
     shared = []
     for name in dict.fromkeys([*one.column_names, *other.column_names]):
         types = [
             table.schema.field(name).type if name in table.schema.names else None for table in (one, other)
         ]
-        if types[0] == types[1]:
-            shared.append(name)
-        else:
-            yield Difference(name, max(len(one), len(other)), 0, 0.0, f"type {types[0]} -> {types[1]}")
+        if types[0] != types[1]:
+            rounding = None not in types and _precise(types[0]) == _precise(types[1])
+            rows = 0 if rounding else max(len(one), len(other))
+            yield Difference(name, rows, 0, 0.0, f"type {types[0]} -> {types[1]}")
+            if not rounding:
+                continue
+        shared.append(name)
     groups = [pd.MultiIndex.from_frame(table.select(keys).to_pandas()) for table in (one, other)]
     before, after = groups[0].value_counts().align(groups[1].value_counts(), fill_value=0)
     unequal = before.index[(before != after).to_numpy()]
@@ -110,6 +116,11 @@ def compare_tables(one: pa.Table, other: pa.Table, keys: list[str]) -> Iterator[
                 yield found
 
 
+def _precise(kind: pa.DataType) -> str:
+    """Return the name of a type, whatever its precision, and whether it may be null."""
+    return str(kind).replace("float", "double").replace(" not null", "")
+
+
 def _compare(name: str, one: pa.Array, other: pa.Array, place: Place) -> Iterator[Difference]:
     """Of one column; of a column of lists their lengths, and then each field of their items."""
     rows = np.arange(len(one))
@@ -131,7 +142,8 @@ def _values(name: str, one: pa.Array, other: pa.Array, owner: Int64, place: Plac
     """Of flat values; `owner` is the row of each."""
     if not pa.types.is_floating(one.type):
         return _difference(name, (one, other), _unequal(one, other), owner, place)
-    before, after = _plain(one), _plain(other)
+    before, after = (np.asarray(_plain(array), np.float64) for array in (one, other))
+    single = any(pa.types.is_float32(array.type) for array in (one, other))
     finite = np.isfinite(before) & np.isfinite(after)
     apart = np.zeros(len(finite))
     apart[finite] = np.abs(before[finite] - after[finite])
@@ -139,7 +151,8 @@ def _values(name: str, one: pa.Array, other: pa.Array, owner: Int64, place: Plac
         apart = np.minimum(apart % np.pi, np.pi - apart % np.pi)
     unequal = ~finite & (before != after) & ~(np.isnan(before) & np.isnan(after))
     unequal |= _plain(one.is_null()) != _plain(other.is_null())
-    return _difference(name, (one, other), unequal, owner, place, apart)
+    tolerance = TOLERANCE + single * SINGLE * np.abs(before)
+    return _difference(name, (one, other), unequal, owner, place, apart, apart > tolerance)
 
 
 def _unequal(one: pa.Array, other: pa.Array) -> Bool:
@@ -162,14 +175,15 @@ def _difference(
     owner: Int64,
     place: Place,
     apart: Float64 | None = None,
+    beyond: Bool | None = None,
 ) -> Difference:
     """Counted by row, with the place of the worst."""
-    if apart is None:
-        apart = np.zeros(len(unequal))
+    if apart is None or beyond is None:
+        apart, beyond = np.zeros(len(unequal)), np.zeros(len(unequal), bool)
     greatest = float(apart.max(initial=0.0))
     example = ""
     if unequal.any() or greatest:
         at = int(unequal.argmax() if unequal.any() else apart.argmax())
         example = f"{place(int(owner[at]))}: {values[0][at].as_py()!r} -> {values[1][at].as_py()!r}"
-    rows = [len(np.unique(owner[which])) for which in (unequal, apart > TOLERANCE)]
+    rows = [len(np.unique(owner[which])) for which in (unequal, beyond)]
     return Difference(name, rows[0], rows[1], greatest, example)

@@ -76,7 +76,10 @@ def chosen(tables: Sequence[str], columns: Sequence[str] = ()) -> Export:
                 raise OptionError(
                     f"{file}: column {name} is {schema.field(name).type}, in {files[0]} {first.field(name).type}"
                 )
-    schema = pa.schema([first.field(name) for name in names], metadata=_common(schemas))
+    fields = [
+        first.field(name).with_nullable(any(each.field(name).nullable for each in schemas)) for name in names
+    ]
+    schema = pa.schema(fields, metadata=_common(schemas))
     return Export(tuple(files), schema, problems)
 
 

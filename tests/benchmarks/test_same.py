@@ -64,6 +64,21 @@ def test_a_difference_of_one_column(
     assert found.matters == (found.greatest != 2**-40)
 
 
+@pytest.mark.parametrize(("value", "beyond"), [(4.0 + 3e-6, 0), (4.0 + 5e-6, 1)])
+def test_single_precision_is_rounding(value: float, beyond: int) -> None:
+    single = pa.array([value, nan, None], pa.float32())
+    kind, found = compare_tables(table(x=[4.0, nan, None]), table(x=single), SWEEP)
+    assert (kind.column, kind.other, kind.matters, kind.example) == ("x", 0, False, "type double -> float")
+    assert (found.column, found.other, found.beyond) == ("x", 0, beyond)
+    assert found.greatest == pytest.approx(value - 4.0, abs=5e-7)
+
+
+def test_single_precision_inside_of_lists_is_rounding() -> None:
+    faces = table()["faces"].cast(pa.list_(pa.struct([pa.field("length", pa.float32(), nullable=False)])))
+    (kind,) = differences(faces=faces)
+    assert (kind.column, kind.matters) == ("faces", False)
+
+
 def test_a_line_has_no_direction() -> None:
     (turned,) = differences(box_yaw=[0.5 - pi, 1.5 - pi, -0.5 + pi + 0.125])
     assert (turned.column, turned.other, turned.beyond) == ("box_yaw", 0, 1)

@@ -80,8 +80,8 @@ def test_a_plain_object_has_outline_body_and_label() -> None:
     assert outline.points is not None
     expected = [[2 * np.cos(angle), 2 * np.sin(angle)] for angle in (0.3, 0.5, 0.3)]
     assert outline.points[0].tolist() == pytest.approx(np.array(expected))
-    assert body.position[0, :2].tolist() == [2.1, 1.1]
-    assert body.scale[0, :2].tolist() == [0.6, 0.4]
+    assert body.position[0, :2].tolist() == pytest.approx([2.1, 1.1])
+    assert body.scale[0, :2].tolist() == pytest.approx([0.6, 0.4])
     assert body.yaw.tolist() == [0.5]
     assert words(label) == ["1: prismatic\n0.60 x 0.40 m"]
     assert label.position[0, 2] > body.scale[0, 2]
@@ -100,7 +100,7 @@ def test_an_object_has_the_colour_of_its_shape(shape: str) -> None:
 
 def test_a_round_thing_is_as_wide_as_long() -> None:
     (body,) = of_kind(drawn({"shape": "round", "box_width": 0.1}), Kind.CYLINDER)
-    assert body.scale[0, :2].tolist() == [0.6, 0.6]
+    assert body.scale[0, :2].tolist() == pytest.approx([0.6, 0.6])
     (label,) = of_kind(drawn({"shape": "round"}), Kind.LABEL)
     assert words(label) == ["1: round\n0.60 m"]
 

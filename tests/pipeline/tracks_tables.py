@@ -10,6 +10,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from lidarcli.tabular.reading import read_schema
 from lidarcli.tabular.schemas import TRACKS
 from lidarcli.tabular.writing import table_metadata
 
@@ -41,11 +42,13 @@ _PLAIN: dict[str, Any] = {
 def write_tracks(path: Path, log: str, things: Sequence[dict[str, Any]], world: str | None = None) -> Path:
     """A table of these things, numbered from 1, whose log has poses in `world`."""
     rows = [{"log": log, "track": number, **_PLAIN, **thing} for number, thing in enumerate(things, 1)]
-    columns = [pa.array([row.get(field.name) for row in rows], field.type) for field in TRACKS]
+    # A program that knows no column to be required: some are null here.
+    schema = read_schema(TRACKS)
+    columns = [pa.array([row.get(field.name) for row in rows], field.type) for field in schema]
     poses = {} if world is None else {"poses": {"laser": {"world": world, "topic": "/tf"}}}
     told = table_metadata({}, {"name": f"{log}.mcap", "size": 1, "format": "mcap", **poses})
     path.parent.mkdir(parents=True, exist_ok=True)
-    pq.write_table(pa.Table.from_arrays(columns, schema=TRACKS.with_metadata(told)), path)
+    pq.write_table(pa.Table.from_arrays(columns, schema=schema.with_metadata(told)), path)
     return path
 
 

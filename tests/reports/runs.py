@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.reports.columns import Origin, Rows, Run
+from lidarcli.tabular.reading import read_schema
 from lidarcli.tabular.schemas import OBJECTS, SWEEPS, TRACKS, TRAJECTORIES
 from lidarcli.tabular.writing import table_metadata
 
@@ -18,7 +19,8 @@ TENTH = 100_000_000
 
 
 def table(schema: pa.Schema, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Rows of a schema; what a row does not name is null."""
+    """Rows of a schema, as a program writes them that declares no column required; what a row does not name is null."""
+    schema = read_schema(schema)
     columns = [pa.array([row.get(field.name) for row in rows], field.type) for field in schema]
     return pa.Table.from_arrays(columns, schema=schema)
 

@@ -7,9 +7,7 @@ import io
 import json
 import os
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -21,7 +19,7 @@ from lidarcli.tabular import OBJECTS
 from lidarcli.tabular.rows import objects_rows
 from lidarcli.tabular.stream import FORMATS, CountingOutput
 from lidarcli.tabular.writing import table_metadata
-from tests.tabular.writing import METADATA
+from tests.tabular.writing import METADATA, shortest
 
 
 def test_full_disk_is_one_line(batch: SweepBatch, detection: Detection) -> None:
@@ -48,22 +46,6 @@ def test_binary_streams_read_back(kind: str, batch: SweepBatch, detection: Detec
     assert table.to_pylist() == rows.to_pylist()
     assert table.schema.equals(OBJECTS)
     assert table.schema.metadata == (table_metadata({"a": 1}) if kind == "arrow" else METADATA)
-
-
-def shortest(rows: pa.RecordBatch) -> list[dict[str, Any]]:
-    """The rows with the shortest decimals of every number of single precision."""
-
-    def short(kind: pa.DataType, value: Any) -> Any:
-        if value is None:
-            return None
-        if pa.types.is_list(kind):
-            return [short(kind.value_type, item) for item in value]
-        if pa.types.is_struct(kind):
-            return {part.name: short(part.type, value[part.name]) for part in kind}
-        return float(str(np.float32(value))) if pa.types.is_float32(kind) else value
-
-    kinds = {field.name: field.type for field in rows.schema}
-    return [{name: short(kinds[name], row[name]) for name in row} for row in rows.to_pylist()]
 
 
 def test_ndjson_reads_back(batch: SweepBatch, detection: Detection) -> None:

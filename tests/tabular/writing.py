@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -19,3 +20,19 @@ def write_files(folder: Path, batches: list[tuple[str, pa.RecordBatch]], first: 
             files.write("objects", topic, rows)
         files.publish(METADATA)
     return folder / "run.objects.parquet"
+
+
+def shortest(rows: pa.RecordBatch | pa.Table) -> list[dict[str, Any]]:
+    """The rows with the shortest decimals of every number of single precision."""
+
+    def short(kind: pa.DataType, value: Any) -> Any:
+        if value is None:
+            return None
+        if pa.types.is_list(kind):
+            return [short(kind.value_type, item) for item in value]
+        if pa.types.is_struct(kind):
+            return {part.name: short(part.type, value[part.name]) for part in kind}
+        return float(str(np.float32(value))) if pa.types.is_float32(kind) else value
+
+    kinds = {field.name: field.type for field in rows.schema}
+    return [{name: short(kinds[name], row[name]) for name in row} for row in rows.to_pylist()]
