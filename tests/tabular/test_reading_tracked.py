@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
@@ -87,6 +89,59 @@ def test_a_report_takes_tables_from_before(tracked: Path, capfd: pytest.CaptureF
         pq.write_table(pq.read_table(path).drop_columns([*LATER[table]]), path)
     # Nobody had measured it.
     assert report() == wanted | {f"nearest.{statistic}": None for statistic in STATISTICS}
+
+
+def doubles(path: Path) -> None:
+    """Write a table again as earlier versions did: every number double, with digits that single precision drops."""
+
+    def kind_of(kind: pa.DataType) -> pa.DataType:
+        if pa.types.is_list(kind):
+            return pa.list_(kind_of(kind.value_type))
+        if pa.types.is_struct(kind):
+            return pa.struct([(part.name, kind_of(part.type)) for part in kind])
+        return pa.float64() if pa.types.is_float32(kind) else kind
+
+    table = pq.read_table(path)
+    columns = []
+    for field in table.schema:
+        column = table[field.name].cast(kind_of(field.type))
+        columns.append(pc.multiply(column, 1 + 1e-8) if pa.types.is_float32(field.type) else column)
+    fields = [pa.field(field.name, column.type) for field, column in zip(table.schema, columns, strict=True)]
+    schema = pa.schema(fields, metadata=table.schema.metadata)
+    pq.write_table(pa.Table.from_arrays(columns, schema=schema), path)
+
+
+@pytest.mark.slow
+def test_tables_in_double_precision_say_the_same(tmp_path: Path) -> None:
+    log = str(SAMPLES / "people.csv.gz")
+    today, before = tmp_path / "today", tmp_path / "before"
+    assert run(["-q", "track", log, "-o", str(today), "--beams"]) == 0
+    other = tmp_path / "people.tracks.parquet"
+    other.write_bytes((today / other.name).read_bytes())
+    before.mkdir()
+    for file in today.glob("*.parquet"):
+        (before / file.name).write_bytes(file.read_bytes())
+        doubles(before / file.name)
+    assert str(pq.read_schema(before / "people.objects.parquet").field("vertices").type).count("double") == 2
+    assert pq.read_schema(before / "people.tracks.parquet").field("length").type == pa.float64()
+    for folder in (today, before):
+        objects = str(folder / "people.objects.parquet")
+        check = ["--check", "objects where thing > 0.5 and width <= 0.5 > 0", "--check", "d_th.min >= 0.08"]
+        commands = [
+            *(
+                ["report", objects, "-o", str(folder / name), *check]
+                for name in ("r.json", "r.xml", "r.html")
+            ),
+            ["overlay", log, "--objects", objects, "-o", str(folder / "o.mcap")],
+            ["plot", log, "--sweep", "15", "--tracks", objects, "-o", str(folder / "p.svg")],
+            ["match", str(other), str(folder / "people.tracks.parquet"), "-o", str(folder / "m.csv")],
+            ["export", objects, "-o", str(folder / "e.ndjson")],
+        ]
+        for command in commands:
+            assert run(["-q", *command]) == 0, command
+    for name in ("r.json", "r.xml", "o.mcap", "p.svg", "m.csv"):
+        one, two = ((folder / name).read_bytes() for folder in (today, before))
+        assert one == two.replace(bytes(before), bytes(today)), name
 
 
 def test_a_column_that_was_always_there_is_missed(tracked: Path) -> None:
