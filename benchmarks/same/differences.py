@@ -151,7 +151,7 @@ def _values(name: str, one: pa.Array, other: pa.Array, owner: Int64, place: Plac
         apart = np.minimum(apart % np.pi, np.pi - apart % np.pi)
     unequal = ~finite & (before != after) & ~(np.isnan(before) & np.isnan(after))
     unequal |= _plain(one.is_null()) != _plain(other.is_null())
-    tolerance = TOLERANCE + single * SINGLE * np.abs(before)
+    tolerance = TOLERANCE + SINGLE * np.abs(before) if single else TOLERANCE
     return _difference(name, (one, other), unequal, owner, place, apart, apart > tolerance)
 
 
