@@ -18,6 +18,7 @@ import pytest
 from lidarcli import __version__
 from lidarcli.pipeline.runs.manifest import read_entries
 from lidarcli.simulate.writers import write_log
+from lidarcli.tabular.reading import read_schema
 from lidarcli.tabular.schemas import RUNS
 from tests import unprivileged
 from tests.conftest import Ran
@@ -237,7 +238,7 @@ def test_a_manifest_with_odd_values_is_not_used(
 ) -> None:
     (file,) = (done / "_lidarcli").iterdir()
     rows = [{**row, **change} for row in pq.read_table(file).to_pylist()]
-    pq.write_table(pa.Table.from_pylist(rows, RUNS), file)
+    pq.write_table(pa.Table.from_pylist(rows, read_schema(RUNS)), file)
     ran = lidarcli("detect", bags / "one.mcap", "-o", done, "--resume")
     assert ran.code == 0, ran.err
     assert f"{file}: {cause}" in ran.err
