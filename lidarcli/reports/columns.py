@@ -63,7 +63,7 @@ class Rows:
     def numbers(self, name: str) -> Float64:
         """A numeric column, NaN for null; the number of elements of a list column.
 
-        A number of single precision is the one of six decimals that it stands for, if there is one: 0.08, which checks
+        A number of single precision is the one of few decimals that it stands for, if there is one: 0.08, which checks
         and reports name, and not the double of its bits.
         """
         import pyarrow as pa
@@ -76,10 +76,12 @@ class Rows:
 
             column = pc.list_value_length(column)
         values = numbers(column.cast(pa.float64()))
-        if not pa.types.is_float32(column.type):
-            return values
-        short: Float64 = np.rint(values * 1e6) / 1e6
-        return np.where(short.astype(np.float32) == values.astype(np.float32), short, values)
+        if pa.types.is_float32(column.type):
+            single = values.astype(np.float32)
+            for scale in (1e6, 1e4, 1e2):
+                short = np.rint(values * scale) / scale
+                values = np.where(short.astype(np.float32) == single, short, values)
+        return values
 
     def integers(self, name: str) -> Int64:
         """A column of integers without nulls; a stamp in nanoseconds."""

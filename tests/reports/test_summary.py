@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from lidarcli.reports import figures
@@ -17,6 +18,16 @@ from tests.reports.runs import START, TENTH, run_of, sweep, thing
 
 def test_every_figure_has_its_name() -> None:
     assert list(summarise(run_of([sweep(0)])).figures) == figures.names()
+
+
+def test_numbers_of_single_precision_are_the_decimals_that_they_stand_for() -> None:
+    values = [0.08, -12.345678, 1 / 3, 1e-9, None, 7654321.5, 300.3]
+    rows = Rows.join([pa.table({"r": pa.array(values, pa.float32()), "t": pa.array(values)})])
+    single = [np.nan if value is None else float(np.float32(value)) for value in values]
+    exact = [0.08, -12.345678, single[2], single[3], np.nan, 7654321.5, 300.3]
+    np.testing.assert_array_equal(rows.numbers("r"), exact)
+    np.testing.assert_array_equal(rows.numbers("r").astype(np.float32), np.array(single, np.float32))
+    np.testing.assert_array_equal(rows.numbers("t"), [np.nan if value is None else value for value in values])
 
 
 def test_figures_of_a_small_run() -> None:

@@ -18,6 +18,7 @@ from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular import OBJECTS, SCHEMAS
 from lidarcli.tabular.rows import objects_rows
 from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
+from tests.tabular.contract import OPEN
 from tests.tabular.writing import METADATA, write_files
 
 
@@ -105,3 +106,19 @@ def test_folder_that_is_a_file(tmp_path: Path) -> None:
     with pytest.raises(OutputError) as caught:
         TableFiles(table_paths(tmp_path / "out", "run", ("objects",)), None)
     assert str(caught.value) == f"cannot write below {tmp_path / 'out'}: it is not a folder"
+
+
+def test_columns_without_nulls_are_required(tmp_path: Path, batch: SweepBatch, detection: Detection) -> None:
+    path = write_files(tmp_path, [("/scan", objects_rows("run", batch, detection))], "/scan")
+    leaves = pq.ParquetFile(path).schema
+    levels = {leaves.column(k).path: leaves.column(k).max_definition_level for k in range(len(leaves))}
+    # Inside of a list one level tells an empty list from one with items, and none is for nulls.
+    inside = {name: level for name, level in levels.items() if "." in name}
+    assert len(inside) == 7
+    assert set(inside.values()) == {1}
+    flat = {name: level for name, level in levels.items() if "." not in name}
+    assert {name for name, level in flat.items() if level} == set(OPEN["objects"].split())
+    kinds = {leaves.column(k).path: leaves.column(k).physical_type for k in range(len(leaves))}
+    assert {name for name, kind in kinds.items() if kind == "DOUBLE"} == {
+        *("t", "vx", "vy", "world_x", "world_y", "world_yaw")
+    }

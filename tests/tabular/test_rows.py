@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -48,6 +49,17 @@ def test_object_rows_equal_the_detection(batch: SweepBatch, detection: Detection
         tracked = ("track", "vx", "vy", "moving", "label", "label_score")
         unknown = ("difference", "change", *tracked, "world_x", "world_y", "world_yaw")
         assert [row[name] for name in unknown] == [None] * 11
+
+
+def test_single_precision_keeps_the_order(batch: SweepBatch, detection: Detection) -> None:
+    nearest = sweeps_rows("run", batch, detection)["nearest"].to_pylist()
+    for row in objects_rows("run", batch, detection).to_pylist():
+        assert row["theta_i"] <= row["theta_min"] <= row["theta_f"]
+        assert nearest[row["sweep"]] <= row["r_min"] <= min(row["r_i"], row["r_f"])
+        assert row["box_width"] <= row["box_length"]
+        theta = [vertex["theta"] for vertex in row["vertices"]]
+        assert theta == sorted(theta)
+        assert [(face["theta_i"], face["theta_f"]) for face in row["faces"]] == [*pairwise(theta)]
 
 
 def test_an_unknown_intensity_is_null(batch: SweepBatch, detection: Detection) -> None:
