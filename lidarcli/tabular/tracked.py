@@ -13,7 +13,7 @@ from lidarcli.formalism.detection import AGENT, NOISE, OBJECT
 from lidarcli.formalism.mapping.places import ByPlace
 from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
 from lidarcli.sweeps import Int32, SweepBatch, UInt8
-from lidarcli.tabular.arrays import answers, codes, masked
+from lidarcli.tabular.arrays import answers, codes, masked, plain
 from lidarcli.tabular.rows import FORMS, beams_of, constant
 from lidarcli.tabular.schemas import STAMP
 
