@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidarcli.formalism.tracking.results import PERSON
 from lidarcli.formalism.tracking.tracks import Body
@@ -30,6 +31,9 @@ PATH_SWEEPS = 6
 PATH_MARGIN = 1.0
 """[s] Longest time before and after a path in which views are compared with it."""
 
+Places: TypeAlias = NDArray[np.complex128]
+"""Places x + iy [m]: sums, means and distances take one operation for both."""
+
 
 @dataclass(slots=True, eq=False)
 class Walk:
@@ -48,27 +52,32 @@ class Walk:
     count: Int64 = field(init=False)
     """(S,) number of views in each sweep."""
     time: Float64 = field(init=False)
-    x: Float64 = field(init=False)
-    y: Float64 = field(init=False)
+    place: Places = field(init=False)
     """(S,) time [s], and mean of the places [m]."""
+    _path: Places | None = None
 
     def lay(self, seen: Any) -> None:
         """Compute the places by the sightings."""
-        self.sweep, first, self.count = np.unique(seen.sweep[self.at], return_index=True, return_counts=True)
-        self.time = seen.time[self.at[first]]
-        self.x, self.y = (np.add.reduceat(of[self.at], first) / self.count for of in (seen.x, seen.y))
+        sweep = seen.sweep[self.at]
+        first = np.flatnonzero(np.diff(sweep, prepend=-1))
+        self.sweep, self.time = sweep[first], seen.time[self.at[first]]
+        self.count = np.diff(first, append=len(sweep))
+        self.place = seen.place[self.at]
+        if len(first) < len(sweep):
+            self.place = np.add.reduceat(self.place, first) / self.count
+        self._path = None
 
-    def path(self) -> tuple[Float64, Float64]:
-        """Return (S,) x and y without the swing of the legs [m]: the mean over as many sweeps before as after."""
-        here = np.arange(len(self.time))
-        first = np.searchsorted(self.time, self.time - PATH_TIME)
-        stop = np.searchsorted(self.time, self.time + PATH_TIME, side="right")
-        half = np.minimum(here - first, stop - 1 - here)
-        total_x, total_y = (np.append(0.0, np.cumsum(of)) for of in (self.x, self.y))
-        first, stop = here - half, here + half + 1
-        return (total_x[stop] - total_x[first]) / (stop - first), (total_y[stop] - total_y[first]) / (
-            stop - first
-        )
+    @property
+    def path(self) -> Places:
+        """(S,) places without the swing of the legs [m]: the means over as many sweeps before as after."""
+        if self._path is None:
+            here = np.arange(len(self.time))
+            first = np.searchsorted(self.time, self.time - PATH_TIME)
+            stop = np.searchsorted(self.time, self.time + PATH_TIME, side="right")
+            half = np.minimum(here - first, stop - 1 - here)
+            total = np.append(0.0, np.cumsum(self.place))
+            self._path = (total[here + half + 1] - total[here - half]) / (2 * half + 1)
+        return self._path
 
 
 def settle_legs(seen: Any, bodies: dict[int, Body]) -> None:
@@ -80,6 +89,8 @@ def settle_legs(seen: Any, bodies: dict[int, Body]) -> None:
     bodies : bodies that were seen often enough, by number
     """
     walks = _walks(seen, bodies)
+    if not any(walk.is_person for walk in walks):
+        return
     _merge(seen, walks)
     walks = [walk for walk in walks if len(walk.at)]
     persons = [walk for walk in walks if walk.is_person and len(walk.sweep) >= PATH_SWEEPS]
@@ -91,26 +102,29 @@ def settle_legs(seen: Any, bodies: dict[int, Body]) -> None:
 def _walks(seen: Any, bodies: dict[int, Body]) -> list[Walk]:
     """Return the slim tracks, and slim bodies without one, in the order of their first sweeps."""
     order = np.argsort(seen.owner, kind="stable")
-    owners, begins = np.unique(seen.owner[order], return_index=True)
-    owned = dict(zip(owners.tolist(), np.split(order, begins[1:]), strict=True)) if len(order) else {}
-    owned.pop(0, None)
-    groups: dict[int, list[int]] = {}
-    for number in owned:
+    owner = seen.owner[order]
+    begins = np.flatnonzero(np.diff(owner, prepend=0))
+    if not len(begins):
+        return []
+    slim = np.add.reduceat((seen.width[order] < LEG_WIDTH).astype(np.int64), begins).tolist()
+    ends = np.append(begins[1:], len(owner)).tolist()
+    groups: dict[int, list[tuple[int, int, int, int]]] = {}
+    for number, begin, end, few in zip(owner[begins].tolist(), begins.tolist(), ends, slim, strict=True):
         track = bodies[number].track
-        groups.setdefault(number if track is None else -id(track), []).append(number)
+        groups.setdefault(number if track is None else -id(track), []).append((number, begin, end, few))
     walks = []
-    for numbers in groups.values():
-        at = np.concatenate([owned[number] for number in numbers])
-        if np.median(seen.width[at]) >= LEG_WIDTH:
+    for parts in groups.values():
+        if 2 * sum(few for *_, few in parts) <= sum(end - begin for _, begin, end, _ in parts):
             continue
-        owner = max(numbers, key=lambda number: len(owned[number]))
-        track = bodies[owner].track
-        parts = [bodies[owner]] if track is None else track.parts
+        owner_of_most = max(parts, key=lambda part: part[2] - part[1])[0]
+        at = np.concatenate([order[begin:end] for _, begin, end, _ in parts])
+        track = bodies[owner_of_most].track
+        members = [bodies[owner_of_most]] if track is None else track.parts
         walk = Walk(
-            owner=owner,
+            owner=owner_of_most,
             at=at[np.argsort(seen.sweep[at], kind="stable")],
-            moves=any(part.moved for part in parts) or (track is not None and track.moved),
-            is_person=any(part.kind == PERSON for part in parts),
+            moves=any(part.moved for part in members) or (track is not None and track.moved),
+            is_person=any(part.kind == PERSON for part in members),
             has_rows=track is not None and track.number > 0,
         )
         walk.lay(seen)
@@ -120,13 +134,16 @@ def _walks(seen: Any, bodies: dict[int, Body]) -> list[Walk]:
 
 def _merge(seen: Any, walks: list[Walk]) -> None:
     """Give a track that goes beside a person to that person, run by run."""
+    first, last = (np.array([walk.sweep[i] for walk in walks]) for i in (0, -1))
+    person = np.array([walk.is_person for walk in walks])
+    together = (first <= last[:, None]) & (person | person[:, None])
+    for axis in ("real", "imag"):
+        low, high = (np.array([of(getattr(walk.place, axis)) for walk in walks]) for of in (np.min, np.max))
+        together &= (low - STEP < high[:, None]) & (low[:, None] - STEP < high)
     pairs = []
-    for i, one in enumerate(walks):
-        for other in walks[i + 1 :]:
-            if other.sweep[0] > one.sweep[-1]:
-                break
-            if (one.is_person or other.is_person) and _touch(one, other):
-                pairs.append((min(len(one.at), len(other.at)), one.owner, other.owner, one, other))
+    for i, k in np.argwhere(np.triu(together, 1)).tolist():
+        one, other = walks[i], walks[k]
+        pairs.append((min(len(one.at), len(other.at)), one.owner, other.owner, one, other))
     for _, _, _, one, other in sorted(pairs, key=lambda pair: pair[:3]):
         if len(one.at) and len(other.at):
             leads = one.is_person and (len(one.at) >= len(other.at) or not other.is_person)
@@ -134,24 +151,14 @@ def _merge(seen: Any, walks: list[Walk]) -> None:
             _give_runs(seen, person, leg)
 
 
-def _touch(one: Walk, other: Walk) -> bool:
-    """Return whether the rectangles around two walks are within a step."""
-    return bool(
-        one.x.min() - STEP < other.x.max()
-        and other.x.min() - STEP < one.x.max()
-        and one.y.min() - STEP < other.y.max()
-        and other.y.min() - STEP < one.y.max()
-    )
-
-
 def _give_runs(seen: Any, person: Walk, leg: Walk) -> None:
     """Give the sightings of a leg to a person in the runs of sweeps in which it is beside that person."""
     after = np.minimum(np.searchsorted(person.sweep, leg.sweep), len(person.sweep) - 1)
     before = np.maximum(after - 1, 0)
     pause = np.minimum(np.abs(leg.time - person.time[before]), np.abs(leg.time - person.time[after]))
-    x, y = np.interp(leg.time, person.time, person.x), np.interp(leg.time, person.time, person.y)
+    off = leg.place - np.interp(leg.time, person.time, person.place)
     both = pause < PAUSE
-    near = np.flatnonzero(both & (np.hypot(leg.x - x, leg.y - y) < STEP))
+    near = np.flatnonzero(both & (np.abs(off) < STEP))
     # Two who pass each other are near for a while only.
     if len(near) < max(BESIDE_SHARE * np.count_nonzero(both), 2):
         return
@@ -182,7 +189,7 @@ def _gather_fragments(seen: Any, walks: list[Walk], persons: list[Walk]) -> None
         for person in persons:
             if len(person.sweep) <= len(walk.sweep) or not _is_beside(walk.time[[0, -1]], person).all():
                 continue
-            if _away(walk.time, walk.x, walk.y, person).max() < STEP:
+            if _away(walk.time, walk.place, person).max() < STEP:
                 _give(seen, person, walk, np.ones(len(walk.at), bool))
                 break
 
@@ -194,7 +201,7 @@ def _gather_views(seen: Any, persons: list[Walk]) -> None:
         near = loose[_is_beside(seen.time[loose], person)]
         if not len(near):
             continue
-        near = near[_away(seen.time[near], seen.x[near], seen.y[near], person) < STEP]
+        near = near[_away(seen.time[near], seen.place[near], person) < STEP]
         legs = dict(zip(person.sweep.tolist(), person.count.tolist(), strict=True))
         for i, sweep in zip(near.tolist(), seen.sweep[near].tolist(), strict=True):
             legs[sweep] = legs.get(sweep, 0) + 1
@@ -209,14 +216,12 @@ def _is_beside(time: Float64, person: Walk) -> Bool:
     return beside
 
 
-def _away(time: Float64, x: Float64, y: Float64, person: Walk) -> Float64:
+def _away(time: Float64, place: Places, person: Walk) -> Float64:
     """Return (N,) the distances [m] of places from the path of a person, which goes on at both ends at its speed there."""
     early, late = np.minimum(time - person.time[0], 0.0), np.maximum(time - person.time[-1], 0.0)
     few = min(PATH_SWEEPS, len(person.time)) - 1
-    off: list[Float64] = []
-    for place, path in zip((x, y), person.path(), strict=True):
-        begin = (path[few] - path[0]) / max(person.time[few] - person.time[0], 1e-3)
-        end = (path[-1] - path[-1 - few]) / max(person.time[-1] - person.time[-1 - few], 1e-3)
-        off.append(place - np.interp(time, person.time, path) - early * begin - late * end)
-    away: Float64 = np.hypot(*off)
+    path = person.path
+    begin = (path[few] - path[0]) / max(person.time[few] - person.time[0], 1e-3)
+    end = (path[-1] - path[-1 - few]) / max(person.time[-1] - person.time[-1 - few], 1e-3)
+    away: Float64 = np.abs(place - np.interp(time, person.time, path) - early * begin - late * end)
     return away

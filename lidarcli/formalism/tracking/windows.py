@@ -273,6 +273,8 @@ class WindowSightings:
         self.y: Float64 = self.column("y")
         self.width: Float64 = 2.0 * np.maximum(self.column("half_1"), self.column("half_2"))
         """(N,) width of the body at each sighting [m]."""
+        self.place = self.x + 1j * self.y
+        """(N,) place x + iy [m]."""
         self.bodies = bodies
         self.now: Bool = self.sweep < stop
         """(N,) True in the window, False in the next one."""

@@ -28,8 +28,7 @@ def settled(*others: tuple[Any, Any, Any], moved: int = 1, owners: bool = True) 
     seen = SimpleNamespace(
         sweep=sweep,
         time=0.1 * sweep,
-        x=x,
-        y=y,
+        place=x + 1j * y,
         width=np.full(len(x), 0.12),
         owner=np.where((number == 1) | owners, number, 0),
     )
