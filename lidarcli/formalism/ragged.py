@@ -36,6 +36,18 @@ def offsets_of(sizes: Int64) -> Int64:
     return offsets
 
 
+def starts(values: Int64) -> Int64:
+    """Return (R,) where the runs of equal values begin.
+
+    >>> starts(np.array([7, 7, 2, 7])).tolist()
+    [0, 2, 3]
+    """
+    begins = np.empty(len(values), np.bool_)
+    begins[:1] = True
+    np.not_equal(values[1:], values[:-1], out=begins[1:])
+    return begins.nonzero()[0]
+
+
 def grouped_medians(value: Float32, owner: Int64, groups: int) -> Float64:
     """Return the median of the values of each group, without NaN.
 

@@ -58,8 +58,8 @@ def join(seen: Any, bodies: dict[int, Body], is_placed: bool) -> None:
     _join_legs(seen, bodies)
     if is_placed:
         settling.settle_legs(seen, bodies)
-    _stitch(seen, [body for body in new if _is_new(seen, body)], bodies)
-    if is_placed:
+    stitched = _stitch(seen, [body for body in new if _is_new(seen, body)], bodies)
+    if is_placed and stitched:
         # The pieces of a person make a longer path.
         settling.settle_legs(seen, bodies)
 
@@ -128,12 +128,12 @@ class _Piece:
     vy: float = 0.0
 
 
-def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> None:
-    """Join pieces to tracks that have ended where the piece begins, or would be there by now."""
+def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> bool:
+    """Join pieces to tracks that have ended where the piece begins, or would be there by now; True if some were joined."""
     # Legs come and go with their persons.
     begins = [_beginning(seen, body) for body in new if not body.member]
     if not begins:
-        return
+        return False
     last_sweep = int(seen.sweep.max(initial=0))
     ends = [
         _ending(seen, body) for body in bodies.values() if body.last_sweep < last_sweep and not body.member
@@ -167,6 +167,7 @@ def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> None:
             track.absorb(part)
         if earlier_body.moved and not later_body.moved:
             later_body.moved, later_body.onset = 1, later_body.first_sweep
+    return len(taken) > 0
 
 
 def _overlap(one: Track, other: Track) -> bool:

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.formalism.ragged import starts
 from lidarcli.formalism.tracking.results import PERSON
 from lidarcli.formalism.tracking.tracks import Body
 from lidarcli.sweeps import Bool, Float64, Int64
@@ -59,9 +60,9 @@ class Walk:
     def lay(self, seen: Any) -> None:
         """Compute the places by the sightings."""
         sweep = seen.sweep[self.at]
-        first = np.flatnonzero(np.diff(sweep, prepend=-1))
+        first = starts(sweep)
         self.sweep, self.time = sweep[first], seen.time[self.at[first]]
-        self.count = np.diff(first, append=len(sweep))
+        self.count = np.append(first[1:], len(sweep)) - first
         self.place = seen.place[self.at]
         if len(first) < len(sweep):
             self.place = np.add.reduceat(self.place, first) / self.count
@@ -102,8 +103,9 @@ def settle_legs(seen: Any, bodies: dict[int, Body]) -> None:
 def _walks(seen: Any, bodies: dict[int, Body]) -> list[Walk]:
     """Return the slim tracks, and slim bodies without one, in the order of their first sweeps."""
     order = np.argsort(seen.owner, kind="stable")
+    order = order[np.searchsorted(seen.owner[order], 1) :]
     owner = seen.owner[order]
-    begins = np.flatnonzero(np.diff(owner, prepend=0))
+    begins = starts(owner)
     if not len(begins):
         return []
     slim = np.add.reduceat((seen.width[order] < LEG_WIDTH).astype(np.int64), begins).tolist()

@@ -31,7 +31,7 @@ cdef class Smoother:
     cdef double* product
 
     cpdef Py_ssize_t locate(
-        self, Py_ssize_t begin, dict sighted, object half, object half_var, Py_ssize_t kind, bint several
+        self, Py_ssize_t begin, dict log, object rows, object half, object half_var, Py_ssize_t kind, bint several
     ) except -1
     cpdef measure(self, object order, object sweep, object parts, object legs)
     cpdef smooth(
@@ -40,10 +40,10 @@ cdef class Smoother:
     )
 
 
-@cython.locals(cov=Py_ssize_t, at=Py_ssize_t)
+@cython.locals(cov=Py_ssize_t, at=Py_ssize_t, row=Py_ssize_t, side=Py_ssize_t)
 cdef void locate_sightings(
-    Smoother room, Py_ssize_t begin, Py_ssize_t count, long long* centred, double* cos, double* sin, double* half_1,
-    double* half_2, double* z, double* var, double* half, double* half_var, Py_ssize_t kind, double more
+    Smoother room, Py_ssize_t begin, Py_ssize_t count, long long* rows, long long* centred, double* cos, double* sin,
+    double* half_1, double* half_2, double* z, double* var, double* half, double* half_var, Py_ssize_t kind, double more
 ) noexcept nogil
 cdef (double, double, double) centre_of(
     double low, double high, double low_var, double high_var, double half, double half_var

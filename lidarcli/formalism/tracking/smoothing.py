@@ -85,29 +85,31 @@ class Smoother:
         """Adjoint state of the backward pass, its matrix, and a product of that."""
 
     def locate(
-        self, begin: int, sighted: dict[str, Any], half: Any, half_var: Any, kind: int, several: bool
+        self, begin: int, log: dict[str, Any], rows: Any, half: Any, half_var: Any, kind: int, several: bool
     ) -> int:
         """Write the places of a body at its sightings, from `begin` on; return the begin of the next body.
 
         Parameters
         ----------
-        sighted : arrays (N,) `centred`, `cos`, `sin`, `half_1`, `half_2` and (N, 4) `z`, `var` as `Sightings` has them
+        log : arrays of the log of sightings by name (`estimation.sighting_arrays`)
+        rows : (N,) int64 its rows that are sightings of the body
         half, half_var : (2,) half extents by all sightings, and their variances [m, m²]
         kind : kind of the body
         several : True for one of several parts
         """
-        count = len(sighted["centred"])
+        count = len(rows)
         locate_sightings(
             self,
             begin,
             count,
-            native.at_longs(sighted["centred"]),
-            native.at_doubles(sighted["cos"]),
-            native.at_doubles(sighted["sin"]),
-            native.at_doubles(sighted["half_1"]),
-            native.at_doubles(sighted["half_2"]),
-            native.at_doubles(sighted["z"]),
-            native.at_doubles(sighted["var"]),
+            native.at_longs(rows),
+            native.at_longs(log["centred"]),
+            native.at_doubles(log["cos"]),
+            native.at_doubles(log["sin"]),
+            native.at_doubles(log["half_1"]),
+            native.at_doubles(log["half_2"]),
+            native.at_doubles(log["z"]),
+            native.at_doubles(log["var"]),
             native.at_doubles(half),
             native.at_doubles(half_var),
             kind,
@@ -168,6 +170,7 @@ def locate_sightings(
     room: Smoother,
     begin: int,
     count: int,
+    rows: Any,
     centred: Any,
     cos: Any,
     sin: Any,
@@ -182,26 +185,27 @@ def locate_sightings(
 ) -> None:
     """Compute the places of a body in the world, by the sides that were seen."""
     for i in range(count):
-        c, s = cos[i], sin[i]
+        row, side = rows[i], 4 * rows[i]
+        c, s = cos[row], sin[row]
         middle_1, noise_1, size_1 = centre_of(
-            z[4 * i],
-            z[4 * i + 1],
-            var[4 * i],
-            var[4 * i + 1],
-            half[0] if kind == BOX else half_1[i],
+            z[side],
+            z[side + 1],
+            var[side],
+            var[side + 1],
+            half[0] if kind == BOX else half_1[row],
             half_var[0],
         )
         middle_2, noise_2, size_2 = centre_of(
-            z[4 * i + 2],
-            z[4 * i + 3],
-            var[4 * i + 2],
-            var[4 * i + 3],
-            half[1] if kind == BOX else half_2[i],
+            z[side + 2],
+            z[side + 3],
+            var[side + 2],
+            var[side + 3],
+            half[1] if kind == BOX else half_2[row],
             half_var[1],
         )
-        if centred[i]:
-            middle_1, noise_1, size_1 = z[4 * i], var[4 * i], 0.0
-            middle_2, noise_2, size_2 = z[4 * i + 2], var[4 * i + 2], 0.0
+        if centred[row]:
+            middle_1, noise_1, size_1 = z[side], var[side], 0.0
+            middle_2, noise_2, size_2 = z[side + 2], var[side + 2], 0.0
             if kind == BOX:
                 noise_1 += CHANGE_VAR
                 noise_2 += CHANGE_VAR

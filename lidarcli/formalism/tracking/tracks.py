@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, UNKNOWN
 from lidarcli.formalism.matching.evidence import rectangle, shape_likelihood
-from lidarcli.formalism.tracking.results import BOX, END_OF_LOG, ENDED, MOST_LEGS, PERSON, Tracks
+from lidarcli.formalism.tracking.results import BOX, END_OF_LOG, ENDED, PERSON, Tracks
+from lidarcli.sweeps import Int64
 
 LEG_SHARE = 0.25
 """Share of the sightings of a body in which a leg beside it has to be seen."""
@@ -72,23 +73,10 @@ class Body:
     """Shape in the rows, by what was seen so far."""
     track: Track | None = None
 
-    def take(self, arrays: dict[str, NDArray[Any]], slot: int) -> None:
-        """Copy the state of the body in a slot of `Bodies.arrays`."""
-        slots = len(arrays["state"])
-        for each in fields(self):
-            values = arrays.get(each.name)
-            if values is not None:
-                width = len(values) // slots
-                own = values[width * slot : width * slot + width].tolist()
-                setattr(self, each.name, own[0] if width == 1 else tuple(own))
-        # Sweeps that tell no shape have no vote.
-        self.shape_votes = self.shape_votes[:4]
-        at = slice(MOST_LEGS * slot, MOST_LEGS * slot + MOST_LEGS)
-        seen = arrays["leg_seen"][at].tolist()
-        if any(seen):
-            places = zip(seen, arrays["leg_x"][at].tolist(), arrays["leg_y"][at].tolist(), strict=True)
-            self.legs = tuple((x, y) for often, x, y in places if often > LEG_SHARE * self.sightings)
-        self.has_ended = arrays["state"].item(slot) == ENDED
+    def take(self, columns: dict[str, list[Any]], k: int) -> None:
+        """Copy the state of the k-th body (`columns_of`)."""
+        for name, values in columns.items():
+            setattr(self, name, values[k])
 
     @property
     def has_legs(self) -> bool:
@@ -105,6 +93,25 @@ class Body:
         along, across = self.still_c if still else self.c
         cos, sin = float(np.cos(self.yaw)), float(np.sin(self.yaw))
         return cos * along - sin * across, sin * along + cos * across
+
+
+def columns_of(arrays: dict[str, NDArray[Any]], slots: Int64) -> dict[str, list[Any]]:
+    """Return the state of the bodies in some slots of `Bodies.arrays`, by field of `Body`."""
+    size = len(arrays["state"])
+    rows = {name: values.reshape(size, -1)[slots] for name, values in arrays.items()}
+    # Sweeps that tell no shape have no vote.
+    rows["shape_votes"] = rows["shape_votes"][:, :4]
+    columns: dict[str, list[Any]] = {}
+    for name in (each.name for each in fields(Body) if each.name in rows):
+        values = rows[name]
+        columns[name] = values[:, 0].tolist() if values.shape[1] == 1 else [*map(tuple, values.tolist())]
+    columns["has_ended"] = (rows["state"][:, 0] == ENDED).tolist()
+    often = rows["leg_seen"] > LEG_SHARE * rows["sightings"]
+    columns["legs"] = [()] * len(slots)
+    for k in np.flatnonzero(often.any(axis=1)).tolist():
+        at = often[k]
+        columns["legs"][k] = tuple(zip(rows["leg_x"][k, at].tolist(), rows["leg_y"][k, at].tolist(), strict=True))
+    return columns
 
 
 @dataclass(slots=True, eq=False)

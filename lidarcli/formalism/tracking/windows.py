@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -10,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import UNKNOWN
+from lidarcli.formalism.ragged import starts
 from lidarcli.formalism.tracking import grouping
 from lidarcli.formalism.tracking.estimation import Bodies
 from lidarcli.formalism.tracking.naming import Looks, Naming
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON, Trajectories
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
-from lidarcli.formalism.tracking.tracks import Body, Track, main, row_shape
+from lidarcli.formalism.tracking.tracks import Body, Track, columns_of, main, row_shape
 from lidarcli.formalism.tracking.trajectories import (
     PARTLY_BIT,
     PARTS_MASK,
@@ -35,8 +37,6 @@ LEFT_SDS = 2.0
 """A body is not where it was first if it is further away than its size and so many standard deviations of both places."""
 LEGS_APART = 0.3
 """[m] Least width of an object that is both legs of a person."""
-SMOOTHED = ("centred", "cos", "sin", "half_1", "half_2", "z", "var")
-"""Columns of the log of sightings that the smoother reads."""
 
 
 @dataclass(slots=True)
@@ -123,12 +123,12 @@ class Register:
         arrays = bodies.arrays
         state = arrays["state"][: bodies.high]
         believed = (state != EMPTY) & (arrays["sightings"][: bodies.high] >= CONFIRMED_SIGHTINGS)
-        for slot in np.flatnonzero(believed).tolist():
-            number = arrays["number"].item(slot)
+        columns = columns_of(arrays, np.flatnonzero(believed))
+        for k, number in enumerate(columns["number"]):
             body = self.bodies.get(number)
             if body is None:
                 body = self.bodies[number] = Body(number)
-            body.take(arrays, slot)
+            body.take(columns, k)
         state[state == ENDED] = EMPTY
         live = np.flatnonzero(state == LIVE)
         bodies.high = int(live[-1]) + 1 if len(live) else 0
@@ -150,7 +150,8 @@ class Register:
 
     def _number(self, seen: WindowSightings) -> None:
         """Number the new tracks with rows in this window by first sight."""
-        for number in seen.owners_in_window():
+        seen.settle_owners()
+        for number in seen.owners:
             body = self.bodies[number]
             if body.track is None:
                 Track().absorb(body)
@@ -159,7 +160,7 @@ class Register:
                 self.tracks.append(body.track)
                 body.track.number = len(self.tracks)
             body.row_shape = row_shape(body)
-        seen.number_tracks()
+        seen.settle_tracks()
 
     def _tell(self, seen: WindowSightings, paths: list[Path]) -> None:
         """Tell the paths of what moves, and keep in which sweeps the rest was seen."""
@@ -186,8 +187,8 @@ class Register:
         )
         for track, at in seen.by_track():
             # The first of several parts in one sweep stands for all.
-            sweeps, first = np.unique(seen.sweep[at], return_index=True)
-            firsts = at[first]
+            firsts = at[starts(seen.sweep[at])]
+            sweeps = seen.sweep[firsts]
             times = seen.time[firsts]
             begin, end = int(sweeps[0]) - window.begin, int(sweeps[-1]) - window.begin
             if track.sweeps == 0:
@@ -250,22 +251,24 @@ class WindowSightings:
         stop : number of sweeps of the topic up to the end of the window
         """
         number = log["number"][:count]
-        believed = np.fromiter(bodies, np.int64, len(bodies))
-        # Most sightings of a leg may belong to its person; the rest is too little for a track.
-        seen, counts = np.unique(number, return_counts=True)
-        few = [
-            n for n in seen[counts < CONFIRMED_SIGHTINGS].tolist() if n in bodies and bodies[n].track is None
-        ]
         # In the order of the log within each body.
         keep = np.argsort(number, kind="stable")
         self.number: Int64 = number[keep]
-        self.owner: Int64 = np.where(
-            np.isin(self.number, believed) & ~np.isin(self.number, few), self.number, 0
-        )
+        begins = starts(self.number)
+        numbers, counts = self.number[begins].tolist(), np.diff(begins, append=count)
+        spans = {
+            n: slice(begin, begin + many)
+            for n, begin, many in zip(numbers, begins.tolist(), counts.tolist(), strict=True)
+            # Most sightings of a leg may belong to its person; the rest is too little for a track.
+            if n in bodies and (many >= CONFIRMED_SIGHTINGS or bodies[n].track is not None)
+        }
+        self.spans = spans
+        """Sightings of each body that was seen often enough, by its number."""
+        self.owner: Int64 = np.repeat(np.array([n if n in spans else 0 for n in numbers], np.int64), counts)
         """(N,) number of the body to whose track each sighting belongs; 0 for none."""
         self.track: Int64 = np.zeros(len(keep), np.int64)
         """(N,) number of the track of each sighting; 0 without one that has a row in the window."""
-        self._log, self._keep = log, keep
+        self.log, self._keep = log, keep
         self.sweep: Int64 = self.column("sweep")
         self.time: Float64 = self.column("time")
         self.object: Int64 = self.column("object")
@@ -281,24 +284,22 @@ class WindowSightings:
         size = len(keep)
         self.vx, self.vy = np.zeros(size), np.zeros(size)
         self.moving, self.agent = np.zeros(size, bool), np.zeros(size, bool)
-        numbers, begins = np.unique(self.number, return_index=True)
-        ends = np.append(begins, size)[1:]
-        self.spans = {
-            int(n): slice(int(b), int(e))
-            for n, b, e in zip(numbers, begins, ends, strict=True)
-            if self.owner[b]
-        }
-        """Sightings of each body that was seen often enough, by its number."""
         first: dict[int, int] = {}
         for n, span in self.spans.items():
             if self.now[span.start]:
                 first[n] = int(self.object[span.start])
         self.in_window = sorted(first, key=first.__getitem__)
         """Numbers of the bodies with a row in the window, by first sight."""
+        self.owners: list[int] = []
+        self.tracks: list[tuple[Track, Int64, int]] = []
 
     def column(self, name: str, of: slice | Int64 = EVERYTHING) -> NDArray[Any]:
         """Return a column of the log of sightings, or a part of it."""
-        return self._log[name][self._keep[of]]
+        return self.log[name][self._keep[of]]
+
+    def rows_of(self, at: Int64) -> Int64:
+        """Return (N,) the rows of sightings in the log."""
+        return self._keep[at]
 
     def find(self, window: Window) -> tuple[Int64, Bool]:
         """Return the sightings of the objects of a window, and (K,) which objects have one, as parts of a body too."""
@@ -311,31 +312,45 @@ class WindowSightings:
         found = (keys[at] == wanted) & (self.track[at] > 0) if len(keys) else np.zeros(len(numbers), bool)
         return at[found], found
 
-    def owners_in_window(self) -> list[int]:
-        """Return the numbers of the bodies to whose tracks rows in the window belong, by first sight."""
-        mine = np.flatnonzero(self.now & (self.owner > 0))
-        mine = mine[np.argsort(self.object[mine])]
-        owners, first = np.unique(self.owner[mine], return_index=True)
-        numbers: list[int] = owners[np.argsort(first)].tolist()
-        return numbers
+    def settle_owners(self) -> None:
+        """Note the bodies whose tracks have rows in the window, once each sighting has its owner."""
+        begins = starts(self.owner)
+        self._runs = np.diff(begins, append=len(self.owner))
+        self._owner_of_run = self.owner[begins].tolist()
+        later = np.iinfo(np.int64).max
+        first = np.minimum.reduceat(np.where(self.now, self.object, later), begins).tolist() if len(begins) else []
+        seen: dict[int, int] = {}
+        for number, at in zip(self._owner_of_run, first, strict=True):
+            if number and at < later:
+                seen[number] = min(seen.get(number, at), at)
+        self.owners = sorted(seen, key=seen.__getitem__)
 
-    def number_tracks(self) -> None:
-        """Write the number of the track of each sighting, once those with rows in the window have one."""
-        owners, inverse = np.unique(self.owner, return_inverse=True)
-        tracks = (None if n == 0 else self.bodies[n].track for n in owners.tolist())
-        self.track = np.array([0 if track is None else track.number for track in tracks], np.int64)[inverse]
+    def of_owner(self, value: Callable[[Body], Any], empty: Any, kind: Any) -> NDArray[Any]:
+        """Return (N,) a value of the owner of each sighting, `empty` without an owner."""
+        values = [value(self.bodies[number]) if number else empty for number in self._owner_of_run]
+        return np.repeat(np.array(values, kind), self._runs)
+
+    def settle_tracks(self) -> None:
+        """Note the sightings of each track, once those with rows in the window have a number."""
+        self.track = self.of_owner(lambda body: 0 if body.track is None else body.track.number, 0, np.int64)
+        order = np.flatnonzero(self.track)
+        order = order[np.argsort((self.track[order] << 32) + self.sweep[order], kind="stable")]
+        begins = starts(self.track[order])
+        if not len(begins):
+            return
+        counts = np.add.reduceat(self.now[order], begins, dtype=np.int64).tolist()
+        owners = self.owner[order[begins]].tolist()
+        for owner, at, count in zip(owners, np.split(order, begins[1:]), counts, strict=True):
+            track = self.bodies[owner].track
+            if count and track is not None:
+                self.tracks.append((track, at, count))
 
     def by_track(self, *, ahead: bool = False) -> list[tuple[Track, Int64]]:
         """Return the tracks with sightings in the window, and these in the order of the log.
 
         `ahead`: with their sightings in the next window.
         """
-        order = np.lexsort((self.sweep, self.track))
-        order = order[(self.track[order] > 0) & (self.now[order] | ahead)]
-        begins = np.unique(self.track[order], return_index=True)[1]
-        tracks = (self.bodies[owner].track for owner in self.owner[order[begins]].tolist())
-        each = zip(tracks, np.split(order, begins[1:]), strict=True) if len(begins) else ()
-        return [(track, at) for track, at in each if track is not None and self.now[at[0]]]
+        return [(track, at if ahead else at[:count]) for track, at, count in self.tracks]
 
     def codes(self, track: Track, at: Any) -> tuple[int, UInt8]:
         """Return the sweep after the last one that was told of a track, and the bytes of all sweeps up to its last one."""
@@ -353,7 +368,7 @@ class WindowSightings:
         """
         parts = np.minimum(np.bincount(step, minlength=count), PARTS_MASK)
         hidden = np.bincount(step, self.column("whole")[at] == 0, count) > 0
-        if any(self.bodies[number].has_legs for number in np.unique(self.owner[at]).tolist()):
+        if any(self.bodies[number].has_legs for number in set(self.owner[at].tolist())):
             # One leg hides the other.
             hidden = (parts == 1) & (np.bincount(step, self.column("chord")[at], count) < LEGS_APART)
         return (parts + np.where(hidden & (parts > 0), PARTLY_BIT, 0)).astype(np.uint8)
@@ -367,16 +382,11 @@ def _rows(seen: WindowSightings, at: Int64, found: Bool) -> Settled:
     seen : the sightings
     at, found : sightings of the objects that have one, and (K,) which these are (`WindowSightings.find`)
     """
-    size = len(seen.number)
-    label_of, score_of, shape = (
-        np.full(size, -1, np.int32),
-        np.full(size, np.nan),
-        np.full(size, UNKNOWN, np.uint8),
+    label_of = seen.of_owner(lambda body: -1 if body.track is None else body.track.label, -1, np.int32)
+    score_of = seen.of_owner(
+        lambda body: np.nan if body.track is None else body.track.label_score, np.nan, np.float64
     )
-    for track, own in seen.by_track():
-        label_of[own], score_of[own] = track.label, track.label_score
-    for owner in seen.owners_in_window():
-        shape[seen.owner == owner] = seen.bodies[owner].row_shape
+    shape = seen.of_owner(lambda body: body.row_shape, UNKNOWN, np.uint8)
 
     def column(values: NDArray[Any], empty: Any) -> NDArray[Any]:
         out = np.full(len(found), empty, values.dtype)
@@ -433,12 +443,14 @@ def _smooth_track(seen: WindowSightings, bodies: dict[int, Body], track: Track, 
     step, count = np.searchsorted(sweeps, sighted), len(sweeps)
     smoother = Smoother(len(at), count)
     stop = 0
-    numbers, begins = np.unique(seen.number[at], return_index=True)
-    for number, own in zip(numbers.tolist(), np.split(at, begins[1:]), strict=True):
+    rows = seen.rows_of(at)
+    begins = starts(seen.number[at])
+    for number, own in zip(seen.number[at[begins]].tolist(), np.split(rows, begins[1:]), strict=True):
         body = bodies.get(number) or Body(number)
         half = np.array([_half(body, 0), _half(body, 1)])
-        columns = {name: seen.column(name, own) for name in SMOOTHED}
-        stop = smoother.locate(stop, columns, half, np.array(body.hh), body.kind, several and not is_person)
+        stop = smoother.locate(
+            stop, seen.log, own, half, np.array(body.hh), body.kind, several and not is_person
+        )
     state = track.state
     if state is None:
         state = track.state = np.full(KEPT, np.nan)
