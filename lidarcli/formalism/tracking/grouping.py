@@ -58,8 +58,8 @@ def join(seen: Any, bodies: dict[int, Body], is_placed: bool) -> None:
     _join_legs(seen, bodies)
     if is_placed:
         settling.settle_legs(seen, bodies)
-    stitched = _stitch(seen, [body for body in new if _is_new(seen, body)], bodies)
-    if is_placed and stitched:
+    is_longer = _stitch(seen, [body for body in new if _is_new(seen, body)], bodies)
+    if is_placed and is_longer:
         # The pieces of a person make a longer path.
         settling.settle_legs(seen, bodies)
 
@@ -129,7 +129,7 @@ class _Piece:
 
 
 def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> bool:
-    """Join pieces to tracks that have ended where the piece begins, or would be there by now; True if some were joined."""
+    """Join pieces to tracks that have ended where the piece begins, or would be there by now; True if persons were."""
     # Legs come and go with their persons.
     begins = [_beginning(seen, body) for body in new if not body.member]
     if not begins:
@@ -153,6 +153,7 @@ def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> bool:
             if off < allowed:
                 pairs.append((off / allowed, later.body.number, earlier.body.number))
     taken: set[int] = set()
+    persons = False
     for _, number, before in sorted(pairs):
         if number in taken or -before in taken:
             continue
@@ -165,9 +166,10 @@ def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> bool:
         track.several = track.several or other.several
         for part in [*other.parts]:
             track.absorb(part)
+        persons = persons or any(part.kind == PERSON for part in track.parts)
         if earlier_body.moved and not later_body.moved:
             later_body.moved, later_body.onset = 1, later_body.first_sweep
-    return len(taken) > 0
+    return persons
 
 
 def _overlap(one: Track, other: Track) -> bool:

@@ -55,6 +55,8 @@ class Walk:
     time: Float64 = field(init=False)
     place: Places = field(init=False)
     """(S,) time [s], and mean of the places [m]."""
+    box: tuple[complex, complex] = field(init=False)
+    """Least and greatest x and y of the places [m]."""
     _path: Places | None = None
 
     def lay(self, seen: Any) -> None:
@@ -66,6 +68,9 @@ class Walk:
         self.place = seen.place[self.at]
         if len(first) < len(sweep):
             self.place = np.add.reduceat(self.place, first) / self.count
+        x, y = self.place.real, self.place.imag
+        if len(x):
+            self.box = complex(x.min(), y.min()), complex(x.max(), y.max())
         self._path = None
 
     @property
@@ -139,9 +144,9 @@ def _merge(seen: Any, walks: list[Walk]) -> None:
     first, last = (np.array([walk.sweep[i] for walk in walks]) for i in (0, -1))
     person = np.array([walk.is_person for walk in walks])
     together = (first <= last[:, None]) & (person | person[:, None])
-    for axis in ("real", "imag"):
-        low, high = (np.array([of(getattr(walk.place, axis)) for walk in walks]) for of in (np.min, np.max))
-        together &= (low - STEP < high[:, None]) & (low[:, None] - STEP < high)
+    low, high = (np.array([walk.box[i] for walk in walks]) for i in (0, 1))
+    together &= (low.real - STEP < high.real[:, None]) & (low.real[:, None] - STEP < high.real)
+    together &= (low.imag - STEP < high.imag[:, None]) & (low.imag[:, None] - STEP < high.imag)
     pairs = []
     for i, k in np.argwhere(np.triu(together, 1)).tolist():
         one, other = walks[i], walks[k]
@@ -189,7 +194,7 @@ def _gather_fragments(seen: Any, walks: list[Walk], persons: list[Walk]) -> None
         if walk.has_rows:
             continue
         for person in persons:
-            if len(person.sweep) <= len(walk.sweep) or not _is_beside(walk.time[[0, -1]], person).all():
+            if len(person.sweep) <= len(walk.sweep) or not _goes_beside(walk, person):
                 continue
             if _away(walk.time, walk.place, person).max() < STEP:
                 _give(seen, person, walk, np.ones(len(walk.at), bool))
@@ -199,7 +204,7 @@ def _gather_fragments(seen: Any, walks: list[Walk], persons: list[Walk]) -> None
 def _gather_views(seen: Any, persons: list[Walk]) -> None:
     """Give the views without a track that are within a step of the path of a person to that person, who has two legs."""
     loose = np.flatnonzero((seen.owner == 0) & (seen.width < LEG_WIDTH))
-    for person in persons:
+    for person in persons if len(loose) else ():
         near = loose[_is_beside(seen.time[loose], person)]
         if not len(near):
             continue
@@ -210,6 +215,15 @@ def _gather_views(seen: Any, persons: list[Walk]) -> None:
             if legs[sweep] <= 2:
                 seen.owner[i] = person.owner
         loose = loose[seen.owner[loose] == 0]
+
+
+def _goes_beside(walk: Walk, person: Walk) -> bool:
+    """Return whether a walk may be within a step of the path of a person, by its ends and the rectangles around both."""
+    begin, end, first, last = walk.time[0], walk.time[-1], person.time[0], person.time[-1]
+    if begin < first or end > last:
+        return bool(begin >= first - PATH_MARGIN and end <= last + PATH_MARGIN)
+    over, under = person.box[0] - walk.box[1], walk.box[0] - person.box[1]
+    return max(over.real, over.imag, under.real, under.imag) < STEP
 
 
 def _is_beside(time: Float64, person: Walk) -> Bool:

@@ -410,9 +410,12 @@ def _smooth(seen: WindowSightings, bodies: dict[int, Body]) -> list[Path]:
 
     Return the paths of what moves.
     """
-    return [
-        _smooth_track(seen, bodies, track, at) for track, at in seen.by_track(ahead=True) if _moves(track)
-    ]
+    moving = [(track, at) for track, at in seen.by_track(ahead=True) if _moves(track)]
+    if not moving:
+        return []
+    first = min([int(seen.sweep.min()), *(track.told for track, _ in moving if track.told >= 0)])
+    smoother = Smoother(max(len(at) for _, at in moving), int(seen.sweep.max()) + 1 - first)
+    return [_smooth_track(seen, bodies, track, at, smoother) for track, at in moving]
 
 
 def _moves(track: Track) -> bool:
@@ -428,7 +431,9 @@ def _moves(track: Track) -> bool:
     return track.moved
 
 
-def _smooth_track(seen: WindowSightings, bodies: dict[int, Body], track: Track, at: Int64) -> Path:
+def _smooth_track(
+    seen: WindowSightings, bodies: dict[int, Body], track: Track, at: Int64, smoother: Smoother
+) -> Path:
     """Fill in the velocities of a track, by all of its sightings, and return its path in the window."""
     is_person = any(part.kind == PERSON for part in track.parts)
     several = track.several or any(part.has_legs for part in track.parts)
@@ -441,7 +446,6 @@ def _smooth_track(seen: WindowSightings, bodies: dict[int, Body], track: Track, 
     # All sweeps of the window, hidden ones too, and those of the next one that see it.
     sweeps = np.union1d(np.arange(begin, last + 1), sighted)
     step, count = np.searchsorted(sweeps, sighted), len(sweeps)
-    smoother = Smoother(len(at), count)
     stop = 0
     rows = seen.rows_of(at)
     begins = starts(seen.number[at])
