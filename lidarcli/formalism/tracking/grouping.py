@@ -11,6 +11,7 @@ import numpy as np
 from lidarcli.formalism.tracking import settling
 from lidarcli.formalism.tracking.results import DISC, PERSON
 from lidarcli.formalism.tracking.tracks import Body, Track
+from lidarcli.sweeps import Float64
 
 PERSON_WIDTH = 0.65
 """[m] Greatest width of a person at the legs."""
@@ -96,9 +97,8 @@ def _goes_with(seen: Any, body: Body, person: Body) -> bool:
         return not person.has_ended
     time, then = seen.time[at], seen.time[path]
     early = np.maximum(np.maximum(then[0] - time, time - then[-1]), 0.0)
-    dx = seen.x[at] - np.interp(time, then, seen.x[path])
-    dy = seen.y[at] - np.interp(time, then, seen.y[path])
-    return bool(np.median(np.hypot(dx, dy) - STITCH_SPEED * early) <= settling.STEP)
+    off = seen.place[at] - np.interp(time, then, seen.place[path])
+    return bool(np.median(np.abs(off) - STITCH_SPEED * early) <= settling.STEP)
 
 
 def _is_inside(body: Body, other: Body) -> bool:
@@ -117,15 +117,13 @@ def _track_of(body: Body) -> Track:
 
 @dataclass(slots=True)
 class _Piece:
-    """The end of one body, or the beginning of another: sweep, time [s], place [m] and velocity [m/s]."""
+    """The end of one body, or the beginning of another: sweep, time [s], place x + iy [m] and velocity [m/s]."""
 
     body: Body
     sweep: int
     time: float
-    x: float
-    y: float
-    vx: float = 0.0
-    vy: float = 0.0
+    place: complex
+    velocity: complex = 0.0
 
 
 def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> bool:
@@ -139,19 +137,11 @@ def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> bool:
         _ending(seen, body) for body in bodies.values() if body.last_sweep < last_sweep and not body.member
     ]
     pairs = []
-    for later in begins:
-        for earlier in ends:
-            gap = later.time - earlier.time
-            if (
-                not 0.0 < gap <= (LONGEST_STITCH_GAP if later.body.moved else _longest_gap(earlier.body))
-                or _differ(earlier.body, later.body)
-                or not _is_over(earlier, later)
-            ):
-                continue
-            allowed = _allowed(earlier.body, later.body, gap)
-            off = _apart(earlier, later, gap)
-            if off < allowed:
-                pairs.append((off / allowed, later.body.number, earlier.body.number))
+    off = _misfits(ends, begins)
+    for i, k in np.argwhere(off < 1.0).tolist():
+        earlier, later = ends[i], begins[k]
+        if not _differ(earlier.body, later.body) and _is_over(earlier, later):
+            pairs.append((off.item(i, k), later.body.number, earlier.body.number))
     taken: set[int] = set()
     persons = False
     for _, number, before in sorted(pairs):
@@ -181,19 +171,27 @@ def _overlap(one: Track, other: Track) -> bool:
     )
 
 
-def _allowed(earlier: Body, later: Body, gap: float) -> float:
-    """Return the greatest distance of a piece from where it is expected after a gap [m]."""
-    if not earlier.moved:
-        # A body that was never shown to move has hardly gone far in the shadow.
-        return (
-            min(STITCH_DISTANCE + STANDING_STITCH_SPEED * gap, MOST_STANDING_STITCH_DISTANCE)
-            if later.moved
-            else STITCH_DISTANCE
-        )
-    if later.moved:
-        return min(STITCH_DISTANCE + STITCH_SPEED * gap, MOST_STITCH_DISTANCE)
-    # A body that stands now may have moved while it was hidden, but hardly far.
-    return min(STITCH_DISTANCE + STANDING_STITCH_SPEED * gap, MOST_STANDING_STITCH_DISTANCE)
+def _misfits(ends: list[_Piece], begins: list[_Piece]) -> Float64:
+    """Return (E, B) distances of beginnings from expected places, over the greatest allowed; inf after long gaps."""
+    times = [np.array([piece.time for piece in pieces]) for pieces in (ends, begins)]
+    places = [np.array([piece.place for piece in pieces]) for pieces in (ends, begins)]
+    ahead = [np.array([piece.velocity for piece in pieces]) for pieces in (ends, begins)]
+    earlier, later = (np.array([piece.body.moved for piece in pieces]) > 0 for pieces in (ends, begins))
+    after = times[1] - times[0][:, None]
+    gap = np.maximum(after, 0.0)
+    one, both = earlier[:, None] | later, earlier[:, None] & later
+    # A body that was never shown to move has hardly gone far in the shadow; one that stands now may have moved while it was
+    # hidden, but hardly far either.
+    allowed = STITCH_DISTANCE + np.where(both, STITCH_SPEED, np.where(one, STANDING_STITCH_SPEED, 0.0)) * gap
+    allowed = np.minimum(allowed, np.where(both, MOST_STITCH_DISTANCE, MOST_STANDING_STITCH_DISTANCE))
+    apart = places[1] - places[0][:, None]
+    going = np.abs(apart - ahead[0][:, None] * gap)
+    meeting = np.abs(apart - (ahead[0][:, None] + ahead[1]) * (0.5 * gap))
+    # A body that turned back or stopped is where it was last.
+    staying = np.abs(apart) + 0.1
+    off = np.minimum(np.minimum(going, meeting), staying) / allowed
+    in_time = (after > 0.0) & (gap <= np.where(one, LONGEST_STITCH_GAP, LONGEST_STANDING_GAP))
+    return np.where(in_time, off, math.inf)
 
 
 def _is_new(seen: Any, body: Body) -> bool:
@@ -212,37 +210,24 @@ def _is_over(earlier: _Piece, later: _Piece) -> bool:
     return track is not later.body.track and all(part.last_sweep < later.sweep for part in track.parts)
 
 
-def _apart(earlier: _Piece, later: _Piece, gap: float) -> float:
-    """Return the least distance between two pieces [m]: if the earlier goes on, if both go half the gap, or if it stays."""
-    dx, dy = later.x - earlier.x, later.y - earlier.y
-    half = 0.5 * gap
-    going = math.hypot(dx - earlier.vx * gap, dy - earlier.vy * gap)
-    meeting = math.hypot(dx - (earlier.vx + later.vx) * half, dy - (earlier.vy + later.vy) * half)
-    # A body that turned back or stopped is where it was last.
-    staying = math.hypot(dx, dy) + 0.1
-    return min(going, meeting, staying)
-
-
 def _beginning(seen: Any, body: Body) -> _Piece:
     """Return the first place of a body and its velocity there."""
     i = seen.spans[body.number].start
-    piece = _Piece(body, int(seen.sweep[i]), float(seen.time[i]), float(seen.x[i]), float(seen.y[i]))
+    piece = _Piece(body, int(seen.sweep[i]), float(seen.time[i]), complex(seen.place[i]))
     if body.moved:
-        piece.vx, piece.vy = _speed(seen, slice(i, min(i + PACE_SIGHTINGS, seen.spans[body.number].stop)))
+        piece.velocity = _speed(seen, slice(i, min(i + PACE_SIGHTINGS, seen.spans[body.number].stop)))
     return piece
 
 
 def _ending(seen: Any, body: Body) -> _Piece:
     """Return the last place of a body and its velocity there; one that never moved still stands."""
-    span = seen.spans.get(body.number)
-    x, y = body.place(still=not body.moved)
-    piece = _Piece(body, body.last_sweep, body.seen_at, x, y)
+    piece = _Piece(body, body.last_sweep, body.seen_at, complex(*body.place(still=not body.moved)))
     if body.final is not None:
-        piece.x, piece.y, piece.vx, piece.vy = body.final
-    elif span is not None:
-        piece.x, piece.y = float(seen.x[span.stop - 1]), float(seen.y[span.stop - 1])
+        piece.place, piece.velocity = body.final
+    elif (span := seen.spans.get(body.number)) is not None:
+        piece.place = complex(seen.place[span.stop - 1])
         if body.moved:
-            piece.vx, piece.vy = _speed(seen, slice(max(span.start, span.stop - PACE_SIGHTINGS), span.stop))
+            piece.velocity = _speed(seen, slice(max(span.start, span.stop - PACE_SIGHTINGS), span.stop))
     return piece
 
 
@@ -250,26 +235,20 @@ def remember_end(seen: Any, body: Body) -> None:
     """Keep the last place and velocity of a body whose sightings are settled."""
     if body.final is None:
         piece = _ending(seen, body)
-        body.final = piece.x, piece.y, piece.vx, piece.vy
+        body.final = piece.place, piece.velocity
 
 
 def is_past(seen: Any, body: Body) -> bool:
     """Return whether no piece that begins after the window can be joined to a body that has ended."""
-    return float(seen.time[seen.now].max(initial=-math.inf)) - body.seen_at > _longest_gap(body)
+    longest = LONGEST_STITCH_GAP if body.moved else LONGEST_STANDING_GAP
+    return float(seen.time[seen.now].max(initial=-math.inf)) - body.seen_at > longest
 
 
-def _longest_gap(earlier: Body) -> float:
-    """Return the longest gap after a piece [s]."""
-    return LONGEST_STITCH_GAP if earlier.moved else LONGEST_STANDING_GAP
-
-
-def _speed(seen: Any, at: slice) -> tuple[float, float]:
+def _speed(seen: Any, at: slice) -> complex:
     """Return the velocity of a body over some sightings [m/s], by the line through its places."""
     time = seen.time[at] - seen.time[at].mean()
-    spread = float((time * time).sum())
-    if spread <= 0.0:
-        return 0.0, 0.0
-    return float((time * seen.x[at]).sum()) / spread, float((time * seen.y[at]).sum()) / spread
+    spread = float(time @ time)
+    return complex(time @ seen.place[at]) / spread if spread > 0.0 else 0.0
 
 
 def _differ(one: Body, other: Body) -> bool:
@@ -289,16 +268,12 @@ def _join_legs(seen: Any, bodies: dict[int, Body]) -> None:
     Legs that walk belong to persons (`association`).
     """
     legs = [bodies[number] for number in sorted(seen.spans) if _is_leg(bodies[number])]
-    pairs = []
-    for i, one in enumerate(legs):
-        for other in legs[i + 1 :]:
-            if one.track is None or other.track is None:
-                x, y = one.place(still=True)
-                other_x, other_y = other.place(still=True)
-                apart = math.hypot(x - other_x, y - other_y)
-                if apart < STANDING_LEGS_APART:
-                    pairs.append((apart, one, other))
-    for _, one, other in sorted(pairs, key=lambda pair: (pair[0], pair[1].number, pair[2].number)):
+    place = np.array([complex(*leg.place(still=True)) for leg in legs])
+    apart = np.abs(place - place[:, None])
+    some = np.array([leg.track is None for leg in legs], np.bool_)
+    near = np.argwhere(np.triu((apart < STANDING_LEGS_APART) & (some | some[:, None]), 1)).tolist()
+    for i, k in sorted(near, key=lambda pair: (apart.item(*pair), *pair)):
+        one, other = legs[i], legs[k]
         if one.track is not None and other.track is not None:
             continue
         if one.track is None and other.track is not None:
@@ -321,5 +296,4 @@ def _are_seen_together(seen: Any, one: Body, other: Body) -> bool:
     _, i, j = np.intersect1d(seen.sweep[at], seen.sweep[among], assume_unique=True, return_indices=True)
     if len(i) < max(TOGETHER_SWEEPS, TOGETHER_SHARE * min(at.stop - at.start, among.stop - among.start)):
         return False
-    apart = np.hypot(seen.x[at][i] - seen.x[among][j], seen.y[at][i] - seen.y[among][j])
-    return float(apart.std()) < LEGS_STEADY_SD
+    return float(np.abs(seen.place[at][i] - seen.place[among][j]).std()) < LEGS_STEADY_SD

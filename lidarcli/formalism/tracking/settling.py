@@ -65,9 +65,8 @@ class Walk:
         first = starts(sweep)
         self.sweep, self.time = sweep[first], seen.time[self.at[first]]
         self.count = np.append(first[1:], len(sweep)) - first
-        self.place = seen.place[self.at]
-        if len(first) < len(sweep):
-            self.place = np.add.reduceat(self.place, first) / self.count
+        place = seen.place[self.at]
+        self.place = np.add.reduceat(place, first) / self.count if len(first) < len(sweep) else place
         x, y = self.place.real, self.place.imag
         if len(x):
             self.box = complex(x.min(), y.min()), complex(x.max(), y.max())
@@ -142,8 +141,8 @@ def _walks(seen: Any, bodies: dict[int, Body]) -> list[Walk]:
 def _merge(seen: Any, walks: list[Walk]) -> None:
     """Give a track that goes beside a person to that person, run by run."""
     first, last = (np.array([walk.sweep[i] for walk in walks]) for i in (0, -1))
-    person = np.array([walk.is_person for walk in walks])
-    together = (first <= last[:, None]) & (person | person[:, None])
+    persons = np.array([walk.is_person for walk in walks])
+    together = (first <= last[:, None]) & (persons | persons[:, None])
     low, high = (np.array([walk.box[i] for walk in walks]) for i in (0, 1))
     together &= (low.real - STEP < high.real[:, None]) & (low.real[:, None] - STEP < high.real)
     together &= (low.imag - STEP < high.imag[:, None]) & (low.imag[:, None] - STEP < high.imag)

@@ -67,8 +67,8 @@ class Body:
     legs: tuple[tuple[float, float], ...] = ()
     """Places of legs that are too slim to be objects [m]."""
     has_ended: bool = False
-    final: tuple[float, float, float, float] | None = None
-    """Last place [m] and velocity there [m/s], once the sightings are settled."""
+    final: tuple[complex, complex] | None = None
+    """Last place x + iy [m] and velocity there [m/s], once the sightings are settled."""
     row_shape: int = UNKNOWN
     """Shape in the rows, by what was seen so far."""
     track: Track | None = None
@@ -110,7 +110,9 @@ def columns_of(arrays: dict[str, NDArray[Any]], slots: Int64) -> dict[str, list[
     columns["legs"] = [()] * len(slots)
     for k in np.flatnonzero(often.any(axis=1)).tolist():
         at = often[k]
-        columns["legs"][k] = tuple(zip(rows["leg_x"][k, at].tolist(), rows["leg_y"][k, at].tolist(), strict=True))
+        columns["legs"][k] = tuple(
+            zip(rows["leg_x"][k, at].tolist(), rows["leg_y"][k, at].tolist(), strict=True)
+        )
     return columns
 
 

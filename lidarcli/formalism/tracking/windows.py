@@ -318,7 +318,11 @@ class WindowSightings:
         self._runs = np.diff(begins, append=len(self.owner))
         self._owner_of_run = self.owner[begins].tolist()
         later = np.iinfo(np.int64).max
-        first = np.minimum.reduceat(np.where(self.now, self.object, later), begins).tolist() if len(begins) else []
+        first = (
+            np.minimum.reduceat(np.where(self.now, self.object, later), begins).tolist()
+            if len(begins)
+            else []
+        )
         seen: dict[int, int] = {}
         for number, at in zip(self._owner_of_run, first, strict=True):
             if number and at < later:
