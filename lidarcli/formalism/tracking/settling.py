@@ -65,8 +65,11 @@ class Walk:
         first = starts(sweep)
         self.sweep, self.time = sweep[first], seen.time[self.at[first]]
         self.count = np.append(first[1:], len(sweep)) - first
-        place = seen.place[self.at]
-        self.place = np.add.reduceat(place, first) / self.count if len(first) < len(sweep) else place
+        place: Places = seen.place[self.at]
+        if len(first) < len(place):
+            sums: Any = np.add.reduceat(place, first)
+            place = sums / self.count
+        self.place = place
         x, y = self.place.real, self.place.imag
         if len(x):
             self.box = complex(x.min(), y.min()), complex(x.max(), y.max())

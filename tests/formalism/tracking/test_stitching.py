@@ -33,8 +33,7 @@ def sightings(number: int, time: np.ndarray, x: np.ndarray, now: bool) -> Simple
     return SimpleNamespace(
         time=time,
         sweep=np.round(10 * time).astype(int),
-        x=x,
-        y=np.zeros(len(x)),
+        place=x + 0j,
         now=np.full(len(x), now),
         spans={number: slice(0, len(x))},
     )
@@ -48,7 +47,7 @@ def test_a_piece_goes_on_after_a_gap_between_two_windows(begins_at: float, goes_
     track.absorb(earlier)
     of_before = sightings(1, time, 1.0 * time, now=True)
     grouping.remember_end(of_before, earlier)
-    assert earlier.final == pytest.approx((4.9, 0.0, 1.0, 0.0))
+    assert earlier.final == pytest.approx((4.9, 1.0))
     assert not grouping.is_past(of_before, earlier)
     # It was hidden for three seconds, and went on at 1 m/s.
     later = Body(2, moved=1, first_sweep=80, last_sweep=129)

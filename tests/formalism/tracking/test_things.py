@@ -41,20 +41,32 @@ def test_two_sizes_that_differ_are_two_things() -> None:
 
 
 def test_a_piece_goes_on_where_the_one_before_would_be() -> None:
-    before = grouping._Piece(Body(1, moved=1), 10, 1.0, 0.0, 0.0, vx=1.0)
-    for x, off in ((2.0, 0.0), (2.3, 0.3), (0.0, 0.1)):
-        after = grouping._Piece(Body(2, moved=1), 30, 3.0, x, 0.0, vx=1.0)
-        assert grouping._apart(before, after, 2.0) == pytest.approx(off)
-    assert grouping._allowed(before.body, Body(2, moved=1), 1e3) == grouping.MOST_STITCH_DISTANCE
-    assert grouping._allowed(before.body, Body(2), 1e3) == grouping.MOST_STANDING_STITCH_DISTANCE
-    assert grouping._allowed(Body(1), Body(2), 1e3) == grouping.STITCH_DISTANCE
+    moved, stood = Body(1, moved=1), Body(2)
+    before = grouping._Piece(moved, 10, 1.0, 0.0, velocity=1.0)
+    places = 2.0, 2.3, 0.0
+    after = [grouping._Piece(Body(3, moved=1), 30, 3.0, x, velocity=1.0) for x in places]
+    allowed = grouping.STITCH_DISTANCE + 2.0 * grouping.STITCH_SPEED
+    assert grouping._misfits([before], after)[0] == pytest.approx(np.array([0.0, 0.3, 0.1]) / allowed)
+    late = [grouping._Piece(body, 130, 15.0, 0.4) for body in (moved, stood)]
+    ends = [before, grouping._Piece(stood, 10, 1.0, 0.0)]
+    greatest = [
+        [grouping.MOST_STITCH_DISTANCE, grouping.MOST_STANDING_STITCH_DISTANCE],
+        [grouping.MOST_STANDING_STITCH_DISTANCE, grouping.STITCH_DISTANCE],
+    ]
+    # Both went to and fro, or one of them.
+    off = [[0.5, 0.5], [0.4, 0.4]]
+    assert grouping._misfits(ends, late) == pytest.approx(np.array(off) / greatest)
+    for gone, longest in ((moved, grouping.LONGEST_STITCH_GAP), (stood, grouping.LONGEST_STANDING_GAP)):
+        end = grouping._Piece(gone, 10, 1.0, 0.0)
+        begins = [grouping._Piece(stood, 30, 1.0 + gap, 0.0) for gap in (-0.1, 0.0, longest, longest + 0.1)]
+        assert np.isfinite(grouping._misfits([end], begins)[0]).tolist() == [False, False, True, False]
 
 
 def test_the_pace_is_that_of_the_line_through_its_places() -> None:
     time = np.arange(10) / 10
-    seen = SimpleNamespace(time=time, x=2.0 * time + 1.0, y=-0.5 * time)
-    assert grouping._speed(seen, slice(0, 10)) == pytest.approx((2.0, -0.5))
-    assert grouping._speed(seen, slice(3, 4)) == (0.0, 0.0)
+    seen = SimpleNamespace(time=time, place=(2.0 - 0.5j) * time + 1.0)
+    assert grouping._speed(seen, slice(0, 10)) == pytest.approx(2.0 - 0.5j)
+    assert grouping._speed(seen, slice(3, 4)) == 0.0
 
 
 def test_a_track_moves_from_the_first_onset_of_its_bodies() -> None:
@@ -83,8 +95,7 @@ def test_only_what_is_slim_and_goes_with_a_person_joins_it(half: float, off: flo
         spans={1: slice(0, 5), 2: slice(5, 10)},
         time=np.append(time[5:], time[:5]),
         # The person goes at 1 m/s; the other was seen just before.
-        x=np.append(time[5:], time[:5]),
-        y=np.repeat([0.0, off], 5),
+        place=np.append(time[5:], time[:5]) + 1j * np.repeat([0.0, off], 5),
     )
     person, other = Body(1, kind=PERSON, moved=1, h=(0.2, 0.2)), Body(2, same_as=1, h=(half, 0.05))
     grouping._join_doubles(seen, [other], {1: person, 2: other})

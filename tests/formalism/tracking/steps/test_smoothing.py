@@ -237,13 +237,13 @@ def test_sides_along_the_axes_of_a_body_are_a_place_in_the_world() -> None:
     }
     room = Smoother(1, 1)
     # Early sightings did not know how large it is: what is known in the end counts.
-    room.locate(0, sighted, np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, False)
+    room.locate(0, sighted, np.zeros(1, np.int64), np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, False)
     along, across, turn = 1.4, 0.55, np.array([[c, -s], [s, c]])
     assert (room.place[0], room.place[1]) == pytest.approx((c * along - s * across, s * along + c * across))
     noise, size = (turn @ np.diag(values) @ turn.T for values in ([0.01, 0.012], [0.0, 0.002]))
     assert [room.noise[k] for k in range(3)] == pytest.approx(noise[[0, 0, 1], [0, 1, 1]])
     assert [room.common[k] for k in range(3)] == pytest.approx(size[[0, 0, 1], [0, 1, 1]])
-    room.locate(0, sighted, np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, True)
+    room.locate(0, sighted, np.zeros(1, np.int64), np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, True)
     assert room.noise[0] == pytest.approx(noise[0, 0] + smoothing.PART_VAR)
 
 
@@ -253,7 +253,7 @@ def test_the_parts_of_one_sweep_are_one_place() -> None:
     sighted: dict[str, Any] = {name: np.zeros(4) for name in ("half_1", "half_2", "sin")}
     sighted |= {"centred": np.ones(4, np.int64), "cos": np.ones(4)}
     sighted |= {"z": np.repeat(places, 2, axis=1).copy(), "var": np.full((4, 4), 0.01)}
-    room.locate(0, sighted, np.zeros(2), np.zeros(2), DISC, False)
+    room.locate(0, sighted, np.arange(4), np.zeros(2), np.zeros(2), DISC, False)
     parts = np.full(3, 9)
     # Sweep 1 does not see it; sightings 0 and 2 are legs in sweep 0.
     room.measure(np.array([2, 0, 3]), np.array([0, 0, 2]), parts, np.array([2, 1, 1], np.uint8))
