@@ -108,8 +108,6 @@ class Counts:
 
     LAYERS: ClassVar[tuple[str, ...]] = ("hits", "passes", "_stamps")
     """Arrays with a number for each cell."""
-    GROWTH: ClassVar[int] = BLOCK
-    """Least number of cells by which they grow on each side."""
 
     resolution: float
     most_cells: int
@@ -215,16 +213,16 @@ class Counts:
             if right - left == width and high - low == height:
                 return
         # Cells that are never touched take no memory, so the room may be larger.
-        step = self.GROWTH
-        column, row = (left // step) * step, (low // step) * step
-        shape = -(-(high - row) // step) * step, -(-(right - column) // step) * step
+        column, row = (left // BLOCK) * BLOCK, (low // BLOCK) * BLOCK
+        shape = -(-(high - row) // BLOCK) * BLOCK, -(-(right - column) // BLOCK) * BLOCK
         part = np.s_[
             self.row - row : self.row - row + height, self.column - column : self.column - column + width
         ]
         for name in self.LAYERS:
             before = getattr(self, name)
             larger = np.zeros(shape, before.dtype)
-            larger[part] = before
+            # Only what is not 0 is touched.
+            np.copyto(larger[part], before, where=before != 0)
             setattr(self, name, larger)
         self.column, self.row = column, row
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL, Detection
 from lidarcli.formalism.mapping import votes
-from lidarcli.formalism.mapping.counts import Beams, Counts, MotionFilter, placed
+from lidarcli.formalism.mapping.counts import Beams, Counts, MotionFilter
 from lidarcli.formalism.mapping.lines import lines
 from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
@@ -42,8 +42,8 @@ STANDING_SHARE = 0.8
 """Share of the beams with a range in two sweeps that measure the same if the sensor stands."""
 UNIT = 64.0
 """Votes of one log-odds: whole numbers have the same sum in any order."""
-MARGIN = 2.0 * FARTHEST + 1.0
-"""[m] Greatest distance of a cell from the sensor at the first beam: it may go as far as it sees during a sweep."""
+MARGIN = FARTHEST + 1.0
+"""[m] Greatest distance of a cell from the way of the sensor during a sweep: beams end within it, with those around."""
 MAP_STEP = 0.2
 """[m] Least way of the sensor between two sweeps that the map is made of."""
 
@@ -73,9 +73,8 @@ class _Ground(Counts):
     """Counts of the cells of one world, and their votes."""
 
     LAYERS: ClassVar[tuple[str, ...]] = (*Counts.LAYERS, "odds", "votes", "line")
-    GROWTH: ClassVar[int] = 1024
 
-    odds: Int64 = field(default_factory=lambda: np.zeros((0, 0), np.int64))
+    odds: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
     votes: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
     """(H, W) sum of the votes, and their number."""
     line: UInt8 = field(default_factory=lambda: np.zeros((0, 0), np.uint8))
@@ -83,22 +82,61 @@ class _Ground(Counts):
     motion: MotionFilter = field(default_factory=lambda: MotionFilter(MAP_STEP))
     """Choice of the sweeps of the map."""
 
-    def cast(self, beams: Beams, owner: Int64, vote: Int64) -> None:
+    def take(self, seen: _Seen, rows: Int64, vote: Int64) -> None:
         """Take the votes of some sweeps."""
-        least, most = beams.poses[:, :2].min(axis=0), beams.poses[:, :2].max(axis=0)
-        left, low = np.floor((least - MARGIN) / self.resolution).astype(np.int64).tolist()
-        right, high = np.ceil((most + MARGIN) / self.resolution).astype(np.int64).tolist()
+        begin = seen.poses[rows, :2]
+        path = np.concatenate([begin, begin + seen.way[rows, :2]])
+        left, low = np.floor((path.min(axis=0) - MARGIN) / self.resolution).astype(np.int64).tolist()
+        right, high = np.ceil((path.max(axis=0) + MARGIN) / self.resolution).astype(np.int64).tolist()
         self._reach(left, low, right, high)
         building = round(BUILDING_VOTE * UNIT)
         votes.cast(
-            beams.end, owner, vote, building, self.odds, self.votes, self.resolution, self.column, self.row
+            seen.ends, rows, vote, building, self.odds, self.votes, self.resolution, self.column, self.row
         )
+        poses = SweepPoses(*seen.poses[rows, :3].T, seen.poses[rows, 3] < 0.0)
+        taken = rows[self.motion.take(poses, seen.batch.stamp_ns[rows])]
+        if len(taken):
+            self.add(seen.beams(taken))
+
+    def tell(self, seen: _Seen, rows: Int64, found: Int64) -> None:
+        """Add what the bodies of some sweeps are told, as `votes.poll` does."""
+        place = self.resolution, self.column, self.row
+        votes.poll(seen.ends, rows, self.odds, self.votes, self.line, *place, found)
 
     def settle(self) -> None:
         """Look at the map, once all sweeps have voted."""
         self.close()
         self.line.reshape(-1)[lines(self.hits, self.passes, self.resolution)] = 1
         self.hits = self.passes = np.zeros((0, 0), np.int32)
+
+
+class _Seen:
+    """The sweeps of a batch in their worlds, (S,) as of `Places.add`."""
+
+    def __init__(self, batch: SweepBatch, detection: Detection, worlds: Int64) -> None:
+        self.batch = batch
+        self.poses: Float64 = np.zeros((len(batch), 4))
+        """(S, 4) x, y, yaw and side of the sensor; where it is known by none but itself, it is the origin."""
+        self.way: Float64 = np.zeros((len(batch), 3))
+        """(S, 3) its way in x, y, yaw during the sweep."""
+        self.poses[:, 3] = 1.0
+        at, told = worlds == 0, batch.poses
+        if told is not None:
+            side = np.where(told.upside_down, -1.0, 1.0)
+            self.poses[at] = np.column_stack([told.x, told.y, told.yaw, side])[at]
+            if told.way is not None:
+                self.way[at] = told.way[at]
+        self.ends = votes.Ends(batch, detection, self.poses, self.way, FARTHEST, SURFACE_STEP)
+
+    def beams(self, rows: Int64) -> Beams:
+        """Return the beams of some sweeps."""
+        ranges = self.batch.ranges[rows]
+        end = np.empty((2, *ranges.shape))
+        votes.place(self.ends, rows, end)
+        use = np.where(ranges <= FARTHEST, np.uint8(HIT), np.uint8(SKIPPED))
+        return Beams(
+            end, use, np.require(self.batch.beams[rows], np.int32), self.poses[rows], self.way[rows]
+        )
 
 
 class Standing:
@@ -114,12 +152,12 @@ class Standing:
         last = np.full((1, batch.width), np.nan, ranges.dtype)
         shared = min(batch.width, len(self._before))
         last[0, :shared] = self._before[:shared]
-        before = np.vstack([last, ranges[:-1]])
         self._before = ranges[-1].copy()
-        both = np.isfinite(ranges) & np.isfinite(before)
-        with np.errstate(invalid="ignore"):
-            same = np.abs(ranges - before) < SAME_RANGE + SAME_RANGE_GROWTH * before
-        stood: Bool = (same & both).sum(axis=1) >= STANDING_SHARE * both.sum(axis=1)
+        before = np.concatenate([last, ranges[:-1]])
+        change = np.abs(ranges - before)
+        # Comparisons with NaN are false.
+        same = np.count_nonzero(change < SAME_RANGE + SAME_RANGE_GROWTH * before, axis=1)
+        stood: Bool = same >= STANDING_SHARE * np.count_nonzero(change >= 0.0, axis=1)
         return stood
 
 
@@ -147,15 +185,11 @@ class Places:
         """
         worlds = self._worlds(batch)
         vote = np.rint(UNIT * np.clip(_log_odds(detection.thing), -MOST_VOTE, MOST_VOTE)).astype(np.int64)
+        seen = _Seen(batch, detection, worlds)
         for world, rows in _by_world(worlds):
             if world not in self._grounds:
                 self._grounds[world] = _Ground(CELL, MOST_CELLS)
-            ground = self._grounds[world]
-            poses, beams, owner = _seen(batch, detection, world, rows)
-            ground.cast(beams, owner, vote)
-            taken = ground.motion.take(poses, batch.stamp_ns[rows])
-            if len(taken):
-                ground.add(beams.rows(taken))
+            self._grounds[world].take(seen, rows, vote)
         return worlds
 
     def settle(self) -> None:
@@ -166,20 +200,9 @@ class Places:
     def read(self, batch: SweepBatch, detection: Detection, worlds: Int64) -> ByPlace:
         """Return what the places of K bodies say by all sweeps so far; `worlds` (S,) as `add` returned them."""
         found = np.zeros((len(detection), 4), np.int64)
+        seen = _Seen(batch, detection, worlds)
         for world, rows in _by_world(worlds):
-            ground = self._grounds[world]
-            _, beams, owner = _seen(batch, detection, world, rows)
-            votes.poll(
-                beams.end,
-                owner,
-                ground.odds,
-                ground.votes,
-                ground.line,
-                ground.resolution,
-                ground.column,
-                ground.row,
-                found,
-            )
+            self._grounds[world].tell(seen, rows, found)
         total, count, on_line, cells = found.T
         known = (cells > 0) & ~np.isnan(detection.thing)
         place = np.where(known, total / (UNIT * np.maximum(count, 1)), np.nan)
@@ -212,68 +235,13 @@ class Places:
         return worlds
 
 
-MOST_CELLS = math.ceil(2.0 * (REACH + MARGIN) / CELL + 2.0) ** 2
+MOST_CELLS = math.ceil(2.0 * (REACH + FARTHEST + MARGIN) / CELL + 2.0) ** 2
 """Cells of the ground that the sweeps of one world can reach."""
 
 
 def _by_world(worlds: Int64) -> list[tuple[int, Int64]]:
     """Return the worlds of some sweeps, and the rows of each."""
     return [(world, np.flatnonzero(worlds == world)) for world in np.unique(worlds).tolist() if world >= 0]
-
-
-def _seen(
-    batch: SweepBatch, detection: Detection, world: int, rows: Int64
-) -> tuple[SweepPoses, Beams, Int64]:
-    """Return the poses of some sweeps in a world, their beams there, and (R, B) the body of each beam."""
-    offsets = np.searchsorted(detection.row, np.arange(len(batch) + 1))
-    part = batch if len(rows) == len(batch) else batch.rows(rows)
-    if world == 0:
-        assert part.poses is not None
-        poses = part.poses
-    else:
-        here = np.zeros(len(part))
-        poses = SweepPoses(here, here, here, np.zeros(len(part), np.bool_))
-    use = np.where(part.ranges <= FARTHEST, np.uint8(HIT), np.uint8(SKIPPED))
-    going: Bool = np.zeros(len(part), np.bool_)
-    if poses.way is not None:
-        going = np.asarray(poses.way.any(axis=1))
-    if going.all():
-        beams = placed(part, poses, use)
-    else:
-        beams = _from_one_place(part, poses, use)
-        rows_going = np.flatnonzero(going)
-        if len(rows_going):
-            beams.end[:, going] = placed(part.rows(rows_going), poses.rows(rows_going), use[going]).end
-    owner = np.empty(part.ranges.shape, np.int64)
-    votes.own(
-        np.require(part.ranges, np.float32, ["C", "A"]),
-        np.ascontiguousarray(part.beams, np.int32),
-        np.ascontiguousarray(offsets[:-1][rows], np.int64),
-        np.ascontiguousarray(offsets[1:][rows], np.int64),
-        np.ascontiguousarray(detection.beam_i, np.int32),
-        np.ascontiguousarray(detection.beam_f, np.int32),
-        SURFACE_STEP,
-        owner,
-    )
-    return poses, beams, owner
-
-
-def _from_one_place(batch: SweepBatch, poses: SweepPoses, use: UInt8) -> Beams:
-    """Return the beams of sweeps during which the sensor stands; as `placed`, by the directions that most sweeps share."""
-    geometry = np.column_stack([batch.angle_min, batch.angle_increment])
-    shared = len(batch) > 0 and bool((geometry == geometry[0]).all())
-    theta = batch.rows(np.zeros(1, np.int64)).bearings() if shared else batch.bearings()
-    side = np.where(poses.upside_down, -1.0, 1.0)[:, None]
-    yaw = poses.yaw[:, None]
-    r = np.where(use == HIT, batch.ranges, np.nan).astype(np.float64)
-    ahead, left = r * np.cos(theta), r * (side * np.sin(theta))
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    end = np.empty((2, *r.shape))
-    end[0] = poses.x[:, None] + (cos * ahead - sin * left)
-    end[1] = poses.y[:, None] + (sin * ahead + cos * left)
-    where = np.column_stack([poses.x, poses.y, poses.yaw, side])
-    way = np.zeros((len(batch), 3)) if poses.way is None else np.ascontiguousarray(poses.way)
-    return Beams(end, use, np.ascontiguousarray(batch.beams, np.int32), where, way)
 
 
 def _log_odds(share: NDArray[np.float64]) -> Float64:
