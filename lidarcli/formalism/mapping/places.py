@@ -18,7 +18,7 @@ from lidarcli.formalism.mapping import votes
 from lidarcli.formalism.mapping.counts import Beams, Counts, MotionFilter
 from lidarcli.formalism.mapping.lines import lines
 from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED
-from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
+from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, SweepPoses, UInt8, record
 
 CELL = 0.1
 """[m] Side of a cell."""
@@ -72,11 +72,10 @@ class ByPlace:
 class _Ground(Counts):
     """Counts of the cells of one world, and their votes."""
 
-    LAYERS: ClassVar[tuple[str, ...]] = (*Counts.LAYERS, "odds", "votes", "line")
+    LAYERS: ClassVar[tuple[str, ...]] = (*Counts.LAYERS, "votes", "line")
 
-    odds: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
-    votes: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
-    """(H, W) sum of the votes, and their number."""
+    votes: Int64 = field(default_factory=lambda: np.zeros((0, 0), np.int64))
+    """(H, W) sum of the votes and their number, as of `votes.cast`."""
     line: UInt8 = field(default_factory=lambda: np.zeros((0, 0), np.uint8))
     """(H, W) 1 for a cell on a line of the map."""
     motion: MotionFilter = field(default_factory=lambda: MotionFilter(MAP_STEP))
@@ -90,9 +89,8 @@ class _Ground(Counts):
         right, high = np.ceil((path.max(axis=0) + MARGIN) / self.resolution).astype(np.int64).tolist()
         self._reach(left, low, right, high)
         building = round(BUILDING_VOTE * UNIT)
-        votes.cast(
-            seen.ends, rows, vote, building, self.odds, self.votes, self.resolution, self.column, self.row
-        )
+        place = self.resolution, self.column, self.row
+        votes.cast(seen.ends, rows, vote, building, self.votes, *place)
         poses = SweepPoses(*seen.poses[rows, :3].T, seen.poses[rows, 3] < 0.0)
         taken = rows[self.motion.take(poses, seen.batch.stamp_ns[rows])]
         if len(taken):
@@ -101,7 +99,7 @@ class _Ground(Counts):
     def tell(self, seen: _Seen, rows: Int64, found: Int64) -> None:
         """Add what the bodies of some sweeps are told, as `votes.poll` does."""
         place = self.resolution, self.column, self.row
-        votes.poll(seen.ends, rows, self.odds, self.votes, self.line, *place, found)
+        votes.poll(seen.ends, rows, self.votes, self.line, *place, found)
 
     def settle(self) -> None:
         """Look at the map, once all sweeps have voted."""
@@ -134,9 +132,7 @@ class _Seen:
         end = np.empty((2, *ranges.shape))
         votes.place(self.ends, rows, end)
         use = np.where(ranges <= FARTHEST, np.uint8(HIT), np.uint8(SKIPPED))
-        return Beams(
-            end, use, np.require(self.batch.beams[rows], np.int32), self.poses[rows], self.way[rows]
-        )
+        return Beams(end, use, np.require(self.batch.beams[rows], np.int32), self.poses[rows], self.way[rows])
 
 
 class Standing:

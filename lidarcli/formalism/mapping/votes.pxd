@@ -4,8 +4,8 @@ cimport libc.math as math
 from lidarcli cimport native
 from lidarcli.formalism.mapping cimport rays
 
-cdef Py_ssize_t SURFACE, NOTHING
-cdef int MOST_VOTES
+cdef Py_ssize_t NO_BODY
+cdef long long COUNT_BITS
 
 
 cdef class Ends:
@@ -27,26 +27,33 @@ cdef class Ends:
     cdef double* way
     cdef unsigned char* going
     cdef Py_ssize_t* body
+    cdef Py_ssize_t* beam
+    cdef double* x
+    cdef double* y
 
 
-@cython.locals(count=Py_ssize_t, width=Py_ssize_t, number=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t)
+@cython.locals(count=Py_ssize_t, width=Py_ssize_t, number=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t, used=Py_ssize_t)
 cpdef place(Ends ends, rows, end)
 @cython.locals(
     count=Py_ssize_t, number=Py_ssize_t, k=Py_ssize_t, across=Py_ssize_t, first=Py_ssize_t, last=Py_ssize_t,
-    line=Py_ssize_t, along=Py_ssize_t, cell=Py_ssize_t, body=Py_ssize_t, owner=Py_ssize_t
+    cell=Py_ssize_t, body=Py_ssize_t, owner=Py_ssize_t, is_new=bint
 )
 cpdef cast(
-    Ends ends, rows, vote, int building, odds, votes, double resolution, Py_ssize_t column, Py_ssize_t row
+    Ends ends, rows, vote, long long building, votes, double resolution, Py_ssize_t column, Py_ssize_t row
 )
 @cython.locals(
     count=Py_ssize_t, number=Py_ssize_t, k=Py_ssize_t, across=Py_ssize_t, first=Py_ssize_t, last=Py_ssize_t,
-    high=Py_ssize_t, along=Py_ssize_t, cell=Py_ssize_t, body=Py_ssize_t, owner=Py_ssize_t, beside=Py_ssize_t,
-    near=Py_ssize_t
+    cell=Py_ssize_t, body=Py_ssize_t, owner=Py_ssize_t, near=Py_ssize_t, beside=Py_ssize_t, total=cython.longlong
 )
 cpdef poll(
-    Ends ends, rows, odds, votes, line, double resolution, Py_ssize_t column, Py_ssize_t row, found
+    Ends ends, rows, votes, line, double resolution, Py_ssize_t column, Py_ssize_t row, found
 )
-@cython.locals(count=Py_ssize_t, k=Py_ssize_t, body=Py_ssize_t, _=Py_ssize_t)
-cdef void _own(Ends ends, Py_ssize_t sweep) noexcept nogil
-cdef Py_ssize_t _owner(Ends ends, Py_ssize_t sweep, Py_ssize_t k) noexcept nogil
-cdef (double, double) _end(Ends ends, Py_ssize_t sweep, Py_ssize_t k) noexcept nogil
+@cython.locals(
+    count=Py_ssize_t, first=Py_ssize_t, used=Py_ssize_t, k=Py_ssize_t, body=Py_ssize_t, _=Py_ssize_t, at=Py_ssize_t,
+    came=bint, goes_on=bint
+)
+cdef Py_ssize_t _use(Ends ends, Py_ssize_t sweep, bint surfaces) noexcept nogil
+@cython.locals(first=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t, beam=Py_ssize_t, r=double)
+cdef void _lay(Ends ends, Py_ssize_t sweep, Py_ssize_t used) noexcept nogil
+@cython.locals(line=Py_ssize_t, along=Py_ssize_t)
+cdef Py_ssize_t _cell(Ends ends, Py_ssize_t k, double cells, Py_ssize_t across) noexcept nogil

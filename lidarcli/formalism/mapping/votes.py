@@ -14,10 +14,10 @@ from lidarcli import native, sweeps
 from lidarcli.formalism import detection
 from lidarcli.formalism.mapping import rays
 
-SURFACE, NOTHING = -1, -2
-"""Beams in no body: on a surface that is too wide for one, and all others."""
-MOST_VOTES = (1 << 23) - 1
-"""Greatest number of votes of a cell: the sum of so many has 32 bits, each up to 256. Later ones are not heard."""
+NO_BODY = -1
+"""Body of a beam that is in none."""
+COUNT_BITS = 27
+"""Bits of a cell for the number of its votes; those above hold their sum: room for 2 ** 27 votes of up to 256."""
 
 
 class Ends:
@@ -80,7 +80,11 @@ class Ends:
         self.directions = 0 if shared else self.width
         """From the directions of one sweep to those of the next."""
         self.body = native.integers(self.owner, self.width)
-        """Body of each beam of the sweep at hand."""
+        """Body of each beam of the sweep at hand; where one lies within another, it has its own beams."""
+        self.beam = native.integers(self.owner, self.width)
+        """Beams of the sweep at hand that are of use, and where they end [m]:"""
+        self.x = native.doubles(self.owner, self.width)
+        self.y = native.doubles(self.owner, self.width)
 
 
 def place(ends: Ends, rows: Any, end: Any) -> None:
@@ -95,11 +99,16 @@ def place(ends: Ends, rows: Any, end: Any) -> None:
     _, count, width = end.shape
     lock = native.release()
     for number in range(count):
+        used = 0
         for k in range(width):
             at = number * width + k
-            out[at], out[count * width + at] = rays.NAN, rays.NAN
-            if ends.ranges[index[number] * width + k] <= ends.farthest:
-                out[at], out[count * width + at] = _end(ends, index[number], k)
+            out[at] = out[count * width + at] = rays.NAN
+            ends.beam[used] = k
+            used += ends.ranges[index[number] * width + k] <= ends.farthest
+        _lay(ends, index[number], used)
+        for k in range(used):
+            at = number * width + ends.beam[k]
+            out[at], out[count * width + at] = ends.x[k], ends.y[k]
     native.resume(lock)
 
 
@@ -108,7 +117,6 @@ def cast(
     rows: Any,
     vote: Any,
     building: int,
-    odds: Any,
     votes: Any,
     resolution: float,
     column: int,
@@ -121,40 +129,31 @@ def cast(
     rows : (R,) int64 rows of the sweeps, of which all beams end within the cells
     vote : (K,) int64 log-odds of each body, in any unit
     building : vote of a beam on a surface without a body
-    odds, votes : (H, W) int32 sum of the votes, and number of them, to be added to
+    votes : (H, W) int64 sum of the votes times 2 ** `COUNT_BITS`, and number of them, to be added to
     resolution : side of a cell [m]
     column, row : lower left corner of cell (0, 0), in cells from the origin of the world
     """
-    across = odds.shape[1]
+    across = votes.shape[1]
     index, says = native.at_longs(rows), native.at_longs(vote)
-    total, heard = native.at_ints(odds), native.at_ints(votes)
+    given = native.at_longs(votes)
     cells = 1.0 / resolution
     first = (row + rays.ORIGIN) * across + column + rays.ORIGIN
     count = len(rows)
     lock = native.release()
     for number in range(count):
-        _own(ends, index[number])
-        last, body = -1, NOTHING
-        for k in range(ends.beams[index[number]]):
-            owner = _owner(ends, index[number], k)
-            if owner == NOTHING:
-                continue
-            x, y = _end(ends, index[number], k)
-            line, along = int(y * cells + rays.ORIGIN_CELLS), int(x * cells + rays.ORIGIN_CELLS)
-            cell = line * across + along - first
-            if cell == last and owner == body:
-                continue
+        last, body = -1, NO_BODY
+        for k in range(_use(ends, index[number], True)):
+            cell, owner = _cell(ends, k, cells, across) - first, ends.body[ends.beam[k]]
+            # Without a branch, as nobody can foresee which beam is the first in its cell.
+            is_new = (cell != last) | (owner != body)
             last, body = cell, owner
-            if heard[cell] < MOST_VOTES:
-                heard[cell] += 1
-                total[cell] += says[body] if body >= 0 else building
+            given[cell] += is_new * (((says[owner] if owner >= 0 else building) << COUNT_BITS) + 1)
     native.resume(lock)
 
 
 def poll(
     ends: Ends,
     rows: Any,
-    odds: Any,
     votes: Any,
     line: Any,
     resolution: float,
@@ -166,44 +165,42 @@ def poll(
 
     Parameters
     ----------
-    rows, odds, votes, resolution, column, row : as of `cast`; no cell is at the edge
+    rows, votes, resolution, column, row : as of `cast`; no cell is at the edge
     line : (H, W) uint8, 1 for a cell on a line of the map
     found : (K, 4) int64 to be added to: sum of the votes, their number, number of cells on a line, and of all cells
     """
-    across = odds.shape[1]
+    across = votes.shape[1]
     index, out = native.at_longs(rows), native.at_longs(found)
-    total, heard, on_line = native.at_ints(odds), native.at_ints(votes), native.at_bytes(line)
+    given, on_line = native.at_longs(votes), native.at_bytes(line)
     cells = 1.0 / resolution
     first = (row + rays.ORIGIN) * across + column + rays.ORIGIN
     count = len(rows)
     lock = native.release()
     for number in range(count):
-        _own(ends, index[number])
-        last, body = -1, NOTHING
-        for k in range(ends.beams[index[number]]):
-            owner = ends.body[k]
-            if owner < 0 or not ends.ranges[index[number] * ends.width + k] <= ends.farthest:
-                continue
-            x, y = _end(ends, index[number], k)
-            high, along = int(y * cells + rays.ORIGIN_CELLS), int(x * cells + rays.ORIGIN_CELLS)
-            cell = high * across + along - first
+        last, body = -1, NO_BODY
+        for k in range(_use(ends, index[number], False)):
+            cell, owner = _cell(ends, k, cells, across) - first, ends.body[ends.beam[k]]
             if cell == last and owner == body:
                 continue
-            last, body = cell, owner
-            for beside in range(9):
-                near = cell + (beside // 3 - 1) * across + beside % 3 - 1
-                out[4 * body] += total[near]
-                out[4 * body + 1] += heard[near]
+            last, body, total = cell, owner, 0
+            for beside in range(-1, 2):
+                near = cell + beside * across
+                total += given[near - 1] + given[near] + given[near + 1]
+            out[4 * body] += total >> COUNT_BITS
+            out[4 * body + 1] += total & ((1 << COUNT_BITS) - 1)
             out[4 * body + 2] += on_line[cell]
             out[4 * body + 3] += 1
     native.resume(lock)
 
 
-def _own(ends: Ends, sweep: int) -> None:
-    """Fill in the body of every beam of a sweep; where one lies within another, it has its own beams."""
-    count = ends.beams[sweep]
+def _use(ends: Ends, sweep: int, surfaces: bool) -> int:
+    """List the beams of a sweep that are of use, those of bodies and perhaps on surfaces, and return their number.
+
+    A beam without a body is on a surface if both of its neighbours are, too: scraps of one or two beams are not.
+    """
+    count, first, used = ends.beams[sweep], sweep * ends.width, 0
     for k in range(count):
-        ends.body[k] = NOTHING
+        ends.body[k] = NO_BODY
     for body in range(ends.offsets[sweep], ends.offsets[sweep + 1]):
         k = ends.beam_i[body]
         for _ in range(count):
@@ -211,40 +208,46 @@ def _own(ends: Ends, sweep: int) -> None:
             if k == ends.beam_f[body]:
                 break
             k = k + 1 if k + 1 < count else 0
+    goes_on = False
+    for k in range(count):
+        at, came = first + k, goes_on
+        goes_on = k + 1 < count and (
+            (abs(ends.ranges[at + 1] - ends.ranges[at]) < ends.step)
+            & (ends.body[k] == NO_BODY)
+            & (ends.body[k + 1] == NO_BODY)
+        )
+        ends.beam[used] = k
+        used += (ends.ranges[at] <= ends.farthest) & ((ends.body[k] >= 0) | (surfaces & came & goes_on))
+    _lay(ends, sweep, used)
+    return used
 
 
-def _owner(ends: Ends, sweep: int, k: int) -> int:
-    """Return the body of a beam, or `SURFACE` if both of its neighbours are, too: scraps of one or two beams are not.
+def _lay(ends: Ends, sweep: int, used: int) -> None:
+    """Compute where the beams of use end, each seen from the pose of the sensor at its own time."""
+    x, y = ends.poses[4 * sweep], ends.poses[4 * sweep + 1]
+    yaw, side = ends.poses[4 * sweep + 2], ends.poses[4 * sweep + 3]
+    first = sweep * ends.width
+    if not ends.going[sweep]:
+        cos, sin, at = ends.heading[2 * sweep], ends.heading[2 * sweep + 1], sweep * ends.directions
+        for k in range(used):
+            beam = ends.beam[k]
+            ahead = ends.ranges[first + beam] * ends.cos[at + beam]
+            left = ends.ranges[first + beam] * (side * ends.sin[at + beam])
+            ends.x[k] = x + (cos * ahead - sin * left)
+            ends.y[k] = y + (sin * ahead + cos * left)
+        return
+    last = 1.0 * max(ends.beams[sweep] - 1, 1)
+    for k in range(used):
+        beam = ends.beam[k]
+        share = beam / last
+        theta = yaw + share * ends.way[3 * sweep + 2]
+        theta += side * (ends.angle_min[sweep] + ends.angle_increment[sweep] * beam)
+        r = ends.ranges[first + beam]
+        ends.x[k] = x + share * ends.way[3 * sweep] + r * math.cos(theta)
+        ends.y[k] = y + share * ends.way[3 * sweep + 1] + r * math.sin(theta)
 
-    A beam that goes too far is of no use, whatever it hits.
-    """
-    at = sweep * ends.width + k
-    if not ends.ranges[at] <= ends.farthest:
-        return NOTHING
-    if ends.body[k] >= 0:
-        return ends.body[k]
-    if (
-        0 < k < ends.beams[sweep] - 1
-        and ends.body[k - 1] < 0
-        and ends.body[k + 1] < 0
-        and abs(ends.ranges[at] - ends.ranges[at - 1]) < ends.step
-        and abs(ends.ranges[at + 1] - ends.ranges[at]) < ends.step
-    ):
-        return SURFACE
-    return NOTHING
 
-
-def _end(ends: Ends, sweep: int, k: int) -> tuple[float, float]:
-    """Return where a beam ends in the world, seen from the pose of the sensor at its own time [m]."""
-    r = ends.ranges[sweep * ends.width + k] * 1.0
-    x, y, side = ends.poses[4 * sweep], ends.poses[4 * sweep + 1], ends.poses[4 * sweep + 3]
-    if ends.going[sweep]:
-        share = k / (1.0 * max(ends.beams[sweep] - 1, 1))
-        theta = ends.poses[4 * sweep + 2] + share * ends.way[3 * sweep + 2]
-        theta += side * (ends.angle_min[sweep] + ends.angle_increment[sweep] * k)
-        x, y = x + share * ends.way[3 * sweep], y + share * ends.way[3 * sweep + 1]
-        return x + r * math.cos(theta), y + r * math.sin(theta)
-    at = sweep * ends.directions + k
-    ahead, left = r * ends.cos[at], r * (side * ends.sin[at])
-    cos, sin = ends.heading[2 * sweep], ends.heading[2 * sweep + 1]
-    return x + (cos * ahead - sin * left), y + (sin * ahead + cos * left)
+def _cell(ends: Ends, k: int, cells: float, across: int) -> int:
+    """Return the number of the cell of an end, from a corner far outside: `cells` are a metre, `across` a row."""
+    line, along = int(ends.y[k] * cells + rays.ORIGIN_CELLS), int(ends.x[k] * cells + rays.ORIGIN_CELLS)
+    return line * across + along
