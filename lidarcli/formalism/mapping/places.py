@@ -91,8 +91,8 @@ class _Ground(Counts):
         building = round(BUILDING_VOTE * UNIT)
         place = self.resolution, self.column, self.row
         votes.cast(seen.ends, rows, vote, building, self.votes, *place)
-        poses = SweepPoses(*seen.poses[rows, :3].T, seen.poses[rows, 3] < 0.0)
-        taken = rows[self.motion.take(poses, seen.batch.stamp_ns[rows])]
+        x, y, yaw, side = seen.poses[rows].T
+        taken = rows[self.motion.take(SweepPoses(x, y, yaw, side < 0.0), seen.batch.stamp_ns[rows])]
         if len(taken):
             self.add(seen.beams(taken))
 

@@ -80,7 +80,7 @@ class Ends:
         self.directions = 0 if shared else self.width
         """From the directions of one sweep to those of the next."""
         self.body = native.integers(self.owner, self.width)
-        """Body of each beam of the sweep at hand; where one lies within another, it has its own beams."""
+        """Body of each beam of the sweep at hand; where a body lies within another, it has its own beams."""
         self.beam = native.integers(self.owner, self.width)
         """Beams of the sweep at hand that are of use, and where they end [m]:"""
         self.x = native.doubles(self.owner, self.width)
@@ -147,7 +147,7 @@ def cast(
             # Without a branch, as nobody can foresee which beam is the first in its cell.
             is_new = (cell != last) | (owner != body)
             last, body = cell, owner
-            given[cell] += is_new * (((says[owner] if owner >= 0 else building) << COUNT_BITS) + 1)
+            given[cell] += is_new * ((says[owner] if owner >= 0 else building) * (1 << COUNT_BITS) + 1)
     native.resume(lock)
 
 

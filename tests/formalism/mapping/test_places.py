@@ -5,14 +5,14 @@ from __future__ import annotations
 import importlib.util
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from lidarcli import native
-from lidarcli.formalism import Detection, Parameters, detect
+from lidarcli.formalism import Detection, Parameters, detect, sweep
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL
 from lidarcli.formalism.mapping import places, votes
 from lidarcli.formalism.mapping.lines import lines
@@ -272,18 +272,30 @@ def test_the_source_gives_the_same_bits_with_every_index_checked(monkeypatch: py
         np.testing.assert_array_equal(getattr(compiled, name), getattr(checked, name), strict=True)
 
 
+def heard(ranges: list[float], begin: list[int], end: list[int]) -> list[tuple[int, int]]:
+    """Sum and number of the votes in the cell that each beam ends in; body k votes k + 1, a surface -9."""
+    seen = sweep(ranges, angle_min=0.0, angle_increment=0.1)
+    bodies: Any = SimpleNamespace(row=np.zeros(len(begin)), beam_i=np.array(begin), beam_f=np.array(end))
+    ends = votes.Ends(seen, bodies, np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)), 15.0, 0.3)
+    cells, row = np.zeros((400, 400), np.int64), np.zeros(1, np.int64)
+    votes.cast(ends, row, np.arange(len(begin)) + 1, -9, cells, 0.1, -200, -200)
+    place = np.empty((2, 1, len(ranges)))
+    votes.place(ends, row, place)
+    assert (np.isnan(place[0, 0]) == ~(seen.ranges[0] <= 15.0)).all()
+    column, line = np.floor(np.where(np.isnan(place[:, 0]), 19.9, place[:, 0]) / 0.1).astype(int) + 200
+    # Only the source shows its constants.
+    total, count = np.divmod(cells[line, column], 1 << plain("votes").COUNT_BITS)
+    return list(zip(total.tolist(), count.tolist(), strict=True))
+
+
 def test_a_body_within_another_has_its_own_beams_and_scraps_are_no_surface() -> None:
-    owner = np.empty((1, 16), np.int64)
-    first, stop = np.array([0]), np.array([3])
-    begin, end = np.array([1, 3, 6], np.int32), np.array([4, 3, 7], np.int32)
-    ranges = np.full((1, 16), 3.0, np.float32)
-    ranges[0, 11:13] = 2.0
-    ranges[0, 15] = np.nan
-    votes.own(ranges, np.array([16], np.int32), first, stop, begin, end, 0.3, owner)
-    nothing, surface = -2, -1
-    row = [nothing, 0, 0, 1, 0, nothing, 2, 2, nothing, surface] + 6 * [nothing]
-    np.testing.assert_array_equal(owner, [row])
+    nothing, surface = (0, 0), (-9, 1)
+    ranges = 11 * [3.0] + 2 * [2.0] + 2 * [3.0] + [np.nan] + 4 * [15.1]
+    row = [nothing, (1, 1), (1, 1), (2, 1), (1, 1), nothing, (3, 1), (3, 1), nothing, surface] + 10 * [
+        nothing
+    ]
+    assert heard(ranges, [1, 3, 6], [4, 3, 7]) == row
     # Across the seam.
-    begin, end, stop = np.array([14], np.int32), np.array([1], np.int32), np.array([1])
-    votes.own(ranges, np.array([16], np.int32), first, stop, begin, end, 0.3, owner)
-    np.testing.assert_array_equal(np.flatnonzero(owner[0] == 0), [0, 1, 14, 15])
+    whole = heard(16 * [3.0], [14], [1])
+    assert [k for k, told in enumerate(whole) if told == (1, 1)] == [0, 1, 14, 15]
+    assert whole[2:14] == [nothing, *(10 * [surface]), nothing]
