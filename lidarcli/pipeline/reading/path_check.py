@@ -30,7 +30,7 @@ MOST_MATCHED = 16
 """Topics and frames whose paths are matched: each has a map in memory."""
 ENOUGH, ENOUGH_WAY = 2000, 30.0
 """A told path is judged by its first so many sweeps, once the sensor has gone so far [m]."""
-SAMPLE, PERIOD = 20, 200
+SAMPLE, PERIOD = 5, 200
 """Of a sensor that has stood for a period of sweeps, so many of each period are matched."""
 ENOUGH_SKEWED, MOST_HELD = 300, 3000
 """Sweeps during which the sensor moves that tell the order of the beams, and most sweeps that are held for it."""
