@@ -74,11 +74,11 @@ site: $(VENV)/installed-dev ## the documentation as a site, build/site/index.htm
 	$(BIN)/python -m sphinx -W --keep-going -n -q -c docs . build/site
 	@echo "For a browser: $(CURDIR)/build/site/index.html"
 
-bench: $(VENV)/compiled ## throughput and memory of detect, beside merely reading the log, and of track
+bench: $(VENV)/compiled ## time and memory of what users wait for, each command beside a reference
 	$(BIN)/python benchmarks/bench.py $(BENCH)
 
-bench-full: $(VENV)/installed-dev ## the same over containers, sensors, profiles and lengths, with more references
-	$(BIN)/python -m benchmarks.full --stages $(BENCH)
+bench-full: $(VENV)/installed-dev ## the same with more containers, sensors, profiles, lengths and references
+	$(BIN)/python benchmarks/bench.py --all $(BENCH)
 
 bench-compare: $(VENV)/installed-dev ## today's detect against that of another commit, BASE=COMMIT
 	$(BIN)/python -m benchmarks.compare $(BASE) $(BENCH)

@@ -1,8 +1,9 @@
-"""Throughput and memory of `lidarcli detect`, beside merely iterating the same log's messages, and of `track` beside it.
+"""What users wait for: time and memory of commands, each beside another one.
 
-One process, whose threads use all cores unless said otherwise.
+Each run is a process of its own, from the start of Python to the last byte on disk. The cases take turns, so that a busy
+machine hits all of them alike. The table is Markdown: `x` is the time for a sweep as a multiple of that of the case
+beside, the median of the rounds. After `≤` stands what is wanted; what does not hold is bold.
 
-Every measurement is a process of its own; the contestants take turns, so that a busy machine hits all of them alike.
 This process imports nothing heavy: on Linux the peak memory of a child counts from that of its parent.
 """
 
@@ -17,18 +18,160 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 
 HERE = Path(__file__).parent
 LIDARCLI = str(Path(sys.executable).with_name("lidarcli"))
-MOVING = "scene_moving.toml"
-"""The scene for `track`: things move in it."""
+REAL_LOGS = "LIDARCLI_REAL_LOGS"
+"""Environment variable that names the folder of the public recordings."""
 COMPILED_EACH_TIME = "PYTHONDONTWRITEBYTECODE"
 """Where this is set every start compiles all modules, which is not how Python is used."""
 RSS_UNIT = 1 if sys.platform == "darwin" else 1024
 """Bytes in a unit of `ru_maxrss`."""
+SHORT = 100
+"""Sweeps of a log that has no share of those of the run."""
+
+FINDS = ("detect", "track")
+COMMANDS = {
+    **{name: f"{{python}} {{references}} {name} {{log}}" for name in ("iterate", "read", "loop", "dbscan")},
+    "figure": "{python} {references} figure",
+    **{name: f"{{lidarcli}} -q {name} {{log}} -o {{out}} --overwrite" for name in FINDS},
+    "info": "{lidarcli} -q info {log}",
+    "plot": "{lidarcli} -q plot {log} -o {out}.png --overwrite",
+    "gif": "{lidarcli} -q plot {log} --animate --sweeps 0:40 -o {out}.gif --overwrite",
+    "report": "{lidarcli} -q report {objects} --log {log} -o {out}.html --overwrite",
+    "map": "{lidarcli} -q map {log} --min-move 0 --poses {path} --pose-delay 0 -o {out}.yaml --overwrite",
+    "lidarcli": "{lidarcli}",
+}
+"""First word of the command of a case → what is run; its other words follow."""
+STANDS = "1000000000 0 0 0 0 0 0 1\n2000000000 0 0 0 0 0 0 1\n"
+"""Path of the sensor for `map`: in the simulated logs it stands."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log that is made for the run, or no log, without a name."""
+
+    name: str = ""
+    share: float = 1.0
+    """Length, as a share of that of the run; 0: `SHORT`."""
+    source: str = "scene.toml"
+    """Scene of this folder, or recording below that of `REAL_LOGS`."""
+    made: tuple[str, ...] = ()
+    """Options of `make_log.py`."""
+    suffix: str = ".mcap"
+
+    @property
+    def recorded(self) -> bool:
+        """True if its sweeps are those of a recording."""
+        return not self.source.endswith(".toml")
+
+
+NO_LOG = Log()
+ROOM = Log("room")
+WIDE = Log("1081 beams", 0.5, made=("--beams", "1081"))
+PEOPLE = Log("people", 0.36, "leg_tracker/demo_stationary_simple_environment.bag")
+DRIVE = Log("drive", 0.36, "comprobo24/test-bag")
+MOVING = Log("moving", source="scene_moving.toml")
+FEW = Log("short", 0, "scene_moving.toml")
+PLAIN = Log("plain", 0.02, "scene_moving.toml")
+BEAMS = Log("720 beams", 0.5, made=("--beams", "720"))
+LONG = Log("long", 10, "scene_moving.toml")
+
+PINNED, NOT_COMPILED = "on one processor", "not compiled"
+Figures = dict[str, float]
+"""Figure → its value; `COLUMNS` names them."""
+Most = dict[str, float | tuple[float, str]]
+"""Figure → the most that is wanted: a value, or a multiple of the same figure of another case."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One command on one log."""
+
+    log: Log
+    command: str
+    beside: str = ""
+    """Name of the case that is its reference."""
+    most: Most = field(default_factory=dict)
+    how: str = ""
+    """`PINNED`, `NOT_COMPILED` or nothing."""
+    after: str = ""
+    """Name of the case whose tables it reads."""
+
+    @property
+    def name(self) -> str:
+        """Log, command, and how it is run."""
+        return ", ".join(filter(None, (self.log.name, self.command, self.how)))
+
+
+CASES = (
+    Case(ROOM, "iterate"),
+    Case(ROOM, "detect", "room, iterate", {"x": 2.6, "cpu_x": 4.7, "bytes_per_object": 95}),
+    Case(ROOM, "detect --jobs 1", "room, iterate"),
+    Case(ROOM, "detect", "room, iterate", how=PINNED),
+    Case(WIDE, "iterate"),
+    Case(WIDE, "detect", "1081 beams, iterate", {"x": 2.8, "cpu_x": 4.7}),
+    Case(PEOPLE, "iterate"),
+    Case(PEOPLE, "detect", "people, iterate", dict.fromkeys(("x", "cpu_x"), (1.15, "room, detect"))),
+    Case(PEOPLE, "track", "people, detect", {"cpu_x": 1.45}),
+    Case(DRIVE, "detect"),
+    Case(DRIVE, "track --pose none", "drive, detect"),
+    Case(MOVING, "detect"),
+    Case(MOVING, "track", "moving, detect", {"cpu_x": 1.45}),
+    Case(MOVING, "track --pose none", "moving, detect", {"cpu_x": 1.45}),
+    Case(MOVING, "track --pose match", "moving, track --pose none"),
+    Case(FEW, "figure"),
+    Case(FEW, "plot", "short, figure", {"cpu_x": 1.35}),
+    Case(FEW, "gif", most={"seconds": 6}),
+    Case(FEW, "detect", "short, figure"),
+    Case(FEW, "track", "short, figure", {"cpu_x": 0.5}),
+    Case(FEW, "report", "short, figure", {"cpu_x": 1.7}, after="short, track"),
+    Case(FEW, "info", "short, figure"),
+    Case(NO_LOG, "lidarcli --help", most={"seconds": 0.15}),
+    Case(NO_LOG, "lidarcli detect --help"),
+)
+"""`make bench`."""
+MORE = (
+    Case(ROOM, "read", "room, iterate"),
+    Case(ROOM, "loop", "room, iterate"),
+    Case(ROOM, "dbscan", "room, iterate"),
+    Case(ROOM, "detect --profile paper", "room, iterate"),
+    Case(ROOM, "map", "room, iterate"),
+    Case(BEAMS, "iterate"),
+    Case(BEAMS, "detect", "720 beams, iterate"),
+    Case(WIDE, "detect --profile paper", "1081 beams, iterate"),
+    Case(Log("358 to 364 beams", made=("--jitter", "3")), "detect", "room, detect", {"x": 2}),
+    Case(Log("MCAP lz4", made=("--compression", "lz4")), "detect", "room, detect"),
+    Case(Log("MCAP, 95 % images", 0.2, made=("--share", "0.05")), "detect", "room, detect"),
+    Case(Log("ROS 1 bag", suffix=".bag"), "detect", "room, detect"),
+    Case(Log("ROS 2 sqlite3", suffix=".db3"), "detect", "room, detect"),
+    Case(Log("CSV", 0.2, suffix=".csv"), "detect", "room, detect"),
+    Case(Log("a hundredth", 0.01), "detect", "room, detect"),
+    Case(Log("a tenth", 0.1), "detect", "room, detect"),
+    Case(LONG, "detect", "moving, detect", {"peak_mb": 250}),
+    Case(LONG, "track", "long, detect", {"peak_mb": 250}),
+    Case(PLAIN, "detect", how=NOT_COMPILED),
+    Case(PLAIN, "track", "plain, detect, not compiled", {"x": 3}, NOT_COMPILED),
+)
+"""What `--all` adds."""
+
+COLUMNS = {
+    "seconds": ("s", ".2f"),
+    "per_second": ("sweeps/s", ",.0f"),
+    "us": ("µs", ",.1f"),
+    "cpu_us": ("processor µs", ",.1f"),
+    "peak_mb": ("peak MB", ".0f"),
+    "x": ("x", ".2f"),
+    "cpu_x": ("x processor", ".2f"),
+    "cpu_us_more": ("processor µs more", ",.1f"),
+    "objects": ("objects", ".1f"),
+    "bytes_per_object": ("bytes per object", ".0f"),
+}
+"""Figure → its column, and how it is written. Microseconds and objects are those of a sweep."""
 
 
 @dataclass(frozen=True)
@@ -39,114 +182,8 @@ class Run:
     cpu_seconds: float
     peak_mb: float
     output: str
-
-
-@dataclass
-class Result:
-    """Repeated runs of one contestant over `sweeps` sweeps."""
-
-    name: str
-    sweeps: int
-    seconds: list[float] = field(default_factory=list)
-    cpu_seconds: list[float] = field(default_factory=list)
-    peak_mb: float = 0.0
-
-    @property
-    def per_second(self) -> float:
-        """Sweeps per second of the median run."""
-        return self.sweeps / median(self.seconds)
-
-    @property
-    def best_per_second(self) -> float:
-        """Sweeps per second of the fastest run."""
-        return self.sweeps / min(self.seconds)
-
-    @property
-    def cpu_us(self) -> float:
-        """Processor time per sweep of the median run [µs]: what a busy machine changes least."""
-        return 1e6 * median(self.cpu_seconds) / self.sweeps
-
-    def add(self, run: Run) -> None:
-        """Count a run."""
-        self.seconds.append(run.seconds)
-        self.cpu_seconds.append(run.cpu_seconds)
-        self.peak_mb = max(self.peak_mb, run.peak_mb)
-
-
-@dataclass
-class Figures:
-    """Everything that was measured."""
-
-    machine: str
-    log_mb: float
-    iterate: Result
-    robust: Result
-    paper: Result
-    changing: Result
-    short: Result
-    long: Result
-    pinned: Result
-    alone: Result
-    moving: Result
-    track: Result
-    matched: Result
-    unposed: Result
-    plain: Result
-    plain_track: Result
-    objects_per_sweep: float = 0.0
-    moving_per_sweep: float = 0.0
-    help_ms: dict[str, float] = field(default_factory=dict)
-
-    def results(self) -> tuple[Result, ...]:
-        """All contestants, the yardstick first."""
-        logs = self.robust, self.paper, self.changing, self.short, self.long
-        both = self.moving, self.track, self.matched, self.unposed, self.plain, self.plain_track
-        return self.iterate, *logs, self.pinned, self.alone, *both
-
-    def ratio(self, result: Result) -> float:
-        """Time per sweep, as a multiple of the time that iterating takes."""
-        return self.iterate.per_second / result.per_second
-
-    @property
-    def growth(self) -> float:
-        """Peak memory of a log, as a multiple of that of a log a tenth as long."""
-        return self.long.peak_mb / self.short.peak_mb
-
-    @property
-    def changing_geometry(self) -> float:
-        """Throughput where the beam count changes from sweep to sweep, as a share of that where it does not."""
-        return self.changing.per_second / self.robust.per_second
-
-    @property
-    def on_cores(self) -> float:
-        """Throughput on all cores, as a multiple of that on one."""
-        return gain(self.pinned, self.robust)
-
-    @property
-    def of_threads(self) -> float:
-        """Throughput with threads that share the detection, as a multiple of that of one alone."""
-        return gain(self.alone, self.robust)
-
-    @property
-    def tracking(self) -> float:
-        """Time of `track`, as a multiple of that of `detect` on the same log."""
-        return gain(self.track, self.moving)
-
-    @property
-    def plain_tracking(self) -> float:
-        """The same where nothing is compiled."""
-        return gain(self.plain_track, self.plain)
-
-    @property
-    def matching_us(self) -> float:
-        """Processor time of matching a sweep, and of the second pass over the log: what `track` takes more with it [µs]."""
-        pairs = zip(self.matched.cpu_seconds, self.unposed.cpu_seconds, strict=True)
-        return 1e6 * median(one - two for one, two in pairs) / self.matched.sweeps
-
-
-def gain(slow: Result, fast: Result) -> float:
-    """Throughput of the one as a multiple of the other's: round by round, as the machine changes."""
-    return median(one / two for one, two in zip(slow.seconds, fast.seconds, strict=True))
+    sweeps: int = 0
+    """Sweeps that it went through."""
 
 
 def run(*command: str, pinned: bool = False, compiled: bool = True) -> Run:
@@ -174,149 +211,112 @@ def _pin() -> None:
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
 
-def make_log(folder: Path, name: str, sweeps: int, *options: str, scene: str = "scene.toml") -> Path:
-    """Simulate a log of one of the benchmark's scenes; its name has the suffix of its container."""
+def make_log(folder: Path, name: str, sweeps: int, *options: str, source: str | Path = "scene.toml") -> Path:
+    """Make a log of a scene of this folder or of a recording; its name has the suffix of its container."""
     log = folder / name
     print(f"writing {name}: {sweeps:,} sweeps ...", file=sys.stderr)
-    run(sys.executable, str(HERE / "make_log.py"), str(HERE / scene), str(sweeps), str(log), *options)
+    run(sys.executable, str(HERE / "make_log.py"), str(HERE / source), str(sweeps), str(log), *options)
     return log
 
 
-def iterate(log: Path, result: Result) -> None:
-    """Time the loop over the raw messages alone, without the start of Python."""
-    done = run(sys.executable, str(HERE / "iterate.py"), str(log))
-    seconds, cpu, count = map(float, done.output.split())
-    if count != result.sweeps:
-        sys.exit(f"{log} holds {count:.0f} messages, not {result.sweeps}")
-    result.add(replace(done, seconds=seconds, cpu_seconds=cpu))
+def once(case: Case, log: Path, sweeps: int) -> Run:
+    """Run a case on a log of so many sweeps; a reference that tells its own figures is taken at its word."""
+    out = log.parent / "out"
+    places = {
+        "python": sys.executable,
+        "lidarcli": LIDARCLI,
+        "references": HERE / "references.py",
+        "path": log.parent / "path.tum",
+        "objects": out / f"{log.stem}.objects.parquet",
+        "log": log,
+        "out": out,
+    }
+    first, *options = case.command.split()
+    words = [word.format(**places) for word in COMMANDS[first].split()]
+    done = run(*words, *options, pinned=case.how == PINNED, compiled=case.how != NOT_COMPILED)
+    if str(places["references"]) in words and done.output:
+        seconds, cpu, count = map(float, done.output.split())
+        return replace(done, seconds=seconds, cpu_seconds=cpu, sweeps=int(count))
+    return replace(done, sweeps=sweeps)
 
 
-def detect(
-    log: Path,
-    folder: Path,
-    result: Result,
-    *options: str,
-    command: str = "detect",
-    pinned: bool = False,
-    compiled: bool = True,
-) -> None:
-    """Time `lidarcli detect`, or `track`, from the start of Python to its end."""
-    out = folder / "tables"
-    whole = LIDARCLI, "-q", command, str(log), *options, "-o", str(out), "--overwrite"
-    result.add(run(*whole, pinned=pinned, compiled=compiled))
-
-
-def count_objects(folder: Path, log: Path) -> int:
-    """Objects in the table that `detect` wrote last."""
-    script = "import sys, pyarrow.parquet as pq; print(pq.ParquetFile(sys.argv[1]).metadata.num_rows)"
-    table = folder / "tables" / f"{log.stem}.objects.parquet"
-    return int(run(sys.executable, "-c", script, str(table)).output)
-
-
-def measure(sweeps: int, repeats: int, folder: Path) -> Figures:
-    """Run everything and gather the figures."""
-    log = make_log(folder, "fixed.mcap", sweeps)
-    changing = make_log(folder, "changing.mcap", sweeps, "--jitter", "3")
-    moving = make_log(folder, "moving.mcap", sweeps, scene=MOVING)
-    few = max(sweeps // 50, 1)
-    plain = make_log(folder, "plain.mcap", few, scene=MOVING)
-    figures = Figures(
-        machine=f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
-        log_mb=log.stat().st_size / 1e6,
-        iterate=Result("iterate messages (mcap)", sweeps),
-        paper=Result("detect --profile paper", sweeps),
-        changing=Result("detect, 358 to 364 beams", sweeps),
-        short=Result(f"detect, {sweeps // 5:,} sweeps", sweeps // 5),
-        long=Result(f"detect, {sweeps * 2:,} sweeps", sweeps * 2),
-        robust=Result("detect", sweeps),
-        pinned=Result("detect, on one core", sweeps),
-        alone=Result("detect --jobs 1", sweeps),
-        moving=Result("detect, things move", sweeps),
-        track=Result("track, things move", sweeps),
-        matched=Result("track --pose match", sweeps),
-        unposed=Result("track --pose none", sweeps),
-        plain=Result("detect, not compiled", few),
-        plain_track=Result("track, not compiled", few),
-    )
-    for turn in range(repeats):
-        print(f"round {turn + 1} of {repeats} ...", file=sys.stderr)
-        iterate(log, figures.iterate)
-        detect(changing, folder, figures.changing)
-        detect(log, folder, figures.paper, "--profile", "paper")
-        detect(log, folder, figures.alone, "--jobs", "1")
-        detect(log, folder, figures.pinned, pinned=True)
-        detect(log, folder, figures.robust)
-        detect(moving, folder, figures.moving)
-        detect(moving, folder, figures.track, command="track")
-        detect(moving, folder, figures.matched, "--pose", "match", command="track")
-        detect(moving, folder, figures.unposed, "--pose", "none", command="track")
-        detect(plain, folder, figures.plain, compiled=False)
-        detect(plain, folder, figures.plain_track, command="track", compiled=False)
-    figures.objects_per_sweep = count_objects(folder, log) / sweeps
-    figures.moving_per_sweep = count_objects(folder, moving) / sweeps
-    for result in (figures.short, figures.long):
-        # The logs differ by ten times; both fill every buffer on the way.
-        detect(make_log(folder, "other.mcap", result.sweeps), folder, result)
-        (folder / "other.mcap").unlink()
-    for command in ((), ("detect",)):
-        times = [run(LIDARCLI, *command, "--help").seconds for _ in range(10)]
-        figures.help_ms[" ".join(("lidarcli", *command, "--help"))] = 1e3 * min(times)
+def figures_of(runs: Sequence[Run], others: Sequence[Run]) -> Figures:
+    """Return the figures of a case, with its ratios to another: round by round, as the machine changes."""
+    figures = {"seconds": median(one.seconds for one in runs), "peak_mb": max(one.peak_mb for one in runs)}
+    if sweeps := runs[0].sweeps:
+        figures["per_second"] = sweeps / figures["seconds"]
+        figures["us"] = 1e6 * figures["seconds"] / sweeps
+        figures["cpu_us"] = 1e6 * median(one.cpu_seconds for one in runs) / sweeps
+    if others:
+        pairs = list(zip(runs, others, strict=True))
+        share = sweeps / others[0].sweeps
+        figures["x"] = median(one.seconds / other.seconds for one, other in pairs) / share
+        figures["cpu_x"] = median(one.cpu_seconds / other.cpu_seconds for one, other in pairs) / share
+        more = median(one.cpu_seconds - other.cpu_seconds * share for one, other in pairs)
+        figures["cpu_us_more"] = 1e6 * more / sweeps
     return figures
 
 
-def show(figures: Figures) -> None:
-    """Print the figures as a table."""
-    print(
-        f"{figures.machine}; MCAP zstd, {figures.log_mb:.0f} MB, {figures.robust.sweeps:,} sweeps,", end=" "
-    )
-    print(
-        f"{figures.objects_per_sweep:.1f} objects per sweep, {figures.moving_per_sweep:.1f} where things move\n"
-    )
-    print(f"{'':28}{'sweeps/s':>10}{'best':>10}{'x iterate':>11}{'cpu us':>8}{'peak MB':>9}")
-    for result in figures.results():
-        print(
-            f"{result.name:28}{result.per_second:>10,.0f}{result.best_per_second:>10,.0f}"
-            f"{figures.ratio(result):>11.2f}{result.cpu_us:>8.1f}{result.peak_mb:>9.0f}"
-        )
-    print(f"\npeak memory of a log / of one a tenth as long     {figures.growth:6.2f}")
-    print(f"throughput of changing / of fixed geometry        {figures.changing_geometry:6.2f}")
-    print(f"throughput on all cores / on one                  {figures.on_cores:6.2f}")
-    print(f"throughput of threads for the detection / of one  {figures.of_threads:6.2f}")
-    print(f"time of track / of detect                         {figures.tracking:6.2f}")
-    print(f"the same where nothing is compiled                {figures.plain_tracking:6.2f}")
-    print(f"processor time of matching, us a sweep            {figures.matching_us:6.1f}")
-    for name, milliseconds in figures.help_ms.items():
-        print(f"{name:50}{milliseconds:6.0f} ms")
+def objects_in(table: Path, sweeps: int) -> Figures:
+    """Return the figures of an objects table."""
+    script = "import sys, pyarrow.parquet as pq; print(pq.ParquetFile(sys.argv[1]).metadata.num_rows)"
+    rows = int(run(sys.executable, "-c", script, str(table)).output)
+    return {"objects": rows / sweeps, "bytes_per_object": table.stat().st_size / rows}
 
 
-def broken(figures: Figures) -> list[str]:
-    """The limits that do not hold."""
-    checks = (
-        ("time of detect / of iterating", figures.ratio(figures.robust), 3.5),
-        ("peak memory [MB]", max(result.peak_mb for result in figures.results()), 300.0),
-        ("peak memory of a log / of one a tenth as long", figures.growth, 1.25),
-        ("throughput of fixed / of changing geometry", 1 / figures.changing_geometry, 2.0),
-        ("time of track / of detect", figures.tracking, 1.25),
-        ("time of track / of detect, not compiled", figures.plain_tracking, 3.0),
-        ("lidarcli --help [ms]", figures.help_ms["lidarcli --help"], 150.0),
-    )
-    return [f"{name}: {value:.2f} is above {limit:g}" for name, value, limit in checks if value > limit]
-
-
-def as_json(figures: Figures) -> str:
-    """The measurements and what follows from them."""
-    derived = {
-        "ratio": {result.name: figures.ratio(result) for result in figures.results()},
-        "sweeps_per_second": {result.name: result.per_second for result in figures.results()},
-        "growth": figures.growth,
-        "changing_geometry": figures.changing_geometry,
-        "on_cores": figures.on_cores,
-        "of_threads": figures.of_threads,
-        "tracking": figures.tracking,
-        "plain_tracking": figures.plain_tracking,
-        "matching_us": figures.matching_us,
+def measure(cases: Sequence[Case], sweeps: int, repeats: int, folder: Path) -> dict[str, Figures]:
+    """Make the logs, run all cases in turns, and return the figures of each by its name."""
+    lengths = {case.log: round(case.log.share * sweeps) or SHORT for case in cases} | {NO_LOG: 0}
+    logs = {log: folder / (log.name + log.suffix) for log in lengths}
+    for log, length in lengths.items():
+        if log != NO_LOG:
+            source = Path(os.environ[REAL_LOGS], log.source).absolute() if log.recorded else log.source
+            make_log(folder, logs[log].name, length, *log.made, source=source)
+    (folder / "path.tum").write_text(STANDS, encoding="utf-8")
+    runs: dict[str, list[Run]] = {case.name: [] for case in cases}
+    objects: dict[str, Figures] = {}
+    for turn in range(repeats):
+        print(f"round {turn + 1} of {repeats} ...", file=sys.stderr)
+        for case in cases:
+            runs[case.name].append(once(case, logs[case.log], lengths[case.log]))
+            if turn == 0 and case.command.split()[0] in FINDS:
+                table = folder / "out" / f"{case.log.name}.objects.parquet"
+                objects[case.name] = objects_in(table, lengths[case.log])
+    return {
+        case.name: figures_of(runs[case.name], runs.get(case.beside, ())) | objects.get(case.name, {})
+        for case in cases
     }
-    return json.dumps({**asdict(figures), **derived}, indent=2) + "\n"
+
+
+def chosen(cases: Sequence[Case], words: str) -> list[Case]:
+    """Return the cases whose names contain the words, and those that they need, in their order."""
+    by_name = {case.name: case for case in cases}
+    names = [name for name in by_name if words in name]
+    for name in names:
+        case = by_name[name]
+        others = [most[1] for most in case.most.values() if isinstance(most, tuple)]
+        names += [other for other in (case.beside, case.after, *others) if other and other not in names]
+    return [case for case in cases if case.name in names]
+
+
+def wanted(case: Case, results: Mapping[str, Figures]) -> Figures:
+    """Return the most that is wanted of the figures of a case."""
+    return {
+        figure: most[0] * results[most[1]][figure] if isinstance(most, tuple) else most
+        for figure, most in case.most.items()
+    }
+
+
+def row(case: Case, results: Mapping[str, Figures]) -> str:
+    """Return the row of a case in the table."""
+    cells = [case.name]
+    for figure, (_, form) in COLUMNS.items():
+        value, most = results[case.name].get(figure), wanted(case, results).get(figure)
+        text = "" if value is None else format(value, form)
+        if value is not None and most is not None:
+            text = f"{text} ≤ {most:.3g}" if value <= most else f"**{text} > {most:.3g}**"
+        cells.append(text)
+    return f"| {' | '.join((*cells, case.beside))} |"
 
 
 def main() -> None:
@@ -324,25 +324,52 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--sweeps", type=int, default=100_000, help="length of the log (default: %(default)s)"
-    )
-    parser.add_argument("--repeats", type=int, default=3, help="runs of each (default: %(default)s)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures as JSON")
-    parser.add_argument(
-        "--assert", dest="limits", action="store_true", help="exit code 1 unless the limits hold"
-    )
+    add = parser.add_argument
+    add("--sweeps", type=int, default=100_000, help="length of the longest logs (default: %(default)s)")
+    add("--repeats", type=int, default=3, help="runs of each case (default: %(default)s)")
+    add("--all", action="store_true", help="also more logs, ten times as long, and more references")
+    add("--only", default="", metavar="WORDS", help="only the cases with these words in their names")
+    add("--json", type=Path, metavar="FILE", help="also write the figures as JSON")
+    add("--assert", dest="limits", action="store_true", help="exit code 1 unless all is as wanted")
     arguments = parser.parse_args()
+    cases = chosen(CASES + MORE if arguments.all else CASES, arguments.only)
+    if not os.environ.get(REAL_LOGS):
+        cases = [case for case in cases if not case.log.recorded]
+        print(f"{REAL_LOGS} names no folder of recordings: those are left out", file=sys.stderr)
+    if not cases:
+        parser.error(f"no case has '{arguments.only}' in its name")
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    commit = run("git", "-C", str(HERE), "describe", "--always", "--dirty").output.strip()
     folder = Path(tempfile.mkdtemp(prefix="lidarcli-bench-"))
     try:
-        figures = measure(arguments.sweeps, arguments.repeats, folder)
+        results = measure(cases, arguments.sweeps, arguments.repeats, folder)
+        whole = [folder / (log.name + log.suffix) for log in (ROOM, WIDE) if arguments.all]
+        stages = [
+            f"\n```\n{log.stem}: {run(sys.executable, str(HERE / 'stages.py'), str(log)).output}```"
+            for log in whole
+            if log.exists()
+        ]
     finally:
         shutil.rmtree(folder)
-    show(figures)
+    print(f"{machine}, commit {commit}, {arguments.sweeps:,} sweeps, median of {arguments.repeats}.\n")
+    print(f"| case | {' | '.join(title for title, _ in COLUMNS.values())} | beside |")
+    print(f"|---|{'---:|' * len(COLUMNS)}---|")
+    print(*(row(case, results) for case in cases), *stages, sep="\n")
     if arguments.json:
-        arguments.json.write_text(as_json(figures), encoding="utf-8")
-    if arguments.limits and (failures := broken(figures)):
-        sys.exit("\n".join(failures))
+        told = {
+            case.name: {**results[case.name], "beside": case.beside, "wanted": wanted(case, results)}
+            for case in cases
+        }
+        text = {"machine": machine, "commit": commit, "sweeps": arguments.sweeps, "cases": told}
+        arguments.json.write_text(json.dumps(text, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    broken = [
+        f"{case.name}: {COLUMNS[figure][0]} {results[case.name][figure]:.3g} is above {most:.3g}"
+        for case in cases
+        for figure, most in wanted(case, results).items()
+        if results[case.name][figure] > most
+    ]
+    if arguments.limits and broken:
+        sys.exit("\n".join(broken))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""Write a log of the benchmark's scene, in the container that the name of the log asks for."""
+"""Write a log of a scene, or of a recording that is repeated, in the container that the name of the log asks for."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +12,16 @@ from mcap.reader import make_reader
 from mcap.well_known import SchemaEncoding
 from mcap.writer import Writer
 
+from lidarcli.logs import open_log
+from lidarcli.logs.base import ReadReport
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.scene import Sensor
 from lidarcli.simulate.writers import write_log
-from lidarcli.sweeps import TURN
+from lidarcli.sweeps import TURN, RawSweeps, concatenate
 
+BLOCK = 512
+"""Sweeps of a block that is written."""
 IMAGE = 250_000
 """Bytes of an image; what its sweeps take is a share of it."""
 
@@ -60,21 +65,46 @@ def add_images(log: Path, share: float) -> None:
     plain.unlink()
 
 
+def to_and_fro(recording: Path, sweeps: int) -> Iterator[RawSweeps]:
+    """Yield the sweeps of the first topic of a recording forwards, backwards and so on: nothing in them ever jumps.
+
+    Stamps go on evenly, by the median step of the recording.
+    """
+    with open_log(str(recording)) as log:
+        blocks = list(log.scans(None, ReadReport()))
+    topic = min(block.topic for block in blocks)
+    once = concatenate([block for block in blocks if block.topic == topic])
+    step, turn = int(np.median(np.diff(once.stamp_ns))), 2 * (len(once) - 1)
+    for first in range(0, sweeps, BLOCK):
+        number = np.arange(first, min(first + BLOCK, sweeps))
+        stamp_ns = once.stamp_ns[0] + number * step
+        rows = np.minimum(number % turn, -number % turn)
+        yield replace(once.rows(rows), stamp_ns=stamp_ns, record_ns=stamp_ns)
+
+
+def simulated(path: Path, sweeps: int, beams: int | None, jitter: int) -> Iterator[RawSweeps]:
+    """Yield the sweeps of a scene, seen by the scene's sensor or by one with other beams."""
+    scene = load_scene(path)
+    sensor = replace(with_beams(scene.sensor, beams or scene.sensor.beams), beams_jitter=jitter)
+    for block in simulate_blocks(replace(scene, sensor=sensor), sweeps):
+        yield block.raw
+
+
 def main() -> None:
     """Parse the arguments and write the log."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scene", type=Path)
+    parser.add_argument("source", type=Path, help="scene (.toml) or recording")
     parser.add_argument("sweeps", type=int)
     parser.add_argument("log", type=Path)
-    parser.add_argument("--jitter", type=int, default=0, help="by how much the beam count varies")
+    parser.add_argument("--jitter", type=int, default=0, help="by how much the beam count of a scene varies")
     parser.add_argument("--beams", type=int, help="instead of the scene's")
     parser.add_argument("--compression", help="of the container; by default zstd for MCAP, none elsewhere")
     parser.add_argument("--share", type=float, help="of the bytes of an MCAP log; images are the rest")
     arguments = parser.parse_args()
-    scene = load_scene(arguments.scene)
-    sensor = with_beams(scene.sensor, arguments.beams or scene.sensor.beams)
-    scene = replace(scene, sensor=replace(sensor, beams_jitter=arguments.jitter))
-    blocks = (block.raw for block in simulate_blocks(scene, arguments.sweeps))
+    if arguments.source.suffix == ".toml":
+        blocks = simulated(arguments.source, arguments.sweeps, arguments.beams, arguments.jitter)
+    else:
+        blocks = to_and_fro(arguments.source, arguments.sweeps)
     write_log(arguments.log, blocks, compression=arguments.compression)
     if arguments.share:
         add_images(arguments.log, arguments.share)

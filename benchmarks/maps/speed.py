@@ -29,7 +29,8 @@ def main(long: Path, sweeps: int, wide: Path, narrow: Path) -> None:
         folder = Path(name)
         for _ in range(REPEATS):
             # All messages, those that tell the poses among them.
-            iterated.append(float(run(sys.executable, str(HERE / "iterate.py"), str(long)).output.split()[0]))
+            others = run(sys.executable, str(HERE / "references.py"), "iterate", str(long))
+            iterated.append(float(others.output.split()[0]))
             mapped.append(make_map(long, folder).seconds)
         peaks = [make_map(log, folder).peak_mb for log in (wide, narrow)]
     figures = {
