@@ -107,6 +107,12 @@ class Case:
         """Log, command, and how it is run."""
         return ", ".join(filter(None, (self.log.name, self.command, self.how)))
 
+    @property
+    def needs(self) -> list[str]:
+        """Names of the cases that have to run before it."""
+        others = [most[1] for most in self.most.values() if isinstance(most, tuple)]
+        return [name for name in (self.beside, self.after, *others) if name]
+
 
 CASES = (
     Case(ROOM, "iterate"),
@@ -244,6 +250,7 @@ def figures_of(runs: Sequence[Run], others: Sequence[Run]) -> Figures:
     """Return the figures of a case, with its ratios to another: round by round, as the machine changes."""
     figures = {"seconds": median(one.seconds for one in runs), "peak_mb": max(one.peak_mb for one in runs)}
     if sweeps := runs[0].sweeps:
+        figures["sweeps"] = sweeps
         figures["per_second"] = sweeps / figures["seconds"]
         figures["us"] = 1e6 * figures["seconds"] / sweeps
         figures["cpu_us"] = 1e6 * median(one.cpu_seconds for one in runs) / sweeps
@@ -293,9 +300,7 @@ def chosen(cases: Sequence[Case], words: str) -> list[Case]:
     by_name = {case.name: case for case in cases}
     names = [name for name in by_name if words in name]
     for name in names:
-        case = by_name[name]
-        others = [most[1] for most in case.most.values() if isinstance(most, tuple)]
-        names += [other for other in (case.beside, case.after, *others) if other and other not in names]
+        names += by_name[name].needs
     return [case for case in cases if case.name in names]
 
 
@@ -325,17 +330,22 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("--sweeps", type=int, default=100_000, help="length of the longest logs (default: %(default)s)")
+    add("--sweeps", type=int, default=100_000, help="length of most logs (default: %(default)s)")
     add("--repeats", type=int, default=3, help="runs of each case (default: %(default)s)")
-    add("--all", action="store_true", help="also more logs, ten times as long, and more references")
+    add(
+        "--all",
+        action="store_true",
+        help="also more logs, one ten times as long, more references, and stages",
+    )
     add("--only", default="", metavar="WORDS", help="only the cases with these words in their names")
     add("--json", type=Path, metavar="FILE", help="also write the figures as JSON")
     add("--assert", dest="limits", action="store_true", help="exit code 1 unless all is as wanted")
     arguments = parser.parse_args()
-    cases = chosen(CASES + MORE if arguments.all else CASES, arguments.only)
+    cases = list(CASES + MORE if arguments.all else CASES)
     if not os.environ.get(REAL_LOGS):
         cases = [case for case in cases if not case.log.recorded]
         print(f"{REAL_LOGS} names no folder of recordings: those are left out", file=sys.stderr)
+    cases = chosen(cases, arguments.only)
     if not cases:
         parser.error(f"no case has '{arguments.only}' in its name")
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
