@@ -162,6 +162,7 @@ def test_formalism_imports_numpy_alone() -> None:
         "math",
         "os",
         "sys",
+        "threading",
         "typing",
     }
     assert names - standard <= {

@@ -15,7 +15,6 @@ cdef double NAN
 cdef class Core:
     cdef bint robust, adaptive, by_mean, report_walls
     cdef double threshold, group_gap
-    cdef Scans scans
     cdef Points points
     cdef Noise noise
     cdef Breakpoints breakpoints
@@ -30,19 +29,19 @@ cdef class Core:
     cdef list owner
     cdef Py_ssize_t* inner
 
-    cpdef Py_ssize_t detect(self, Columns columns, Py_ssize_t row) except -1
-    cpdef measure_noise(self, object sigma)
-    cpdef measure_differences(self, object s)
+    cpdef Py_ssize_t detect(self, Scans scans, Columns columns, Py_ssize_t row) except -1
+    cpdef measure_noise(self, Scans scans, object sigma)
+    cpdef measure_differences(self, Scans scans, object s)
 
 
-cdef void write_noise(Core core, double* out) noexcept nogil
-cdef void write_all_differences(Core core, double* out) noexcept nogil
+cdef void write_noise(Core core, Scans scans, double* out) noexcept nogil
+cdef void write_all_differences(Core core, Scans scans, double* out) noexcept nogil
 cdef void write_differences(Points points, Scans scans, double* out) noexcept nogil
-cdef void detect_row(Core core, Columns columns, Py_ssize_t row) noexcept nogil
-cdef void _as_printed(Core core) noexcept nogil
-cdef void _take_mask(Core core) noexcept nogil
-cdef void _within_mask(Core core) noexcept nogil
-cdef void _as_sensors_need(Core core) noexcept nogil
+cdef void detect_row(Core core, Scans scans, Columns columns, Py_ssize_t row) noexcept nogil
+cdef void _as_printed(Core core, Scans scans) noexcept nogil
+cdef void _take_mask(Core core, Scans scans) noexcept nogil
+cdef void _within_mask(Core core, Scans scans) noexcept nogil
+cdef void _as_sensors_need(Core core, Scans scans) noexcept nogil
 cdef void _settle(Core core) noexcept nogil
 @cython.locals(body=Py_ssize_t, value=double)
 cdef void _explain(Core core, Columns columns) noexcept nogil

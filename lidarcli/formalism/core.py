@@ -20,9 +20,8 @@ NAN = float("nan")
 class Core:
     """Finder of the objects of sweeps: room for one sweep, and the parameters."""
 
-    def __init__(self, scans: Scans, parameters: Parameters) -> None:
-        """Room for the sweeps of a batch."""
-        most = max(scans.width, 1)
+    def __init__(self, most: int, parameters: Parameters) -> None:
+        """Make room for sweeps of up to so many beams, at least one."""
         self.robust = parameters.profile == "robust"
         adaptive = parameters.threshold == "adaptive"
         self.adaptive = adaptive
@@ -30,7 +29,6 @@ class Core:
         self.threshold = 0.0 if isinstance(parameters.threshold, str) else parameters.threshold
         self.report_walls = parameters.walls
         self.group_gap = parameters.group_gap
-        self.scans = scans
         self.points = Points(most)
         self.noise = Noise(most)
         self.breakpoints = Breakpoints(most, adaptive, parameters.max_gap)
@@ -45,42 +43,42 @@ class Core:
         self.owner: list[Any] = []
         self.inner = native.integers(self.owner, 2 * most)
 
-    def detect(self, columns: Columns, row: int) -> int:
+    def detect(self, scans: Scans, columns: Columns, row: int) -> int:
         """Write the objects of the sweeps from a row on; returns the row for which the columns have no room."""
         lock = native.release()
-        while row < self.scans.rows and description.has_room(columns, self.points.most):
-            detect_row(self, columns, row)
+        while row < scans.rows and description.has_room(columns, scans.width):
+            detect_row(self, scans, columns, row)
             row += 1
         native.resume(lock)
         return row
 
-    def measure_noise(self, sigma: Any) -> None:
+    def measure_noise(self, scans: Scans, sigma: Any) -> None:
         """Write the noise of every sweep to an array (S,) [m]."""
         out = native.at_doubles(sigma)
         lock = native.release()
-        write_noise(self, out)
+        write_noise(self, scans, out)
         native.resume(lock)
 
-    def measure_differences(self, s: Any) -> None:
+    def measure_differences(self, scans: Scans, s: Any) -> None:
         """Write Def. 2's difference of every beam to an array (S, B) [m]."""
         out = native.at_doubles(s)
         lock = native.release()
-        write_all_differences(self, out)
+        write_all_differences(self, scans, out)
         native.resume(lock)
 
 
-def write_noise(core: Core, out: Any) -> None:
+def write_noise(core: Core, scans: Scans, out: Any) -> None:
     """Write the noise of every sweep; apart, as methods that hold the lock count references to what they hand on."""
-    for row in range(core.scans.rows):
-        out[row] = segmentation.sigma_of(core.noise, core.scans, row)
+    for row in range(scans.rows):
+        out[row] = segmentation.sigma_of(core.noise, scans, row)
 
 
-def write_all_differences(core: Core, out: Any) -> None:
+def write_all_differences(core: Core, scans: Scans, out: Any) -> None:
     """Write s at the beams of every sweep."""
-    for row in range(core.scans.rows):
-        segmentation.load(core.points, core.scans, row)
+    for row in range(scans.rows):
+        segmentation.load(core.points, scans, row)
         segmentation.differences(core.points)
-        write_differences(core.points, core.scans, out)
+        write_differences(core.points, scans, out)
 
 
 def write_differences(points: Points, scans: Scans, out: Any) -> None:
@@ -93,26 +91,26 @@ def write_differences(points: Points, scans: Scans, out: Any) -> None:
             out[begin + segmentation.beam_at(points, points.position[k])] = points.s[k]
 
 
-def detect_row(core: Core, columns: Columns, row: int) -> None:
+def detect_row(core: Core, scans: Scans, columns: Columns, row: int) -> None:
     """Definitions 1 to 7 on the sweep in a row of a batch."""
-    segmentation.load(core.points, core.scans, row)
+    segmentation.load(core.points, scans, row)
     segmentation.differences(core.points)
     d_mean = segmentation.mean_difference(core.points)
-    core.points.flicker = segmentation.flicker(core.points, core.scans) if core.robust else 0.0
-    core.points.sigma = segmentation.sigma_of(core.noise, core.scans, row)
+    core.points.flicker = segmentation.flicker(core.points, scans) if core.robust else 0.0
+    core.points.sigma = segmentation.sigma_of(core.noise, scans, row)
     if core.adaptive:
         core.points.d_th = segmentation.noise_threshold(core.points.sigma)
     else:
         core.points.d_th = d_mean if core.by_mean else core.threshold
-    segmentation.find_breakpoints(core.breakpoints, core.points, core.scans)
-    segmentation.cut(core.segments, core.points, core.breakpoints, core.scans)
+    segmentation.find_breakpoints(core.breakpoints, core.points, scans)
+    segmentation.cut(core.segments, core.points, core.breakpoints, scans)
     surfaces.measure_chords(core.survey, core.points, core.segments)
     if not core.robust:
-        _as_printed(core)
-    elif core.scans.has_within:
-        _within_mask(core)
+        _as_printed(core, scans)
+    elif scans.has_within:
+        _within_mask(core, scans)
     else:
-        _as_sensors_need(core)
+        _as_sensors_need(core, scans)
     if core.group_gap > 0:
         objects.group_legs(core.survey, core.points, core.segments, core.group_gap)
     if core.robust:
@@ -121,7 +119,7 @@ def detect_row(core: Core, columns: Columns, row: int) -> None:
     description.describe(
         core.description, columns, core.points, core.segments, core.survey, core.bodies, core.faces
     )
-    if columns.explained and core.robust and not core.scans.has_within:
+    if columns.explained and core.robust and not scans.has_within:
         _explain(core, columns)
     near = segmentation.nearest(core.points)
     columns.out.nearest[row] = core.points.r[near] if near >= 0 else NAN
@@ -129,10 +127,10 @@ def detect_row(core: Core, columns: Columns, row: int) -> None:
     columns.out.d_mean[row], columns.out.sweep_d_th[row] = d_mean, core.points.d_th
     columns.out.noise[row] = core.points.sigma
     if columns.per_beam:
-        write_differences(core.points, core.scans, columns.out.beam_s)
+        write_differences(core.points, scans, columns.out.beam_s)
 
 
-def _as_printed(core: Core) -> None:
+def _as_printed(core: Core, scans: Scans) -> None:
     """Profile `paper`: Definitions 5 to 7 as printed; a mask tells the objects in place of their edges."""
     surfaces.mark_vertices(core.points, core.segments, core.inner, core.description.outline.extremum)
     core.faces.count = 0
@@ -142,8 +140,8 @@ def _as_printed(core: Core) -> None:
         core.survey.label[j] = core.bodies.label[j] = j
     core.faces.offset[core.segments.count] = core.faces.count
     surfaces.measure_reach(core.survey, core.points, core.segments, core.faces)
-    if core.scans.has_within:
-        _take_mask(core)
+    if scans.has_within:
+        _take_mask(core, scans)
         objects.known(core.survey, core.segments)
     else:
         objects.fully_visible(core.survey, core.segments)
@@ -152,17 +150,17 @@ def _as_printed(core: Core) -> None:
         core.survey.thing[j] = NAN
 
 
-def _take_mask(core: Core) -> None:
+def _take_mask(core: Core, scans: Scans) -> None:
     """Mark the segments within the mask, whose border no segment crosses."""
     for j in range(core.segments.count):
-        core.survey.candidate[j] = segmentation.is_within(core.points, core.scans, core.segments.first[j])
+        core.survey.candidate[j] = segmentation.is_within(core.points, scans, core.segments.first[j])
         core.survey.wall[j] = False
         core.survey.thing[j] = NAN
 
 
-def _within_mask(core: Core) -> None:
+def _within_mask(core: Core, scans: Scans) -> None:
     """Profile `robust` where the segments that belong to objects are known: no walls to look for."""
-    _take_mask(core)
+    _take_mask(core, scans)
     core.faces.count = 0
     for j in range(core.segments.count):
         core.faces.offset[j] = core.faces.count
@@ -178,7 +176,7 @@ def _within_mask(core: Core) -> None:
         core.survey.label[j] = core.bodies.label[j]
 
 
-def _as_sensors_need(core: Core) -> None:
+def _as_sensors_need(core: Core, scans: Scans) -> None:
     """Profile `robust`: the same definitions with the estimates a real sensor needs."""
     surfaces.find_faces(core.survey, core.points, core.segments, core.faces)
     objects.find_protrusions(core.protrusions, core.survey, core.points, core.segments, core.faces)
@@ -188,9 +186,7 @@ def _as_sensors_need(core: Core) -> None:
     core.features.share = surfaces.share_of_walls(core.survey, core.points, core.segments)
     objects.join_fragments(core.bodies, core.survey, core.points, core.segments, core.survey.loose)
     features.gather(core.features, core.survey, core.points, core.segments, core.bodies)
-    features.measure(
-        core.features, core.survey, core.points, core.segments, core.faces, core.bodies, core.scans
-    )
+    features.measure(core.features, core.survey, core.points, core.segments, core.faces, core.bodies, scans)
     verdict.decide(core.verdict, core.features)
     verdict.choose(core.survey, core.segments, core.features, core.verdict)
     for j in range(core.segments.count):

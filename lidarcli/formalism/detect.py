@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -19,6 +20,10 @@ from lidarcli.sweeps import Bool, Closure, Float64, Int64, SweepBatch
 
 OBJECTS_AT_FIRST, VERTICES_AT_FIRST = 16, 3
 """Room for so many objects per sweep, and vertices per object, before it is known how many there are."""
+MOST_KEPT = 1 << 12
+"""Most beams for which a thread keeps its core: the room for them is some MB."""
+
+_LOCAL = threading.local()
 
 
 def detect(
@@ -59,10 +64,11 @@ def detect(
     >>> found.beam_i.tolist(), found.beam_f.tolist()
     ([20], [24])
     """
-    core = Core(scans(batch, within, sigma), parameters or Parameters())
+    sweeps = scans(batch, within, sigma)
+    core = _core(sweeps.width, parameters or Parameters())
     arrays, columns, row = _room(batch, per_beam, explain), Columns(), 0
     columns.attach(arrays, per_beam)
-    while (row := core.detect(columns, row)) < len(batch):
+    while (row := core.detect(sweeps, columns, row)) < len(batch):
         _enlarge(arrays, columns, len(batch) / max(row, 1))
         columns.attach(arrays, per_beam)
     _resize(arrays, columns.objects, columns.vertices, columns.faces)
@@ -102,7 +108,8 @@ def noise(batch: SweepBatch) -> Float64:
     array([0.025])
     """
     sigma = np.empty(len(batch))
-    Core(scans(batch), Parameters()).measure_noise(sigma)
+    sweeps = scans(batch)
+    _core(sweeps.width).measure_noise(sweeps, sigma)
     return sigma
 
 
@@ -132,8 +139,21 @@ def difference(batch: SweepBatch) -> Float64:
     array([[ 0.,  0., -1.,  1.]])
     """
     s = np.empty(batch.ranges.shape)
-    Core(scans(batch), Parameters()).measure_differences(s)
+    sweeps = scans(batch)
+    _core(sweeps.width).measure_differences(sweeps, s)
     return s
+
+
+def _core(width: int, parameters: Parameters | None = None) -> Core:
+    """Return the core of this thread for sweeps of up to so many beams; None for any parameters."""
+    kept: tuple[int, Parameters, Core] | None = getattr(_LOCAL, "kept", None)
+    if kept is not None and width <= kept[0] and parameters in (None, kept[1]):
+        return kept[2]
+    parameters = parameters or Parameters()
+    core = Core(max(width, 1), parameters)
+    if width <= MOST_KEPT:
+        _LOCAL.kept = width, parameters, core
+    return core
 
 
 def scans(batch: SweepBatch, within: Bool | None = None, sigma: Float64 | None = None) -> Scans:
