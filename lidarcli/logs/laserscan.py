@@ -39,8 +39,8 @@ FRAME_BEYOND = "frame_id longer than the message"
 RANGES_BEYOND = "more ranges declared than the message holds"
 
 # Plain CDR and plain XCDR2 (both ids in use): without 8-byte members a LaserScan looks the same in both.
-_BIG_ENDIAN_CDR = (0x00, 0x06, 0x10)
-_LITTLE_ENDIAN_CDR = (0x01, 0x07, 0x11)
+_BIG_ENDIAN_CDR = np.isin(np.arange(256), (0x00, 0x06, 0x10))
+_LITTLE_ENDIAN_CDR = np.isin(np.arange(256), (0x01, 0x07, 0x11))
 
 
 @record
@@ -164,9 +164,9 @@ def _read_heads(
 
     if encoding == "cdr":
         marks = _windows(buffer, heads.start, 2)
-        big = np.isin(marks[:, 1], _BIG_ENDIAN_CDR)
+        big = _BIG_ENDIAN_CDR[marks[:, 1]]
         heads = replace(heads, big=big)
-        plain = (marks[:, 0] == 0) & (big | np.isin(marks[:, 1], _LITTLE_ENDIAN_CDR))
+        plain = (marks[:, 0] == 0) & (big | _LITTLE_ENDIAN_CDR[marks[:, 1]])
         heads = check(heads, (~plain, ENCAPSULATION))
 
     words = _words(_windows(buffer, heads.start, 16), heads.big)

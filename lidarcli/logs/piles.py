@@ -13,7 +13,7 @@ import numpy as np
 
 from lidarcli.logs.base import ReadReport
 from lidarcli.range_rules import FARTHEST, PILE, RangeRules, bounds, is_marked, judge, same_range
-from lidarcli.sweeps import Bool, Float32, Float64, RawSweeps, concatenate
+from lidarcli.sweeps import Bool, Float32, Float64, Int64, RawSweeps, concatenate
 
 WINDOW = 256
 """Sweeps of a topic examined together before any of them is judged."""
@@ -55,6 +55,8 @@ MOST_PILES = 3
 """Most piles of a window; each is below the one before."""
 COARSE, MOST_COARSE = 0.25, 1 << 12
 """Width [m] and number of the bins of the first search; the last bin has no end."""
+MOST_COUNTED = 1 << 16
+"""Span [mm] of values up to which all whole numbers in it are counted; values farther apart are sorted."""
 MOST_LOST = 0.03
 """Share of beams beyond range_max that is worth a note if they look like measurements."""
 LEAST_LOST = 50
@@ -161,7 +163,8 @@ class _Topic:
             clean, _ = judge(
                 window.ranges, window.beams, low, bounds(window, self.rules)[1], self.rules.words
             )
-            clean[is_marked(window.ranges, self.rules)] = np.nan
+            if self.rules.markers or self.rules.stuck:
+                clean[is_marked(window.ranges, self.rules)] = np.nan
             self._look_for_stuck(clean)
             self._look_for_piles(window, clean)
             self._count_piled(waiting, told)
@@ -169,10 +172,12 @@ class _Topic:
 
     def _look_for_stuck(self, ranges: Float32) -> None:
         """Mark stuck beams from now on."""
-        for beam, value in find_stuck(ranges).items():
+        found = find_stuck(ranges)
+        for beam, value in found.items():
             self._stuck.setdefault(beam, (value, self._seen))
             self.rules = replace(self.rules, stuck=(*self.rules.stuck, (beam, value)))
-        ranges[is_marked(ranges, self.rules)] = np.nan
+        if found:
+            ranges[is_marked(ranges, self.rules)] = np.nan
 
     def _look_for_piles(self, window: RawSweeps, ranges: Float32) -> None:
         for _ in range(MOST_PILES):
@@ -200,10 +205,14 @@ class _Topic:
     def _look_beyond(self, window: RawSweeps, high: Float32) -> None:
         with np.errstate(invalid="ignore"):
             beyond = (window.ranges > high[:, None]) & (window.ranges <= FARTHEST)
-        beyond &= np.arange(window.ranges.shape[1]) < window.beams[:, None]
-        if np.count_nonzero(beyond) <= MOST_LOST * window.beams.sum():
+        few = MOST_LOST * window.beams.sum()
+        # Most logs have hardly anything there, not even as padding.
+        if np.count_nonzero(beyond) <= few:
             return
-        values, counts = np.unique(_millimetres(window.ranges[beyond]), return_counts=True)
+        beyond &= np.arange(window.ranges.shape[1]) < window.beams[:, None]
+        if np.count_nonzero(beyond) <= few:
+            return
+        values, counts = _counted(_millimetres(window.ranges[beyond]))
         # What a driver writes for no return is one value, or a few.
         usual = counts * CLEAR > counts.sum()
         lost = counts[~usual].sum()
@@ -258,8 +267,18 @@ def _span(least: float, most: float) -> str:
     return f"{least:g} m" if most - least < 1e-4 else f"{least:g} to {most:g} m"
 
 
-def _millimetres(values: Float32) -> np.ndarray:
+def _millimetres(values: Float32) -> Int64:
     return np.rint(values * np.float64(MILLIMETRES)).astype(np.int64)
+
+
+def _counted(values: Int64) -> tuple[Int64, Int64]:
+    """Return the distinct values (N,) in their order, and how often each is there; N > 0."""
+    least = int(values.min())
+    if int(values.max()) - least > MOST_COUNTED:
+        return np.unique(values, return_counts=True)
+    counts = np.bincount(values - least)
+    found = np.flatnonzero(counts)
+    return found + least, counts[found]
 
 
 def _pile(ranges: Float32, beams: int, steps: Float64) -> tuple[float, float] | None:
@@ -268,16 +287,16 @@ def _pile(ranges: Float32, beams: int, steps: Float64) -> tuple[float, float] | 
     share = max(math.ceil(LEAST_SHARE * beams), 1)
     if share > ranges.size:
         return None
-    last = float(np.partition(np.fmax(ranges, 0.0), -share, axis=None)[-share])
+    last = _greatest(ranges, share)
     if not last:
         return None
     edge = (min(last // COARSE, MOST_COARSE - 1) - 1) * COARSE
     band = max(LEAST_BAND, BAND * edge)
     with np.errstate(invalid="ignore"):
         far = ranges >= np.float32(edge - band)
-    values, counts = np.unique(_millimetres(ranges[far]), return_counts=True)
-    if not len(values):
+    if not far.any():
         return None
+    values, counts = _counted(_millimetres(ranges[far]))
     at = int(counts.argmax())
     band = max(LEAST_BAND, BAND * values[at] / MILLIMETRES)
     near = np.abs(values - values[at]) <= SPREAD * MILLIMETRES
@@ -297,6 +316,16 @@ def _pile(ranges: Float32, beams: int, steps: Float64) -> tuple[float, float] | 
     least, most = float(str(pile.min())), float(str(pile.max()))
     is_none = _is_seen_through(ranges, least, beams) or _is_round(ranges, least, most, steps)
     return (least, most) if is_none else None
+
+
+def _greatest(ranges: Float32, n: int) -> float:
+    """Return the n-th greatest of (S, B) ranges, 0 where fewer are above that [m]."""
+    # As many bearings have one no less than the n-th greatest of their farthest ones: only what is no less is looked at.
+    farthest = np.fmax(np.fmax.reduce(ranges, axis=0), 0.0)
+    least = np.partition(farthest, -n)[-n] if n <= len(farthest) else 0.0
+    with np.errstate(invalid="ignore"):
+        far = ranges[ranges >= least]
+    return float(np.partition(far, -n)[-n]) if n <= len(far) else 0.0
 
 
 def _is_seen_through(ranges: Float32, least: float, beams: int) -> bool:
@@ -337,6 +366,8 @@ STUCK_SWEEPS = 10
 """Fewest sweeps in which stuck beams are looked for."""
 STEADY = 0.95
 """Least share of sweeps in which a stuck beam has its range."""
+SOME = 4
+"""One of these sweeps in this many is looked at first."""
 BODY = 1.0
 """Nearer ranges [m] are part of the robot."""
 MOST_STUCK = 0.02
@@ -356,8 +387,11 @@ def find_stuck(ranges: Float32) -> dict[int, float]:
     if len(ranges) < STUCK_SWEEPS:
         return {}
     usual = ranges[len(ranges) // 2]
-    same = same_range(ranges, usual)
-    stuck = (same.mean(axis=0) >= STEADY) & (usual > BODY)
+    # A few sweeps tell of nearly all beams that they change too often.
+    changes = np.count_nonzero(~same_range(ranges[::SOME], usual), axis=0)
+    steady = np.flatnonzero((changes <= (1.0 - STEADY) * len(ranges) + 1.0) & (usual > BODY))
+    stuck = np.zeros(len(usual), bool)
+    stuck[steady] = same_range(ranges[:, steady], usual[steady]).mean(axis=0) >= STEADY
     if not 0 < np.count_nonzero(stuck) <= max(1.0, MOST_STUCK * len(stuck)) or not _moves(ranges):
         return {}
     return {
