@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from lidarcli import foxglove
 from lidarcli.choices import ECHOES
@@ -82,8 +82,7 @@ class Damage:
     """The cause, and the loss where it is known."""
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
+class Message(NamedTuple):
     """One raw message of a topic that is not a LaserScan (poses), undecoded."""
 
     topic: str

@@ -144,13 +144,11 @@ def decode_ros(
     kind : message type as `ros_type` spells it
     encoding : `cdr` or `ros1`
     """
-    by_length: dict[int, list[int]] = {}
-    for index, message in enumerate(messages):
-        by_length.setdefault(len(message), []).append(index)
-    for length, indices in by_length.items():
-        rows = np.array(indices, np.intp)
-        joined = b"".join(messages[index] for index in indices)
-        matrix = np.frombuffer(joined, np.uint8).reshape(len(indices), length)
+    lengths = np.array([*map(len, messages)], np.intp)
+    for length in dict.fromkeys(lengths.tolist()):
+        rows = np.flatnonzero(lengths == length)
+        joined = b"".join(map(messages.__getitem__, rows.tolist()))
+        matrix = np.frombuffer(joined, np.uint8).reshape(len(rows), length)
         while len(rows):
             walker = _Walker(messages[rows[0]], kind, encoding)
             try:

@@ -270,19 +270,21 @@ class Tracks:
         self.left_out = 0
         """Poses beyond the most that are kept, or of more frames than are followed."""
         self._room = most
-        self._waiting: dict[tuple[str, str, str], list[Message]] = {}
+        self._waiting: dict[tuple[str, str, str], tuple[list[int], list[bytes]]] = {}
+        """Topic, type and encoding → record times and messages."""
         self._bytes = 0
         self._growing: dict[tuple[str, str, str, str], _Growing] = {}
 
     def add(self, messages: Iterable[Message]) -> None:
         """Take messages in log order."""
-        for message in messages:
-            key = message.topic, message.type, message.encoding
+        for topic, kind, encoding, record_ns, message in messages:
+            key = topic, kind, encoding
             if (waiting := self._waiting.get(key)) is None:
-                waiting = self._waiting[key] = []
-            waiting.append(message)
-            self._bytes += len(message.data)
-            if len(waiting) >= TOGETHER:
+                waiting = self._waiting[key] = [], []
+            waiting[0].append(record_ns)
+            waiting[1].append(message)
+            self._bytes += len(message)
+            if len(waiting[0]) >= TOGETHER:
                 self._flush(key)
             elif self._bytes >= TOGETHER_BYTES:
                 self._flush_all()
@@ -298,14 +300,13 @@ class Tracks:
 
     def _flush(self, key: tuple[str, str, str]) -> None:
         topic, kind, encoding = key
-        waiting = self._waiting.pop(key)
-        data = [message.data for message in waiting]
+        times, data = self._waiting.pop(key)
         self._bytes -= sum(map(len, data))
         refused: Counter[str] = Counter()
         found: dict[tuple[str, str], list[PoseRows]] = {}
         for rows in _decode(kind, encoding, data, refused):
             found.setdefault((rows.parent, rows.child), []).append(rows)
-        record_ns = np.array([message.record_ns for message in waiting], np.int64)
+        record_ns = np.array(times, np.int64)
         for (parent, child), parts in found.items():
             self._take((topic, kind, parent, child), parts, record_ns, refused)
         for cause, count in refused.items():

@@ -233,7 +233,7 @@ def test_two_sensors_have_a_chain_each() -> None:
 def test_clocks_that_differ_are_not_mixed() -> None:
     far = 93 * 86400 * SECOND
     messages = [
-        replace(odometry(START - far + k * SECOND, "odom", "laser", (k, 0, 0)), record_ns=START + k * SECOND)
+        odometry(START - far + k * SECOND, "odom", "laser", (k, 0, 0))._replace(record_ns=START + k * SECOND)
         for k in range(6)
     ]
     poses, notes = posed(messages)
@@ -244,7 +244,7 @@ def test_clocks_that_differ_are_not_mixed() -> None:
         "apart, though both were recorded at the same time: the clocks differ"
     )
     # Recorded at other times, it is no fault of a clock.
-    _, notes = posed([replace(message, record_ns=message.record_ns - far) for message in messages])
+    _, notes = posed([message._replace(record_ns=message.record_ns - far) for message in messages])
     assert (
         notes[1]
         == "without a pose: 40 of 40 sweeps of frame laser, whose stamps are outside the span of /odom"

@@ -8,7 +8,7 @@ declares more than 1 GiB (`records.MAX_CHUNK`) is refused.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -49,7 +49,7 @@ class _Columns:
         if len(rows) >= TOGETHER and not packed:
             yield from self.gather.decode(rows.data, rows.start, rows.length, rows.log_ns)
             return
-        for data, log_ns in _payloads(rows):
+        for data, log_ns in zip(_payloads(rows), rows.log_ns.tolist(), strict=True):
             plain = unpack_message(data, self.unpacking) if packed else data
             if plain is None:
                 self.gather.report.refused[(self.gather.topic, PACKED_CAUSE)] += 1
@@ -70,7 +70,7 @@ class _OneByOne:
     waiting: list[tuple[int, bytes]] = field(default_factory=list)
 
     def decode(self, rows: Messages) -> Iterator[RawSweeps]:
-        self.waiting += [(log_ns, data) for data, log_ns in _payloads(rows)]
+        self.waiting += zip(rows.log_ns.tolist(), _payloads(rows), strict=True)
         if len(self.waiting) >= TOGETHER:
             yield from self.flush()
 
@@ -87,11 +87,10 @@ def _are_packed(rows: Messages) -> bool:
     return rows.data[start : start + min(len(ZSTD_MAGIC), int(rows.length[0]))].tobytes() == ZSTD_MAGIC
 
 
-def _payloads(rows: Messages) -> Iterator[tuple[bytes, int]]:
-    for start, length, log_ns in zip(
-        rows.start.tolist(), rows.length.tolist(), rows.log_ns.tolist(), strict=True
-    ):
-        yield rows.data[start : start + length].tobytes(), log_ns
+def _payloads(rows: Messages) -> Iterator[bytes]:
+    data = rows.data.data
+    for start, end in zip(rows.start.tolist(), (rows.start + rows.length).tolist(), strict=True):
+        yield data[start:end].tobytes()
 
 
 @dataclass(slots=True)
@@ -247,11 +246,16 @@ class McapLog:
                 key: (known.channels[key].topic, known.type(key), known.channels[key].message_encoding)
                 for key in np.unique(rows.channel).tolist()
             }
-            packed = _are_packed(rows)
-            for key, (data, log_ns) in zip(rows.channel.tolist(), _payloads(rows), strict=True):
-                plain = unpack_message(data, self._unpacking) if packed else data
-                if plain is not None:
-                    yield Message(*kinds[key], log_ns, plain)
+            named = zip(*map(kinds.__getitem__, rows.channel.tolist()), strict=True)
+            found = map(Message, *named, rows.log_ns.tolist(), _payloads(rows))
+            yield from self._unpacked(found) if _are_packed(rows) else found
+
+    def _unpacked(self, messages: Iterable[Message]) -> Iterator[Message]:
+        """Yield the messages of a ROS 2 bag that has compressed each of them."""
+        for message in messages:
+            plain = unpack_message(message.data, self._unpacking)
+            if plain is not None:
+                yield message._replace(data=plain)
 
     def _decoder(self, key: int, report: ReadReport) -> _Columns | _OneByOne | None:
         """Return the decoder of a channel; None, with a note where due, if its messages are no sweeps."""
