@@ -100,12 +100,14 @@ def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
             continue
         codes = np.concatenate(track.stood)
         track.stood.clear()
-        rest = np.zeros(len(codes), np.uint8)
-        pending.append(Path(track, track.told - len(codes), _at_rest(track, len(codes)), codes, rest))
-        rows += len(codes)
-        if rows >= MOST_ROWS:
-            yield joined(sweeps, pending)
-            pending, rows = [], 0
+        for first in range(0, len(codes), MOST_ROWS):
+            some = codes[first : first + MOST_ROWS]
+            begin, rest = track.told - len(codes) + first, np.zeros(len(some), np.uint8)
+            pending.append(Path(track, begin, _at_rest(track, len(some)), some, rest))
+            rows += len(some)
+            if rows >= MOST_ROWS:
+                yield joined(sweeps, pending)
+                pending, rows = [], 0
     if pending:
         yield joined(sweeps, pending)
 
