@@ -96,23 +96,35 @@ class _Look:
     """A look at the sweeps of one topic and frame, in log order."""
 
     def __init__(
-        self, told: Way | None, order: str, *, whole: bool = False, guess: Way | None = None
+        self,
+        told: Way | None,
+        order: str,
+        *,
+        whole: bool = False,
+        guess: Way | None = None,
+        wanted: bool = True,
     ) -> None:
         self.told = told
         self.path = MatchedPath(Timing(order))
         self.is_whole = True
         """True where every sweep was matched."""
         self.sweeps = 0
-        self._whole, self._guess = whole, guess
-        self._held: list[SweepBatch] | None = [] if order == AUTO else None
+        self._whole, self._guess, self._wanted = whole, guess, wanted
+        self._held: list[SweepBatch] | None = [] if order == AUTO and wanted else None
 
     def add(self, sweeps: SweepBatch) -> None:
-        """Take sweeps; of a sensor that has stood so far, only some are matched."""
+        """Take sweeps. Some are matched while the sensor stands, and none once it has moved if no path is wanted."""
+        if self.sweeps < PERIOD < self.sweeps + len(sweeps):
+            rows = np.arange(len(sweeps))
+            for part in np.split(rows, [PERIOD - self.sweeps]):
+                self.add(sweeps.rows(part))
+            return
+        part = np.arange(len(sweeps))
         if not self._whole and self.sweeps >= PERIOD and self.stands:
-            part = np.flatnonzero((self.sweeps + np.arange(len(sweeps))) % PERIOD < SAMPLE)
+            part = part[(self.sweeps + part) % PERIOD < SAMPLE]
             self.is_whole = False
-        else:
-            part = np.arange(len(sweeps))
+        elif not self._wanted and not self.may_stand:
+            part = part[:0]
         self.sweeps += len(sweeps)
         if not len(part):
             return
@@ -142,6 +154,11 @@ class _Look:
     def stands(self) -> bool:
         """True where the sensor has not moved so far."""
         return stands(self.path.poses, self.path.slides)
+
+    @property
+    def may_stand(self) -> bool:
+        """True until the sensor was seen to move in the sweeps so far."""
+        return self.sweeps < PERIOD or self.stands
 
     @property
     def is_guided(self) -> bool:
@@ -191,7 +208,7 @@ def check_paths(
     named : the user has named the poses, so they are taken as they are
     match : the matched paths are taken in any case
     need : sensors without told poses that need a path
-    wanted : False to tell only when the sensor stands
+    wanted : False to tell only whether the sensor stands, until it was seen to move
     order : order of the beams, of `BEAM_ORDERS`
 
     Returns
@@ -211,10 +228,10 @@ def check_paths(
             told = told_by(key[1])
             if len(looks) == MOST_MATCHED or (told is None and need is Need.TOLD and not match):
                 continue
-            looks[key] = _Look(told, order, whole=match)
+            looks[key] = _Look(told, order, whole=match, wanted=wanted)
         looks[key].add(sweeps)
         if {topic for topic, _ in looks} >= expected > set() and all(
-            look.is_enough for look in looks.values()
+            look.is_enough if wanted else not look.may_stand for look in looks.values()
         ):
             for look in looks.values():
                 look.is_whole = False
@@ -225,7 +242,8 @@ def check_paths(
         look.settle()
         found[key] = _checked(key, look, named, matched)
         if not wanted:
-            found[key] = replace(found[key], verdict="none", way=None, notes=())
+            still = found[key].still if look.may_stand else np.zeros(0, bool)
+            found[key] = replace(found[key], verdict="none", way=None, notes=(), still=still)
         elif (second := _second_look(look, found[key], named)) is not None:
             again[key] = second
     if again:
