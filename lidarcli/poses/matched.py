@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidarcli.choices import BEAM_ORDERS, MATCH
 from lidarcli.formalism.scan_matching import Matcher
@@ -114,7 +116,7 @@ class MatchedPath:
     @property
     def stamp_ns(self) -> Int64:
         """(S,) stamps of all sweeps [ns]."""
-        return np.concatenate(self._stamp_ns) if self._stamp_ns else np.zeros(0, np.int64)
+        return _one(self._stamp_ns) if self._stamp_ns else np.zeros(0, np.int64)
 
     @property
     def poses(self) -> Float64:
@@ -178,7 +180,7 @@ class MatchedPath:
             return None
         half, flat = 0.5 * poses[there, 2], np.zeros(len(there))
         numbers = np.column_stack([poses[there, :2], flat, flat, flat, np.sin(half), np.cos(half)])
-        record_ns = np.concatenate(self._record_ns)
+        record_ns = _one(self._record_ns)
         return gathered(
             (topic, TYPE, MATCH, frame), self.stamp_ns[there], numbers, record_ns[there], Counter()
         )
@@ -211,9 +213,16 @@ class MatchedPath:
         return long
 
     def _column(self, which: int | slice) -> Float64:
-        found = np.concatenate(self._found) if self._found else np.zeros((0, self._matcher.columns))
+        found = _one(self._found) if self._found else np.zeros((0, self._matcher.columns))
         column: Float64 = found[:, which]
         return column
+
+
+def _one(parts: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return parts as one array, and keep this in their place: a path is asked for after each batch."""
+    if len(parts) > 1:
+        parts[:] = [np.concatenate(parts)]
+    return parts[0]
 
 
 def order_of(paths: Mapping[str, MatchedPath], duration: float) -> str:

@@ -42,7 +42,7 @@ ORDERED = ("log", "topic", "station", "sweep", "stamp")
 """Columns with statistics: rows are in their order, so that readers may skip row groups."""
 MOST_PARTS = 500
 """Batches that wait as they came: thousands of tiny ones would take far more memory than their rows."""
-MOST_BYTES = 32 << 20
+MOST_BYTES = 8 << 20
 """Bytes of rows that wait in memory for the rows of an earlier topic; more are put on disk."""
 BATCH_BYTES = 6 << 10
 """Bytes that a batch takes beside its rows: its columns, each with a type, buffers and a dictionary."""

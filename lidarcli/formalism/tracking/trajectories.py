@@ -57,7 +57,7 @@ class Sweeps:
         """Add the next sweeps; `posed`: True where places are those of the world."""
         stop = self.count + len(index)
         if stop > len(self._index):
-            room = max(2 * len(self._index), stop)
+            room = max(len(self._index) * 5 // 4, stop)
             for name in ("_index", "_stamp", "_seconds", "_posed"):
                 old = getattr(self, name)
                 more = np.empty(room, old.dtype)
