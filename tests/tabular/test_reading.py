@@ -299,8 +299,8 @@ def test_a_beams_table_that_cannot_be_read_leaves_the_rest_of_the_page(
     pq.write_table(replaced(table, "beam", far), path)
     assert run(["-q", "report", str(tables / "room.objects.parquet"), "-o", str(page), "--overwrite"]) == 3
     assert capfd.readouterr().err == (
-        f"lidarcli: {path}: column beam holds 2,147,483,646: 6 sweeps of so many beams are too many to show\n"
-    ).replace("646", "647")
+        f"lidarcli: {path}: column beam holds 2,147,483,647: 6 sweeps of so many beams are too many to show\n"
+    )
 
 
 def test_only_columns_that_say_so_may_be_null() -> None:
