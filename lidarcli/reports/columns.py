@@ -23,7 +23,7 @@ BEAMS_OF_OBJECTS = ("object_beams", "agent_beams")
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where the rows of one pair of tables come from."""
+    """Origin of the rows of one pair of tables."""
 
     label: str
     """The objects table as the user named it."""
@@ -37,7 +37,7 @@ class Origin:
     """Tables of the mask of the robot itself, as of a mask file."""
     damage: tuple[str, ...] = ()
     tracked: bool = False
-    """Whether a tracks table lies beside."""
+    """True if a tracks table lies beside."""
 
 
 @dataclass(frozen=True)
@@ -118,11 +118,11 @@ class Rows:
         return codes == names.index(word) if word in names else np.zeros(len(codes), bool)
 
     def has_any(self, name: str) -> bool:
-        """Whether the column is there with any value at all."""
+        """Return True if the column is there with any value at all."""
         return name in self.table.column_names and self.table[name].null_count < len(self)
 
     def counts(self, name: str, where: NDArray[np.bool_] | None = None) -> dict[str, int]:
-        """How often each name occurs among the rows of `where`."""
+        """Count how often each name occurs among the rows of `where`."""
         codes, names = self.words(name)
         chosen = codes if where is None else codes[where]
         totals = np.bincount(chosen[chosen >= 0], minlength=len(names))

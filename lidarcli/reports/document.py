@@ -208,7 +208,7 @@ class Document(ABC):
 
     @property
     def holds(self) -> bool:
-        """Whether every check holds and all of the data could be read."""
+        """True if every check holds and all of the data could be read."""
         return not self.exit_code
 
     @property

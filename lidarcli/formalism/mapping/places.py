@@ -50,7 +50,7 @@ MAP_STEP = 0.2
 
 @record
 class ByPlace:
-    """What the places of K bodies say; NaN where a body is in no place that is known."""
+    """Evidence of the places of K bodies; NaN where a body is in no place that is known."""
 
     thing: Float64
     """(K,) probability of being a thing."""

@@ -29,7 +29,7 @@ SIZE_OUTLIER = 9e-4
 
 @record
 class Followed:
-    """What tracking adds to the detection of one batch: K objects in the order of the detection, S sweeps.
+    """Results of tracking that complete the detection of one batch: K objects in the order of the detection, S sweeps.
 
     The fields that a `Detection` has as well take the place of its own.
     """
