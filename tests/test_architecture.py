@@ -13,7 +13,7 @@ MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if 
 
 GROUND = {"_version", "choices", "columns", "errors", "native"}
 OPTIONS = {"option_forms", "options"}
-CORE = GROUND | {"display", "masks", "range_rules", "sweeps", "times"}
+CORE = GROUND | {"display", "findings", "masks", "range_rules", "sweeps", "times", "zones"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
@@ -34,6 +34,8 @@ MAY_IMPORT = {
     "display": set[str](),
     "sweeps": {"columns", "display"},
     "masks": {"errors", "sweeps"},
+    "zones": {"masks", "sweeps"},
+    "findings": set[str](),
     "range_rules": {"errors", "masks", "ranges", "sweeps"},
     "logs": CORE | {"foxglove", "ros"},
     "poses": CORE | {"foxglove", "formalism", "logs", "ros"},

@@ -27,6 +27,8 @@ TABLES = {
     "trajectories": "One row per thing and sweep, from its first sight to its last (`track`); the rows of a thing "
     "are in the order of time, those of several are mixed. [track.md](track.md#trajectories) says more.",
     "beams": "One row per beam of each sweep (`--beams`).",
+    "events": "One row per event of a zone, by start (`zones`); [zones.md](zones.md) says what an event is.",
+    "zones": "One row per sweep and zone, ordered by topic, sweep and zone (`zones`).",
 }
 METADATA = {
     writing.VERSION: "version of lidarcli",

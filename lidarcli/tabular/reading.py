@@ -28,7 +28,12 @@ DEEPEST_METADATA = 20
 """Levels of lists and objects in a value of the metadata; what lidarcli writes has four."""
 ANY = "any"
 """Kind of a table whose columns are not checked."""
-MAKERS = {"background": "background build", "tracks": "track", "trajectories": "track", "matches": "match"}
+MAKERS = {
+    "background": "background build",
+    "tracks": "track",
+    "trajectories": "track",
+    "matches": "match",
+} | dict.fromkeys(("events", "zones"), "zones")
 """Kind of table → the command that writes it, where that is not `detect`."""
 KINDS = {**SCHEMAS, "background": BACKGROUND, "matches": MATCHES}
 """Kind of table → the columns by which it is recognised."""

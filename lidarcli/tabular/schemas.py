@@ -7,9 +7,10 @@ from collections.abc import Iterable, Mapping
 import pyarrow as pa
 
 from lidarcli.columns import Column, columns_of
-from lidarcli.formalism.detection import COLUMNS, fields_per
+from lidarcli.formalism.detection import COLUMNS, SETS, fields_per
 from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
 from lidarcli.sweeps import STATUSES
+from lidarcli.zones import ACTIONS
 
 TEXT = pa.dictionary(pa.int32(), pa.string())
 STAMP = pa.timestamp("ns", tz="UTC")
@@ -77,6 +78,9 @@ _POSE = (
     ),
     Column("pose_yaw", "float64", "rad", "sensor yaw in the world frame; null without a pose", nullable=True),
 )
+EVENT_KINDS = ("occupied", "approach", "visit", "crossing", "stale")
+DIRECTIONS = ("in", "out")
+_ZONE = Column("zone", "text", "", "name of the zone")
 _LABEL, _LABEL_SCORE = COLUMNS["label"], COLUMNS["label_score"]
 _STATUSES = {
     "valid": "beams with a range",
@@ -142,6 +146,108 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("r", "float32", "m", "range; null where the beam has none", nullable=True),
         Column("status", "text", "", "valid, no_return, too_close, invalid or masked", words=STATUSES),
         *(COLUMNS[name] for name in ("beam_s", "beam_set", "beam_object", "beam_difference")),
+    ),
+    "events": (
+        _LOG,
+        _TOPIC._replace(meaning="scan topic with most of the points; of `stale` the one that tells nothing"),
+        _FRAME,
+        Column("event", "int64", "1", "number of the event in its log, 1, 2, ... by its start"),
+        Column("first_sweep", "int64", "1", "sweep of the topic with which it begins"),
+        Column("last_sweep", "int64", "1", "last sweep of the topic that belongs to it"),
+        Column("sweeps", "int64", "1", "sweeps with enough points from its begin to its end"),
+        _ZONE,
+        Column("kind", "text", "", "occupied, approach, visit, crossing or stale", words=EVENT_KINDS),
+        Column(
+            "action",
+            "text",
+            "",
+            "what the zone asks for: stop, slowdown, limit, approach or none",
+            words=ACTIONS,
+        ),
+        Column(
+            "polygon", "text", "", "part of a velocity_polygon that counted; null elsewhere", nullable=True
+        ),
+        Column("start", "stamp", "ns", "stamp with which it begins"),
+        Column("end", "stamp", "ns", "last stamp that belongs to it"),
+        Column("t", "float64", "s", "begin, in seconds since the first sweep of the log's zones"),
+        Column("duration", "float64", "s", "from start to end"),
+        Column("cut", "bool", "", "true where it goes on at an end of the log"),
+        Column("points", "int32", "1", "most points at once; null where none are counted", nullable=True),
+        Column("agents", "int32", "1", "most agents at once; null without tracks", nullable=True),
+        Column(
+            "nearest",
+            "float64",
+            "m",
+            "least distance from the sensor; null where nothing is measured",
+            nullable=True,
+        ),
+        Column(
+            "bearing",
+            "float64",
+            "rad",
+            "bearing there, seen from the sensor; null like `nearest`",
+            nullable=True,
+        ),
+        *(
+            Column(
+                axis,
+                "float64",
+                "m",
+                "nearest point in the frame of the zone; null like `nearest`",
+                nullable=True,
+            )
+            for axis in "xy"
+        ),
+        Column(
+            "set",
+            "text",
+            "",
+            "set of most points at that moment: O, A or S (walls and the rest); null where no objects are known",
+            words=SETS,
+            nullable=True,
+        ),
+        Column("track", "int64", "1", "track of most points at that moment; null without one", nullable=True),
+        Column("label", "text", "", "its name in the catalogue; null without one", nullable=True),
+        Column(
+            "direction",
+            "text",
+            "",
+            "of a crossing: in or out; null elsewhere",
+            words=DIRECTIONS,
+            nullable=True,
+        ),
+        Column("ttc", "float64", "s", "least time to collision; null where none was found", nullable=True),
+        Column(
+            "speed",
+            "float64",
+            "m/s",
+            "greatest speed of the robot meanwhile; null where it is not known",
+            nullable=True,
+        ),
+    ),
+    "zones": (
+        *(_LOG, _TOPIC, _SWEEP, _STAMP, _SECONDS._replace(later=False)),
+        _ZONE,
+        Column("points", "int32", "1", "points in the zone, with the newest ones of other sensors"),
+        Column(
+            "nearest",
+            "float64",
+            "m",
+            "least distance of such a point from its sensor; null without one",
+            nullable=True,
+        ),
+        Column("ttc", "float64", "s", "time to collision; null where none is near", nullable=True),
+        Column("active", "bool", "", "whether an event of the zone goes on"),
+        Column(
+            "things",
+            "int32",
+            "1",
+            "tracks or objects of sets O and A with points in it; null without objects",
+            nullable=True,
+        ),
+        Column("agents", "int32", "1", "agents in it, hidden ones too; null without tracks", nullable=True),
+        Column("masked", "int32", "1", "points in it that a mask leaves out"),
+        Column("seen", "float32", "1", "share of its area that is in view and not hidden"),
     ),
     "background": (
         *(_TOPIC, _FRAME),
@@ -244,7 +350,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 """Table → its columns, in order."""
 
-OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, BACKGROUND, MATCHES, CLOUD, POSES, RUNS = map(
+OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, BACKGROUND, MATCHES, CLOUD, POSES, RUNS = map(
     schema_of, TABLES.values()
 )
 SCHEMAS = {
@@ -253,6 +359,8 @@ SCHEMAS = {
     "tracks": TRACKS,
     "trajectories": TRAJECTORIES,
     "beams": BEAMS,
+    "events": EVENTS,
+    "zones": ZONES,
 }
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 

@@ -108,6 +108,29 @@ CONTRACT = {
         ("object", "int32"),
         ("difference", "float"),
     ],
+    "events": [
+        *SOURCE[:3],
+        *[(name, "int64") for name in ("event", "first_sweep", "last_sweep", "sweeps")],
+        *[(name, TEXT) for name in ("zone", "kind", "action", "polygon")],
+        *[(name, STAMP) for name in ("start", "end")],
+        *doubles("t duration"),
+        ("cut", "bool"),
+        *counts("points agents"),
+        *doubles("nearest bearing x y"),
+        ("set", TEXT),
+        ("track", "int64"),
+        *[(name, TEXT) for name in ("label", "direction")],
+        *doubles("ttc speed"),
+    ],
+    "zones": [
+        *[one for one in SOURCE if one[0] != "frame_id"],
+        ("zone", TEXT),
+        *counts("points"),
+        *doubles("nearest ttc"),
+        ("active", "bool"),
+        *counts("things agents masked"),
+        ("seen", "float"),
+    ],
 }
 
 OPEN = {
@@ -117,5 +140,7 @@ OPEN = {
     "tracks": "label label_score length width length_sd width_sd moved_at",
     "trajectories": "",
     "beams": "r s object difference",
+    "events": "polygon points agents nearest bearing x y set track label direction ttc speed",
+    "zones": "nearest ttc things agents",
 }
 """Columns that may be null; all others have a value in every row."""

@@ -6,6 +6,7 @@ import pyarrow as pa
 import pytest
 
 from lidarcli.tabular import BEAMS, OBJECTS, SCHEMAS, SWEEPS, TRACKS, TRAJECTORIES
+from lidarcli.tabular.schemas import EVENTS, ZONES
 from tests.tabular.contract import CONTRACT, OPEN
 
 
@@ -35,4 +36,6 @@ def test_table_names() -> None:
         "tracks": TRACKS,
         "trajectories": TRAJECTORIES,
         "beams": BEAMS,
+        "events": EVENTS,
+        "zones": ZONES,
     }

@@ -60,6 +60,16 @@ class Pair:
         return self._table("beams")
 
     @property
+    def events(self) -> Place:
+        """The events of zones; it need not be there."""
+        return self._table("events")
+
+    @property
+    def zones(self) -> Place:
+        """The zones in every sweep; it is there where the events are."""
+        return self._table("zones")
+
+    @property
     def log(self) -> str:
         """The name of the log, as far as the paths tell it."""
         name = self.objects.name

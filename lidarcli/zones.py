@@ -1,0 +1,130 @@
+"""Zones: areas and lines that are watched, by the rules of Nav2's Collision Monitor, and who counts in them.
+
+An offline check of a recording, no safety function.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from lidarcli.masks import Circle, Masks, Polygon
+from lidarcli.sweeps import Bool, Float64
+
+SENSOR, ROBOT, WORLD = "sensor", "robot", "world"
+"""Names of frames that every log has; any other name is that of a frame of its transforms."""
+Action = Literal["stop", "slowdown", "limit", "approach", "none"]
+ACTIONS: tuple[Action, ...] = ("stop", "slowdown", "limit", "approach", "none")
+Count = Literal["beams", "things", "agents"]
+COUNTS: tuple[Count, ...] = ("beams", "things", "agents")
+"""Beams that count: every valid one, those on things (sets O and A), those on agents (set A)."""
+MIN_POINTS = 4
+HOLD = 0.5
+"""Time below `min_points` until an event ends [s]."""
+TIMEOUT = 2.0
+"""Age from which on the last sweep of a sensor tells nothing of now [s]."""
+TIME_BEFORE_COLLISION, TIME_STEP = 2.0, 0.1
+"""How far ahead `approach` looks, and in which steps [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line from one point to another [m]; `in` is across it to the left of this way."""
+
+    first: tuple[float, float]
+    second: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A polygon that counts while the robot has some velocities; limits are included."""
+
+    name: str
+    shape: Polygon
+    linear: tuple[float, float]
+    """Least and greatest velocity ahead [m/s]; of a holonomic robot its speed."""
+    turning: tuple[float, float]
+    """Least and greatest turn rate [rad/s]."""
+    direction: tuple[float, float] | None = None
+    """Of a holonomic robot: first and last direction of its velocity, counted against the clock [rad]."""
+
+    def covers(self, velocity: Float64) -> Bool:
+        """Return (S,) whether it counts at velocities (S, 3): ahead, left [m/s], turning [rad/s]."""
+        ahead, left, turning = velocity.T
+        speed = ahead if self.direction is None else np.hypot(ahead, left)
+        covered: Bool = (self.turning[0] <= turning) & (turning <= self.turning[1])
+        covered &= (self.linear[0] <= speed) & (speed <= self.linear[1])
+        if self.direction is not None:
+            first, last = self.direction
+            direction = np.arctan2(left, ahead)
+            after, before = first <= direction, direction <= last
+            covered &= after & before if first <= last else after | before
+        return covered
+
+
+@dataclass(frozen=True, slots=True)
+class Zone:
+    """An area or line that is watched. Metres, seconds."""
+
+    name: str
+    shape: Circle | Polygon | Line | None
+    """None where it is one of the `cases`, or told by `shape_topic`."""
+    frame: str = SENSOR
+    action: Action = "none"
+    count: Count = "beams"
+    min_points: int = MIN_POINTS
+    """Fewest points with which it is occupied."""
+    trigger: int = 1
+    """Sweeps in a row until an event begins."""
+    release: int = 1
+    """Sweeps in a row with fewer points until it ends ..."""
+    hold: float = 0.0
+    """... and the time that has passed then since the last one with enough [s]."""
+    topics: tuple[str, ...] = ()
+    """Scan topics whose points count; all by default."""
+    timeout: float = TIMEOUT
+    """Age from which on the last sweep of a topic does not count [s]; 0: never too old."""
+    cases: tuple[Case, ...] = ()
+    """The first that covers the velocity counts; where none does, the one before stays."""
+    shape_topic: str = ""
+    """Topic of geometry_msgs/PolygonStamped that tells the shape."""
+    velocity_topic: str = ""
+    """Topic of geometry_msgs/Twist(Stamped) that tells the velocity; where the log has none, poses do."""
+    time_before_collision: float = TIME_BEFORE_COLLISION
+    time_step: float = TIME_STEP
+    """How far ahead `approach` looks, and in which steps [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Zones:
+    """The zones of a file, and what else it tells."""
+
+    zones: tuple[Zone, ...]
+    masks: Masks = field(default_factory=Masks)
+    """Masks of what never counts, and the mounts of sensors; a mask of frame `robot` is in the frame of the robot."""
+    notes: tuple[str, ...] = ()
+    """Parts of the file that are not used."""
+    robot: str = ""
+    """Name of the frame `robot`, where the file tells it."""
+
+
+def inside(shape: Circle | Polygon, x: Float64, y: Float64) -> Bool:
+    """Return which points (N,) [m] are inside of a shape: strictly within a circle, by the even-odd rule in a polygon.
+
+    The edges of a polygon are half open, as in the Collision Monitor: a point on an edge of two polygons is in one of them.
+    """
+    if isinstance(shape, Circle):
+        dx, dy = x - shape.x, y - shape.y
+        within: Bool = dx * dx + dy * dy < shape.radius * shape.radius
+        return within
+    odd = np.zeros(x.shape, np.bool_)
+    before_x, before_y = shape.corners[-1]
+    for corner_x, corner_y in shape.corners:
+        crosses = (y <= before_y) == (y > corner_y)
+        if crosses.any():
+            at = before_x + (y - before_y) * (corner_x - before_x) / (corner_y - before_y)
+            odd ^= crosses & (at > x)
+        before_x, before_y = corner_x, corner_y
+    return odd
