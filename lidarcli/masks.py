@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -152,7 +152,7 @@ class Masks:
 
     masks: tuple[Mask, ...] = ()
     mounts: tuple[Mount, ...] = ()
-    """Of several for one frame the first counts, before it one that leads straight to the frame of a mask."""
+    """As of `mount_in`."""
     path: str = ""
     """File that they were read from, if any."""
     learn: bool = False
@@ -192,24 +192,35 @@ class Masks:
 
     def _rays(self, frame: str, sensor: str, bearing: Float64) -> Rays:
         """Return the beams of a sensor in a frame."""
-        x, y, turned, side = 0.0, 0.0, 0.0, 1.0
-        here, left = sensor, len(self.mounts)
-        while frame and not same_name(here, frame):
-            mounts = [each for each in self.mounts if same_name(each.frame, here)]
-            straight = [each for each in mounts if same_name(each.parent, frame)]
-            mount = next(iter(straight + mounts), None)
-            if mount is None or not left:
-                raise OptionError(
-                    f"--mask: nothing leads from frame {sensor or 'without a name'} to {frame}: add a [[mount]], or the "
-                    "'topic' that the [[mask]] is for"
-                )
-            cos, sin = math.cos(mount.yaw), math.sin(mount.yaw)
-            flip = -1.0 if mount.upside_down else 1.0
-            x, y = mount.x + cos * x - flip * sin * y, mount.y + sin * x + flip * cos * y
-            turned, side = mount.yaw + flip * turned, flip * side
-            here, left = mount.parent, left - 1
-        direction = turned + side * bearing
-        return Rays(x, y, bearing, np.cos(direction), np.sin(direction))
+        mount = mount_in(self.mounts, sensor, frame or sensor)
+        if mount is None:
+            raise OptionError(
+                f"--mask: nothing leads from frame {sensor or 'without a name'} to {frame}: add a [[mount]], or the "
+                "'topic' that the [[mask]] is for"
+            )
+        direction = mount.yaw + (-bearing if mount.upside_down else bearing)
+        return Rays(mount.x, mount.y, bearing, np.cos(direction), np.sin(direction))
+
+
+def mount_in(mounts: Sequence[Mount], sensor: str, frame: str) -> Mount | None:
+    """Return where a sensor sits in a frame, by mounts that carry each other; None where nothing leads there.
+
+    Of several mounts of one frame the first counts, before it one that leads straight to `frame`.
+    """
+    x, y, turned, side = 0.0, 0.0, 0.0, 1.0
+    here, left = sensor, len(mounts)
+    while not same_name(here, frame):
+        found = [each for each in mounts if same_name(each.frame, here)]
+        straight = [each for each in found if same_name(each.parent, frame)]
+        mount = next(iter(straight + found), None)
+        if mount is None or not left:
+            return None
+        cos, sin = math.cos(mount.yaw), math.sin(mount.yaw)
+        flip = -1.0 if mount.upside_down else 1.0
+        x, y = mount.x + cos * x - flip * sin * y, mount.y + sin * x + flip * cos * y
+        turned, side = mount.yaw + flip * turned, flip * side
+        here, left = mount.parent, left - 1
+    return Mount(sensor, frame, x, y, turned, side < 0.0)
 
 
 def same_name(one: str, other: str) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import pyarrow as pa
@@ -26,6 +27,7 @@ from lidarcli.tabular.schemas import OBJECTS, SCHEMAS
 from lidarcli.tabular.writing import BY_DATE, RowSink, TableFiles, TopicOrder, table_metadata
 
 if TYPE_CHECKING:
+    from lidarcli.pipeline.inputs.tables import Pair
     from lidarcli.pipeline.objects.following import TrackOptions
 
 
@@ -63,6 +65,23 @@ def detect_to_files(
         summary.outputs = [str(path) for path in files.paths]
         summary.output_sizes = files.sizes
     return summary
+
+
+def detect_beside(
+    source: Source, folder: Path, options: DetectOptions, progress: Progress | None = None
+) -> tuple[Pair, RunSummary]:
+    """Write the tables of one log below a private folder, for a second pass over the log; tells progress up to one half."""
+    # Only a second pass needs this import.
+    from lidarcli.pipeline.inputs.tables import Pair
+
+    half = None if progress is None else lambda position: progress(position // 2)
+    summary = detect_to_files(source, folder, replace(options, overwrite=True, layout=None), half)
+    return Pair(f"{folder / source.name}.", ".parquet"), summary
+
+
+def second_of_two(progress: Progress | None, size: int) -> Progress | None:
+    """Return the progress of the second of two passes over a log of so many bytes."""
+    return None if progress is None else lambda position: progress((size + position) // 2)
 
 
 def detect_to_sinks(

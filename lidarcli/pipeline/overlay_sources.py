@@ -184,7 +184,7 @@ class Tables:
                 .to_pylist()
             )
         )
-        self._cursors: dict[str, tuple[_Cursor, _Cursor]] = {}
+        self._cursors: dict[str, tuple[Cursor, Cursor]] = {}
         self._counts: dict[str, int] = {}
 
     def join(self, log: Log, report: ReadReport) -> Iterator[Joined]:
@@ -239,16 +239,16 @@ class Tables:
             f"{AGAIN}"
         )
 
-    def _cursor(self, topic: str) -> tuple[_Cursor, _Cursor]:
+    def _cursor(self, topic: str) -> tuple[Cursor, Cursor]:
         if topic not in self._cursors:
             self._cursors[topic] = (
-                _Cursor(self._pair.sweeps, "sweeps", _SWEEP_COLUMNS, topic),
-                _Cursor(self._pair.objects, "objects", COLUMNS, topic),
+                Cursor(self._pair.sweeps, "sweeps", _SWEEP_COLUMNS, topic),
+                Cursor(self._pair.objects, "objects", COLUMNS, topic),
             )
         return self._cursors[topic]
 
 
-class _Cursor:
+class Cursor:
     """The rows of one topic of a table, taken in their order."""
 
     def __init__(self, path: Place, table: str, columns: tuple[str, ...], topic: str) -> None:

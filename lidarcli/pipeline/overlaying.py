@@ -23,7 +23,7 @@ from lidarcli.overlays.files import FRAME, MAP, SUFFIXES, overlay_file, topic_na
 from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, marker_arrays, transforms
 from lidarcli.overlays.objects import Colours, Trajectories, is_mirrored, markers_of, paths_of
 from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_config
-from lidarcli.pipeline.detecting import detect_to_files
+from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import Pair, one_pair, poses_of
 from lidarcli.pipeline.objects.options import DetectOptions
@@ -117,8 +117,8 @@ def write_overlay(
         if options.objects is not None:
             pair, found = one_pair(options.objects), None
         else:
-            pair, found = _found(source, options, new.part(path).with_name("tables"), progress)
-            progress = _second(progress, source.size)
+            pair, found = detect_beside(source, new.part(path).with_name("tables"), options.detect, progress)
+            progress = second_of_two(progress, source.size)
         try:
             file = overlay_file(new.part(path))
             stack.callback(file.abandon)
@@ -137,25 +137,6 @@ def write_overlay(
         summary.notes += new.publish()
     summary.outputs = [str(each) for each in paths]
     return summary
-
-
-def _found(
-    source: Source, options: OverlayOptions, folder: Path, progress: Progress | None
-) -> tuple[Pair, RunSummary]:
-    """Make the tables of a log in a folder; returns them and the summary of the detection."""
-    made = replace(options.detect, overwrite=True, layout=None)
-    summary = detect_to_files(source, folder, made, _first(progress))
-    return Pair(f"{folder / source.name}.", ".parquet"), summary
-
-
-def _first(progress: Progress | None) -> Progress | None:
-    """Return the progress of the first of two passes."""
-    return None if progress is None else lambda position: progress(position // 2)
-
-
-def _second(progress: Progress | None, size: int) -> Progress | None:
-    """Return the progress of the second pass."""
-    return None if progress is None else lambda position: progress((size + position) // 2)
 
 
 COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS)
