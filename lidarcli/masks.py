@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, RawSweeps
+from lidarcli.sweeps import TURN, Bool, Float32, Float64, RawSweeps, SweepBatch
 
 _CLOSE = 1e-9
 """Rounding of a bearing [rad]."""
@@ -158,7 +158,7 @@ class Masks:
     learn: bool = False
     """True as long as they are to be learned from the log (`pipeline.reading.masking`)."""
 
-    def under(self, raw: RawSweeps, ranges: Float32) -> Bool:
+    def under(self, raw: RawSweeps | SweepBatch, ranges: Float32) -> Bool:
         """Return which ranges (S, B), NaN where there is none, are under a mask.
 
         Raises

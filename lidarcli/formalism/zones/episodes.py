@@ -25,9 +25,9 @@ def episodes(
 ) -> list[Episode]:
     """Return the episodes of sweeps (S,) in the order of time.
 
-    An episode begins with the sweep that is the `trigger`-th in a row with enough points. It ends as soon as `release` sweeps
-    in a row have fewer and `hold_ns` have passed since the last one with enough. Nobody knows what was in a gap between two
-    sweeps that is longer than `longest_gap_ns`: an episode ends before it, and all counts begin anew.
+    An episode begins with the sweep that is the `trigger`-th in a row with enough points. It ends as soon as `release`
+    sweeps in a row have fewer and `hold_ns` have passed since the last one with enough. Nobody knows what was in a gap
+    between two sweeps that is longer than `longest_gap_ns`: an episode ends before it, and all counts begin anew.
     """
     found: list[Episode] = []
     if not len(enough):

@@ -68,8 +68,8 @@ def visits(shape: Circle | Polygon, path: Path) -> list[Visit]:
 def crossings(line: Line, path: Path) -> tuple[list[Crossing], int]:
     """Return the crossings of a line, and how often the path went through it but was clear of it on one side alone.
 
-    A crossing is a path through the line, between its ends, from `CLEAR` away on one side to as far on the other; it goes in
-    where it arrives to the left of the way from the first end to the second.
+    A crossing is a path through the line, between its ends, from `CLEAR` away on one side to as far on the other; it goes
+    in where it arrives to the left of the way from the first end to the second.
     """
     (first_x, first_y), (second_x, second_y) = line.first, line.second
     length = np.hypot(second_x - first_x, second_y - first_y)

@@ -54,7 +54,7 @@ def samples(shape: Shape) -> Float64:
     found = np.empty((0, 2))
     # A thin zone in a corner of its box takes more of the sequence; a flat one has its corners for places.
     for count in (1 << 10, 1 << 14, 1 << 18):
-        places = low + size * (0.5 + np.arange(1, count + 1)[:, None] * np.array(_STEP)) % 1.0
+        places: Float64 = low + size * (0.5 + np.arange(1, count + 1)[:, None] * np.array(_STEP)) % 1.0
         found = places[inside(shape, *places.T)]
         if len(found) >= SAMPLES:
             return found[:SAMPLES]
@@ -63,7 +63,8 @@ def samples(shape: Shape) -> Float64:
         if len(found)
         else np.array(shape.corners if isinstance(shape, Polygon) else [[shape.x, shape.y]])
     )
-    return np.resize(found, (SAMPLES, 2))
+    few: Float64 = np.resize(found, (SAMPLES, 2))
+    return few
 
 
 def candidates(batch: SweepBatch, ranges: Float64, place: SweepPoses, shape: Circle | Polygon) -> Inside:
@@ -119,7 +120,7 @@ def seen(batch: SweepBatch, place: SweepPoses, places: Float64) -> Bool:
     row = np.arange(len(batch))[:, None]
     status, ranges = batch.status[row, column], batch.ranges[row, column]
     with np.errstate(invalid="ignore"):
-        clear = (status == Status.NO_RETURN) | ((status == Status.VALID) & (distance <= ranges + 1e-3))
+        clear: Bool = (status == Status.NO_RETURN) | ((status == Status.VALID) & (distance <= ranges + 1e-3))
         clear &= known & (distance >= batch.range_min[:, None])
     return clear
 

@@ -243,6 +243,10 @@ class Reading:
         """Yield the poses of a batch in space, as `Posing.motions`."""
         return self._posing.motions(batch)
 
+    def world_of(self, topic: str, frame: str) -> str:
+        """Return the fixed frame of the poses of a sensor; empty where there are none."""
+        return self._posing.world_of(topic, frame)
+
     def _read_ahead(self) -> Iterator[tuple[SweepBatch, int]]:
         """Yield every batch and the position in the source after it [bytes]."""
         batches = self._read_now()

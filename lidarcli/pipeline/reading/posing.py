@@ -184,6 +184,11 @@ class Posing:
             if (way := self._way(batch.topic, frame)) is not None:
                 yield frame, rows, way.at(mine.stamp_ns), way.world
 
+    def world_of(self, topic: str, frame: str) -> str:
+        """Return the fixed frame of the poses of a sensor; empty where there are none."""
+        way = self._way(topic, frame)
+        return "" if way is None else way.world
+
     def _way(self, topic: str, frame: str) -> Way | None:
         """Return the path to use for the sweeps of a topic and frame."""
         if (path := self.paths.get((topic, frame))) is not None:
