@@ -1,0 +1,1 @@
+"""Points, things and paths in zones."""
