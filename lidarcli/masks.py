@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -192,24 +192,35 @@ class Masks:
 
     def _rays(self, frame: str, sensor: str, bearing: Float64) -> Rays:
         """Return the beams of a sensor in a frame."""
-        x, y, turned, side = 0.0, 0.0, 0.0, 1.0
-        here, left = sensor, len(self.mounts)
-        while frame and not same_name(here, frame):
-            mounts = [each for each in self.mounts if same_name(each.frame, here)]
-            straight = [each for each in mounts if same_name(each.parent, frame)]
-            mount = next(iter(straight + mounts), None)
-            if mount is None or not left:
-                raise OptionError(
-                    f"--mask: nothing leads from frame {sensor or 'without a name'} to {frame}: add a [[mount]], or the "
-                    "'topic' that the [[mask]] is for"
-                )
-            cos, sin = math.cos(mount.yaw), math.sin(mount.yaw)
-            flip = -1.0 if mount.upside_down else 1.0
-            x, y = mount.x + cos * x - flip * sin * y, mount.y + sin * x + flip * cos * y
-            turned, side = mount.yaw + flip * turned, flip * side
-            here, left = mount.parent, left - 1
-        direction = turned + side * bearing
-        return Rays(x, y, bearing, np.cos(direction), np.sin(direction))
+        here = mounted(self.mounts, sensor, frame)
+        if here is None:
+            raise OptionError(
+                f"--mask: nothing leads from frame {sensor or 'without a name'} to {frame}: add a [[mount]], or the "
+                "'topic' that the [[mask]] is for"
+            )
+        direction = here.yaw + (-1.0 if here.upside_down else 1.0) * bearing
+        return Rays(here.x, here.y, bearing, np.cos(direction), np.sin(direction))
+
+
+def mounted(mounts: Sequence[Mount], sensor: str, frame: str) -> Mount | None:
+    """Return where a sensor is in a frame, by one mount or several in turn; None where nothing leads there.
+
+    An empty name stands for the frame of the sensor itself.
+    """
+    x, y, turned, side = 0.0, 0.0, 0.0, 1.0
+    here, left = sensor, len(mounts)
+    while frame and not same_name(here, frame):
+        known = [each for each in mounts if same_name(each.frame, here)]
+        straight = [each for each in known if same_name(each.parent, frame)]
+        mount = next(iter(straight + known), None)
+        if mount is None or not left:
+            return None
+        cos, sin = math.cos(mount.yaw), math.sin(mount.yaw)
+        flip = -1.0 if mount.upside_down else 1.0
+        x, y = mount.x + cos * x - flip * sin * y, mount.y + sin * x + flip * cos * y
+        turned, side = mount.yaw + flip * turned, flip * side
+        here, left = mount.parent, left - 1
+    return Mount(sensor, frame, x, y, turned, side < 0.0)
 
 
 def same_name(one: str, other: str) -> bool:
