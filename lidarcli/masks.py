@@ -152,7 +152,7 @@ class Masks:
 
     masks: tuple[Mask, ...] = ()
     mounts: tuple[Mount, ...] = ()
-    """As of `mount_in`."""
+    """Of several for one frame the first counts, before it one that leads straight to the frame of a mask."""
     path: str = ""
     """File that they were read from, if any."""
     learn: bool = False
@@ -192,27 +192,27 @@ class Masks:
 
     def _rays(self, frame: str, sensor: str, bearing: Float64) -> Rays:
         """Return the beams of a sensor in a frame."""
-        mount = mount_in(self.mounts, sensor, frame or sensor)
-        if mount is None:
+        here = mounted(self.mounts, sensor, frame)
+        if here is None:
             raise OptionError(
                 f"--mask: nothing leads from frame {sensor or 'without a name'} to {frame}: add a [[mount]], or the "
                 "'topic' that the [[mask]] is for"
             )
-        direction = mount.yaw + (-bearing if mount.upside_down else bearing)
-        return Rays(mount.x, mount.y, bearing, np.cos(direction), np.sin(direction))
+        direction = here.yaw + (-1.0 if here.upside_down else 1.0) * bearing
+        return Rays(here.x, here.y, bearing, np.cos(direction), np.sin(direction))
 
 
-def mount_in(mounts: Sequence[Mount], sensor: str, frame: str) -> Mount | None:
-    """Return where a sensor sits in a frame, by mounts that carry each other; None where nothing leads there.
+def mounted(mounts: Sequence[Mount], sensor: str, frame: str) -> Mount | None:
+    """Return where a sensor is in a frame, by one mount or several in turn; None where nothing leads there.
 
-    Of several mounts of one frame the first counts, before it one that leads straight to `frame`.
+    An empty name stands for the frame of the sensor itself.
     """
     x, y, turned, side = 0.0, 0.0, 0.0, 1.0
     here, left = sensor, len(mounts)
-    while not same_name(here, frame):
-        found = [each for each in mounts if same_name(each.frame, here)]
-        straight = [each for each in found if same_name(each.parent, frame)]
-        mount = next(iter(straight + found), None)
+    while frame and not same_name(here, frame):
+        known = [each for each in mounts if same_name(each.frame, here)]
+        straight = [each for each in known if same_name(each.parent, frame)]
+        mount = next(iter(straight + known), None)
         if mount is None or not left:
             return None
         cos, sin = math.cos(mount.yaw), math.sin(mount.yaw)

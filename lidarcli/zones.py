@@ -5,13 +5,14 @@ An offline check of a recording, no safety function.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
-from lidarcli.masks import Circle, Masks, Polygon
-from lidarcli.sweeps import Bool, Float64
+from lidarcli.masks import Circle, Masks, Mount, Polygon, mounted
+from lidarcli.sweeps import TURN, Bool, Float64
 
 SENSOR, ROBOT, WORLD = "sensor", "robot", "world"
 """Names of frames that every log has; any other name is that of a frame of its transforms."""
@@ -27,6 +28,9 @@ TIMEOUT = 2.0
 """Age from which on the last sweep of a sensor tells nothing of now [s]."""
 TIME_BEFORE_COLLISION, TIME_STEP = 2.0, 0.1
 """How far ahead `approach` looks, and in which steps [s]."""
+
+ROUND = 64
+"""Corners with which a circle is drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,3 +132,42 @@ def inside(shape: Circle | Polygon, x: Float64, y: Float64) -> Bool:
             odd ^= crosses & (at > x)
         before_x, before_y = corner_x, corner_y
     return odd
+
+
+def outline(shape: Circle | Polygon | Line) -> Float64:
+    """Return the corners (K, 2) of a shape [m]: `ROUND` of a circle, the two ends of a line."""
+    if isinstance(shape, Circle):
+        around = np.arange(ROUND) * (TURN / ROUND)
+        corners: Float64 = np.column_stack(
+            [shape.x + shape.radius * np.cos(around), shape.y + shape.radius * np.sin(around)]
+        )
+        return corners
+    points = (shape.first, shape.second) if isinstance(shape, Line) else shape.corners
+    return np.array(points, np.float64)
+
+
+def placed(
+    zone: Zone, mounts: Sequence[Mount], sensor_frame: str, robot: str, pose: Mount | None
+) -> Float64 | None:
+    """Return the corners (K, 2) of a zone as `outline` has them in the frame of a sensor [m]; None where nothing places it.
+
+    Parameters
+    ----------
+    mounts : where frames are in others
+    robot : name of the frame `robot`; empty where nothing tells it, and a mount may lead to `robot` itself
+    pose : where the sensor is in the world at a sweep; None where that is not known
+    """
+    if zone.shape is None:
+        return None
+    if zone.frame == WORLD:
+        here = pose
+    else:
+        target = {SENSOR: "", ROBOT: robot or ROBOT}.get(zone.frame, zone.frame)
+        here = mounted(mounts, sensor_frame, target)
+    if here is None:
+        return None
+    away = outline(zone.shape) - (here.x, here.y)
+    cos, sin = np.cos(here.yaw), np.sin(here.yaw)
+    side = -1.0 if here.upside_down else 1.0
+    corners: Float64 = np.column_stack([away @ (cos, sin), side * (away @ (-sin, cos))])
+    return corners

@@ -1,7 +1,7 @@
 """Gates on named figures: `sweeps >= 100`, `tracks where distance > 1 == 4`, `delta.objects between -5 and 5`.
 
 check      = measure ( sign number | "between" number "and" number )
-measure    = figure | ( "objects" | "sweeps" | "tracks" ) "where" condition
+measure    = figure | ( "objects" | "sweeps" | "tracks" | "events" ) "where" condition
 condition  = term { "or" term }
 term       = factor { "and" factor }
 factor     = "not" factor | "(" condition ")" | comparison
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 from lidarcli.errors import OptionError
 from lidarcli.reports import figures
-from lidarcli.reports.columns import Run
+from lidarcli.reports.columns import Run, Watched
 from lidarcli.reports.conditions import (
     COMPARE,
     COUNTED,
@@ -70,6 +70,11 @@ class Check:
             return self.figure in figures.track_names()
         return self.name == "tracks" or (self.name == "objects" and bool(self.condition.columns & OF_TRACKS))
 
+    @property
+    def needs_zones(self) -> bool:
+        """True if the check cannot be judged without tables of zones."""
+        return self.name == "events" if self.condition else figures.zone_of(self.name) is not None
+
     def admits(self, value: float) -> bool:
         """Return True if a value is as expected."""
         if self.sign == "between":
@@ -95,13 +100,21 @@ class Verdict:
         return f"{self.found:,.0f}" if self.found == int(self.found) else f"{self.found:.6g}"
 
 
-def parse_check(expression: str, compared: bool = False, only: Collection[str] | None = None) -> Check:
+def parse_check(
+    expression: str,
+    compared: bool = False,
+    only: Collection[str] | None = None,
+    rows: Collection[str] | None = None,
+    zones: Collection[str] | None = None,
+) -> Check:
     """Understand a check.
 
     Parameters
     ----------
     compared : whether there is a baseline
-    only : the figures that there are, where the report is not about tables and no rows can be counted
+    only : the figures that there are beside those of zones, where the report is not about tables of `detect`
+    rows : the tables whose rows can be counted; by default all, with `only` none
+    zones : the zones that there are; where that is not known yet, a zone may have any name
 
     Raises
     ------
@@ -111,23 +124,26 @@ def parse_check(expression: str, compared: bool = False, only: Collection[str] |
     >>> parse_check("objects_per_sweep.p95 <= 12").expected
     '<= 12'
     """
+    if rows is None:
+        rows = COUNTED if only is None else ()
     tokens = Tokens(expression)
     token = tokens.next
     if token.kind != "name":
         raise tokens.error("expected a figure such as sweeps or objects_per_sweep.mean")
     tokens.take()
     condition = None
-    if only is not None:
-        if token.text not in only:
-            raise _unknown(tokens, token, only)
-    elif tokens.take_if("where"):
-        if token.text not in COUNTED:
-            hint = nearest(token.text, COUNTED) or ";"
-            there = ", ".join(COUNTED)
+    if rows and tokens.take_if("where"):
+        if token.text not in rows:
+            hint = nearest(token.text, rows) or ";"
+            there = ", ".join(rows)
             raise tokens.error(f"unknown table '{token.text}' before where{hint} available: {there};", token)
         condition = parse_condition(tokens, token.text)
-    else:
+    elif figures.zone_of(token.text) is not None and (only is None or zones is not None):
+        _known_of_zone(tokens, token, compared, zones)
+    elif only is None:
         _known(tokens, token, compared)
+    elif token.text not in only:
+        raise _unknown(tokens, token, only)
     if tokens.take_if("between"):
         sign = "between"
         low, high = read_limits(tokens)
@@ -155,6 +171,8 @@ def verdict_of(check: Check, found: float | None) -> Verdict:
 
 def _count(check: Check, condition: Condition, run: Run) -> float | None:
     """Return the number of rows for which a condition holds; None without the table."""
+    if check.name == "events":
+        return None if run.zones is None else count_events(condition, run.zones)
     rows = {"objects": run.objects, "sweeps": run.sweeps, "tracks": run.tracks}[check.name]
     if rows is None:
         return None
@@ -163,6 +181,13 @@ def _count(check: Check, condition: Condition, run: Run) -> float | None:
         # Walls, and what has gone from a background, count only where the condition asks for them.
         chosen &= run.is_object | _asked_for(condition, run)
     return float(chosen.sum())
+
+
+def count_events(condition: Condition, watched: Watched) -> float | None:
+    """Return the number of events for which a condition holds; None if no zone was ever in view."""
+    if not watched.zones.numbers("seen").any():
+        return None
+    return float(condition.holds(watched.events).sum())
 
 
 def _asked_for(condition: Condition, run: Run) -> Bool:
@@ -183,6 +208,27 @@ def columns_needed(checks: Sequence[Check], table: str) -> frozenset[str]:
 def accepts(checks: Sequence[Check], *names: str) -> bool:
     """Return True if a check is about one of these figures, and so says how much of it is accepted."""
     return any(check.condition is None and check.figure in names for check in checks)
+
+
+def _known_of_zone(tokens: Tokens, token: Token, compared: bool, zones: Collection[str] | None) -> None:
+    """Refuse a figure that no zone has, or that is of none of the `zones`."""
+    zone, rest = figures.zone_of(token.text) or ("", "")
+    if zones is not None and zone not in zones:
+        hint = (
+            nearest(zone, zones, OFFERED)
+            or f"; there {'is' if len(zones) == 1 else 'are'} {', '.join(zones)};"
+        )
+        raise tokens.error(f"unknown zone '{zone}'{hint}", token)
+    start = f"{figures.ZONES}{zone}."
+    names = [name.removeprefix(start) for name in figures.zone_names(zone)]
+    if rest in figures.ZONE_SPREADS:
+        raise tokens.error(f"{token.text} has several values, choose one of .{', .'.join(STATISTICS)};")
+    if rest not in names:
+        there = ", ".join([*figures.ZONE_COUNTS, *(f"{name}.mean" for name in figures.ZONE_SPREADS)])
+        hint = nearest(rest, names, OFFERED) or f"; there are {there};"
+        raise tokens.error(f"unknown figure '{rest}' of zone {zone}{hint}", token)
+    if token.text.startswith(figures.DELTA) and not compared:
+        raise tokens.error(f"{token.text} needs a --baseline to compare with;")
 
 
 def _known(tokens: Tokens, token: Token, compared: bool) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -129,6 +129,29 @@ class Rows:
         return {text: int(total) for text, total in zip(names, totals, strict=True) if total}
 
 
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """Zones that were watched in one or many logs."""
+
+    events: Rows
+    zones: Rows
+    """A row for each sweep and zone."""
+    shapes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Name of a zone → its outline, as the metadata tells it."""
+
+    @property
+    def names(self) -> list[str]:
+        """The zones that were watched, in their order."""
+        codes, names = self.zones.words("zone")
+        found, first = np.unique(codes, return_index=True)
+        return [names[code] for code in found[np.argsort(first)].tolist() if code >= 0]
+
+    @property
+    def lines(self) -> frozenset[str]:
+        """Those that are known to be lines."""
+        return frozenset(name for name, shape in self.shapes.items() if "line" in shape)
+
+
 @dataclass(frozen=True)
 class Run:
     """One or many logs after `detect` or `track`: what a report is about."""
@@ -140,6 +163,8 @@ class Run:
     """Of the sources that were tracked; None where none was."""
     trajectories: Rows | None = None
     """Where the viewer asks for them; of the sources that have them."""
+    zones: Watched | None = None
+    """Of the sources that have tables of zones; None where none has."""
 
     @cached_property
     def is_object(self) -> NDArray[np.bool_]:

@@ -20,7 +20,7 @@ from lidarcli.tabular.schemas import TABLES
 _TOKEN = re.compile(
     r"""\s*(?:
     (?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.]))
-  | (?P<name>[A-Za-z_][\w]*(?:\.[A-Za-z_]\w*)*)
+  | (?P<name>(?:(?:delta\.)?zones\.[\w-]+|[A-Za-z_]\w*)(?:\.[A-Za-z_]\w*)*)
   | (?P<operator>==|!=|<=|>=|<|>)
   | (?P<bracket>[()])
   | "(?P<double>[^"]*)" | '(?P<single>[^']*)'
@@ -39,12 +39,15 @@ COMPARE: dict[str, Callable[[Any, Any], Any]] = {
     "<": operator.lt,
     ">": operator.gt,
 }
-COUNTED = {name: {one.name: one for one in TABLES[name]} for name in ("objects", "sweeps", "tracks")}
+COUNTED = {
+    name: {one.name: one for one in TABLES[name]} for name in ("objects", "sweeps", "tracks", "events")
+}
 """The tables whose rows can be counted, and their columns by name."""
 ALIASES = {
     "objects": {"range_min": "r_min", "range": "r_min", "bearing": "theta_min"},
     "sweeps": dict[str, str](),
     "tracks": dict[str, str](),
+    "events": dict[str, str](),
 }
 """Table → other names of its columns."""
 SUMS = {"sweeps": {"objects": OBJECTS_OF_SWEEP, "object_beams": BEAMS_OF_OBJECTS}}

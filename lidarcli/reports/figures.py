@@ -109,6 +109,28 @@ TRACK_CATEGORIES: dict[str, tuple[str, ...]] = {
 }
 """Numbers of tracks by kind: `tracks.shape.legged`."""
 
+ZONES = "zones."
+"""Beginning of the names of the figures of a zone: `zones.NAME.events`."""
+
+ZONE_COUNTS: dict[str, Figure] = {
+    "events": Figure("1", "times that it was occupied, or a collision was predicted"),
+    "share": Figure("1", "share of the sweeps in which such an event goes on"),
+    "nearest": _of("zones", "nearest", "least distance of a point in it from the sensor"),
+    "points.max": _of("zones", "points", "most points in it at once"),
+    "ttc.min": _of("zones", "ttc", "least time to collision"),
+    "in": Figure("1", "crossings of the line to the left of the way from its first point to its second"),
+    "out": Figure("1", "crossings to the right of it"),
+    "seen": _of("zones", "seen", "share of it that is in view and not hidden, on average"),
+}
+"""Figures of one number for each zone."""
+
+ZONE_SPREADS: dict[str, Figure] = {
+    "duration": _of("events", "duration", "how long such an event lasted"),
+    "agents_at_once": _of("zones", "agents", "agents in it in a sweep, hidden ones too"),
+    "dwell": _of("events", "duration", "how long an agent stayed in it"),
+}
+"""Figures of each zone with a value per event, sweep or visit, with the same statistics."""
+
 COMPARED: dict[str, Figure] = {
     "compared_sweeps": Figure("1", "sweeps that are in both runs"),
     "changed_sweeps": Figure("1", "of these, sweeps with another number of objects"),
@@ -138,6 +160,24 @@ def track_names() -> list[str]:
     return _spelled(TRACK_COUNTS, TRACK_SPREADS, TRACK_CATEGORIES)
 
 
+def zone_names(zone: str) -> list[str]:
+    """Return the names of all figures of a zone."""
+    return [f"{ZONES}{zone}.{name}" for name in _spelled(ZONE_COUNTS, ZONE_SPREADS, {})]
+
+
+def zone_of(name: str) -> tuple[str, str] | None:
+    """Return the zone that a figure is of, and the rest of its name; None for a figure of no zone.
+
+    >>> zone_of("zones.left-door.dwell.mean"), zone_of("delta.zones.stop.events"), zone_of("sweeps")
+    (('left-door', 'dwell.mean'), ('stop', 'events'), None)
+    """
+    plain = name.removeprefix(DELTA)
+    if not plain.startswith(ZONES):
+        return None
+    zone, _, rest = plain.removeprefix(ZONES).partition(".")
+    return zone, rest
+
+
 def _spelled(counts: Iterable[str], spreads: Iterable[str], kinds: Mapping[str, Iterable[str]]) -> list[str]:
     statistics = [f"{name}.{statistic}" for name in spreads for statistic in STATISTICS]
     return [*counts, *statistics, *(f"{name}.{kind}" for name, values in kinds.items() for kind in values)]
@@ -147,6 +187,8 @@ def unit_of(name: str) -> str:
     """Return the unit of a figure, `1` for a count or a share."""
     plain = name.removeprefix(DELTA)
     entries = COUNTS | TRACK_COUNTS | SPREADS | TRACK_SPREADS
+    if (of_zone := zone_of(name)) is not None:
+        plain, entries = of_zone[1], ZONE_COUNTS | ZONE_SPREADS
     entry = entries.get(plain) or entries.get(plain.rsplit(".", maxsplit=1)[0])
     return entry.unit if entry else "1"
 

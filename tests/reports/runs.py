@@ -9,9 +9,9 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lidarcli.reports.columns import Origin, Rows, Run
+from lidarcli.reports.columns import Origin, Rows, Run, Watched
 from lidarcli.tabular.reading import read_schema
-from lidarcli.tabular.schemas import OBJECTS, SWEEPS, TRACKS, TRAJECTORIES
+from lidarcli.tabular.schemas import EVENTS, OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, ZONES
 from lidarcli.tabular.writing import table_metadata
 
 START = 1_700_000_000_000_000_000
@@ -208,3 +208,51 @@ def write_run(
         found = table(schema, rows).replace_schema_metadata(metadata)
         pq.write_table(found, folder / f"{name}.{kind}.parquet")
     return folder / f"{name}.objects.parquet"
+
+
+def event(
+    number: int, zone: str, kind: str = "occupied", begin: int = 0, last: int = 0, **other: Any
+) -> dict[str, Any]:
+    """An event of a zone that lasts from one sweep to another, at 10 Hz."""
+    return {
+        "log": "run",
+        "topic": "/scan",
+        "frame_id": "laser",
+        "event": number,
+        "first_sweep": begin,
+        "last_sweep": last,
+        "sweeps": last - begin + 1,
+        "zone": zone,
+        "kind": kind,
+        "action": "stop",
+        "start": START + TENTH * begin,
+        "end": START + TENTH * last,
+        "t": 0.1 * begin,
+        "duration": 0.1 * (last - begin),
+        "cut": False,
+        **other,
+    }
+
+
+def watch(index: int, zone: str, points: int = 0, **other: Any) -> dict[str, Any]:
+    """A zone in sweep `index`: in view, and free unless there are points."""
+    return {
+        "log": "run",
+        "topic": "/scan",
+        "sweep": index,
+        "stamp": START + TENTH * index,
+        "t": 0.1 * index,
+        "zone": zone,
+        "points": points,
+        "active": False,
+        "agents": 0,
+        "things": 0,
+        "masked": 0,
+        "seen": 1.0,
+        **other,
+    }
+
+
+def watched_of(events: Sequence[Mapping[str, Any]], zones: Sequence[Mapping[str, Any]]) -> Watched:
+    """Zones as they come out of their tables."""
+    return Watched(Rows.join([table(EVENTS, events)]), Rows.join([table(ZONES, zones)]))

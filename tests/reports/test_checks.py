@@ -183,7 +183,7 @@ def test_without_anything_to_measure_a_check_does_not_hold() -> None:
         ("sweeps between 4 and 3", "4 is above 3: nothing is between them, at '4', column 16"),
         (
             "beams where valid > 3 == 0",
-            "unknown table 'beams' before where; available: objects, sweeps, tracks; at 'beams', column 1",
+            "unknown table 'beams' before where; available: objects, sweeps, tracks, events; at 'beams', column 1",
         ),
         (
             "object where width > 3 == 0",
