@@ -27,7 +27,7 @@ Judge = Callable[[os.stat_result], None]
 
 def read_toml(file: str, what: str, judge: Judge | None = None) -> dict[str, Any]:
     """Read a TOML file, which errors call a `what` (scene, catalogue); `judge` sees the file once it is open."""
-    text = _text(file, what, judge)
+    text = read_text(file, what, "TOML", judge)
     _refuse_nested(file, text)
     try:
         return tomllib.loads(text)
@@ -35,21 +35,23 @@ def read_toml(file: str, what: str, judge: Judge | None = None) -> dict[str, Any
         raise UnreadableError(f"{file}: not valid TOML: {err}") from err
 
 
-def _text(file: str, what: str, judge: Judge | None) -> str:
-    """Read the text of the file."""
+def read_text(file: str, what: str, language: str, judge: Judge | None = None, most: int = MAX_BYTES) -> str:
+    """Read the text of a file, a `what` in a `language`, of `most` bytes at most."""
     try:
         with Path(file).open("rb") as opened:
             if judge is not None:
                 judge(os.fstat(opened.fileno()))
-            data = opened.read(MAX_BYTES + 1)
+            data = opened.read(most + 1)
     except OSError as err:
         raise UnreadableError(f"{file}: cannot read the {what}: {err.strerror or err}") from err
-    if len(data) > MAX_BYTES:
-        raise UnreadableError(f"{file}: larger than a {what} may be ({MAX_BYTES:,} bytes)")
+    if len(data) > most:
+        raise UnreadableError(f"{file}: larger than a {what} may be ({most:,} bytes)")
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as err:
-        raise UnreadableError(f"{file}: byte {err.start}: not UTF-8 text; a {what} is a TOML file") from err
+        raise UnreadableError(
+            f"{file}: byte {err.start}: not UTF-8 text; a {what} is a {language} file"
+        ) from err
 
 
 def _refuse_nested(file: str, text: str) -> None:
@@ -181,6 +183,8 @@ class Fields:
         rows = [_numbers(item) for item in value] if isinstance(value, list) else []
         points = [row for row in rows if row is not None and len(row) == 2]
         if len(points) < max(least, len(rows), 1):
+            if isinstance(value, list) and any(map(_not_finite, value)):
+                self.fail(key, "must hold finite numbers")
             self.fail(key, f"must be a list of at least {least} points, as [[0, 0], [2.5, 0]]")
         self._refuse_large(key, points)
         return points
@@ -232,6 +236,10 @@ def _numbers(value: object) -> list[float] | None:
     except OverflowError:
         return None
     return numbers if all(map(isfinite, numbers)) else None
+
+
+def _not_finite(item: object) -> bool:
+    return isinstance(item, list) and any(isinstance(part, float) and not isfinite(part) for part in item)
 
 
 def _short(value: float) -> str:

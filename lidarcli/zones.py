@@ -62,7 +62,8 @@ class Case:
         covered &= (self.linear[0] <= speed) & (speed <= self.linear[1])
         if self.direction is not None:
             first, last = self.direction
-            direction = np.arctan2(left, ahead)
+            # At rest it is 0, where the arc tangent has the signs of zeros.
+            direction = np.where(speed > 0.0, np.arctan2(left, ahead), 0.0)
             after, before = first <= direction, direction <= last
             covered &= after & before if first <= last else after | before
         return covered
@@ -171,3 +172,19 @@ def placed(
     side = -1.0 if here.upside_down else 1.0
     corners: Float64 = np.column_stack([away @ (cos, sin), side * (away @ (-sin, cos))])
     return corners
+
+
+def crossing_edges(corners: tuple[tuple[float, float], ...]) -> tuple[int, int] | None:
+    """Return the first two edges of a polygon that cross each other; edge 1 leads from the first corner to the second."""
+    edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
+    for number, (a, b) in enumerate(edges, 1):
+        for other, (c, d) in enumerate(edges[number:], number + 1):
+            if _side(a, b, c) * _side(a, b, d) < 0.0 and _side(c, d, a) * _side(c, d, b) < 0.0:
+                return number, other
+    return None
+
+
+def _side(first: tuple[float, float], second: tuple[float, float], point: tuple[float, float]) -> float:
+    """Return the sign of how far a point lies to the left of the way from one to another."""
+    turn = (second[0] - first[0]) * (point[1] - first[1]) - (second[1] - first[1]) * (point[0] - first[0])
+    return (turn > 0.0) - (turn < 0.0)

@@ -26,6 +26,7 @@ MAY_IMPORT = {
     "stores": {"errors", "machine"},
     "foxglove": set[str](),
     "tomlfiles": {"errors"},
+    "yamlfiles": {"errors", "tomlfiles"},
     "compiled": set[str](),
     "machine": set[str](),
     "times": {"errors"},
@@ -49,7 +50,7 @@ MAY_IMPORT = {
     "pipeline": CORE
     | OPTIONS
     | {"logs", "poses", "formalism", "tabular", "reports", "maps", "overlays", "ros"}
-    | {"compiled", "machine", "newfiles", "stores", "tomlfiles"},
+    | {"compiled", "machine", "newfiles", "stores", "tomlfiles", "yamlfiles"},
     "cli": CORE
     | OPTIONS
     | {
@@ -97,7 +98,7 @@ ROOMS_OF = {
     "pyarrow": {"tabular", "pipeline", "logs", "simulate", "reports", "maps", "overlays", "stores"},
     "distributed": {"pipeline"},
     "PIL": {"maps", "reports"},
-    "ruamel": {"maps"},
+    "ruamel": {"maps", "yamlfiles"},
 }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,6 +55,41 @@ def collision_steps(
     """
     steps = len(times(time_before_collision, time_step))
     counts = np.zeros((len(velocity), steps), np.int32)
+    for step, met in enumerate(_met(shape, x, y, row, velocity, steps, time_step, point_velocity)):
+        counts[:, step] = np.bincount(row[met], minlength=len(velocity))
+    return counts
+
+
+def meeting(
+    shape: Circle | Polygon,
+    x: Float64,
+    y: Float64,
+    row: NDArray[np.intp],
+    velocity: Float64,
+    step: NDArray[np.intp],
+    time_step: float,
+    point_velocity: Float64 | None = None,
+) -> NDArray[np.intp]:
+    """Return the points that are inside of a shape at one tested time of each sweep, `step` (S,): -1 for none.
+
+    The other parameters are those of `collision_steps`; the points come by index, in ascending order.
+    """
+    moves = _met(shape, x, y, row, velocity, int(step.max(initial=-1)) + 1, time_step, point_velocity)
+    met = [inside_now[step[row[inside_now]] == number] for number, inside_now in enumerate(moves)]
+    return np.sort(np.concatenate(met)) if met else np.zeros(0, np.intp)
+
+
+def _met(
+    shape: Circle | Polygon,
+    x: Float64,
+    y: Float64,
+    row: NDArray[np.intp],
+    velocity: Float64,
+    steps: int,
+    time_step: float,
+    point_velocity: Float64 | None,
+) -> Iterator[NDArray[np.intp]]:
+    """Yield the points that are inside of the shape after each step, by index."""
     reach = _reach(shape)
     speed = np.hypot(velocity[:, 0], velocity[:, 1])[row]
     if point_velocity is not None:
@@ -65,7 +102,7 @@ def collision_steps(
     at_x, at_y, yaw = np.zeros((3, len(velocity)))
     turn = turning * time_step
     cos_turn, sin_turn = np.cos(turn), np.sin(turn)
-    for step in range(steps if len(near) else 0):
+    for step in range(steps):
         at_x, at_y, yaw = at_x + ahead * time_step, at_y + left * time_step, yaw + turn
         ahead, left = ahead * cos_turn - left * sin_turn, ahead * sin_turn + left * cos_turn
         now_x, now_y = x - at_x[row], y - at_y[row]
@@ -75,9 +112,7 @@ def collision_steps(
         close = np.flatnonzero(now_x * now_x + now_y * now_y <= reach * reach)
         now_x, now_y, rows = now_x[close], now_y[close], row[close]
         cos, sin = np.cos(yaw)[rows], np.sin(yaw)[rows]
-        within = inside(shape, now_x * cos + now_y * sin, -now_x * sin + now_y * cos)
-        counts[:, step] = np.bincount(rows[within], minlength=len(velocity))
-    return counts
+        yield near[close[inside(shape, now_x * cos + now_y * sin, -now_x * sin + now_y * cos)]]
 
 
 def _reach(shape: Circle | Polygon) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -39,38 +39,49 @@ def read_masks(file: str) -> Masks:
 def masks_of(file: str, tables: Mapping[str, Any]) -> Masks:
     """Return the masks that the tables of a file tell; errors as of `read_masks`."""
     top = Fields(file, "the file", tables)
-    found: dict[str, list[Fields]] = {"mask": [], "mount": []}
-    for kind, tables_of in found.items():
-        if top.has(kind):
-            tables_of += [
-                Fields(file, f"[[{kind}]] number {number}", item)
-                for number, item in enumerate(top.items(kind, 0, MOST), 1)
-            ]
+    masks, mounts = numbered(top, "mask"), numbered(top, "mount")
     top.done()
-    if not found["mask"]:
+    if not masks:
         raise OptionError(f"{file}: no [[mask]] in this file")
-    return Masks(tuple(map(_mask, found["mask"])), tuple(map(_mount, found["mount"])))
+    return Masks(tuple(map(mask_of, masks)), tuple(map(mount_of, mounts)))
 
 
-def _mask(fields: Fields) -> Mask:
+def numbered(top: Fields, kind: str) -> list[Fields]:
+    """Return the tables [[kind]] of a file, none where it has none."""
+    if not top.has(kind):
+        return []
+    return [
+        Fields(top.file, f"[[{kind}]] number {number}", item)
+        for number, item in enumerate(top.items(kind, 0, MOST), 1)
+    ]
+
+
+def mask_of(fields: Fields) -> Mask:
+    """Return the mask that a table [[mask]] tells."""
     given = [shape for shape in SHAPES if fields.has(shape)]
     fields.has("topic", "frame")
     fields.done()
-    if len(given) != 1:
-        fields.fail(
-            given[1] if given else SHAPES[0],
-            f"and '{given[0]}' exclude each other: a mask has one shape"
-            if given
-            else f"is missing: a mask is a {', '.join(SHAPES[:-1])} or {SHAPES[-1]}",
-        )
+    refuse_shapes(fields, "mask", SHAPES, given)
     topic = fields.text("topic") if fields.has("topic") else ""
     frame = fields.text("frame") if fields.has("frame") else ""
     if frame and given == ["sector"]:
         fields.fail("frame", "and 'sector' exclude each other: its bearings are those of the sensor")
-    return Mask(_shape(fields, given[0]), topic, frame)
+    return Mask(shape_of(fields, given[0]), topic, frame)
 
 
-def _shape(fields: Fields, kind: str) -> Shape:
+def refuse_shapes(fields: Fields, what: str, shapes: Sequence[str], given: Sequence[str]) -> None:
+    """Refuse a table that has no shape, or two."""
+    if len(given) != 1:
+        fields.fail(
+            given[1] if given else shapes[0],
+            f"and '{given[0]}' exclude each other: a {what} has one shape"
+            if given
+            else f"is missing: a {what} is a {', '.join(shapes[:-1])} or {shapes[-1]}",
+        )
+
+
+def shape_of(fields: Fields, kind: str) -> Shape:
+    """Return the shape that a key of `SHAPES` tells."""
     if kind == "polygon":
         corners = fields.points(kind, 3)
         if len(corners) > MOST_CORNERS:
@@ -88,7 +99,8 @@ def _shape(fields: Fields, kind: str) -> Shape:
     return shape
 
 
-def _mount(fields: Fields) -> Mount:
+def mount_of(fields: Fields) -> Mount:
+    """Return the place that a table [[mount]] tells."""
     mount = Mount(
         fields.text("frame"),
         fields.text("parent"),

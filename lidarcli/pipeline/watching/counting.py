@@ -1,0 +1,383 @@
+"""What every sweep of a topic has in every zone: a fold over batches, with some numbers for each sweep and zone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.zones.approach import collision_steps, meeting, times
+from lidarcli.formalism.zones.points import Inside, candidates, samples, seen
+from lidarcli.masks import Circle, Masks, Polygon
+from lidarcli.pipeline.watching.frames import Frames
+from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8
+from lidarcli.tabular.arrays import held, numbers
+from lidarcli.zones import SENSOR, WORLD, Line, Zone
+
+NO_OBJECT, UNKNOWN = -1, -2
+"""In place of an object: a point on walls and the rest, and one in a sweep whose objects nobody knows."""
+OBJECT_COLUMNS = ("topic", "sweep", "object", "beam_i", "beam_f", "set", "track", "vx", "vy")
+"""Columns of the objects table that tell whose beams are in a zone."""
+VELOCITY_SPAN_NS = 200_000_000
+"""Least time over which poses tell a velocity [ns]."""
+
+
+class Objects(NamedTuple):
+    """Objects of the sweeps of a batch, from the objects table."""
+
+    row: Int64
+    """(N,) sweep of the batch."""
+    object: Int64
+    beam_i: Int64
+    beam_f: Int64
+    set: UInt8
+    """(N,) index into `SETS`."""
+    track: Int64
+    """(N,) its track, -1 for none."""
+    velocity: Float64
+    """(N, 2) [m/s] in the world or else the sensor frame; NaN where it is not known."""
+    known: Bool
+    """(S,) sweeps that the table knows."""
+
+    @staticmethod
+    def of(rows: pa.RecordBatch, batch: SweepBatch, known: Bool) -> Objects:
+        """Return the objects of a batch among rows of the table; walls are none."""
+        sweep = np.asarray(rows["sweep"])
+        row = np.minimum(np.searchsorted(batch.sweep, sweep), max(len(batch) - 1, 0))
+        names = rows["set"]
+        letters = np.array([SETS.index(str(name)) for name in names.dictionary.to_pylist()] or [0], np.uint8)
+        its = letters[np.asarray(names.indices)] if len(names) else np.zeros(0, np.uint8)
+        mine = (its != SETS.index("S")) & (batch.sweep[row] == sweep if len(batch) else False)
+        track, there = held(rows["track"])
+        return Objects(
+            row[mine],
+            *(np.asarray(rows[name]).astype(np.int64)[mine] for name in ("object", "beam_i", "beam_f")),
+            its[mine],
+            np.where(there, track, -1)[mine],
+            np.column_stack([numbers(rows["vx"]), numbers(rows["vy"])])[mine],
+            known,
+        )
+
+    def owners(self, batch: SweepBatch) -> Int32:
+        """Return the object (S, B) of every beam, by index here: `NO_OBJECT` or `UNKNOWN` where there is none."""
+        owner = np.full(batch.ranges.shape, NO_OBJECT, np.int32)
+        owner[~self.known] = UNKNOWN
+        # Beams between the first and the last of an object are on it, or have no range.
+        count = (self.beam_f - self.beam_i) % np.maximum(batch.beams[self.row], 1) + 1
+        which = np.repeat(np.arange(len(self.row)), count)
+        after = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+        beam = (self.beam_i[which] + after) % np.maximum(batch.beams[self.row[which]], 1)
+        owner[self.row[which], beam] = which
+        return owner
+
+
+class Hits(NamedTuple):
+    """How many points of an object are in a part of a zone: one entry for each object of a sweep."""
+
+    sweep: Int64
+    """(H,) number of the sweep in the series, ascending."""
+    part: Int64
+    set: UInt8
+    track: Int64
+    object: Int64
+    points: Int64
+
+
+@dataclass(slots=True)
+class ZoneSeries:
+    """What the sweeps of one topic have in a zone, by part: its shape, or each of its shapes."""
+
+    zone: Zone
+    shapes: list[Circle | Polygon]
+    places: list[Float64]
+    """(P, 2) of each part, at which is asked whether they are seen; of a line its own."""
+    points: list[Int32] = field(default_factory=list)
+    """(S, parts) each, as all that follow."""
+    nearest: list[Float32] = field(default_factory=list)
+    bearing: list[Float32] = field(default_factory=list)
+    x: list[Float64] = field(default_factory=list)
+    y: list[Float64] = field(default_factory=list)
+    masked: list[Int32] = field(default_factory=list)
+    seen: list[NDArray[np.uint64]] = field(default_factory=list)
+    ttc: list[Float64] = field(default_factory=list)
+    hits: list[Hits] = field(default_factory=list)
+    placed: list[Float64] = field(default_factory=list)
+    """(S, 4) place of the sensor in the frame of the zone: x, y [m], yaw [rad], 1 where it hangs head down."""
+
+    @staticmethod
+    def of(zone: Zone, shapes: Sequence[Circle | Polygon]) -> ZoneSeries:
+        """Return an empty series; a line has one part for what is seen of it."""
+        line = [zone.shape] if isinstance(zone.shape, Line) else []
+        return ZoneSeries(zone, [*shapes], [samples(shape) for shape in [*shapes, *line]])
+
+    def column(self, name: str) -> NDArray[np.generic]:
+        """Return one of the quantities of all sweeps (S, parts)."""
+        return np.concatenate(getattr(self, name))
+
+
+@dataclass(slots=True)
+class TopicSeries:
+    """The sweeps of one topic, and what they have in each zone."""
+
+    topic: str
+    frame_id: str
+    zones: list[ZoneSeries]
+    sweep: list[Int64] = field(default_factory=list)
+    stamp_ns: list[Int64] = field(default_factory=list)
+    seconds: list[Float64] = field(default_factory=list)
+    pose: list[Float64] = field(default_factory=list)
+    """(S, 4) pose of the sensor in the world, as `ZoneSeries.placed`; NaN where it is not known."""
+    velocity: list[Float64] = field(default_factory=list)
+    """(S, 3) of the robot: ahead, left [m/s], turning [rad/s]; NaN where it is not known."""
+    count: int = 0
+
+    def column(self, name: str) -> NDArray[np.generic]:
+        """Return one of the quantities of all sweeps."""
+        return np.concatenate(getattr(self, name))
+
+
+class Told(NamedTuple):
+    """Velocities that a log tells."""
+
+    stamp_ns: Int64
+    velocity: Float64
+    recorded: bool
+    """True where the stamps are those of the recording."""
+
+
+class Counting:
+    """Folds the batches of one topic into a `TopicSeries`."""
+
+    def __init__(
+        self,
+        series: TopicSeries,
+        frames: Frames,
+        masks: Masks,
+        told: dict[str, Told | None],
+    ) -> None:
+        """`told`: topic of velocities → what it tells, None where the log has no such topic."""
+        self.series = series
+        self._frames = frames
+        self._masks = masks
+        self._told = told
+        self._stamps, self._robots = np.zeros(0, np.int64), np.zeros((0, 3))
+        """Stamps and poses of the robot in the last sweeps."""
+
+    def add(self, batch: SweepBatch, objects: Objects | None) -> None:
+        """Take sweeps of one frame."""
+        series = self.series
+        sensor = batch.frame_ids[int(batch.frame[0])] if len(batch) else ""
+        masks = self._frames.masks_for(self._masks, batch)
+        under = masks.under(batch, batch.ranges) if masks.masks else None
+        ranges = batch.ranges if under is None else np.where(under, np.float32(np.nan), batch.ranges)
+        owners = None if objects is None else objects.owners(batch)
+        posed = None if batch.poses is None else batch.poses
+        places: dict[str, SweepPoses] = {}
+        for each in series.zones:
+            name = each.zone.frame
+            if name not in places:
+                if name == WORLD:
+                    assert posed is not None
+                    places[name] = posed
+                else:
+                    places[name] = self._frames.sensor_in(name, sensor, batch.stamp_ns)
+        velocity = self._velocity(batch, sensor)
+        series.sweep.append(batch.sweep)
+        series.stamp_ns.append(batch.stamp_ns)
+        series.seconds.append(batch.seconds())
+        series.pose.append(_four(posed.at_stamp()) if posed is not None else np.full((len(batch), 4), np.nan))
+        series.velocity.append(velocity)
+        for each in series.zones:
+            place = places[each.zone.frame]
+            each.placed.append(_four(place.at_stamp()))
+            look = _Look(batch, ranges, place, objects, owners, velocity, series.count)
+            self._look(
+                each, look, None if under is None else np.where(under, batch.ranges, np.float32(np.nan))
+            )
+        series.count += len(batch)
+
+    def _look(self, into: ZoneSeries, look: _Look, masked: Float32 | None) -> None:
+        """Count what is in a zone."""
+        count, parts = len(look.batch), len(into.places)
+        points, away = np.zeros((count, parts), np.int32), np.zeros((count, parts), np.int32)
+        nearest, bearing = (np.full((count, parts), np.nan, np.float32) for _ in range(2))
+        x, y, ttc = (np.full((count, parts), np.nan) for _ in range(3))
+        bits = np.zeros((count, parts), np.uint64)
+        for part, places in enumerate(into.places):
+            bits[:, part] = np.packbits(seen(look.batch, look.place, places), axis=1).view(np.uint64)[:, 0]
+        for part, shape in enumerate(into.shapes):
+            found, its = look.inside(into.zone, shape)
+            if into.zone.action == "approach":
+                found, ttc[:, part] = look.approach(into.zone, shape, found, its)
+            rows, counts = np.unique(found.row, return_counts=True)
+            points[rows, part] = counts
+            if len(rows):
+                least = look.least(found)
+                at = found.row[least], found.beam[least]
+                nearest[rows, part] = look.ranges[at]
+                bearing[rows, part] = look.bearing(*at)
+                x[rows, part], y[rows, part] = found.x[least], found.y[least]
+            into.hits.append(look.hits(found, part))
+            if masked is not None:
+                under = candidates(look.batch, masked, look.place, shape)
+                away[:, part] = np.bincount(under.row, minlength=count)
+        for name, values in (
+            *(("points", points), ("nearest", nearest), ("bearing", bearing), ("x", x), ("y", y)),
+            *(("masked", away), ("seen", bits), ("ttc", ttc)),
+        ):
+            getattr(into, name).append(values)
+
+    def _velocity(self, batch: SweepBatch, sensor: str) -> Float64:
+        """Return the velocity of the robot (S, 3): as the log tells it, or else by the poses before each sweep."""
+        topics = dict.fromkeys(each.zone.velocity_topic for each in self.series.zones)
+        told = next((found for topic in topics if (found := self._told.get(topic)) is not None), None)
+        if told is not None:
+            at = batch.record_ns if told.recorded else batch.stamp_ns
+            index = np.searchsorted(told.stamp_ns, at, side="right") - 1
+            return np.where(index[:, None] < 0, np.nan, told.velocity[np.maximum(index, 0)])
+        found = np.full((len(batch), 3), np.nan)
+        if batch.poses is None:
+            return found
+        known = np.flatnonzero(np.isfinite(batch.poses.x))
+        robot = self._robot(batch.poses.at_stamp(), batch, sensor)
+        here = np.column_stack([robot.x, robot.y, robot.yaw])[known]
+        stamps = np.concatenate([self._stamps, np.maximum.accumulate(batch.stamp_ns[known])])
+        poses = np.concatenate([self._robots, here])
+        now = np.arange(len(poses) - len(known), len(poses))
+        then = np.maximum(np.searchsorted(stamps, stamps[now] - VELOCITY_SPAN_NS, side="right") - 1, 0)
+        seconds = (stamps[now] - stamps[then]) * 1e-9
+        turn = (poses[now, 2] - poses[then, 2] + np.pi) % TURN - np.pi
+        # The direction half-way: the way of a turn is a chord.
+        heading = poses[then, 2] + 0.5 * turn
+        cos, sin = np.cos(heading), np.sin(heading)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dx, dy = (poses[now, :2] - poses[then, :2]).T / seconds
+            velocity = np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, turn / seconds])
+        found[known] = np.where(seconds[:, None] > 0.0, velocity, np.nan)
+        kept = then[-1] if len(known) else 0
+        self._stamps, self._robots = stamps[kept:], poses[kept:]
+        return found
+
+    def _robot(self, poses: SweepPoses, batch: SweepBatch, sensor: str) -> SweepPoses:
+        """Return the poses of the robot in the world; those of the sensor where it is not known how it is mounted."""
+        frames = {each.zone.frame for each in self.series.zones} - {WORLD, SENSOR}
+        mount = self._frames.sensor_in(min(frames, default=SENSOR), sensor, batch.stamp_ns)
+        yaw = poses.yaw - mount.yaw
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        x, y = poses.x - cos * mount.x + sin * mount.y, poses.y - sin * mount.x - cos * mount.y
+        return SweepPoses(x, y, yaw, np.zeros(len(yaw), np.bool_))
+
+
+class _Look(NamedTuple):
+    """Sweeps of one frame, and where their sensor is in the frame of a zone."""
+
+    batch: SweepBatch
+    ranges: Float32
+    """(S, B) without those under a mask."""
+    place: SweepPoses
+    objects: Objects | None
+    owners: Int32 | None
+    velocity: Float64
+    begin: int
+    """Number of the first of these sweeps in the series."""
+
+    def bearing(self, row: NDArray[np.intp], beam: NDArray[np.intp]) -> Float64:
+        """Return the bearings of beams [rad]."""
+        bearing: Float64 = self.batch.angle_min[row] + self.batch.angle_increment[row] * beam
+        return bearing
+
+    def inside(self, zone: Zone, shape: Circle | Polygon) -> tuple[Inside, Inside]:
+        """Return the points that count and are inside of a shape; and, for `approach`, all that count wherever they are."""
+        if zone.action != "approach":
+            found = self._counted(zone, candidates(self.batch, self.ranges, self.place, shape))
+            return found, found
+        # The robot comes to them: all that it could reach.
+        speed = np.hypot(self.velocity[:, 0], self.velocity[:, 1])
+        fastest = float(np.nanmax(speed, initial=0.0))
+        if zone.count == "agents" and self.objects is not None:
+            fastest += float(np.nanmax(np.hypot(*self.objects.velocity.T), initial=0.0))
+        way = fastest * (zone.time_before_collision + zone.time_step)
+        near = candidates(self.batch, self.ranges, self.place, _around(shape, way))
+        return self._counted(zone, candidates(self.batch, self.ranges, self.place, shape)), self._counted(
+            zone, near
+        )
+
+    def _counted(self, zone: Zone, found: Inside) -> Inside:
+        """Return the points on what counts in a zone."""
+        if zone.count == "beams" or self.owners is None or self.objects is None:
+            return found
+        owner = self.owners[found.row, found.beam]
+        counts = owner >= 0
+        if zone.count == "agents":
+            agents = self.objects.set == SETS.index("A")
+            counts &= agents[np.maximum(owner, 0)] if len(agents) else False
+        return Inside(*(values[counts] for values in found))
+
+    def approach(
+        self, zone: Zone, shape: Circle | Polygon, now: Inside, near: Inside
+    ) -> tuple[Inside, Float64]:
+        """Return the points that will be met first, or those inside now, and the time to collision (S,) [s]."""
+        own = self._own_velocity(near) if zone.count == "agents" else None
+        ahead = zone.time_before_collision, zone.time_step
+        steps = collision_steps(shape, near.x, near.y, near.row, self.velocity, *ahead, own)
+        enough = steps >= zone.min_points
+        step = np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
+        ttc = np.where(step >= 0, times(*ahead)[np.maximum(step, 0)], np.nan)
+        met = meeting(shape, near.x, near.y, near.row, self.velocity, step, zone.time_step, own)
+        others = step[now.row] < 0
+        both = [np.concatenate([a[met], b[others]]) for a, b in zip(near, now, strict=True)]
+        order = np.lexsort((both[1], both[0]))
+        return Inside(*(values[order] for values in both)), ttc
+
+    def _own_velocity(self, found: Inside) -> Float64:
+        """Return the velocity over ground of the agents that points are on (K, 2), in the axes of the robot [m/s]."""
+        assert self.owners is not None
+        assert self.objects is not None
+        velocity = np.nan_to_num(self.objects.velocity[np.maximum(self.owners[found.row, found.beam], 0)])
+        turned = self.place.yaw if self.batch.poses is None else self.place.yaw - self.batch.poses.yaw
+        cos, sin = np.cos(turned[found.row]), np.sin(turned[found.row])
+        return np.column_stack(
+            [cos * velocity[:, 0] - sin * velocity[:, 1], sin * velocity[:, 0] + cos * velocity[:, 1]]
+        )
+
+    def least(self, found: Inside) -> NDArray[np.intp]:
+        """Return the nearest point of each sweep that has any, by index."""
+        order = np.lexsort((found.beam, self.ranges[found.row, found.beam], found.row))
+        first = np.append(True, np.diff(found.row[order]) != 0) if len(order) else np.zeros(0, np.bool_)
+        return order[first]
+
+    def hits(self, found: Inside, part: int) -> Hits:
+        """Return the points of each object."""
+        if self.owners is None or self.objects is None or not len(found.row):
+            none = np.zeros(0, np.int64)
+            return Hits(none, none, np.zeros(0, np.uint8), none, none, none)
+        owner = self.owners[found.row, found.beam]
+        row, owner = found.row[owner >= 0], owner[owner >= 0]
+        key, counts = np.unique(row * (len(self.objects.row) + 1) + owner, return_counts=True)
+        row, owner = np.divmod(key, len(self.objects.row) + 1)
+        objects = self.objects
+        return Hits(
+            row + self.begin,
+            np.full(len(row), part),
+            objects.set[owner],
+            objects.track[owner],
+            objects.object[owner],
+            counts,
+        )
+
+
+def _around(shape: Circle | Polygon, way: float) -> Circle:
+    """Return a circle about the robot that holds a shape and all within some way of it."""
+    if isinstance(shape, Circle):
+        return Circle(0.0, 0.0, float(np.hypot(shape.x, shape.y)) + shape.radius + way)
+    return Circle(0.0, 0.0, float(np.hypot(*np.array(shape.corners).T).max()) + way)
+
+
+def _four(poses: SweepPoses) -> Float64:
+    """Return (S, 4): x, y, yaw, and 1 where the sensor hangs head down."""
+    return np.column_stack([poses.x, poses.y, poses.yaw, poses.upside_down])

@@ -1,0 +1,140 @@
+"""Places of sensors in the frames of zones: by mounts of the zone file, by transforms of the log, by poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lidarcli.errors import NoScanError
+from lidarcli.logs.base import Log
+from lidarcli.masks import Mask, Masks, Mount, mounted, same_name
+from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
+from lidarcli.poses.messages import frame_name
+from lidarcli.poses.tracks import Track, planar
+from lidarcli.poses.tree import FrameTree, along
+from lidarcli.sweeps import Float64, Int64, SweepBatch, SweepPoses
+from lidarcli.zones import ROBOT, SENSOR, WORLD, Zones
+
+
+@dataclass(slots=True)
+class Frames:
+    """Places of sensors in the frames of zones."""
+
+    mounts: Sequence[Mount]
+    """Mounts that files tell; they count before the transforms of the log."""
+    robot: str
+    """Name of the frame of the robot; empty: the one at the end of the mounts, or by the transforms of the log."""
+    _log: Log
+    _tree: FrameTree | None = None
+    _found: dict[tuple[str, str], Mount | None] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, log: Log, zones: Zones, mounts: Sequence[Mount] = ()) -> Frames:
+        """Return the frames for the zones of a file; `mounts`: more of them."""
+        return cls((*zones.masks.mounts, *mounts), zones.robot, log)
+
+    @property
+    def tree(self) -> FrameTree:
+        """The transforms of the log, which are read when somebody asks for the first time."""
+        if self._tree is None:
+            tracks: Sequence[Track] = ()
+            if self._log.size is not None and self._log.topics() is not None:
+                told = (
+                    self._log.poses() if isinstance(self._log, SlicedLog) else read_pose_messages(self._log)
+                )
+                tracks = told.tracks
+            self._tree = FrameTree([track for track in tracks if track.is_link])
+        return self._tree
+
+    def sensor_in(self, frame: str, sensor: str, stamp_ns: Int64) -> SweepPoses:
+        """Return where a sensor is in a frame other than the world at each time (S,).
+
+        Raises
+        ------
+        NoScanError
+            Nothing leads from the sensor to the frame.
+        """
+        if frame == SENSOR:
+            return _resting(Mount(sensor, sensor, 0.0, 0.0, 0.0), len(stamp_ns))
+        target = self.robot_of(sensor) if frame == ROBOT else frame
+        mount = mounted(self.mounts, sensor, target)
+        if mount is not None:
+            return _resting(mount, len(stamp_ns))
+        steps = self.tree.path(frame_name(sensor), frame_name(target))
+        if steps is None:
+            raise self._lost(sensor, target)
+        # A mount stays where it is, also before the first transform of it and after the last one.
+        return planar(along(steps, stamp_ns, held=True))
+
+    def robot_of(self, sensor: str) -> str:
+        """Return the name of the frame of the robot that carries a sensor; errors as of `sensor_in`."""
+        if self.robot:
+            return self.robot
+        here, left = sensor, len(self.mounts)
+        while left and (
+            parent := next((one.parent for one in self.mounts if same_name(one.frame, here)), "")
+        ):
+            here, left = parent, left - 1
+        if here != sensor:
+            return here
+        steps = self.tree.to_base(frame_name(sensor))
+        if steps:
+            return steps[-1].target
+        if frame_name(sensor).rpartition("/")[2].startswith("base"):
+            return sensor
+        raise self._lost(sensor, "")
+
+    def corners_in(self, sensor: str, frame: str, stamp_ns: int, corners: Float64) -> Float64 | None:
+        """Return points (C, 2) of another frame in that of the robot at a time; None where nothing leads there."""
+        robot = self.robot_of(sensor)
+        if same_name(frame, robot):
+            return corners
+        steps = self.tree.path(frame_name(frame), frame_name(robot))
+        if steps is None:
+            return None
+        pose = planar(along(steps, np.array([stamp_ns]), held=True))
+        row = np.zeros(len(corners), np.int64)
+        x, y, _ = pose.to_world(row, corners[:, 0], corners[:, 1], np.zeros(len(corners)))
+        found: Float64 = np.column_stack([x, y])
+        return found if np.isfinite(found).all() else None
+
+    def masks_for(self, masks: Masks, batch: SweepBatch) -> Masks:
+        """Return masks with a mount for each frame that they name, as it is at the first sweep of a batch."""
+        placed: list[Mask] = []
+        mounts: list[Mount] = [*self.mounts, *masks.mounts]
+        for mask in masks.masks:
+            if mask.topic and not same_name(mask.topic, batch.topic):
+                continue
+            placed.append(mask)
+            for sensor in batch.frame_ids if mask.frame else ():
+                if mounted(mounts, sensor, mask.frame) is None:
+                    mounts.append(self._mount(mask.frame, sensor, batch.stamp_ns[:1]))
+        return Masks(tuple(placed), tuple(mounts), masks.path)
+
+    def _mount(self, frame: str, sensor: str, stamp_ns: Int64) -> Mount:
+        key = frame, sensor
+        if key not in self._found:
+            here = self.sensor_in(frame, sensor, stamp_ns)
+            x, y, yaw = (float(each[0]) for each in (here.x, here.y, here.yaw))
+            self._found[key] = Mount(sensor, frame, x, y, yaw, bool(here.upside_down[0]))
+        found = self._found[key]
+        assert found is not None
+        return found
+
+    def _lost(self, sensor: str, target: str) -> NoScanError:
+        name = sensor or "without a name"
+        return NoScanError(
+            f"nothing leads from frame {name} to {target or 'the robot'}; add to the zone file: [[mount]] "
+            f'frame = "{sensor}" parent = "{target or "base_link"}" x = 0.0 y = 0.0 yaw = 0.0'
+        )
+
+
+def _resting(mount: Mount, count: int) -> SweepPoses:
+    """Return one place for so many sweeps."""
+    x, y, yaw = (np.full(count, value) for value in (mount.x, mount.y, mount.yaw))
+    return SweepPoses(x, y, yaw, np.full(count, mount.upside_down))
+
+
+__all__ = ["WORLD", "Frames"]

@@ -1,0 +1,99 @@
+"""YAML files of ROS parameters: read within bounds, and with the kinds of values that ROS gives them."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+from lidarcli.errors import UnreadableError
+from lidarcli.tomlfiles import MAX_DEPTH, read_text
+
+if TYPE_CHECKING:
+    from ruamel.yaml.nodes import Node, ScalarNode
+
+MAX_YAML_BYTES = 1 << 17
+"""Most bytes of a file: all parameters of Nav2 take some 20,000, and parsing is slow."""
+_TRUTHS = dict.fromkeys(("y", "yes", "true", "on"), True) | dict.fromkeys(("n", "no", "false", "off"), False)
+_TAG = "tag:yaml.org,2002:"
+
+
+def read_yaml(file: str, what: str) -> dict[str, Any]:
+    """Read a YAML file, which errors call a `what` (zone file), into dicts, lists, texts, numbers, booleans and None.
+
+    As in ROS there are no aliases, and thus no merges, of which a few lines can be made to take hours.
+
+    Raises
+    ------
+    UnreadableError
+        There is no such file, it is too large, or it is no YAML with keys.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.nodes import MappingNode
+
+    text = read_text(file, what, "YAML", most=MAX_YAML_BYTES)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            root = YAML(typ="safe", pure=True).compose(text)
+    # Whatever the parser stumbles over, the file is at fault: it may come from anywhere.
+    except Exception as err:
+        raise UnreadableError(f"{file}: not valid YAML: {_reason(err)}") from err
+    if not isinstance(root, MappingNode):
+        raise UnreadableError(f"{file}: not valid YAML of a {what}: it has no keys")
+    values: dict[str, Any] = _value(file, root, set(), 0)
+    return values
+
+
+def _value(file: str, node: Node, seen: set[int], depth: int) -> Any:
+    """Return the value of a node."""
+    from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
+
+    place = f"{file}: line {node.start_mark.line + 1}"
+    if id(node) in seen:
+        raise UnreadableError(f"{place}: an anchor that is used twice, which ROS does not know")
+    if depth > MAX_DEPTH:
+        raise UnreadableError(f"{place}: more than {MAX_DEPTH} levels")
+    seen.add(id(node))
+    if isinstance(node, ScalarNode):
+        return _scalar(node)
+    if isinstance(node, SequenceNode):
+        return [_value(file, item, seen, depth + 1) for item in node.value]
+    assert isinstance(node, MappingNode)
+    values: dict[str, Any] = {}
+    for key, value in node.value:
+        name = str(key.value) if isinstance(key, ScalarNode) else ""
+        if not name:
+            raise UnreadableError(f"{place}: a key that is no name")
+        if name in values:
+            raise UnreadableError(f"{file}: line {key.start_mark.line + 1}: key '{name}' is there twice")
+        values[name] = _value(file, value, seen, depth + 1)
+    return values
+
+
+def _scalar(node: ScalarNode) -> Any:
+    """Return a text, number, boolean or None."""
+    text = str(node.value)
+    kind = str(node.tag).removeprefix(_TAG)
+    if kind == "null":
+        return None
+    # Quoted values have a style.
+    if kind in {"bool", "str"} and not node.style and text.lower() in _TRUTHS:
+        return _TRUTHS[text.lower()]
+    if kind in {"int", "float"}:
+        try:
+            return (
+                int(text, 10)
+                if kind == "int"
+                else float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
+            )
+        except ValueError:
+            return text
+    return text
+
+
+def _reason(err: Exception) -> str:
+    """Return the cause that a parser tells, in one line, with the place."""
+    mark, problem = getattr(err, "problem_mark", None), getattr(err, "problem", None)
+    if mark is None or not problem:
+        return " ".join(str(err).split()) or type(err).__name__
+    return f"line {mark.line + 1}: {problem}"
