@@ -55,7 +55,7 @@ CLOUDS, ECHO = "Point clouds", "Beams with several echoes"
 OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
 BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
-PICTURE, LOOK, GATES = "Picture", "Look", "Gates"
+PICTURE, LOOK, GATES, ZONES = "Picture", "Look", "Gates", "Zones"
 
 
 def _time(text: str) -> Any:
@@ -516,6 +516,29 @@ class Mapping(Reading, total=False):
         "Keep one point for each square of this side.",
     ]
     path: Annotated[bool, Option(OUTPUT, None, False), "Draw the path of the sensor into the .png."]
+
+
+class Zoning(Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, total=False):
+    """Keywords of `zones`."""
+
+    zones: Annotated[
+        Paths,
+        Option(ZONES, File("FILE"), (), required=True, several=True, python="Python takes a list."),
+        "Zones to watch, may be repeated: TOML, or the YAML of Nav2's Collision Monitor (docs/zones.md).",
+    ]
+    objects: Annotated[
+        AnyPath | None,
+        Option(ZONES, File("TABLE"), shown="find and follow, as track does"),
+        "Take the objects from <log>.objects.parquet, as detect or track have written it, with the tables beside.",
+    ]
+    no_objects: Annotated[
+        bool, Option(ZONES, None, False), "Count beams alone: it is not known whose they are. Takes half the time."
+    ]
+    footprint: Annotated[
+        str | None,
+        Option(ZONES, Text("POINTS", has_blanks=True), shown="what the log tells"),
+        "Shape '[[x, y], ...]' [m] of zones whose shape a topic tells that is not in the log.",
+    ]
 
 
 class Inspecting(Joining, Poses, Ranges, total=False):

@@ -299,7 +299,7 @@ def show_reading(outcome: Outcome, say: Messages) -> None:
     if outcome.error:
         say.error(outcome.label, outcome.error)
     if (run := outcome.summary) is not None:
-        _show_losses(outcome.label, run, say)
+        show_losses(outcome.label, run, say)
         say.info(f"{outcome.label}: {counted(run.sweeps, 'sweep')}{_damaged(run)}")
         say.notes(run.notes)
 
@@ -343,7 +343,7 @@ class Total:
 
 
 def _show_run(label: str, run: RunSummary, say: Messages) -> None:
-    _show_losses(label, run, say)
+    show_losses(label, run, say)
     say.info(f"{label}: {_counts(run)}{_damaged(run)}")
     if run.sweeps:
         _say_parts(say, f"  beams    {run.beams:,}: ", run.by_status, run.beams, ("valid",))
@@ -357,7 +357,8 @@ def _show_run(label: str, run: RunSummary, say: Messages) -> None:
     say.wrote(run.outputs)
 
 
-def _show_losses(label: str, run: RunSummary, say: Messages) -> None:
+def show_losses(label: str, run: RunSummary, say: Messages) -> None:
+    """Show what of a log could not be read, and which topics were not there."""
     from lidarcli.logs.options import no_scan_topic
 
     for line in run.damage:

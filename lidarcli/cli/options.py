@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -216,3 +216,13 @@ def log_options(told: Mapping[str, Any]) -> LogOptions:
     with usage_errors():
         read, opening = read_options(told), opening_options(told)
     return LogOptions(read, opening, pose_options(told))
+
+
+def refuse_finding(headings: Collection[str], given: str = "--objects names some that have been found") -> None:
+    """Refuse options of finding objects, those below some headings, beside an option that leaves nothing to find."""
+    ctx = click.get_current_context()
+    for parameter in ctx.command.params:
+        if not isinstance(parameter, DeclaredOption) or parameter.heading not in headings:
+            continue
+        if ctx.get_parameter_source(str(parameter.name)) is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"{parameter.opts[0]} is for finding objects, and {given}")

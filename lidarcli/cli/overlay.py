@@ -3,13 +3,10 @@
 from pathlib import Path
 from typing import Annotated
 
-import click
-from click.core import ParameterSource
-
 from lidarcli.choices import SIGNIFICANCE
 from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, progress_bar, show_reading
-from lidarcli.cli.options import DeclaredOption, log_options
+from lidarcli.cli.options import log_options, refuse_finding
 from lidarcli.option_forms import File, Option
 from lidarcli.options import (
     ECHO,
@@ -87,7 +84,7 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
     """
     logs = log_options(told)
     if told["objects"] is not None:
-        _refuse_finding(click.get_current_context())
+        refuse_finding(OF_FINDING)
 
     from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.options import detect_options, tracking_of
@@ -114,14 +111,3 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
     if outcome.summary is not None:
         say.wrote(outcome.summary.outputs)
     return outcome.exit_code
-
-
-def _refuse_finding(ctx: click.Context) -> None:
-    """Refuse options of finding objects beside a table of objects that have been found."""
-    for parameter in ctx.command.params:
-        if not isinstance(parameter, DeclaredOption) or parameter.heading not in OF_FINDING:
-            continue
-        if ctx.get_parameter_source(str(parameter.name)) is ParameterSource.COMMANDLINE:
-            raise click.UsageError(
-                f"{parameter.opts[0]} is for finding objects, and --objects names some that have been found"
-            )

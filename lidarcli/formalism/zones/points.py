@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.masks import Circle, Polygon
-from lidarcli.sweeps import TURN, Bool, Float64, Status, SweepBatch, SweepPoses
+from lidarcli.sweeps import TURN, Bool, Float32, Float64, Status, SweepBatch, SweepPoses
 from lidarcli.zones import Line, inside
 
 Shape = Circle | Polygon | Line
@@ -29,6 +29,17 @@ class Inside(NamedTuple):
     x: Float64
     y: Float64
     """(K,) in the frame of the zone [m]."""
+
+    def of(self, some: NDArray[np.intp] | Bool) -> Inside:
+        """Return some of the points."""
+        return Inside(self.row[some], self.beam[some], self.x[some], self.y[some])
+
+    def with_(self, more: Inside) -> Inside:
+        """Return these points and more of them, in the order of sweeps and beams."""
+        row, beam = np.concatenate([self.row, more.row]), np.concatenate([self.beam, more.beam])
+        order = np.lexsort((beam, row))
+        both = Inside(row, beam, np.concatenate([self.x, more.x]), np.concatenate([self.y, more.y]))
+        return both.of(order)
 
 
 def bounds(shape: Shape) -> tuple[float, float, float]:
@@ -67,7 +78,7 @@ def samples(shape: Shape) -> Float64:
     return few
 
 
-def candidates(batch: SweepBatch, ranges: Float64, place: SweepPoses, shape: Circle | Polygon) -> Inside:
+def candidates(batch: SweepBatch, ranges: Float32, place: SweepPoses, shape: Circle | Polygon) -> Inside:
     """Return the points of sweeps (S, B) that are inside of a shape.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -15,12 +15,12 @@ from lidarcli.formalism.zones.approach import collision_steps, meeting, times
 from lidarcli.formalism.zones.points import Inside, candidates, samples, seen
 from lidarcli.masks import Circle, Masks, Polygon
 from lidarcli.pipeline.watching.frames import Frames
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8
+from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8
 from lidarcli.tabular.arrays import held, numbers
 from lidarcli.zones import SENSOR, WORLD, Line, Zone
 
-NO_OBJECT, UNKNOWN = -1, -2
-"""In place of an object: a point on walls and the rest, and one in a sweep whose objects nobody knows."""
+NO_OBJECT = -1
+"""In place of an object: a point on walls and the rest."""
 OBJECT_COLUMNS = ("topic", "sweep", "object", "beam_i", "beam_f", "set", "track", "vx", "vy")
 """Columns of the objects table that tell whose beams are in a zone."""
 VELOCITY_SPAN_NS = 200_000_000
@@ -41,32 +41,34 @@ class Objects(NamedTuple):
     """(N,) its track, -1 for none."""
     velocity: Float64
     """(N, 2) [m/s] in the world or else the sensor frame; NaN where it is not known."""
-    known: Bool
-    """(S,) sweeps that the table knows."""
 
     @staticmethod
-    def of(rows: pa.RecordBatch, batch: SweepBatch, known: Bool) -> Objects:
+    def of(rows: pa.RecordBatch, batch: SweepBatch) -> Objects:
         """Return the objects of a batch among rows of the table; walls are none."""
-        sweep = np.asarray(rows["sweep"])
-        row = np.minimum(np.searchsorted(batch.sweep, sweep), max(len(batch) - 1, 0))
+        sweep, first, beam_i, beam_f = (
+            np.asarray(rows[name]).astype(np.int64) for name in ("sweep", "object", "beam_i", "beam_f")
+        )
+        row = np.searchsorted(batch.sweep, sweep)
         names = rows["set"]
         letters = np.array([SETS.index(str(name)) for name in names.dictionary.to_pylist()] or [0], np.uint8)
         its = letters[np.asarray(names.indices)] if len(names) else np.zeros(0, np.uint8)
-        mine = (its != SETS.index("S")) & (batch.sweep[row] == sweep if len(batch) else False)
+        mine = its != SETS.index("S")
         track, there = held(rows["track"])
+        velocity = np.column_stack([numbers(rows["vx"]), numbers(rows["vy"])])
+        track = np.where(there, track, -1)
         return Objects(
-            row[mine],
-            *(np.asarray(rows[name]).astype(np.int64)[mine] for name in ("object", "beam_i", "beam_f")),
-            its[mine],
-            np.where(there, track, -1)[mine],
-            np.column_stack([numbers(rows["vx"]), numbers(rows["vy"])])[mine],
-            known,
+            row[mine], first[mine], beam_i[mine], beam_f[mine], its[mine], track[mine], velocity[mine]
         )
 
+    def of_rows(self, rows: Int64) -> Objects:
+        """Return the objects of some sweeps of the batch, which are numbered anew."""
+        at = np.searchsorted(rows, self.row)
+        mine = rows[np.minimum(at, len(rows) - 1)] == self.row
+        return Objects(at[mine], *(values[mine] for values in self[1:]))
+
     def owners(self, batch: SweepBatch) -> Int32:
-        """Return the object (S, B) of every beam, by index here: `NO_OBJECT` or `UNKNOWN` where there is none."""
+        """Return the object (S, B) of every beam, by index here; `NO_OBJECT` where there is none."""
         owner = np.full(batch.ranges.shape, NO_OBJECT, np.int32)
-        owner[~self.known] = UNKNOWN
         # Beams between the first and the last of an object are on it, or have no range.
         count = (self.beam_f - self.beam_i) % np.maximum(batch.beams[self.row], 1) + 1
         which = np.repeat(np.arange(len(self.row)), count)
@@ -86,6 +88,10 @@ class Hits(NamedTuple):
     track: Int64
     object: Int64
     points: Int64
+
+
+_NONE = np.zeros(0, np.int64)
+NO_HITS = Hits(_NONE, _NONE, np.zeros(0, np.uint8), _NONE, _NONE, _NONE)
 
 
 @dataclass(slots=True)
@@ -115,9 +121,17 @@ class ZoneSeries:
         line = [zone.shape] if isinstance(zone.shape, Line) else []
         return ZoneSeries(zone, [*shapes], [samples(shape) for shape in [*shapes, *line]])
 
-    def column(self, name: str) -> NDArray[np.generic]:
+    def column(self, name: str) -> NDArray[Any]:
         """Return one of the quantities of all sweeps (S, parts)."""
-        return np.concatenate(getattr(self, name))
+        return _whole(getattr(self, name))
+
+    def all_hits(self) -> Hits:
+        """Return the hits of all sweeps."""
+        if len(self.hits) != 1:
+            self.hits[:] = [
+                Hits(*(np.concatenate(values) for values in zip(NO_HITS, *self.hits, strict=True)))
+            ]
+        return self.hits[0]
 
 
 @dataclass(slots=True)
@@ -136,9 +150,16 @@ class TopicSeries:
     """(S, 3) of the robot: ahead, left [m/s], turning [rad/s]; NaN where it is not known."""
     count: int = 0
 
-    def column(self, name: str) -> NDArray[np.generic]:
+    def column(self, name: str) -> NDArray[Any]:
         """Return one of the quantities of all sweeps."""
-        return np.concatenate(getattr(self, name))
+        return _whole(getattr(self, name))
+
+
+def _whole(pieces: list[NDArray[Any]]) -> NDArray[Any]:
+    """Join pieces of an array for good."""
+    if len(pieces) != 1:
+        pieces[:] = [np.concatenate(pieces)]
+    return pieces[0]
 
 
 class Told(NamedTuple):
@@ -239,10 +260,11 @@ class Counting:
         if told is not None:
             at = batch.record_ns if told.recorded else batch.stamp_ns
             index = np.searchsorted(told.stamp_ns, at, side="right") - 1
-            return np.where(index[:, None] < 0, np.nan, told.velocity[np.maximum(index, 0)])
-        found = np.full((len(batch), 3), np.nan)
+            before: Float64 = np.where(index[:, None] < 0, np.nan, told.velocity[np.maximum(index, 0)])
+            return before
+        velocities = np.full((len(batch), 3), np.nan)
         if batch.poses is None:
-            return found
+            return velocities
         known = np.flatnonzero(np.isfinite(batch.poses.x))
         robot = self._robot(batch.poses.at_stamp(), batch, sensor)
         here = np.column_stack([robot.x, robot.y, robot.yaw])[known]
@@ -258,10 +280,10 @@ class Counting:
         with np.errstate(divide="ignore", invalid="ignore"):
             dx, dy = (poses[now, :2] - poses[then, :2]).T / seconds
             velocity = np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, turn / seconds])
-        found[known] = np.where(seconds[:, None] > 0.0, velocity, np.nan)
-        kept = then[-1] if len(known) else 0
+        velocities[known] = np.where(seconds[:, None] > 0.0, velocity, np.nan)
+        kept = int(then[-1]) if len(known) else 0
         self._stamps, self._robots = stamps[kept:], poses[kept:]
-        return found
+        return velocities
 
     def _robot(self, poses: SweepPoses, batch: SweepBatch, sensor: str) -> SweepPoses:
         """Return the poses of the robot in the world; those of the sensor where it is not known how it is mounted."""
@@ -316,7 +338,7 @@ class _Look(NamedTuple):
         if zone.count == "agents":
             agents = self.objects.set == SETS.index("A")
             counts &= agents[np.maximum(owner, 0)] if len(agents) else False
-        return Inside(*(values[counts] for values in found))
+        return found.of(counts)
 
     def approach(
         self, zone: Zone, shape: Circle | Polygon, now: Inside, near: Inside
@@ -330,9 +352,7 @@ class _Look(NamedTuple):
         ttc = np.where(step >= 0, times(*ahead)[np.maximum(step, 0)], np.nan)
         met = meeting(shape, near.x, near.y, near.row, self.velocity, step, zone.time_step, own)
         others = step[now.row] < 0
-        both = [np.concatenate([a[met], b[others]]) for a, b in zip(near, now, strict=True)]
-        order = np.lexsort((both[1], both[0]))
-        return Inside(*(values[order] for values in both)), ttc
+        return near.of(met).with_(now.of(others)), ttc
 
     def _own_velocity(self, found: Inside) -> Float64:
         """Return the velocity over ground of the agents that points are on (K, 2), in the axes of the robot [m/s]."""
@@ -348,14 +368,14 @@ class _Look(NamedTuple):
     def least(self, found: Inside) -> NDArray[np.intp]:
         """Return the nearest point of each sweep that has any, by index."""
         order = np.lexsort((found.beam, self.ranges[found.row, found.beam], found.row))
-        first = np.append(True, np.diff(found.row[order]) != 0) if len(order) else np.zeros(0, np.bool_)
-        return order[first]
+        rows = found.row[order]
+        nearest: NDArray[np.intp] = order[np.diff(rows, prepend=-1) != 0]
+        return nearest
 
     def hits(self, found: Inside, part: int) -> Hits:
         """Return the points of each object."""
         if self.owners is None or self.objects is None or not len(found.row):
-            none = np.zeros(0, np.int64)
-            return Hits(none, none, np.zeros(0, np.uint8), none, none, none)
+            return NO_HITS
         owner = self.owners[found.row, found.beam]
         row, owner = found.row[owner >= 0], owner[owner >= 0]
         key, counts = np.unique(row * (len(self.objects.row) + 1) + owner, return_counts=True)

@@ -1,0 +1,96 @@
+"""`lidarcli zones`: who or what was in a zone, when, and how near."""
+
+from typing import Annotated
+
+from lidarcli.cli.commands import command
+from lidarcli.cli.messages import Messages, Total, progress_bar, show_losses
+from lidarcli.cli.options import log_options, refuse_finding, usage_errors
+from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
+from lidarcli.display import counted
+from lidarcli.option_forms import Option, Text
+from lidarcli.options import BACKGROUND, GATES, OBJECTS, THINGS, ManyLogs, Overwrite, Zoning, output
+from lidarcli.stores.url import place
+
+
+class ZonesCommand(ManyLogs, Overwrite, Zoning, total=False):
+    """Options of `zones`."""
+
+    output: Annotated[
+        str | None,
+        output("DIR", shown="none, nothing is written"),
+        "Folder for the tables <log>.events.parquet and <log>.zones.parquet.",
+    ]
+    check: Annotated[
+        tuple[str, ...],
+        Option(GATES, Text("EXPR", has_blanks=True), (), shown="none", several=True),
+        "Condition that must hold, else the exit code is 1; may be repeated: zones.NAME.events == 0 (docs/zones.md).",
+    ]
+
+
+@command(
+    ZonesCommand,
+    examples="""\
+  lidarcli zones run.mcap --zones nav2.yaml -o tables
+  lidarcli zones run.mcap --zones zones.toml --check "zones.stop.events == 0"
+  lidarcli zones run.mcap --zones doors.toml --check "zones.door.in >= 30"
+  lidarcli zones run.bag --zones zones.toml --mask robot.toml --no-objects
+  lidarcli zones run.bag --zones zones.toml --objects run.objects.parquet
+  lidarcli zones run.db3 --zones nav2.yaml --footprint '[[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]'""",
+)
+def zones(say: Messages, told: ZonesCommand) -> int:
+    """Find who or what was in a zone, when, and how near.
+
+    Zones are polygons, circles and lines in the frame of the sensor, the robot or the
+    world, of a TOML file or of Nav2's Collision Monitor, whose rules they follow. All
+    valid beams count by default: a wall that is too near is an event, too.
+    An offline check of a recording, no safety function.
+    """
+    refuse_no_logs(told)
+    logs = log_options(told)
+    if told["objects"] is not None or told["no_objects"]:
+        why = "--objects names some that have been found" if told["objects"] else "--no-objects finds none"
+        refuse_finding((OBJECTS, THINGS, BACKGROUND), why)
+
+    from lidarcli.errors import CHECK_FAILED
+    from lidarcli.machine import keep_freed_memory
+    from lidarcli.pipeline.api.zoning import zone_options
+    from lidarcli.pipeline.zoning import Judged, refuse_outputs, watch_files
+
+    with usage_errors():
+        options = zone_options(told, logs, overwrite=told["overwrite"])
+        judged = Judged(options, told["check"])
+    keep_freed_memory()
+    say.of_missing_core()
+    sources = chosen_logs(say, told)
+    folder = None if told["output"] is None else place(told["output"])
+    if options.objects is not None and len(sources) != 1:
+        say.error(f"--objects is for one log, and these are {len(sources):,}")
+        return 2
+    if told["dry_run"]:
+        return print_reads(sources, refuse_outputs(sources, folder, options, dry=True))
+    refuse_outputs(sources, folder, options)
+    total = Total()
+    with progress_bar(sources, say) as report:
+        for outcome in watch_files(sources, folder, options, report):
+            total.add(outcome)
+            judged.add(outcome)
+            if outcome.trace:
+                say.bug(outcome.trace)
+            if outcome.error is not None:
+                say.error(outcome.label, outcome.error)
+            if (run := outcome.summary) is not None:
+                show_losses(outcome.label, run, say)
+                count = counted(len(options.zones.zones), "zone")
+                say.info(f"{outcome.label}: {counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}, {count}")
+                for line in judged.lines(run):
+                    say.info(f"  {line}")
+                say.notes(run.notes)
+                say.wrote(run.outputs)
+    for line in judged.unseen:
+        say.error("incomplete", line)
+    for verdict in judged.verdicts:
+        if not verdict.holds:
+            say.error(f"check failed: {verdict.failure}")
+    if judged.failed:
+        return CHECK_FAILED
+    return total.exit_code(sources) or judged.exit_code

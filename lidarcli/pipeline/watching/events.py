@@ -1,0 +1,587 @@
+"""From what each sweep has in a zone to the events of the zone, and its rows in the table of zones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.zones.episodes import episodes
+from lidarcli.formalism.zones.paths import Path, crossings, same_agents, visits
+from lidarcli.pipeline.watching.counting import TopicSeries, ZoneSeries
+from lidarcli.sweeps import TURN, Bool, Float64, Int64
+from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
+from lidarcli.zones import WORLD, Line, Zone
+
+SECOND_NS = 1e9
+OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
+IN, OUT = DIRECTIONS
+_AGENT = SETS.index("A")
+
+
+class Tracked(NamedTuple):
+    """The agents of a topic: where they were, by sweep."""
+
+    track: Int64
+    """(N,) ascending; those of one track are in the order of time."""
+    number: Int64
+    """(N,) number of the sweep in the series."""
+    x: Float64
+    y: Float64
+    in_world: Bool
+    """(N,) True for the world frame, else that of the sensor."""
+    labels: Mapping[int, str]
+    """Track → its name in the catalogue, where it has one; also of what is no agent."""
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """A zone, and what sweeps of the topics that count in it have in it."""
+
+    zone: Zone
+    topics: tuple[TopicSeries, ...]
+    series: tuple[ZoneSeries, ...]
+    """For each topic."""
+    names: tuple[str, ...]
+    """Name of each part of a velocity_polygon; empty of any other zone."""
+    shape_times: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
+    shape_parts: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(M,) from which time on which part is the shape, where a topic tells it."""
+    tracked: tuple[Tracked | None, ...] = ()
+    """For each topic; None without tracks."""
+    has_objects: bool = False
+
+
+@dataclass(slots=True)
+class Settled:
+    """The events of a zone, and its rows: one for each sweep of its topics."""
+
+    zone: Zone
+    events: list[dict[str, Any]]
+    topic: NDArray[np.intp]
+    """(N,) index of the topic."""
+    columns: dict[str, NDArray[Any] | None]
+    one_sided: int | None = None
+    """Of a line: how often an agent went through it that was not clear of it on both sides; None without tracks."""
+    topics: tuple[TopicSeries, ...] = ()
+    always_same: bool = False
+    """True where the same beams have nearly the same range nearly all the time."""
+
+
+def settle(watched: Watched) -> Settled:
+    """Return the events and the rows of a zone."""
+    return _Settling(watched).settled()
+
+
+SAME_SHARE, SAME_SPREAD, SAME_TURN = 0.9, 0.06, 0.1
+"""In this share of the sweeps the nearest point stays within such a distance [m] and bearing [rad]: perhaps the robot."""
+
+
+class _Settling:
+    """All that is known of a zone, by sweep of any of its topics in the order of time."""
+
+    def __init__(self, watched: Watched) -> None:
+        self.watched, self.zone = watched, watched.zone
+        self._timeout_ns = self.zone.timeout * SECOND_NS if self.zone.timeout else np.inf
+        stamps = [topic.column("stamp_ns") for topic in watched.topics]
+        self.topic = np.repeat(np.arange(len(stamps)), [len(each) for each in stamps])
+        self.own = np.concatenate([np.arange(len(each)) for each in stamps])
+        time_ns = np.concatenate(stamps)
+        if len(stamps) > 1:
+            order = np.argsort(time_ns, kind="stable")
+            self.topic, self.own, time_ns = self.topic[order], self.own[order], time_ns[order]
+        self.time_ns: Int64 = time_ns
+        self.latest = [self._latest(index, each) for index, each in enumerate(stamps)]
+        """(N,) for each topic: number of its newest sweep that is not too old; -1 for none."""
+        self.part = self._part()
+        self.velocity = self._own("velocity")
+        self.points = self._sum("points")
+        self.numbers = self._number_agents()
+
+    def _latest(self, index: int, stamps: Int64) -> Int64:
+        if len(self.watched.topics) == 1:
+            return self.own
+        order = np.argsort(stamps, kind="stable")
+        at = np.searchsorted(stamps[order], self.time_ns, side="right") - 1
+        there = (at >= 0) & (self.time_ns - stamps[order][np.maximum(at, 0)] <= self._timeout_ns)
+        latest: Int64 = np.where(there, order[np.maximum(at, 0)], -1)
+        return np.where(self.topic == index, self.own, latest)
+
+    def _own(self, name: str) -> NDArray[Any]:
+        """Return a quantity of the sweep itself."""
+        columns = [topic.column(name) for topic in self.watched.topics]
+        found = np.empty((len(self.own), *columns[0].shape[1:]), columns[0].dtype)
+        for index, values in enumerate(columns):
+            mine = self.topic == index
+            found[mine] = values[self.own[mine]]
+        return found
+
+    def _part(self) -> Int64:
+        """Return (N,) the part of the zone that counts, -1 for none."""
+        count = len(self.own)
+        if len(self.watched.shape_times):
+            at = np.searchsorted(self.watched.shape_times, self.time_ns, side="right") - 1
+            # Before the first message the first shape is the best guess.
+            return self.watched.shape_parts[np.maximum(at, 0)]
+        if not self.zone.cases:
+            return np.zeros(count, np.int64)
+        found = np.full(count, -1)
+        velocity = self._own("velocity")
+        for number in reversed(range(len(self.zone.cases))):
+            with np.errstate(invalid="ignore"):
+                found[self.zone.cases[number].covers(velocity)] = number
+        # Where none covers the velocity, the one before stays.
+        last = np.maximum.accumulate(np.where(found >= 0, np.arange(count), -1))
+        return np.where(last >= 0, found[np.maximum(last, 0)], -1)
+
+    def _picked(self, index: int, name: str, missing: Any) -> NDArray[Any]:
+        """Return (N,) a quantity of the newest sweep of a topic, in the part that counts."""
+        values = self.watched.series[index].column(name)
+        latest = self.latest[index]
+        there = (latest >= 0) & (self.part >= 0)
+        found = np.full(len(latest), missing, values.dtype)
+        found[there] = values[latest[there], self.part[there]]
+        return found
+
+    def _sum(self, name: str) -> Int64:
+        if isinstance(self.zone.shape, Line):
+            return np.zeros(len(self.own), np.int64)
+        total = np.zeros(len(self.own), np.int64)
+        for index in range(len(self.watched.topics)):
+            total += self._picked(index, name, 0)
+        return total
+
+    def settled(self) -> Settled:
+        """Return the events and the rows."""
+        zone = self.zone
+        is_line = isinstance(zone.shape, Line)
+        by_topic = [
+            np.full((5, len(self.own)), np.nan)
+            if is_line
+            else np.stack(
+                [self._picked(index, name, np.nan) for name in ("nearest", "bearing", "x", "y", "ttc")]
+            )
+            for index in range(len(self.watched.topics))
+        ]
+        away = np.where(np.isnan(stacked := np.stack([each[0] for each in by_topic])), np.inf, stacked)
+        self.source = away.argmin(axis=0)
+        """(N,) topic of the nearest point."""
+        values = np.stack(by_topic)[self.source, :, np.arange(len(self.own))].T
+        self.nearest, self.bearing, self.x, self.y, _ = values
+        ttc = np.stack([each[4] for each in by_topic])
+        self.ttc = np.where(np.isnan(ttc).all(axis=0), np.nan, np.fmin.reduce(ttc, axis=0))
+        enough = ~np.isnan(self.ttc) if zone.action == "approach" else self.points >= zone.min_points
+        longest = min(self._timeout_ns, 2.0**62)
+        found = (
+            []
+            if is_line
+            else episodes(
+                enough,
+                self.time_ns,
+                trigger=zone.trigger,
+                release=zone.release,
+                hold_ns=round(zone.hold * SECOND_NS),
+                longest_gap_ns=int(longest),
+            )
+        )
+        active = np.zeros(len(self.own), np.bool_)
+        for each in found:
+            active[each.first : each.last + 1] = True
+        self.agents = self._agents()
+        self.enough = enough
+        events = [self._episode(each.first, each.last, each.cut) for each in found]
+        events += self._stale()
+        one_sided = None
+        if self.numbers is not None:
+            own, one_sided = self._of_agents()
+            events += own
+        columns: dict[str, NDArray[Any] | None] = {
+            "sweep": self._own("sweep"),
+            "stamp": self.time_ns,
+            "t": self._own("seconds"),
+            "points": self.points,
+            "nearest": self.nearest,
+            "ttc": self.ttc,
+            "active": active,
+            "things": self._things() if self.watched.has_objects else None,
+            "agents": None if self.agents is None else np.bincount(self.agents[0], minlength=len(self.own)),
+            "masked": self._sum("masked"),
+            "seen": self._seen(),
+        }
+        return Settled(
+            zone, events, self.topic, columns, one_sided, self.watched.topics, self._is_always_same(active)
+        )
+
+    def _seen(self) -> Float64:
+        """Return (N,) the share of the zone that some sensor sees."""
+        bits = np.zeros(len(self.own), np.uint64)
+        for index in range(len(self.watched.topics)):
+            bits |= self._picked(index, "seen", 0)
+        return np.bitwise_count(bits) / 64.0
+
+    def _is_always_same(self, active: Bool) -> bool:
+        if np.count_nonzero(active) < max(SAME_SHARE * len(active), 10):
+            return False
+        low, high = np.percentile(self.nearest[active], (5, 95))
+        middle = np.nanmedian(self.bearing[active])
+        off = np.abs((self.bearing[active] - middle + 0.5 * TURN) % TURN - 0.5 * TURN)
+        return bool(high - low < SAME_SPREAD and np.mean(off < SAME_TURN) >= SAME_SHARE)
+
+    # Whose points they are.
+
+    def _hits(self) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
+        """Yield for each topic the rows that see an object in the part that counts, and the index of the hit."""
+        for index, series in enumerate(self.watched.series):
+            hits, latest = series.all_hits(), self.latest[index]
+            begin, end = (np.searchsorted(hits.sweep, latest, side=side) for side in ("left", "right"))
+            count = np.where(latest >= 0, end - begin, 0)
+            row = np.repeat(np.arange(len(count)), count)
+            hit = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(begin, count)
+            right = hits.part[hit] == self.part[row]
+            yield index, row[right], hit[right]
+
+    def _number_of(self, index: int, track: int) -> int | None:
+        return None if self.numbers is None else self.numbers.get((index, track))
+
+    def _things(self) -> Int64:
+        """Return (N,) the number of things with points in the zone; an agent that two sensors see counts once."""
+        pairs = []
+        for index, row, hit in self._hits():
+            if not len(hit):
+                continue
+            hits = self.watched.series[index].all_hits()
+            track = hits.track[hit]
+            name = (
+                np.where(track >= 0, 2 * track, 2 * hits.object[hit] + 1) * len(self.watched.topics) + index
+            )
+            for one in np.unique(track[track >= 0]).tolist():
+                if (number := self._number_of(index, one)) is not None:
+                    name[track == one] = -1 - number
+            pairs.append(np.column_stack([row, name]))
+        if not pairs:
+            return np.zeros(len(self.own), np.int64)
+        rows = np.unique(np.concatenate(pairs), axis=0)[:, 0]
+        counted: Int64 = np.bincount(rows, minlength=len(self.own))
+        return counted
+
+    def _whose(self, row: int, index: int) -> tuple[str | None, int | None, str | None]:
+        """Return set, track and label of most points of the nearest sensor in a sweep; None where no objects are known."""
+        if not self.watched.has_objects:
+            return None, None, None
+        series, latest = self.watched.series[index], int(self.latest[index][row])
+        hits = series.all_hits()
+        left = int(series.column("points")[latest, self.part[row]])
+        counts: dict[tuple[int, int], int] = {}
+        low, high = np.searchsorted(hits.sweep, [latest, latest + 1])
+        for at in range(int(low), int(high)):
+            if hits.part[at] == self.part[row]:
+                key = int(hits.set[at]), int(hits.track[at])
+                counts[key] = counts.get(key, 0) + int(hits.points[at])
+                left -= int(hits.points[at])
+        # Of as many points those of an agent count first, and walls last.
+        best = max(counts, key=lambda key: (counts[key], key[0] == _AGENT, -key[1]), default=None)
+        if best is None or counts[best] < left:
+            return "S", None, None
+        letter, track = best
+        tracked = self.watched.tracked[index] if self.watched.tracked else None
+        label = tracked.labels.get(track) if tracked is not None else None
+        return SETS[letter], track if track >= 0 else None, label
+
+    # Agents.
+
+    def _paths(self) -> list[dict[int, Path]] | None:
+        """Return for each topic the paths of its agents in the frame of the zone; None without tracks."""
+        if not self.watched.tracked or all(one is None for one in self.watched.tracked):
+            return None
+        found: list[dict[int, Path]] = []
+        for topic, series, tracked in zip(
+            self.watched.topics, self.watched.series, self.watched.tracked, strict=True
+        ):
+            paths: dict[int, Path] = {}
+            if tracked is not None and len(tracked.track):
+                x, y = _in_zone(self.zone, topic, series, tracked)
+                stamps = topic.column("stamp_ns")[tracked.number]
+                begins = np.flatnonzero(np.diff(tracked.track, prepend=-1))
+                for begin, end in zip(begins, [*begins[1:], len(tracked.track)], strict=True):
+                    some = slice(int(begin), int(end))
+                    paths[int(tracked.track[begin])] = Path(stamps[some], x[some], y[some])
+            found.append(paths)
+        return found
+
+    def _number_agents(self) -> dict[tuple[int, int], int] | None:
+        self.paths = self._paths()
+        return None if self.paths is None else same_agents(self.paths)
+
+    def _visits(self) -> Iterator[tuple[int, int, int, int, bool]]:
+        """Yield topic, track, and first and last index into its path of each visit, and whether an end is not seen."""
+        assert self.paths is not None
+        if self.zone.shape is None or isinstance(self.zone.shape, Line):
+            return
+        for index, paths in enumerate(self.paths):
+            for track, path in paths.items():
+                for visit in visits(self.zone.shape, path):
+                    yield index, track, visit.first, visit.last, visit.cut
+
+    def _agents(self) -> tuple[NDArray[np.intp], Int64] | None:
+        """Return (K,) sweeps, by row, and (K,) agents that are in the zone then, each pair once."""
+        if self.paths is None or self.numbers is None:
+            return None
+        pairs = [np.zeros((0, 2), np.int64)]
+        for index, row, hit in self._hits():
+            if len(hit):
+                hits = self.watched.series[index].all_hits()
+                tracks, which = np.unique(hits.track[hit], return_inverse=True)
+                number = np.array([self.numbers.get((index, one), -1) for one in tracks.tolist()])[which]
+                agents = (hits.set[hit] == _AGENT) & (number >= 0)
+                pairs.append(np.column_stack([row[agents], number[agents]]))
+        order = np.argsort(self.time_ns, kind="stable")
+        in_order = self.time_ns[order]
+        for index, track, first, last, _ in self._visits():
+            times = self.paths[index][track].time_ns
+            low, high = np.searchsorted(in_order, [times[first], times[last] + 1])
+            rows = order[low:high]
+            pairs.append(np.column_stack([rows, np.full(len(rows), self.numbers[index, track])]))
+        found = np.unique(np.concatenate(pairs), axis=0)
+        return found[:, 0].astype(np.intp), found[:, 1]
+
+    def _of_agents(self) -> tuple[list[dict[str, Any]], int]:
+        """Return visits or crossings, of an agent that two sensors see each once; and crossings seen on one side only."""
+        assert self.paths is not None
+        assert self.numbers is not None
+        events: list[tuple[int, dict[str, Any]]] = []
+        one_sided = 0
+        if isinstance(self.zone.shape, Line):
+            for index, paths in enumerate(self.paths):
+                for track, path in paths.items():
+                    found, missed = crossings(self.zone.shape, path)
+                    one_sided += missed
+                    for each in found:
+                        event = self._of_path(index, track, each.after, each.after, CROSSING)
+                        event["direction"] = IN if each.inwards else OUT
+                        events.append((self.numbers[index, track], event))
+        else:
+            for index, track, first, last, cut in self._visits():
+                event = self._of_path(index, track, first, last, VISIT)
+                event["cut"] = cut and self._is_at_end(event)
+                events.append((self.numbers[index, track], event))
+        return _once(events, self.zone.timeout * SECOND_NS), one_sided
+
+    def _is_at_end(self, event: Mapping[str, Any]) -> bool:
+        return bool(event["start"] == self.time_ns.min() or event["end"] == self.time_ns.max())
+
+    def _of_path(self, index: int, track: int, first: int, last: int, kind: str) -> dict[str, Any]:
+        """Return the event of a piece of the path of an agent."""
+        assert self.paths is not None
+        path, topic, tracked = (
+            self.paths[index][track],
+            self.watched.topics[index],
+            self.watched.tracked[index],
+        )
+        assert tracked is not None
+        series = self.watched.series[index]
+        rows = np.flatnonzero(tracked.track == track)[first : last + 1]
+        away, bearing = _from_sensor(
+            topic, series, self.zone, tracked, rows, path.x[first : last + 1], path.y[first : last + 1]
+        )
+        known = np.flatnonzero(np.isfinite(away))
+        nearest = int(known[away[known].argmin()]) if len(known) else None
+        sweeps = topic.column("sweep")
+        velocity = topic.column("velocity")[tracked.number[rows]]
+        return self._event(
+            index,
+            kind,
+            int(sweeps[tracked.number[rows[0]]]),
+            int(sweeps[tracked.number[rows[-1]]]),
+            len(rows),
+            int(path.time_ns[first]),
+            int(path.time_ns[last]),
+            float(topic.column("seconds")[tracked.number[rows[0]]]),
+        ) | {
+            "agents": 1,
+            "nearest": None if nearest is None else float(away[nearest]),
+            "bearing": None if nearest is None else float(bearing[nearest]),
+            "x": None if nearest is None else float(path.x[first + nearest]),
+            "y": None if nearest is None else float(path.y[first + nearest]),
+            "set": "A",
+            "track": track,
+            "label": tracked.labels.get(track),
+            "speed": _greatest(np.hypot(velocity[:, 0], velocity[:, 1])),
+        }
+
+    # Events.
+
+    def _event(
+        self, index: int, kind: str, first: int, last: int, sweeps: int, start: int, end: int, seconds: float
+    ) -> dict[str, Any]:
+        """Return an event with what all kinds have."""
+        topic = self.watched.topics[index]
+        return {
+            "topic": topic.topic,
+            "frame_id": topic.frame_id,
+            "first_sweep": first,
+            "last_sweep": last,
+            "sweeps": sweeps,
+            "zone": self.zone.name,
+            "kind": kind,
+            "action": self.zone.action,
+            "polygon": None,
+            "start": start,
+            "end": end,
+            "t": seconds,
+            "duration": (end - start) / SECOND_NS,
+            "cut": False,
+        }
+
+    def _episode(self, first: int, last: int, cut: bool) -> dict[str, Any]:
+        """Return the event of an episode."""
+        some = slice(first, last + 1)
+        nearest = self.nearest[some]
+        known = np.flatnonzero(np.isfinite(nearest))
+        at = first + (int(known[nearest[known].argmin()]) if len(known) else 0)
+        totals = [
+            int(self._picked(index, "points", 0)[some].sum()) for index in range(len(self.watched.topics))
+        ]
+        index = int(np.argmax(totals))
+        mine = np.flatnonzero(self.topic[some] == index) + first
+        begin, end = (int(mine[0]), int(mine[-1])) if len(mine) else (first, last)
+        sweeps, seconds = self._own("sweep"), self._own("seconds")
+        letter, track, label = self._whose(at, int(self.source[at]))
+        agents = None
+        if self.agents is not None:
+            inside = (self.agents[0] >= first) & (self.agents[0] <= last)
+            agents = int(np.bincount(self.agents[0][inside], minlength=1).max(initial=0))
+        event = self._event(
+            index,
+            APPROACH if self.zone.action == "approach" else OCCUPIED,
+            int(sweeps[begin]),
+            int(sweeps[end]),
+            int(self.enough[some].sum()),
+            int(self.time_ns[first]),
+            int(self.time_ns[last]),
+            float(seconds[first]),
+        )
+        return event | {
+            "polygon": self.watched.names[self.part[at]] if self.watched.names else None,
+            "cut": cut,
+            "points": int(self.points[some].max()),
+            "agents": agents,
+            "nearest": _number(self.nearest[at]),
+            "bearing": _number(self.bearing[at]),
+            "x": _number(self.x[at]),
+            "y": _number(self.y[at]),
+            "set": letter,
+            "track": track,
+            "label": label,
+            "ttc": _number(np.fmin.reduce(self.ttc[some])),
+            "speed": _greatest(np.hypot(self.velocity[some, 0], self.velocity[some, 1])),
+        }
+
+    def _stale(self) -> list[dict[str, Any]]:
+        """Return the times in which a topic told nothing that still counts."""
+        if not self.zone.timeout:
+            return []
+        timeout = int(self._timeout_ns)
+        begin, end = int(self.time_ns.min()), int(self.time_ns.max())
+        events = []
+        for index, topic in enumerate(self.watched.topics):
+            order = np.argsort(topic.column("stamp_ns"), kind="stable")
+            stamps, sweeps, seconds = (topic.column(name)[order] for name in ("stamp_ns", "sweep", "seconds"))
+            times = np.concatenate([[begin], stamps, [end]])
+            for at in np.flatnonzero(np.diff(times) > timeout).tolist():
+                before, after = max(at - 1, 0), min(at, len(stamps) - 1)
+                start = int(times[at]) + timeout
+                event = self._event(
+                    index,
+                    STALE,
+                    int(sweeps[before]),
+                    int(sweeps[after]),
+                    0,
+                    start,
+                    int(times[at + 1]),
+                    float(seconds[before] + (start - stamps[before]) / SECOND_NS),
+                )
+                events.append(event | {"cut": at in (0, len(stamps))})
+        return events
+
+
+def _once(events: Sequence[tuple[int, dict[str, Any]]], apart_ns: float) -> list[dict[str, Any]]:
+    """Return events of agents, of those that two sensors tell of one agent the first, which lasts as long as both."""
+    kept: list[tuple[int, dict[str, Any]]] = []
+    for agent, event in sorted(events, key=lambda each: each[1]["start"]):
+        same = next(
+            (
+                one
+                for its, one in reversed(kept)
+                if its == agent
+                and one["topic"] != event["topic"]
+                and one.get("direction") == event.get("direction")
+                and event["start"] - one["end"] <= (apart_ns if event["kind"] == CROSSING else 0)
+            ),
+            None,
+        )
+        if same is None:
+            kept.append((agent, event))
+            continue
+        if event["kind"] == VISIT:
+            same["end"] = max(same["end"], event["end"])
+            same["duration"] = (same["end"] - same["start"]) / SECOND_NS
+        if (event["nearest"] or np.inf) < (same["nearest"] or np.inf):
+            same |= {name: event[name] for name in ("nearest", "bearing", "x", "y")}
+    return [event for _, event in kept]
+
+
+def _in_zone(zone: Zone, topic: TopicSeries, series: ZoneSeries, tracked: Tracked) -> tuple[Float64, Float64]:
+    """Return where agents are in the frame of a zone (N,) [m]."""
+    if zone.frame == WORLD and tracked.in_world.all():
+        return tracked.x, tracked.y
+    x, y = _in_sensor(topic, tracked)
+    return _moved(series.column("placed")[tracked.number], x, y)
+
+
+def _in_sensor(topic: TopicSeries, tracked: Tracked) -> tuple[Float64, Float64]:
+    """Return where agents are in the frame of the sensor (N,) [m]."""
+    return _back(topic.column("pose")[tracked.number], tracked.x, tracked.y, tracked.in_world)
+
+
+def _from_sensor(
+    topic: TopicSeries,
+    series: ZoneSeries,
+    zone: Zone,
+    tracked: Tracked,
+    rows: NDArray[np.intp],
+    x: Float64,
+    y: Float64,
+) -> tuple[Float64, Float64]:
+    """Return how far places in the frame of the zone are from the sensor, and in which direction it sees them."""
+    placed = topic.column("pose") if zone.frame == WORLD else series.column("placed")
+    at_x, at_y = _back(placed[tracked.number[rows]], x, y, np.ones(len(rows), np.bool_))
+    return np.hypot(at_x, at_y), np.arctan2(at_y, at_x)
+
+
+def _moved(place: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64]:
+    """Return places of the frame of the sensor in the frame in which it is at `place` (N, 4)."""
+    cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
+    left = np.where(place[:, 3] > 0.0, -y, y)
+    return place[:, 0] + cos * x - sin * left, place[:, 1] + sin * x + cos * left
+
+
+def _back(place: Float64, x: Float64, y: Float64, there: Bool) -> tuple[Float64, Float64]:
+    """Return places of the frame in which the sensor is at `place` (N, 4) in its own, where they are `there`."""
+    dx, dy = x - place[:, 0], y - place[:, 1]
+    cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
+    left = cos * dy - sin * dx
+    left = np.where(place[:, 3] > 0.0, -left, left)
+    return np.where(there, cos * dx + sin * dy, x), np.where(there, left, y)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _greatest(values: Float64) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.max()) if len(known) else None

@@ -1,0 +1,532 @@
+"""Zones over the sweeps of logs: events, and what is in each zone in every sweep, as tables."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from lidarcli.errors import NoScanError, OptionError, UnreadableError
+from lidarcli.logs.base import Log, ReadReport
+from lidarcli.masks import Circle, Masks, Polygon, same_name
+from lidarcli.newfiles import refuse
+from lidarcli.pipeline.detecting import detect_beside, second_of_two
+from lidarcli.pipeline.inputs.masks import plain
+from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
+from lidarcli.pipeline.inputs.tables import Pair, one_pair
+from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.overlay_sources import AGAIN, Cursor
+from lidarcli.pipeline.reading.masking import masking_of
+from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
+from lidarcli.pipeline.reading.pose_sources import Need
+from lidarcli.pipeline.reading.velocities import TWIST, polygons, velocities
+from lidarcli.pipeline.runs.outcomes import Outcome
+from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
+from lidarcli.pipeline.watching.counting import (
+    OBJECT_COLUMNS,
+    Counting,
+    Objects,
+    Told,
+    TopicSeries,
+    ZoneSeries,
+)
+from lidarcli.pipeline.watching.events import Settled, Tracked, Watched, settle
+from lidarcli.pipeline.watching.frames import Frames
+from lidarcli.reports.wording import counted
+from lidarcli.stores.url import Place
+from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.tabular.arrays import codes
+from lidarcli.tabular.reading import read_columns
+from lidarcli.tabular.rows import FORMS, constant
+from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
+from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
+from lidarcli.zones import ROBOT, SENSOR, WORLD, Line, Zone, Zones
+
+TABLES = ("events", "zones")
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneOptions:
+    """Options of `zones`, apart from inputs and outputs."""
+
+    zones: Zones
+    files: tuple[str, ...]
+    """Files that the zones are from."""
+    detect: DetectOptions
+    """Options of reading, detection and tracking."""
+    objects: str | None = None
+    """The objects table of the log, where there is one."""
+    find: bool = True
+    """True to find and follow objects where no table is given."""
+    footprint: Polygon | None = None
+    """Shape of zones whose shape a topic tells that the log does not have."""
+    overwrite: bool = False
+
+    @property
+    def has_objects(self) -> bool:
+        """True if it is known which objects the points are on."""
+        return self.find or self.objects is not None
+
+    def outputs(self, source: Source, folder: Place) -> dict[str, Place]:
+        """Return the path of each table of a log."""
+        return table_paths(folder, source.name, TABLES)
+
+    def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
+        """Return the files that are read, none of which an output may replace."""
+        tables = [] if self.objects is None else [str(one_pair(self.objects).objects)]
+        return [*self.detect.inputs(sources), *self.files, *tables]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all options that the result depends on, as plain values, for the tables' metadata."""
+        told = {"zones": [zone_dict(zone) for zone in self.zones.zones], "find": self.has_objects}
+        return (
+            self.detect.as_dict()
+            | told
+            | ({} if not self.zones.masks.masks else {"zone_masks": plain(self.zones.masks)})
+        )
+
+
+def zone_dict(zone: Zone) -> dict[str, Any]:
+    """Return a zone as plain values; of its shape one of polygon, circle, line, or the name of each polygon."""
+    shape = zone.shape
+    told: dict[str, Any] = {
+        name: getattr(zone, name)
+        for name in (
+            "name",
+            "frame",
+            "action",
+            "count",
+            "min_points",
+            "trigger",
+            "release",
+            "hold",
+            "timeout",
+        )
+    }
+    if zone.topics:
+        told["topics"] = [*zone.topics]
+    match shape:
+        case Polygon(corners):
+            told["polygon"] = [[*corner] for corner in corners]
+        case Circle(x, y, radius):
+            told["circle"] = {"x": x, "y": y, "radius": radius}
+        case Line(first, second):
+            told["line"] = [[*first], [*second]]
+        case None:
+            told["polygons"] = {
+                case.name: [[*corner] for corner in case.shape.corners] for case in zone.cases
+            }
+    return told
+
+
+def refuse_options(options: ZoneOptions) -> None:
+    """Refuse zones that need objects where none are known (`OptionError`)."""
+    for zone in options.zones.zones:
+        needs = isinstance(zone.shape, Line) or zone.count != "beams"
+        if needs and not options.has_objects:
+            what = (
+                "is a line, and crossings" if isinstance(zone.shape, Line) else f"counts {zone.count}, which"
+            )
+            raise OptionError(f"zone '{zone.name}' {what} need tracks: leave out --no-objects")
+
+
+class ZoneTables(NamedTuple):
+    """Tables that `zones` returns, with the schemas of `lidarcli.tabular.SCHEMAS`."""
+
+    events: pa.Table
+    """One row per event."""
+    zones: pa.Table
+    """One row per sweep and zone."""
+
+
+@dataclass(slots=True)
+class ZoneSummary(RunSummary):
+    """The counts of one run over one log, and its zones."""
+
+    tables: ZoneTables | None = None
+    lines: list[str] = field(default_factory=list)
+    """A line for each zone."""
+
+
+def watch(
+    source: Source,
+    options: ZoneOptions,
+    folder: Place | None = None,
+    progress: Progress | None = None,
+) -> ZoneSummary:
+    """Find what is in the zones in every sweep of a log, and write the tables if a folder is given.
+
+    Raises
+    ------
+    OptionError
+        The log is standard input, which is read only once.
+    UnreadableError
+        The log or its tables cannot be read, or its poses contradict its sweeps while a zone is in the world.
+    NoScanError
+        The log has no LaserScan topic, or not the one that a zone names; or nothing leads to the frame of a zone.
+    OutputError
+        A file cannot be written.
+    """
+    if source.is_stdin:
+        raise OptionError(
+            "zones are watched by reading the log twice; give the name of its file instead of -"
+        )
+    paths = None if folder is None else options.outputs(source, folder)
+    if paths is not None:
+        refuse(paths.values(), options.overwrite, options.inputs([source]))
+    with ExitStack() as stack:
+        found: RunSummary | None = None
+        pair = None if options.objects is None else one_pair(options.objects)
+        if pair is None and options.find:
+            private = Path(stack.enter_context(TemporaryDirectory(prefix="lidarcli-")))
+            pair, found = detect_beside(source, private, options.detect, progress)
+            progress = second_of_two(progress, source.size)
+        log = stack.enter_context(open_source(source, options.detect.opening))
+        summary, settled, described = _Watching(log, options, pair).run(source, progress)
+        if found is not None:
+            # Both passes tell of the same damage; the first one also of what it found.
+            summary.damage = [*dict.fromkeys([*found.damage, *summary.damage])]
+            summary.notes = [*dict.fromkeys([*found.notes, *summary.notes])]
+        metadata = table_metadata(options.as_dict(), described, summary.damage)
+        tables = _tables(source.name, settled, metadata)
+        summary.tables = tables
+        names = Counter(each.zone.name for each in settled)
+        summary.lines = [_line(each, names[each.zone.name] > 1) for each in settled]
+        summary.notes += [*options.zones.notes, *_body_notes(settled)]
+        if paths is not None:
+            files = stack.enter_context(TableFiles(paths, None, options.overwrite))
+            for name, table in tables._asdict().items():
+                for batch in table.to_batches():
+                    files.write(name, "", batch)
+            summary.notes += files.publish(metadata)
+            summary.outputs = [str(path) for path in files.paths]
+            summary.output_sizes = files.sizes
+            summary.rows = sum(table.num_rows for table in tables)
+    return summary
+
+
+def watch_files(
+    sources: Sequence[Source | Nothing],
+    folder: Place | None,
+    options: ZoneOptions,
+    report: LogProgress | None = None,
+) -> Iterator[Outcome]:
+    """Watch the zones in every log, one after the other or several at the same time."""
+    at_once = logs_at_once(sources, options.detect.jobs or options.detect.cores)
+    if at_once > 1:
+        detect = options.detect
+        detect = replace(detect, jobs=detect.jobs // at_once, cores=detect.cores // at_once)
+        options = replace(options, detect=detect)
+
+    return over_logs(sources, partial(watch, options=options, folder=folder), report, at_once)
+
+
+class _Watching:
+    """One pass over a log that counts what is in its zones."""
+
+    def __init__(self, log: Log, options: ZoneOptions, pair: Pair | None) -> None:
+        self._log, self._options, self._pair = log, options, pair
+        detect = options.detect
+        masking = masking_of(log, detect.read.rules, detect.poses, detect.read.topics)
+        own = masking.rules.masks or Masks()
+        zones = options.zones
+        self._masks = Masks((*own.masks, *zones.masks.masks), (), own.path)
+        self._notes = [*masking.notes]
+        self._frames = Frames.of(log, zones, own.mounts)
+        # Beams under a mask are counted here, and left out.
+        self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
+        self._counting: dict[str, Counting] = {}
+        self._report = ReadReport()
+        self._told = {
+            zone.velocity_topic: self._velocities(zone) for zone in zones.zones if zone.velocity_topic
+        }
+        self._shapes = {zone.name: self._shapes_of(zone) for zone in zones.zones}
+        self._cursors: dict[str, tuple[Cursor, Cursor]] = {}
+
+    def _velocities(self, zone: Zone) -> Told | None:
+        found = velocities(self._log, zone.velocity_topic, self._report)
+        if found is None:
+            return None
+        types = {
+            topic.type for topic in self._log.topics() or () if same_name(topic.name, zone.velocity_topic)
+        }
+        return Told(*found, recorded=types == {TWIST})
+
+    def _shapes_of(self, zone: Zone) -> tuple[list[Circle | Polygon], Int64, Int64]:
+        """Return the shapes of a zone, and from which time on which of them counts, where a topic tells them."""
+        none = np.zeros(0, np.int64)
+        if isinstance(zone.shape, Circle | Polygon):
+            return [zone.shape], none, none
+        if isinstance(zone.shape, Line):
+            return [], none, none
+        if zone.cases:
+            return [case.shape for case in zone.cases], none, none
+        told = polygons(self._log, zone.shape_topic, self._report)
+        if told is None:
+            if self._options.footprint is None:
+                raise NoScanError(
+                    f"zone '{zone.name}' has the shape that {zone.shape_topic} tells, and the log has no such topic: "
+                    "give --footprint '[[x, y], ...]'"
+                )
+            return [self._options.footprint], none, none
+        shapes: dict[tuple[tuple[float, float], ...], int] = {}
+        times, parts = [], []
+        for each in told:
+            corners = self._frames.corners_in("", each.frame_id, each.stamp_ns, each.corners)
+            if corners is None:
+                raise NoScanError(
+                    f"zone '{zone.name}': nothing leads from frame {each.frame_id} of {zone.shape_topic} to the robot"
+                )
+            key = tuple((round(float(x), 3), round(float(y), 3)) for x, y in corners)
+            times.append(each.stamp_ns)
+            parts.append(shapes.setdefault(key, len(shapes)))
+        return [Polygon(key) for key in shapes], np.array(times, np.int64), np.array(parts, np.int64)
+
+    def run(
+        self, source: Source, progress: Progress | None
+    ) -> tuple[ZoneSummary, list[Settled], dict[str, Any]]:
+        """Read the sweeps; returns the counts, the zones and the description of the source."""
+        detect = self._options.detect
+        with Reading(self._log, self._read, detect.poses, Need.MOVING) as reading:
+            for batch in reading.batches(progress):
+                self._take(batch, reading)
+            read = reading.close()
+            described = reading.describe(source)
+        self._refuse_contradiction(described)
+        read.damage += [
+            f"topic {topic}: {count:,} messages left out: {cause}"
+            for (topic, cause), count in sorted(self._report.refused.items())
+        ]
+        summary = ZoneSummary(
+            **{name: getattr(read, name) for name in RunSummary.__dataclass_fields__}
+        )
+        summary.notes += self._notes
+        settled = [one for zone in self._options.zones.zones for one in self._settled(zone)]
+        return summary, settled, described
+
+    def _take(self, batch: SweepBatch, reading: Reading) -> None:
+        """Count the sweeps of a batch."""
+        zones = [zone for zone in self._options.zones.zones if _counts(zone, batch.topic)]
+        if not len(batch) or not zones:
+            return
+        whole = self._objects(batch)
+        for sensor, rows, mine in batch.by_frame():
+            resolved = [self._resolved(zone, batch.topic, sensor, reading) for zone in zones]
+            if batch.topic not in self._counting:
+                series = TopicSeries(
+                    batch.topic,
+                    sensor,
+                    [ZoneSeries.of(zone, self._shapes[zone.name][0]) for zone in resolved],
+                )
+                self._counting[batch.topic] = Counting(series, self._frames, self._masks, self._told)
+            objects = None if whole is None else whole.of_rows(rows)
+            self._counting[batch.topic].add(mine, objects)
+
+    def _resolved(self, zone: Zone, topic: str, sensor: str, reading: Reading) -> Zone:
+        """Return a zone whose frame is `world` where it names the fixed frame of the poses; refuse one without poses."""
+        world = reading.world_of(topic, sensor)
+        if zone.frame == WORLD or (
+            world and zone.frame not in (SENSOR, ROBOT) and same_name(zone.frame, world)
+        ):
+            if not world:
+                raise NoScanError(
+                    f"zone '{zone.name}' is in the world, and nothing tells where the sensor of {topic} is: give --pose "
+                    "or --poses (--pose match finds the path from the sweeps)"
+                )
+            return replace(zone, frame=WORLD)
+        return zone
+
+    def _objects(self, batch: SweepBatch) -> Objects | None:
+        """Return the objects of a batch."""
+        if self._pair is None:
+            return None
+        if batch.topic not in self._cursors:
+            self._cursors[batch.topic] = (
+                Cursor(self._pair.sweeps, "sweeps", ("topic", "sweep", "stamp"), batch.topic),
+                Cursor(self._pair.objects, "objects", OBJECT_COLUMNS, batch.topic),
+            )
+        sweeps, objects = (cursor.until(int(batch.sweep[-1]) + 1) for cursor in self._cursors[batch.topic])
+        index = np.asarray(sweeps["sweep"])
+        stamps = np.asarray(sweeps["stamp"].view(pa.int64()))
+        at = np.minimum(np.searchsorted(index, batch.sweep), max(len(index) - 1, 0))
+        if not len(index) or (index[at] != batch.sweep).any() or (stamps[at] != batch.stamp_ns).any():
+            raise UnreadableError(
+                f"{self._pair.sweeps}: not the table of these sweeps of {batch.topic}, which are not in it or have other "
+                f"stamps: give the same --start, --end and --every, or {AGAIN}"
+            )
+        sweep = np.asarray(objects["sweep"])
+        there = np.isin(sweep, batch.sweep)
+        if not there.all():
+            objects = objects.filter(pa.array(there))
+        return Objects.of(objects, batch)
+
+    def _settled(self, zone: Zone) -> Iterator[Settled]:
+        """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
+        counted_in = [
+            (topic, each.series)
+            for topic, each in sorted(self._counting.items())
+            if _counts(zone, topic) and each.series.count
+        ]
+        if not counted_in:
+            wanted = ", ".join(zone.topics) or "any topic"
+            raise NoScanError(f"zone '{zone.name}' is for {wanted}, and the log has no sweeps of it")
+        groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
+        for group in groups:
+            series = [next(one for one in each.zones if one.zone.name == zone.name) for _, each in group]
+            _, times, parts = self._shapes[zone.name]
+            yield settle(
+                Watched(
+                    series[0].zone,
+                    tuple(each for _, each in group),
+                    tuple(series),
+                    tuple(case.name for case in zone.cases),
+                    times,
+                    parts,
+                    tuple(self._tracked(each) for _, each in group),
+                    self._pair is not None,
+                )
+            )
+
+    def _tracked(self, series: TopicSeries) -> Tracked | None:
+        """Return the agents of a topic; None where nobody followed them."""
+        pair = self._pair
+        if pair is None or not pair.trajectories.exists() or not pair.tracks.exists():
+            return None
+        tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "track", "set", "label"))
+        mine = [row for row in tracks.to_pylist() if row["topic"] == series.topic]
+        agents = np.array([row["track"] for row in mine if row["set"] == "A"], np.int64)
+        labels = {row["track"]: row["label"] for row in mine if row["label"] is not None}
+        columns = ("topic", "track", "sweep", "frame", "x", "y")
+        rows = read_columns(pair.trajectories, "trajectories", SCHEMAS["trajectories"], columns)
+        names = rows["topic"].unify_dictionaries().combine_chunks()
+        here = np.asarray(names.dictionary)[np.asarray(names.indices)] == series.topic if len(names) else []
+        track = np.asarray(rows["track"])
+        sweeps = series.column("sweep")
+        sweep = np.asarray(rows["sweep"])
+        at = np.minimum(np.searchsorted(sweeps, sweep), len(sweeps) - 1)
+        some = np.flatnonzero(here & np.isin(track, agents) & (sweeps[at] == sweep))
+        order = some[np.lexsort((sweep[some], track[some]))]
+        frames = rows["frame"].unify_dictionaries().combine_chunks()
+        world = (
+            np.asarray(frames.dictionary)[np.asarray(frames.indices)] == WORLD
+            if len(frames)
+            else np.zeros(0, np.bool_)
+        )
+        return Tracked(
+            track[order],
+            at[order],
+            np.asarray(rows["x"])[order],
+            np.asarray(rows["y"])[order],
+            world[order],
+            labels,
+        )
+
+    def _refuse_contradiction(self, described: Mapping[str, Any]) -> None:
+        """Refuse zones in the world where the sweeps contradict the poses."""
+        in_world = {
+            (zone.zone.name, topic)
+            for topic, each in self._counting.items()
+            for zone in each.series.zones
+            if zone.zone.frame == WORLD
+        }
+        for frame, told in described.get("poses", {}).items():
+            for name, topic in sorted(in_world):
+                if told.get("pose_verdict", {}).get(topic) == "rejected":
+                    raise UnreadableError(
+                        f"zone '{name}' is in the world, and the poses of {frame or 'the sensor'} contradict the sweeps of "
+                        f"{topic}: nothing written; give other poses (--pose TOPIC, --poses FILE)"
+                    )
+
+
+def _counts(zone: Zone, topic: str) -> bool:
+    """Return True if the points of a topic count in a zone."""
+    return not zone.topics or any(same_name(name, topic) for name in zone.topics)
+
+
+def _tables(log: str, settled: Sequence[Settled], metadata: dict[bytes, bytes]) -> ZoneTables:
+    """Return the tables of a log."""
+    events = [event for each in settled for event in each.events]
+    order = sorted(range(len(events)), key=lambda at: (events[at]["start"], at))
+    rows = [events[at] | {"log": log, "event": number} for number, at in enumerate(order, 1)]
+    found = pa.Table.from_batches([_event_rows(rows)], SCHEMAS["events"])
+    pieces = [_zone_rows(log, each) for each in settled]
+    zones = pa.Table.from_batches(pieces, SCHEMAS["zones"]).unify_dictionaries()
+    if zones.num_rows:
+        # By topic and sweep; zones of one sweep in the order of the file.
+        topics = np.concatenate(
+            [np.array([one.topic for one in each.topics])[each.topic] for each in settled]
+        )
+        zones = zones.take(pa.array(np.lexsort((np.asarray(zones["sweep"]), topics))))
+    return ZoneTables(*(table.replace_schema_metadata(metadata) for table in (found, zones)))
+
+
+def _event_rows(events: Sequence[Mapping[str, Any]]) -> pa.RecordBatch:
+    schema = SCHEMAS["events"]
+    arrays = [pa.array([event.get(one.name) for event in events], one.type) for one in schema]
+    return pa.RecordBatch.from_arrays(arrays, schema=schema)
+
+
+def _zone_rows(log: str, settled: Settled) -> pa.RecordBatch:
+    count = len(settled.topic)
+    columns: dict[str, Any] = {
+        "log": constant(log, count),
+        "topic": codes(settled.topic.astype(np.int32), tuple(one.topic for one in settled.topics)),
+        "zone": constant(settled.zone.name, count),
+    }
+    columns |= {name: values for name, values in settled.columns.items() if values is not None}
+    return FORMS["zones"].fill(columns, None, count)
+
+
+def _line(settled: Settled, named: bool) -> str:
+    """Return the line of a zone for people, with the topic if it is `named`."""
+    zone, events = settled.zone, settled.events
+    name = f"{zone.name} ({settled.topics[0].topic})" if named else zone.name
+    columns = settled.columns
+    seen = columns["seen"]
+    if seen is not None and not seen.any():
+        return f"{name}  never in view"
+    if isinstance(zone.shape, Line):
+        counts = [sum(event.get("direction") == way for event in events) for way in DIRECTIONS]
+        missed = f"; {settled.one_sided} seen on one side only" if settled.one_sided else ""
+        if settled.one_sided is None:
+            return f"{name}  no tracks"
+        return f"{name}  in {counts[0]}, out {counts[1]}{missed}"
+    alarms = [event for event in events if event["kind"] in EVENT_KINDS[:2]]
+    stamps = columns["stamp"]
+    assert stamps is not None
+    span = (int(stamps.max()) - int(stamps.min())) * 1e-9
+    active = sum(event["duration"] for event in alarms)
+    nearest = min((event["nearest"] for event in alarms if event["nearest"] is not None), default=None)
+    parts = [f"{counted(len(alarms), 'event')}, {active:.1f} s of {span:.1f} s"]
+    if nearest is not None:
+        parts.append(f"nearest {nearest:.2f} m")
+    ttc = min((event["ttc"] for event in alarms if event["ttc"] is not None), default=None)
+    if ttc is not None:
+        parts.append(f"least time to collision {ttc:.1f} s")
+    words = ", ".join(parts)
+    by = {letter: sum(event["set"] == letter for event in alarms) for letter in ("A", "O", "S")}
+    named = {"A": "agents", "O": "things", "S": "walls"}
+    told = [f"{named[letter]} {count}" for letter, count in by.items() if count]
+    words += f"; by {', '.join(told)}" if told else ""
+    if visits := sum(event["kind"] == "visit" for event in events):
+        words += f"; {counted(visits, 'visit')}"
+    if stale := sum(event["kind"] == "stale" for event in events):
+        words += f"; {counted(stale, 'time')} without sweeps"
+    return f"{name}  {words}"
+
+
+def _body_notes(settled: Sequence[Settled]) -> list[str]:
+    """Return notes on zones that are always occupied by the same beams."""
+    return [
+        f"{each.zone.name}: always the same beams at the same range: the robot's own body? (info --deep)"
+        for each in settled
+        if each.always_same
+    ]
