@@ -30,6 +30,7 @@ from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.streams import KINDS, Stream
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.wording import number
+from lidarcli.reports.zone_report import ZonesReport
 from lidarcli.sweeps import Float64, Int64, UInt8
 from lidarcli.tabular.runs import Entry
 
@@ -73,6 +74,8 @@ def render(report: Document, shown: Page | None = None) -> str:
     """Return the page; one of a `Report` needs what is shown of its sweeps."""
     if isinstance(report, Report) and shown is not None:
         return _page("report.html", report, report.summary.sources, **_shown(report, shown))
+    if isinstance(report, ZonesReport):
+        return _page("runs.html", report, report.sources)
     assert isinstance(report, RunsReport)
     return _page("runs.html", report, report.summary.logs)
 
