@@ -118,6 +118,7 @@ def _page(template: str, report: Document, made: Iterable[Origin | Entry], **val
         lstrip_blocks=True,
     )
     environment.tests["code"] = lambda value: isinstance(value, Code)
+    environment.globals.update(number=number, stamp=stamp)
     sections = {name: one for name, one in report.sections().items() if PAGE in one.formats}
     return environment.get_template(template).render(
         **values,
@@ -126,8 +127,6 @@ def _page(template: str, report: Document, made: Iterable[Origin | Entry], **val
         versions=sorted({one.version for one in made if one.version}),
         version=__version__,
         style=Markup(page_style() + "\n" + _part("report.css")),
-        number=number,
-        stamp=stamp,
     )
 
 

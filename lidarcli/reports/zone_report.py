@@ -28,14 +28,18 @@ LOGS = 6
 """Most logs whose courses are drawn."""
 WHO = {"A": "agents", "O": "things", "S": "walls"}
 """Set of the points of an event → what was in the zone."""
-ZONE_CELLS_RIGHT = frozenset({"events", "active", "nearest", "visits", "dwell", "in", "out", "seen"})
-EVENT_CELLS_RIGHT = frozenset({"time", "lasts", "points", "nearest", "ttc", "track"})
+ZONE_CELLS = ("zone", "events", "active", "nearest", "visits", "dwell", "in", "out", "seen", "by")
+"""Columns of the table of zones; the last one wraps."""
+EVENT_CELLS = ("time", "zone", "kind", "lasts", "points", "nearest", "ttc", "track", "by", "log")
+"""Columns of the table of events."""
+WORDS = frozenset({"zone", "kind", "by", "log"})
+"""Columns that are not flush right."""
 
 
 def zone_sections(zoned: Zoned, logs: Sequence[str]) -> Iterator[tuple[str, Section]]:
     """Yield the sections on zones by name; `logs`: names of the sources."""
     cells = [zone_cells(one) for one in zoned.zones]
-    blocks: list[Block] = [_table(cells, ZONE_CELLS_RIGHT)] if cells else []
+    blocks: list[Block] = [_table(cells, ZONE_CELLS)] if cells else []
     blocks += [
         Bands(logs[source] if len(zoned.courses) > 1 else "", zoned.seconds[source], [*map(_band, found)])
         for source, found in [*zoned.courses.items()][:LOGS]
@@ -50,7 +54,7 @@ def zone_sections(zoned: Zoned, logs: Sequence[str]) -> Iterator[tuple[str, Sect
             left = zoned.listed - len(shown)
             more = f"and {left:,} more, all of them in the table of events" if left else ""
             title = "Events of zones" + (", the gravest first" if zoned.listed > 1 else "")
-            yield name, Section(title, [_table(rows, EVENT_CELLS_RIGHT, more)], formats, "Events of zones")
+            yield name, Section(title, [_table(rows, EVENT_CELLS, more)], formats, "Events of zones")
 
 
 def zone_cells(one: ZoneSummary) -> dict[str, str]:
@@ -94,14 +98,11 @@ def _band(one: Course) -> Band:
     return Band(one.zone, one.action, one.events, one.visits)
 
 
-def _table(rows: Sequence[Mapping[str, str]], right: frozenset[str], more: str = "") -> Table:
+def _table(rows: Sequence[Mapping[str, str]], names: Sequence[str], more: str = "") -> Table:
     """Return a table of cells by heading; columns without a single entry are left out."""
-    names = dict.fromkeys(name for cells in rows for name in cells)
     head = [name for name in names if any(cells.get(name) for cells in rows)]
-    # What wraps stands last.
-    head.sort(key=lambda name: name in ("by", "log"))
-    places = [k for k, name in enumerate(head) if name in right]
-    return Table(head, [[cells.get(name, "") for name in head] for cells in rows], places, more)
+    right = [k for k, name in enumerate(head) if name not in WORDS]
+    return Table(head, [[cells.get(name, "") for name in head] for cells in rows], right, more)
 
 
 def _seconds(value: float | None) -> str:
