@@ -26,8 +26,8 @@ from lidarcli.reports.wording import bar, course, number, share, visible
 
 WIDTH = 80
 BAR = 28
-COURSE, LONGEST_NAME = 52, 24
-"""Characters of a band, and of its name."""
+COURSE, LONGEST_NAME = 48, 18
+"""Characters of a band, and of its name at most."""
 
 
 def render(report: Document, colour: bool = False) -> str:
@@ -147,10 +147,10 @@ def _share_bar(count: int, total: int) -> str:
 
 def band_lines(block: Bands) -> list[str]:
     """Return bands below each other, each behind its name, with the time below them."""
-    names = [visible(f"{one.name} ({one.word})" if one.word else one.name) for one in block.bands]
+    names = [visible(one.name) for one in block.bands]
     names = [name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…" for name in names]
-    width = max(map(len, names), default=0)
+    width, room = (max(map(len, texts), default=0) for texts in (names, [one.word for one in block.bands]))
     lines = [visible(block.title)] if block.title else []
     for name, one in zip(names, block.bands, strict=True):
-        lines.append(f"{name:<{width}}  {course(one.spans, one.thin, COURSE)}")
-    return [*lines, f"{'':<{width}}  0 s{f'{number(block.seconds)} s':>{COURSE - 3}}"]
+        lines.append(f"{name:<{width}}  {one.word:<{room}}  {course(one.spans, one.thin, COURSE)}")
+    return [*lines, f"{'':<{width + 2 + room}}  0 s{f'{number(block.seconds)} s':>{COURSE - 3}}"]

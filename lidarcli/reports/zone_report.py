@@ -28,9 +28,11 @@ LOGS = 6
 """Most logs whose courses are drawn."""
 WHO = {"A": "agents", "O": "things", "S": "walls"}
 """Set of the points of an event → what was in the zone."""
-ZONE_CELLS = ("zone", "events", "active", "nearest", "visits", "dwell", "in", "out", "seen", "by")
-"""Columns of the table of zones; the last one wraps."""
-EVENT_CELLS = ("time", "zone", "kind", "lasts", "points", "nearest", "ttc", "track", "by", "log")
+AREA_CELLS = ("zone", "events", "active", "nearest", "seen", "by")
+"""Columns of the table of areas; the first and the last one wrap."""
+WAY_CELLS = ("zone", "visits", "dwell", "in", "out", "seen")
+"""Columns of the table of visits and crossings."""
+EVENT_CELLS = ("zone", "time", "kind", "lasts", "points", "nearest", "ttc", "track", "by", "log")
 """Columns of the table of events."""
 WORDS = frozenset({"zone", "kind", "by", "log"})
 """Columns that are not flush right."""
@@ -39,11 +41,13 @@ WORDS = frozenset({"zone", "kind", "by", "log"})
 def zone_sections(zoned: Zoned, logs: Sequence[str]) -> Iterator[tuple[str, Section]]:
     """Yield the sections on zones by name; `logs`: names of the sources."""
     cells = [zone_cells(one) for one in zoned.zones]
-    blocks: list[Block] = [_table(cells, ZONE_CELLS)] if cells else []
-    blocks += [
-        Bands(logs[source] if len(zoned.courses) > 1 else "", zoned.seconds[source], [*map(_band, found)])
-        for source, found in [*zoned.courses.items()][:LOGS]
-    ]
+    areas = [row for row, one in zip(cells, zoned.zones, strict=True) if not one.is_line]
+    ways = [row for row in cells if {"visits", "in"} & {*row}]
+    blocks: list[Block] = [_table(areas, AREA_CELLS)] if areas else []
+    for source, found in [*zoned.courses.items()][:LOGS]:
+        title = logs[source] if len(zoned.courses) > 1 else ""
+        blocks.append(Bands(title, zoned.seconds[source], [*map(_band, found)]))
+    blocks += [_table(ways, WAY_CELLS)] if ways else []
     yield "zones", Section("Zones", blocks)
     for name, most, formats in (
         ("events", EVENTS, (TEXT, MARKDOWN)),
@@ -95,7 +99,7 @@ def event_cells(one: ZoneEvent, several: bool = False) -> dict[str, str]:
 
 
 def _band(one: Course) -> Band:
-    return Band(one.zone, one.action, one.events, one.visits)
+    return Band(one.zone, "" if one.action == "none" else one.action, one.events, one.visits)
 
 
 def _table(rows: Sequence[Mapping[str, str]], names: Sequence[str], more: str = "") -> Table:
