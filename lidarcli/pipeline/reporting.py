@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import glob
 import shlex
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
@@ -17,7 +17,7 @@ from lidarcli.pipeline.inputs.files import Named, all_files, files_named
 from lidarcli.pipeline.inputs.tables import Pair, find_pairs, origin_of, read_table, read_tracks, require
 from lidarcli.pipeline.runs.manifest import FOLDER
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check, verdict_of
-from lidarcli.reports.columns import Origin, Rows, Run
+from lidarcli.reports.columns import Origin, Rows, Run, Watched
 from lidarcli.reports.compare import compare
 from lidarcli.reports.figures import DELTA
 from lidarcli.reports.report import Report
@@ -33,9 +33,13 @@ from lidarcli.reports.summary import (
     values_of,
 )
 from lidarcli.reports.wording import counted
+from lidarcli.reports.zone_report import ZonesReport
+from lidarcli.reports.zones import judge_zones, parse_zone_check, zoned_of
 from lidarcli.stores.url import Place, absolute, place
+from lidarcli.tabular.reading import note_value, notes_of
 from lidarcli.tabular.runs import Entry, read_run
-from lidarcli.tabular.schemas import LATER
+from lidarcli.tabular.schemas import EVENTS, LATER
+from lidarcli.tabular.writing import PARAMETERS
 
 if TYPE_CHECKING:
     from lidarcli.reports.html import Page
@@ -60,6 +64,21 @@ VIEWER_POSES = ("pose_x", "pose_y", "pose_yaw")
 """Columns of the sweeps table that only the viewer reads."""
 TRACKED_VIEW = ("vx", "vy", "moving")
 """Columns of the objects table that only the viewer reads, where there are tracks."""
+EVENT_COLUMNS = EVENTS.names
+ZONE_COLUMNS = (
+    "log",
+    "topic",
+    "sweep",
+    "stamp",
+    "zone",
+    "points",
+    "nearest",
+    "ttc",
+    "active",
+    "agents",
+    "seen",
+)
+"""Columns of the tables of zones that are read."""
 NAMED = 10
 """Most tables, logs and baselines that the command of a page names."""
 
@@ -79,18 +98,16 @@ class ReportOptions:
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A report, the rows it is about, and where they come from."""
+    """A report, and where the rows come from that it is about."""
 
-    report: Report
-    run: Run
-    pairs: tuple[Pair, ...]
+    report: Report | ZonesReport
     page: Page | None = None
     """Contents of the HTML alone, where it was asked for."""
 
 
-def understand(options: ReportOptions) -> list[Check]:
-    """Parse the checks, or raise a usage error before any work is done."""
-    return [parse_check(text, bool(options.baseline)) for text in options.checks]
+def understand(options: ReportOptions, zones: Collection[str] | None = None) -> list[Check]:
+    """Parse the checks, or raise a usage error before any work is done; `zones`: the names that zones have, once known."""
+    return [parse_check(text, bool(options.baseline), zones=zones) for text in options.checks]
 
 
 def make_report(options: ReportOptions, viewer: bool = False, progress: Progress = None) -> Made:
@@ -109,14 +126,19 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     checks = understand(options)
     found, base_found = find_pairs(options.tables), find_pairs(options.baseline)
     step = _steps(2 * len(found[0]) + 2 * len(base_found[0]) + 1 + viewer, progress)
+    if found[0] and all(map(_is_of_zones, found[0])):
+        return _report_zones(*found, options, step)
     run, pairs, problems = _load(*found, checks, viewer, step)
-    unseen = _unseen(checks, run)
+    if run.zones is not None:
+        # Only now it is known which zones there are.
+        checks = understand(options, run.zones.names)
+    unseen = _unseen(checks, run.sources)
     if not options.baseline:
         summary = summarise(run)
         verdicts = tuple(judge(check, summary.figures, run) for check in checks)
-        made = Made(Report(summary, verdicts=verdicts, unread=problems, unseen=unseen), run, pairs)
+        report = Report(summary, verdicts=verdicts, unread=problems, unseen=unseen)
         step()
-        return _with_page(made, options) if viewer else made
+        return _with_page(report, run, pairs, options) if viewer else Made(report)
     compared = [check for check in checks if check.name.startswith(DELTA)]
     base_run, _, base_problems = _load(*base_found, compared, False, step)
     if base_problems:
@@ -126,23 +148,97 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     summary, baseline = summarise(run, edges), summarise(base_run, edges)
     comparison = compare(run, summary, base_run, baseline)
     verdicts = tuple(judge(check, summary.figures | comparison.figures, run) for check in checks)
-    made = Made(Report(summary, comparison, verdicts=verdicts, unread=problems, unseen=unseen), run, pairs)
+    report = Report(summary, comparison, verdicts=verdicts, unread=problems, unseen=unseen)
     step()
-    return _with_page(made, options) if viewer else made
+    return _with_page(report, run, pairs, options) if viewer else Made(report)
 
 
-def _with_page(made: Made, options: ReportOptions) -> Made:
+def _with_page(report: Report, run: Run, pairs: Sequence[Pair], options: ReportOptions) -> Made:
     """Add the contents of the HTML to a report; a beams table that cannot be read is one problem more."""
     from lidarcli.pipeline.viewing import viewer_of
     from lidarcli.reports.html import Page
     from lidarcli.reports.map_picture import overview
 
-    run = made.run
-    seen = viewer_of(run, made.report.summary, made.pairs, options.logs, options.join)
-    report = replace(made.report, unread=(*made.report.unread, *seen.problems))
+    seen = viewer_of(run, report.summary, pairs, options.logs, options.join)
+    report = replace(report, unread=(*report.unread, *seen.problems))
     # Every log has a world of its own.
     above = overview(run.sweeps, run.objects, run.tracks) if len(run.sources) == 1 else None
-    return replace(made, report=report, page=Page(seen.data, above, seen.walls, _command(options)))
+    return Made(report, Page(seen.data, above, seen.walls, _command(options)))
+
+
+def _is_of_zones(pair: Pair) -> bool:
+    """Tell whether a log has tables of zones alone."""
+    return (pair.zones.exists() or pair.events.exists()) and not (
+        pair.objects.exists() or pair.sweeps.exists()
+    )
+
+
+def _read_zones(pair: Pair) -> tuple[pa.Table, pa.Table]:
+    """Read the tables of events and of zones of a log, which belong together."""
+    events, zones = read_table(pair, "events", EVENT_COLUMNS), read_table(pair, "zones", ZONE_COLUMNS)
+    known = {*Rows.join([zones]).counts("zone")}
+    others = sorted({*Rows.join([events]).counts("zone")} - known)
+    if others:
+        raise UnreadableError(
+            f"{pair.events}: does not belong to {pair.zones.name}, which has no zone {others[0]}; "
+            "write both again with lidarcli zones"
+        )
+    return events, zones
+
+
+def _watched(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> Watched | None:
+    """Return the zones of some sources, with their outlines as far as the metadata tells them."""
+    if not read:
+        return None
+    shapes: dict[str, dict[str, Any]] = {}
+    for _, zones in read.values():
+        told = note_value(notes_of(zones), PARAMETERS, dict).get("zones")
+        for one in told if isinstance(told, list) else ():
+            if isinstance(one, dict) and isinstance(one.get("name"), str):
+                shapes.setdefault(one["name"], one)
+    events, zones = (Rows.join([one[k] for one in read.values()], [*read]) for k in (0, 1))
+    return Watched(events, zones, shapes)
+
+
+def _report_zones(
+    pairs: Sequence[Pair],
+    problems: Sequence[UnreadableError],
+    options: ReportOptions,
+    step: Callable[[], None],
+) -> Made:
+    """Report on zones alone."""
+    for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
+        if values:
+            raise OptionError(
+                f"{name}: these are tables of zones alone; name the objects table of the log as well"
+            )
+    problems = [*problems]
+    read: dict[int, tuple[pa.Table, pa.Table]] = {}
+    sources: list[Origin] = []
+    for pair in pairs:
+        try:
+            found = _read_zones(pair)
+        except UnreadableError as err:
+            problems.append(err)
+            continue
+        read[len(sources)] = found
+        sources.append(origin_of(pair, found[1]))
+        step()
+    watched = _watched(read)
+    if watched is None:
+        raise nothing_read(problems)
+    zoned = zoned_of(watched, [source.log for source in sources])
+    checks = [parse_zone_check(text, watched.names) for text in options.checks]
+    verdicts = tuple(judge_zones(check, zoned.figures, watched) for check in checks)
+    return Made(
+        ZonesReport(
+            zoned,
+            tuple(sources),
+            verdicts=verdicts,
+            unread=tuple(map(str, problems)),
+            unseen=_unseen(checks, sources),
+        )
+    )
 
 
 def _command(options: ReportOptions) -> str:
@@ -192,6 +288,7 @@ def _load(
     read: list[tuple[Pair, Origin, pa.Table, pa.Table]] = []
     tracks: dict[int, pa.Table] = {}
     trajectories: dict[int, pa.Table] = {}
+    zones: dict[int, tuple[pa.Table, pa.Table]] = {}
     for pair in pairs:
         try:
             sweeps = read_table(pair, "sweeps", sweep_columns)
@@ -213,20 +310,25 @@ def _load(
             found = None
         if found is not None:
             tracks[len(read)] = found
+        try:
+            if pair.zones.exists() or pair.events.exists():
+                zones[len(read)] = _read_zones(pair)
+        except UnreadableError as err:
+            problems.append(err)
         read.append((pair, replace(origin_of(pair, sweeps), tracked=found is not None), sweeps, objects))
     if not read:
         raise nothing_read(problems)
     kept, sources, sweep_tables, object_tables = zip(*read, strict=True)
-    _refuse_untracked(checks, kept)
+    _refuse_missing(checks, kept)
     things = Rows.join([*tracks.values()], [*tracks]) if tracks else None
     paths = Rows.join([*trajectories.values()], [*trajectories]) if trajectories else None
-    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things, paths)
+    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things, paths, _watched(zones))
     return run, kept, tuple(str(problem) for problem in problems)
 
 
-def _unseen(checks: Sequence[Check], run: Run) -> tuple[str, ...]:
+def _unseen(checks: Sequence[Check], sources: Sequence[Origin]) -> tuple[str, ...]:
     """Return a line where checks saw only a part of the logs, and none of them limits the damage."""
-    damaged = [source for source in run.sources if source.damage]
+    damaged = [source for source in sources if source.damage]
     if not checks or not damaged or accepts(checks, "damage"):
         return ()
     first, total = damaged[0], sum(len(source.damage) for source in damaged)
@@ -237,15 +339,18 @@ def _unseen(checks: Sequence[Check], run: Run) -> tuple[str, ...]:
     )
 
 
-def _refuse_untracked(checks: Sequence[Check], pairs: Sequence[Pair]) -> None:
-    """Refuse a check of tracks where some log has none: it would speak of the others alone."""
-    missing = [pair.tracks for pair in pairs if not pair.tracks.exists()]
+def _refuse_missing(checks: Sequence[Check], pairs: Sequence[Pair]) -> None:
+    """Refuse a check of tracks or zones where some log has none: it would speak of the others alone."""
     for check in checks:
-        if check.needs_tracks and missing:
-            raise OptionError(
-                f"--check '{check.expression}' asks for tracks, but {missing[0]} is not there; "
-                "lidarcli track LOG writes it"
-            )
+        for needed, kind, way in (
+            (check.needs_tracks, "tracks", "track LOG"),
+            (check.needs_zones, "zones", "zones LOG --zones FILE"),
+        ):
+            missing = [getattr(pair, kind) for pair in pairs if needed and not getattr(pair, kind).exists()]
+            if missing:
+                raise OptionError(
+                    f"--check '{check.expression}' asks for {kind}, but {missing[0]} is not there; lidarcli {way} writes it"
+                )
 
 
 def format_of(file: Place) -> str:

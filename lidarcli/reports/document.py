@@ -89,7 +89,28 @@ class Listing:
     """Groups that are left out, in words."""
 
 
-Block = Table | Facts | Shares | Drawing | Notes | Listing
+class Band(NamedTuple):
+    """When something went on, in shares of a time."""
+
+    name: str
+    word: str
+    """Kind of what went on: an action, by which pages colour it."""
+    spans: Sequence[tuple[float, float]]
+    thin: Sequence[tuple[float, float]]
+    """Spans of less weight."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bands:
+    """Bands over one time."""
+
+    title: str
+    seconds: float
+    """Length of the time."""
+    bands: Sequence[Band]
+
+
+Block = Bands | Table | Facts | Shares | Drawing | Notes | Listing
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,7 @@ from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.streams import KINDS, Stream
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.wording import number
+from lidarcli.reports.zone_report import ZonesReport
 from lidarcli.sweeps import Float64, Int64, UInt8
 from lidarcli.tabular.runs import Entry
 
@@ -73,6 +74,8 @@ def render(report: Document, shown: Page | None = None) -> str:
     """Return the page; one of a `Report` needs what is shown of its sweeps."""
     if isinstance(report, Report) and shown is not None:
         return _page("report.html", report, report.summary.sources, **_shown(report, shown))
+    if isinstance(report, ZonesReport):
+        return _page("runs.html", report, report.sources)
     assert isinstance(report, RunsReport)
     return _page("runs.html", report, report.summary.logs)
 
@@ -115,6 +118,7 @@ def _page(template: str, report: Document, made: Iterable[Origin | Entry], **val
         lstrip_blocks=True,
     )
     environment.tests["code"] = lambda value: isinstance(value, Code)
+    environment.globals.update(number=number, stamp=stamp)
     sections = {name: one for name, one in report.sections().items() if PAGE in one.formats}
     return environment.get_template(template).render(
         **values,
@@ -123,8 +127,6 @@ def _page(template: str, report: Document, made: Iterable[Origin | Entry], **val
         versions=sorted({one.version for one in made if one.version}),
         version=__version__,
         style=Markup(page_style() + "\n" + _part("report.css")),
-        number=number,
-        stamp=stamp,
     )
 
 

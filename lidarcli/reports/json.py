@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from lidarcli._version import __version__
 from lidarcli.display import stamp
+from lidarcli.reports.columns import Origin
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.document import Document
 from lidarcli.reports.figures import Histogram
@@ -19,23 +20,29 @@ from lidarcli.reports.report import Report
 from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.streams import Standing, Stream
 from lidarcli.reports.summary import Summary
+from lidarcli.reports.zone_report import ZonesReport
+from lidarcli.reports.zones import Zoned
 from lidarcli.tabular.runs import Entry
 
 SCHEMA = "lidarcli.report/1"
 """The name of the schema; the number changes when a program that reads it may break."""
 RUNS_SCHEMA = "lidarcli.runs/1"
 """Name of the schema of a report on runs."""
+ZONES_SCHEMA = "lidarcli.zones/1"
+"""Name of the schema of a report on zones alone."""
 DIGITS = 9
 
 
-def render(report: Report | RunsReport) -> str:
+def render(report: Report | RunsReport | ZonesReport) -> str:
     """Return one JSON object; numbers have nine digits, null stands for what cannot be measured."""
     values = _runs(report) if isinstance(report, RunsReport) else as_dict(report)
     return json.dumps(values, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
-def as_dict(report: Report) -> dict[str, Any]:
+def as_dict(report: Report | ZonesReport) -> dict[str, Any]:
     """Return the report as plain values."""
+    if isinstance(report, ZonesReport):
+        return _of_zones(report)
     summary = report.summary
     return {
         **_beginning(report, SCHEMA),
@@ -66,17 +73,7 @@ def _beginning(report: Document, schema: str) -> dict[str, Any]:
 
 def _summary(summary: Summary) -> dict[str, Any]:
     return {
-        "sources": [
-            {
-                "log": source.log,
-                "format": source.format,
-                "size": source.size,
-                "lidarcli": source.version,
-                "parameters": source.parameters,
-                "damage": list(source.damage),
-            }
-            for source in summary.sources
-        ],
+        "sources": _sources(summary.sources),
         "figures": _numbers(summary.figures),
         "beams": {"status": summary.status, "set": summary.sets},
         "objects": {
@@ -90,6 +87,20 @@ def _summary(summary: Summary) -> dict[str, Any]:
     }
 
 
+def _sources(sources: Sequence[Origin]) -> list[dict[str, Any]]:
+    return [
+        {
+            "log": source.log,
+            "format": source.format,
+            "size": source.size,
+            "lidarcli": source.version,
+            "parameters": source.parameters,
+            "damage": list(source.damage),
+        }
+        for source in sources
+    ]
+
+
 def _tracks(summary: Summary) -> dict[str, Any]:
     """Return tracks and labels where there are any."""
     found: dict[str, Any] = {}
@@ -101,7 +112,50 @@ def _tracks(summary: Summary) -> dict[str, Any]:
         }
     if summary.labels:
         found["labels"] = [asdict(label) for label in summary.labels]
-    return found
+    return found if summary.zoned is None else found | _zones(summary.zoned)
+
+
+def _zones(zoned: Zoned) -> dict[str, Any]:
+    """Return the zones, and the events to look at first."""
+    names = (
+        "log",
+        "topic",
+        "zone",
+        "kind",
+        "action",
+        "sweep",
+        "t",
+        "duration",
+        "cut",
+        "points",
+        "nearest",
+        "ttc",
+    )
+    return {
+        "zones": [
+            {**_fields(one, "name", "action"), "line": one.is_line, **_fields(one, "active", "by", "visits")}
+            for one in zoned.zones
+        ],
+        "events": [
+            {
+                **_fields(one, *names),
+                "set": one.set or None,
+                "track": _number(one.track),
+                "label": one.label or None,
+            }
+            for one in zoned.events
+        ],
+    }
+
+
+def _of_zones(report: ZonesReport) -> dict[str, Any]:
+    return {
+        **_beginning(report, ZONES_SCHEMA),
+        "sources": _sources(report.sources),
+        "figures": _numbers(report.figures),
+        "sweeps": report.zoned.sweeps,
+        **_zones(report.zoned),
+    }
 
 
 def _comparison(comparison: Comparison) -> dict[str, Any]:

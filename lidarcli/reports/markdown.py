@@ -8,6 +8,7 @@ from itertools import groupby
 
 from lidarcli.reports.document import (
     MARKDOWN,
+    Bands,
     Block,
     Code,
     Document,
@@ -18,6 +19,7 @@ from lidarcli.reports.document import (
     Shares,
     Table,
 )
+from lidarcli.reports.terminal import band_lines
 from lidarcli.reports.wording import share, visible
 
 
@@ -67,6 +69,8 @@ def _lines(block: Block) -> Iterator[str]:
         case Shares():
             rows = [[kind, f"{count:,}", share(count, block.total)] for kind, count in block.counts.items()]
             yield from _table([block.kind, block.unit, "share"], rows, (1, 2))
+        case Bands():
+            yield from ("```", *band_lines(block), "```", "")
         case Drawing():
             yield from ("```", *block.lines, "```", "")
         case Notes():

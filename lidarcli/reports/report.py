@@ -48,6 +48,7 @@ from lidarcli.reports.wording import (
     spark,
     track_kinds,
 )
+from lidarcli.reports.zone_report import zone_cards, zone_sections, zone_words
 from lidarcli.sweeps import Float64, worth_telling
 
 STREAMS, STREAMS_OF_PAGE = 12, 100
@@ -92,6 +93,7 @@ def sections_of(summary: Summary, comparison: Comparison | None) -> dict[str, Se
         *_figures(summary),
         *_kinds(summary),
         *(_tracks(summary.tracked) if summary.tracked is not None else ()),
+        *_zones(summary),
         *_labels(summary),
         *_distributions(summary),
         *_standing(summary),
@@ -125,6 +127,8 @@ def cards_of(summary: Summary) -> list[Card]:
         cards.append(Card("tracks", number(figures["tracks"]), agents))
         if tracked.scene is not None:
             cards.append(Card("scene", tracked.scene, facts["scene"].removeprefix(f"{tracked.scene}: ")))
+    if summary.zoned is not None:
+        cards += zone_cards(summary.zoned)
     longest = quantity("longest_gap", figures["longest_gap"])
     missing = f"{number(figures['missing_sweeps'])} sweeps missing, longest {longest}"
     faults = f"{number(figures['backward'])} backward, {number(figures['repeated'])} repeated"
@@ -334,6 +338,11 @@ def track_cells(one: Track) -> dict[str, str]:
     }
 
 
+def _zones(summary: Summary) -> Iterator[tuple[str, Section]]:
+    if summary.zoned is not None:
+        yield from zone_sections(summary.zoned, [source.log for source in summary.sources])
+
+
 def _short(label: str) -> str:
     """Return a label that leaves room for the other columns.
 
@@ -522,8 +531,10 @@ class Report(Document):
             parts.append(f"{counted(figures['tracks'], 'track')} ({agents})")
         if figures["damage"]:
             parts.append(f"damage in {counted(figures['damage'], 'place')} of the logs")
-        line = f"{self.title}: {', '.join(parts)}"
-        return (line,) if self.comparison is None else (line, self.comparison.words)
+        lines = [f"{self.title}: {', '.join(parts)}"]
+        if self.summary.zoned is not None:
+            lines += [zone_words(one) for one in self.summary.zoned.zones]
+        return (*lines, *(() if self.comparison is None else (self.comparison.words,)))
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from lidarcli.reports.figures import (
     nice_edges,
 )
 from lidarcli.reports.streams import Standing, Streams, Unlike, standing_out, streams_of, unlike_of
+from lidarcli.reports.zones import Zoned, zoned_of
 from lidarcli.sweeps import STATUSES, Bool, Float64, Int64
 
 STATIC_SHARE = 0.001
@@ -245,8 +246,8 @@ class Summary:
     unlike: Unlike
     """Differences of the sensors whose sweeps the figures pool."""
     figures: dict[str, float | None]
-    """Every name of `figures.names()` → value, with tracks tables also those of `figures.track_names()`; None where
-    there is nothing to measure."""
+    """Every name of `figures.names()` → value, with tracks tables also those of `figures.track_names()`, with
+    those of zones the figures of each zone; None where there is nothing to measure."""
     spreads: dict[str, Spread]
     histograms: dict[str, Histogram]
     kinds: dict[str, dict[str, int]]
@@ -261,6 +262,8 @@ class Summary:
     """None without tracks tables."""
     labels: tuple[Label, ...]
     """Names of the catalogue that occur."""
+    zoned: Zoned | None
+    """None without tables of zones."""
 
 
 def values_of(run: Run, streams: Streams) -> dict[str, Float64]:
@@ -311,6 +314,9 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
     figures = _figures(run, streams, spreads, kinds, status, sets)
     if tracked is not None:
         figures |= tracked.figures
+    zoned = None if run.zones is None else zoned_of(run.zones, [source.log for source in run.sources])
+    if zoned is not None:
+        figures |= zoned.figures
     return Summary(
         sources=run.sources,
         streams=streams,
@@ -325,6 +331,7 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
         standing=standing_out(run, streams),
         tracked=tracked,
         labels=labels_of(run),
+        zoned=zoned,
     )
 
 

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from lidarcli.reports.document import (
     TEXT,
+    Bands,
     Block,
     Document,
     Drawing,
@@ -21,10 +22,12 @@ from lidarcli.reports.document import (
     Shares,
     Table,
 )
-from lidarcli.reports.wording import bar, share, visible
+from lidarcli.reports.wording import bar, course, number, share, visible
 
 WIDTH = 80
 BAR = 28
+COURSE, LONGEST_NAME = 48, 18
+"""Characters of a band, and of its name at most."""
 
 
 def render(report: Document, colour: bool = False) -> str:
@@ -96,6 +99,8 @@ def _parts(block: Block) -> Iterator[RenderableType]:
             yield _grid(
                 [[f"{kind:<11}", _share_bar(count, block.total)] for kind, count in block.counts.items()]
             )
+        case Bands():
+            yield from (Text(f"  {line}", no_wrap=True) for line in band_lines(block))
         case Drawing():
             for line in block.lines:
                 yield Text(f"  {line}", no_wrap=True)
@@ -138,3 +143,14 @@ def _share_bar(count: int, total: int) -> str:
     """Return a bar, the share in per cent, and the count."""
     part = count / total if total else 0.0
     return f"{bar(part, BAR)} {share(count, total):>7} {count:>12,}"
+
+
+def band_lines(block: Bands) -> list[str]:
+    """Return bands below each other, each behind its name, with the time below them."""
+    names = [visible(one.name) for one in block.bands]
+    names = [name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…" for name in names]
+    width, room = (max(map(len, texts), default=0) for texts in (names, [one.word for one in block.bands]))
+    lines = [visible(block.title)] if block.title else []
+    for name, one in zip(names, block.bands, strict=True):
+        lines.append(f"{name:<{width}}  {one.word:<{room}}  {course(one.spans, one.thin, COURSE)}")
+    return [*lines, f"{'':<{width + 2 + room}}  0 s{f'{number(block.seconds)} s':>{COURSE - 3}}"]

@@ -76,6 +76,20 @@ def percent(part: float) -> str:
     return f"{100 * part:.1f} %"
 
 
+def course(spans: Sequence[tuple[float, float]], thin: Sequence[tuple[float, float]], width: int) -> str:
+    """Return spans, in shares of a time, as a line of `width` characters; thin ones lie lower.
+
+    >>> course([(0.2, 0.5)], [(0.0, 0.05), (0.4, 1.0)], 10)
+    '▁·████▁▁▁▁'
+    """
+    marks = ["·"] * width
+    for mark, chosen in (("▁", thin), ("█", spans)):
+        for low, high in chosen:
+            for k in range(min(int(low * width), width - 1), min(int(high * width), width - 1) + 1):
+                marks[k] = mark
+    return "".join(marks)
+
+
 def counted(value: float | None, name: str) -> str:
     """Return a number and what it counts.
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +11,8 @@ import numpy as np
 from lidarcli.reports.checks import Check, Verdict, count_events, parse_check, verdict_of
 from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, zone_names
-from lidarcli.sweeps import Bool
+from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.zones import Action
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -20,6 +21,14 @@ OF_AREAS = ("events", "share", "nearest", "points.max", "ttc.min", "duration.")
 """Figures that a line has not: nothing occupies it."""
 OF_LINES = ("in", "out")
 """Figures that an area has not: it is entered from all sides."""
+KEPT = 100
+"""Most events that are kept one by one."""
+FINEST = 1_000
+"""Parts of the time of a log that bands tell apart."""
+LISTED = ("occupied", "approach", "stale")
+"""Kinds of the events that are listed; visits and crossings are counted."""
+GRAVEST: tuple[Action, ...] = ("stop", "approach", "slowdown", "limit", "none")
+"""Actions, the gravest first."""
 
 
 def zone_figures(
@@ -117,3 +126,199 @@ def judge_zones(check: Check, values: Mapping[str, float | None], watched: Watch
     """Hold a check against the figures of zones, or against the rows of their events."""
     found = values.get(check.name) if check.condition is None else count_events(check.condition, watched)
     return verdict_of(check, found)
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneSummary:
+    """A zone and what happened in it."""
+
+    name: str
+    action: str
+    """Action it asks for; empty where neither an event nor the metadata tells it."""
+    is_line: bool
+    figures: dict[str, float | None]
+    """By the rest of their names: `events`."""
+    active: float
+    """Time that its events took [s]."""
+    by: dict[str, int]
+    """Set → events in which most of the points were of that set."""
+    visits: int
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneEvent:
+    """An event, as a row of a table for people."""
+
+    source: int
+    log: str
+    topic: str
+    sweep: int
+    zone: str
+    kind: str
+    action: str
+    start_ns: int
+    t: float
+    duration: float
+    cut: bool
+    points: float
+    """NaN, here and below, where there is none."""
+    nearest: float
+    ttc: float
+    set: str
+    """Empty, here and below, where nothing is known."""
+    track: float
+    label: str
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """When the events of a zone went on, in shares of the time of a log."""
+
+    zone: str
+    action: str
+    events: tuple[tuple[float, float], ...]
+    visits: tuple[tuple[float, float], ...]
+    """Visits, and crossings of a line, which take no time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Zoned:
+    """The zones of a run."""
+
+    figures: dict[str, float | None]
+    """Every name of `figures.zone_names` of each zone → value."""
+    zones: tuple[ZoneSummary, ...]
+    events: tuple[ZoneEvent, ...]
+    """The gravest first, at most `KEPT`; those of kinds that are `LISTED`."""
+    listed: int
+    """Number of all events of these kinds."""
+    sweeps: int
+    seconds: dict[int, float]
+    """Source → its time [s]."""
+    courses: dict[int, tuple[Course, ...]]
+    """Source → course of each of its zones."""
+
+
+def zoned_of(watched: Watched, logs: Sequence[str]) -> Zoned:
+    """Sum up zones; `logs`: names of the sources."""
+    figures, events = figures_of(watched), watched.events
+    actions = _actions(watched)
+    duration = events.numbers("duration")
+    found = []
+    for name in watched.names:
+        alarms = of_zone(events, name, "occupied", "approach")
+        found.append(
+            ZoneSummary(
+                name=name,
+                action=actions.get(name, ""),
+                is_line=name in watched.lines,
+                figures={full.removeprefix(f"{ZONES}{name}."): figures[full] for full in zone_names(name)},
+                active=float(duration[alarms].sum()),
+                by=events.counts("set", alarms),
+                visits=int(of_zone(events, name, "visit").sum()),
+            )
+        )
+    stamp = watched.zones.integers("stamp")
+    spans: dict[int, tuple[int, int]] = {}
+    for source in np.unique(watched.zones.source).tolist():
+        mine = stamp[watched.zones.source == source]
+        spans[source] = int(mine.min()), int(mine.max())
+    sweeps = len(np.unique(np.column_stack(_sweeps(watched.zones)), axis=0)) if len(stamp) else 0
+    return Zoned(
+        figures=figures,
+        zones=tuple(found),
+        events=_gravest(watched, logs),
+        listed=int(np.any([events.are("kind", kind) for kind in LISTED], axis=0).sum()),
+        sweeps=sweeps,
+        seconds={source: (last - first) * 1e-9 for source, (first, last) in spans.items()},
+        courses={source: tuple(_courses(watched, source, span, actions)) for source, span in spans.items()},
+    )
+
+
+def _sweeps(rows: Rows) -> list[Int64]:
+    """Return source, topic and index of the sweep of each row."""
+    return [rows.source.astype(np.int64), rows.words("topic")[0].astype(np.int64), rows.integers("sweep")]
+
+
+def _actions(watched: Watched) -> dict[str, str]:
+    """Return the action of each zone, by the metadata or else by its events."""
+    zone, action = (_texts(watched.events, name) for name in ("zone", "action"))
+    told = {name: str(shape["action"]) for name, shape in watched.shapes.items() if "action" in shape}
+    return dict(zip(zone, action, strict=True)) | told
+
+
+def _gravest(watched: Watched, logs: Sequence[str]) -> tuple[ZoneEvent, ...]:
+    """Return the events to look at first: by action, then the nearest, then the longest."""
+    rows = watched.events
+    mine = np.flatnonzero(np.any([rows.are("kind", kind) for kind in LISTED], axis=0))
+    action = np.array(
+        [GRAVEST.index(word) if word in GRAVEST else len(GRAVEST) for word in _texts(rows, "action")]
+    )
+    numbers = {
+        name: rows.numbers(name) for name in ("t", "duration", "points", "nearest", "ttc", "track", "cut")
+    }
+    is_stale = rows.are("kind", "stale")
+    nearest, longest = np.nan_to_num(numbers["nearest"], nan=np.inf), -numbers["duration"]
+    order = mine[np.lexsort((longest[mine], nearest[mine], action[mine], is_stale[mine]))][:KEPT]
+    names = ("topic", "zone", "kind", "action", "set", "label")
+    words = {name: _texts(rows, name) for name in names}
+    whole = {name: rows.integers(name) for name in ("first_sweep", "start")}
+    return tuple(
+        ZoneEvent(
+            source=int(rows.source[row]),
+            log=logs[int(rows.source[row])],
+            topic=words["topic"][row],
+            sweep=int(whole["first_sweep"][row]),
+            zone=words["zone"][row],
+            kind=words["kind"][row],
+            action=words["action"][row],
+            start_ns=int(whole["start"][row]),
+            t=float(numbers["t"][row]),
+            duration=float(numbers["duration"][row]),
+            cut=bool(numbers["cut"][row]),
+            points=float(numbers["points"][row]),
+            nearest=float(numbers["nearest"][row]),
+            ttc=float(numbers["ttc"][row]),
+            set=words["set"][row],
+            track=float(numbers["track"][row]),
+            label=words["label"][row],
+        )
+        for row in order.tolist()
+    )
+
+
+def _texts(rows: Rows, name: str) -> list[str]:
+    """Return a column of names, empty for null."""
+    codes, names = rows.words(name)
+    return ["" if code < 0 else names[code] for code in codes.tolist()]
+
+
+def _courses(
+    watched: Watched, source: int, span: tuple[int, int], actions: Mapping[str, str]
+) -> Iterator[Course]:
+    """Yield the course of each zone in a source."""
+    first, last = span
+    events, rows = watched.events, watched.zones
+    begin, end = (
+        np.clip((events.integers(name) - first) / max(last - first, 1), 0.0, 1.0) for name in ("start", "end")
+    )
+    here = events.source == source
+    for name in watched.names:
+        if not (of_zone(rows, name) & (rows.source == source)).any():
+            continue
+        shares = []
+        for kinds in (("occupied", "approach"), ("visit", "crossing")):
+            mine = of_zone(events, name, *kinds) & here
+            shares.append(_merged(begin[mine], end[mine]))
+        yield Course(name, actions.get(name, ""), *shares)
+
+
+def _merged(begin: Float64, end: Float64) -> tuple[tuple[float, float], ...]:
+    """Return spans in order, those that no picture tells apart as one."""
+    found: list[tuple[float, float]] = []
+    for low, high in sorted(zip(begin.tolist(), end.tolist(), strict=True)):
+        if found and low - found[-1][1] < 1.0 / FINEST:
+            found[-1] = found[-1][0], max(found[-1][1], high)
+        else:
+            found.append((low, high))
+    return tuple(found)

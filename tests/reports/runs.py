@@ -256,3 +256,23 @@ def watch(index: int, zone: str, points: int = 0, **other: Any) -> dict[str, Any
 def watched_of(events: Sequence[Mapping[str, Any]], zones: Sequence[Mapping[str, Any]]) -> Watched:
     """Zones as they come out of their tables."""
     return Watched(Rows.join([table(EVENTS, events)]), Rows.join([table(ZONES, zones)]))
+
+
+def write_zones(
+    folder: Path,
+    events: Sequence[Mapping[str, Any]],
+    zones: Sequence[Mapping[str, Any]],
+    name: str = "run",
+    shapes: Sequence[Mapping[str, Any]] = (),
+    damage: Sequence[str] = (),
+) -> Path:
+    """The tables of the zones of one log in `folder`; the path of that of the events."""
+    folder.mkdir(parents=True, exist_ok=True)
+    origin = {"name": f"{name}.mcap", "size": 1000, "format": "mcap"}
+    metadata = table_metadata({"zones": [*shapes]}, origin, damage)
+    for kind, schema, rows in (("events", EVENTS, events), ("zones", ZONES, zones)):
+        mine = [{**row, "log": name} for row in rows]
+        pq.write_table(
+            table(schema, mine).replace_schema_metadata(metadata), folder / f"{name}.{kind}.parquet"
+        )
+    return folder / f"{name}.events.parquet"

@@ -187,7 +187,7 @@ def test_without_anything_to_measure_a_check_does_not_hold() -> None:
         ),
         (
             "object where width > 3 == 0",
-            "unknown table 'object' before where; did you mean objects? available: objects, sweeps, tracks; "
+            "unknown table 'object' before where; did you mean objects? available: objects, sweeps, tracks, events; "
             "at 'object', column 1",
         ),
         ("objects where (width > 1 == 0", "expected ')' at '==', column 26"),

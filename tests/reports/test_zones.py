@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
 import pytest
 
-from lidarcli.errors import OptionError
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.pipeline.reporting import FORMATS, Made, ReportOptions, make_report, render
 from lidarcli.reports.columns import Watched
-from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zone_figures
+from lidarcli.reports.report import Report
+from lidarcli.reports.zone_report import ZonesReport
+from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zone_figures, zoned_of
 from lidarcli.tabular.schemas import EVENTS, ZONES
-from tests.reports.runs import event, table, watch, watched_of
+from tests.reports.runs import (
+    crossing,
+    event,
+    table,
+    watch,
+    watched_of,
+    write_run,
+    write_zones,
+)
 
 NAMES = ["stop", "left-door", "behind"]
 EVENT_ROWS = [
@@ -167,3 +182,195 @@ def test_mistakes_in_checks_of_zones(expression: str, message: str) -> None:
     with pytest.raises(OptionError) as caught:
         parse_zone_check(expression, NAMES)
     assert message in str(caught.value)
+
+
+def test_summary_of_zones(watched: Watched) -> None:
+    zoned = zoned_of(watched, ["run"])
+    stop, door, behind = zoned.zones
+    assert (stop.action, stop.by, stop.visits) == ("stop", {"A": 1, "S": 1}, 1)
+    assert stop.active == pytest.approx(0.3)
+    assert (door.visits, behind.figures["seen"]) == (0, None)
+    assert (zoned.sweeps, zoned.seconds) == (10, {0: pytest.approx(0.9)})
+    assert zoned.listed == 3
+    assert [(one.kind, one.sweep, one.set) for one in zoned.events] == [
+        ("occupied", 2, "A"),
+        ("approach", 7, "S"),
+        ("stale", 9, ""),
+    ]
+    courses = {one.zone: one for one in zoned.courses[0]}
+    assert courses["stop"].events == (pytest.approx((2 / 9, 4 / 9)), pytest.approx((7 / 9, 8 / 9)))
+    assert courses["stop"].visits == (pytest.approx((2 / 9, 8 / 9)),)
+    assert [low for low, _ in courses["left-door"].visits] == pytest.approx([3 / 9, 5 / 9, 6 / 9])
+    assert courses["behind"].events == ()
+
+
+def test_the_gravest_events_come_first() -> None:
+    rows = [
+        event(1, "far", action="slowdown", nearest=0.1),
+        event(2, "near", action="stop", nearest=0.9),
+        event(3, "near", action="stop", nearest=0.5, last=3),
+        event(4, "near", action="stop", nearest=0.5, last=9),
+        event(5, "near", "stale", action="stop"),
+        event(6, "near", "approach", action="approach"),
+    ]
+    zoned = zoned_of(watched_of(rows, [watch(k, "near") for k in range(10)]), ["run"])
+    assert [(one.action, one.duration > 0.5, one.nearest) for one in zoned.events[:4]] == [
+        ("stop", True, 0.5),
+        ("stop", False, 0.5),
+        ("stop", False, 0.9),
+        ("approach", False, pytest.approx(float("nan"), nan_ok=True)),
+    ]
+    assert [one.kind for one in zoned.events[4:]] == ["occupied", "stale"]
+
+
+def test_many_short_events_are_one_span_where_no_picture_tells_them_apart() -> None:
+    rows = [event(k, "stop", begin=k, last=k) for k in range(5_000)]
+    zones = [watch(k, "stop") for k in (0, 20_000)]
+    [course] = zoned_of(watched_of(rows, zones), ["run"]).courses[0]
+    assert course.events == (pytest.approx((0, 4_999 / 20_000)),)
+
+
+SHAPES = [
+    {"name": "stop", "frame": "sensor", "action": "stop", "polygon": [[0.2, 0.5], [2.6, 0.5], [2.6, -0.5]]},
+    {"name": "left-door", "frame": "world", "action": "none", "line": [[2.0, 0.0], [2.0, 1.2]]},
+    {
+        "name": "behind",
+        "frame": "robot",
+        "action": "slowdown",
+        "circle": {"x": -1.0, "y": 0.0, "radius": 0.5},
+    },
+]
+
+
+def made(*tables: Path, checks: Sequence[str] = (), viewer: bool = False) -> Made:
+    return make_report(ReportOptions(tuple(map(str, tables)), tuple(checks)), viewer=viewer)
+
+
+def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:
+    events = write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, shapes=SHAPES)
+    for named in (events, tmp_path / "run.zones.parquet", tmp_path):
+        found = made(named, checks=["zones.stop.events == 2", "zones.behind.events == 0"])
+        assert isinstance(found.report, ZonesReport)
+        assert [(one.found, one.holds) for one in found.report.verdicts] == [(2, True), (None, False)]
+        assert found.report.exit_code == 1
+    text = render(found, "text")
+    assert max(map(len, text.splitlines())) <= 80
+    assert "  stop       stop      ··········████████████▁▁▁▁▁▁▁▁▁▁▁▁▁▁▁██████·····\n" in text
+    rows = [" ".join(line.split()) for line in text.splitlines()]
+    for row in (
+        "stop 2 0.3 s 0.40 m 75 % agents 1, walls 1",
+        "behind 0 % never in view",
+        "stop 1 0.6 s 75 %",
+        "left-door 2 1 100 %",
+        "stop 0.70 s approach 0.1 s 5 0.60 m 0.5 s wall",
+    ):
+        assert row in rows
+    assert "| stop | 2 | 0.3 s | 0.40 m | 75 % | agents 1, walls 1 |" in render(found, "markdown")
+    values = json.loads(render(found, "json"))
+    assert values["schema"] == "lidarcli.zones/1"
+    assert values["figures"]["zones.stop.seen"] == 0.75
+    assert values["figures"]["zones.left-door.events"] is None
+    assert values["zones"][1] == {
+        "name": "left-door", "action": "none", "line": True, "active": 0, "by": {}, "visits": 0,
+    }  # fmt: skip
+    assert values["events"][0]["track"] == 3
+    assert values["events"][2]["nearest"] is None
+    junit = render(found, "junit")
+    assert '<property name="zones.stop.points.max" value="9" />' in junit
+    assert 'message="expected == 0, found nothing to measure"' in junit
+    page = render(found, "html")
+    assert '<div class="band stop">' in page
+    assert 'title="0.20 to 0.40 s"' in page
+    assert render(found, "github").startswith(
+        "::error title=lidarcli%3A check failed::zones.behind.events == 0"
+    )
+
+
+def test_zones_beside_objects_join_the_report(tmp_path: Path) -> None:
+    objects = write_run(tmp_path, **crossing())
+    write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, shapes=SHAPES)
+    found = made(
+        objects,
+        checks=["zones.stop.duration.max < 0.3", "events where set == A == 1", "sweeps == 10"],
+        viewer=True,
+    )
+    assert isinstance(found.report, Report)
+    assert found.report.holds
+    assert found.report.figures["zones.left-door.in"] == 2
+    assert "stop: 2 events, 0.3 s, nearest 0.40 m, by agents 1, walls 1, 1 visit" in found.report.lines
+    assert "behind: never in view" in found.report.lines
+    for kind in FORMATS:
+        assert "left-door" in render(found, kind)
+    values = json.loads(render(found, "json"))
+    assert values["schema"] == "lidarcli.report/1"
+    assert sum(name.startswith("zones.") for name in values["figures"]) == 3 * 29
+    assert [one["name"] for one in values["zones"]] == NAMES
+
+
+def test_two_logs_are_summed_up(tmp_path: Path) -> None:
+    write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, "first", SHAPES)
+    write_zones(tmp_path, EVENT_ROWS[:1], ZONE_ROWS[:10], "second", SHAPES)
+    report = made(tmp_path).report
+    assert report.figures["zones.stop.events"] == 3
+    assert report.figures["zones.stop.share"] == 0.5
+    assert report.figures["zones.left-door.in"] == 2
+    assert report.title == "zones in 2 logs"
+    assert report.lines[0] == "zones in 2 logs: 20 sweeps in 1.8 s, 3 zones"
+
+
+@pytest.mark.parametrize(
+    ("check", "message"),
+    [
+        ("zones.stpo.events == 0", "unknown zone 'stpo'; did you mean stop?"),
+        ("zones.hall.events == 0", "unknown zone 'hall'; there are stop, left-door, behind;"),
+        ("zones.stop.evnts == 0", "unknown figure 'evnts' of zone stop; did you mean events?"),
+    ],
+)
+def test_unknown_zones_are_usage_errors(tmp_path: Path, check: str, message: str) -> None:
+    alone = write_zones(tmp_path / "alone", EVENT_ROWS, ZONE_ROWS)
+    beside = write_run(tmp_path / "beside", **crossing())
+    write_zones(tmp_path / "beside", EVENT_ROWS, ZONE_ROWS)
+    for named in (alone, beside):
+        with pytest.raises(OptionError) as caught:
+            made(named, checks=[check])
+        assert message in str(caught.value)
+
+
+def test_checks_of_zones_need_their_tables(tmp_path: Path) -> None:
+    objects = write_run(tmp_path, **crossing())
+    for check in ("zones.stop.events == 0", "events where set == A == 0"):
+        with pytest.raises(
+            OptionError, match=r"asks for zones, but .*run.zones.parquet is not there; lidarcli zones LOG"
+        ):
+            made(objects, checks=[check])
+
+
+def test_tables_of_zones_that_do_not_belong_together(tmp_path: Path) -> None:
+    write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS[:10])
+    with pytest.raises(
+        UnreadableError, match=r"does not belong to run.zones.parquet, which has no zone left-door"
+    ):
+        made(tmp_path)
+    (tmp_path / "run.zones.parquet").unlink()
+    with pytest.raises(UnreadableError, match=r"run.zones.parquet: not there; lidarcli zones writes it"):
+        made(tmp_path)
+
+
+def test_what_a_report_on_zones_alone_refuses(tmp_path: Path) -> None:
+    events = str(write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS))
+    for options, name in (
+        (ReportOptions((events,), baseline=(events,)), "--baseline"),
+        (ReportOptions((events,), logs=("run.mcap",)), "--log"),
+    ):
+        with pytest.raises(OptionError, match=f"{name}: these are tables of zones alone"):
+            make_report(options)
+    with pytest.raises(OptionError, match="unknown figure 'sweeps'"):
+        made(Path(events), checks=["sweeps > 3"])
+
+
+def test_checks_see_only_a_part_of_a_damaged_log(tmp_path: Path) -> None:
+    events = write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, damage=["chunk 3: cut"])
+    report = made(events, checks=["zones.stop.events == 2"]).report
+    assert report.exit_code == 3
+    assert "chunk 3: cut" in report.unseen[0]
+    assert made(events).report.exit_code == 0

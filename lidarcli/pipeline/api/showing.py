@@ -39,6 +39,7 @@ from lidarcli.reports.checks import Verdict
 from lidarcli.reports.drawing import Axes, Figure, figure_of
 from lidarcli.reports.json import as_dict
 from lidarcli.reports.picture import Picture
+from lidarcli.reports.zone_report import ZonesReport
 from lidarcli.stores.url import place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.times import as_time
@@ -144,8 +145,7 @@ class RunReport:
     @property
     def figures(self) -> Mapping[str, float | None]:
         """Every figure by its name, as checks name it; with a baseline also its change, `delta.NAME`."""
-        report = self._made.report
-        return {**report.summary.figures, **(report.comparison.figures if report.comparison else {})}
+        return {**self._made.report.figures}
 
     @property
     def checks(self) -> tuple[Verdict, ...]:
@@ -167,12 +167,12 @@ class RunReport:
         return as_dict(self._made.report)
 
     def __repr__(self) -> str:
-        title, figures = self._made.report.title, self.figures
+        report, figures = self._made.report, self.figures
         held = sum(verdict.holds for verdict in self.checks)
         judged = f", {held} of {len(self.checks)} checks hold" if self.checks else ""
-        return (
-            f"<report on {title}: {figures['sweeps']:,.0f} sweeps, {figures['objects']:,.0f} objects{judged}>"
-        )
+        if isinstance(report, ZonesReport):
+            return f"<report on {report.lines[0]}{judged}>"
+        return f"<report on {report.title}: {figures['sweeps']:,.0f} sweeps, {figures['objects']:,.0f} objects{judged}>"
 
     def __str__(self) -> str:
         return render(self._made, "text")

@@ -1,0 +1,183 @@
+"""Zones as sections of a report, and the report on zones alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from lidarcli.reports.columns import Origin
+from lidarcli.reports.document import (
+    MARKDOWN,
+    PAGE,
+    TEXT,
+    Band,
+    Bands,
+    Block,
+    Card,
+    Document,
+    Section,
+    Table,
+)
+from lidarcli.reports.wording import counted, number, percent
+from lidarcli.reports.zones import Course, Zoned, ZoneEvent, ZoneSummary
+
+EVENTS = 12
+"""Most events that text and Markdown show; the page shows all that are kept."""
+LOGS = 6
+"""Most logs whose courses are drawn."""
+WHO = {"A": "agents", "O": "things", "S": "walls"}
+"""Set of the points of an event → what was in the zone."""
+AREA_CELLS = ("zone", "events", "active", "nearest", "seen", "by")
+"""Columns of the table of areas; the first and the last one wrap."""
+WAY_CELLS = ("zone", "visits", "dwell", "in", "out", "seen")
+"""Columns of the table of visits and crossings."""
+EVENT_CELLS = ("zone", "time", "kind", "lasts", "points", "nearest", "ttc", "track", "by", "log")
+"""Columns of the table of events."""
+WORDS = frozenset({"zone", "kind", "by", "log"})
+"""Columns that are not flush right."""
+
+
+def zone_sections(zoned: Zoned, logs: Sequence[str]) -> Iterator[tuple[str, Section]]:
+    """Yield the sections on zones by name; `logs`: names of the sources."""
+    cells = [zone_cells(one) for one in zoned.zones]
+    areas = [row for row, one in zip(cells, zoned.zones, strict=True) if not one.is_line]
+    ways = [row for row in cells if {"visits", "in"} & {*row}]
+    blocks: list[Block] = [_table(areas, AREA_CELLS)] if areas else []
+    for source, found in [*zoned.courses.items()][:LOGS]:
+        title = logs[source] if len(zoned.courses) > 1 else ""
+        blocks.append(Bands(title, zoned.seconds[source], [*map(_band, found)]))
+    blocks += [_table(ways, WAY_CELLS)] if ways else []
+    yield "zones", Section("Zones", blocks)
+    for name, most, formats in (
+        ("events", EVENTS, (TEXT, MARKDOWN)),
+        ("page of events", len(zoned.events), (PAGE,)),
+    ):
+        if shown := zoned.events[:most]:
+            rows = [event_cells(one, several=len(logs) > 1) for one in shown]
+            left = zoned.listed - len(shown)
+            more = f"and {left:,} more, all of them in the table of events" if left else ""
+            title = "Events of zones" + (", the gravest first" if zoned.listed > 1 else "")
+            yield name, Section(title, [_table(rows, EVENT_CELLS, more)], formats, "Events of zones")
+
+
+def zone_cells(one: ZoneSummary) -> dict[str, str]:
+    """Return heading → cell of a zone in a table; empty where it can have no such value."""
+    values = one.figures
+    if values["seen"] is None:
+        return {"zone": one.name, "seen": "0 %", "by": "never in view"}
+    by = [f"{WHO[name]} {one.by[name]}" for name in WHO if one.by.get(name)]
+    cells = {"zone": one.name}
+    if not one.is_line:
+        cells |= {
+            "events": number(values["events"]),
+            "active": _seconds(one.active),
+            "nearest": _metres(values["nearest"]),
+        }
+    if one.visits:
+        cells |= {"visits": number(one.visits), "dwell": _seconds(values["dwell.mean"])}
+    if one.is_line or values["in"] or values["out"]:
+        cells |= {name: number(values[name]) for name in ("in", "out")}
+    return cells | {"seen": percent(values["seen"]).replace(".0 %", " %"), "by": ", ".join(by)}
+
+
+def event_cells(one: ZoneEvent, several: bool = False) -> dict[str, str]:
+    """Return heading → cell of an event in a table, with its log where there are `several`."""
+    who = WHO.get(one.set, "").removesuffix("s")
+    return {
+        "time": f"{one.t:,.2f} s",
+        "zone": one.zone,
+        "kind": one.kind,
+        "lasts": ("≥ " if one.cut else "") + _seconds(one.duration),
+        "points": _known(one.points),
+        "nearest": _metres(one.nearest),
+        "ttc": _seconds(one.ttc),
+        "track": _known(one.track),
+        "by": f"{who} {one.label}".strip(),
+        "log": one.log if several else "",
+    }
+
+
+def _band(one: Course) -> Band:
+    return Band(one.zone, "" if one.action == "none" else one.action, one.events, one.visits)
+
+
+def _table(rows: Sequence[Mapping[str, str]], names: Sequence[str], more: str = "") -> Table:
+    """Return a table of cells by heading; columns without a single entry are left out."""
+    head = [name for name in names if any(cells.get(name) for cells in rows)]
+    right = [k for k, name in enumerate(head) if name not in WORDS]
+    return Table(head, [[cells.get(name, "") for name in head] for cells in rows], right, more)
+
+
+def _seconds(value: float | None) -> str:
+    return "" if value is None or math.isnan(value) else f"{number(value, 3)} s"
+
+
+def _metres(value: float | None) -> str:
+    return "" if value is None or math.isnan(value) else f"{value:.2f} m"
+
+
+def _known(value: float) -> str:
+    return "" if math.isnan(value) else number(value)
+
+
+def zone_cards(zoned: Zoned) -> list[Card]:
+    """Return the key figures of zones: events by what the zones ask for."""
+    events = sum(int(one.figures["events"] or 0) for one in zoned.zones)
+    active = sum(one.active for one in zoned.zones)
+    unseen = [one.name for one in zoned.zones if one.figures["seen"] is None]
+    words = f"in {counted(len(zoned.zones), 'zone')}, {_seconds(active)}"
+    if unseen:
+        words += f"; never in view: {', '.join(unseen)}"
+    return [Card("events of zones", number(events), words)]
+
+
+@dataclass(frozen=True, slots=True)
+class ZonesReport(Document):
+    """A report on zones alone, where there are no tables of objects."""
+
+    zoned: Zoned
+    sources: tuple[Origin, ...]
+
+    @property
+    def title(self) -> str:
+        """Subject of the report in a few words."""
+        names = [source.log for source in self.sources]
+        return f"zones in {names[0] if len(names) == 1 else counted(len(names), 'log')}"
+
+    @property
+    def figures(self) -> Mapping[str, float | None]:
+        """Figures of the zones by name."""
+        return self.zoned.figures
+
+    def sections(self) -> dict[str, Section]:
+        """Return the sections by name, in their order."""
+        return dict(zone_sections(self.zoned, [source.log for source in self.sources]))
+
+    def cards(self) -> list[Card]:
+        """Return the key figures, those of checks last."""
+        time = _seconds(sum(self.zoned.seconds.values()))
+        return [Card("sweeps", number(self.zoned.sweeps), time), *zone_cards(self.zoned), *self.check_cards()]
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Number of sweeps, and a line for each zone."""
+        time = _seconds(sum(self.zoned.seconds.values()))
+        first = f"{self.title}: {counted(self.zoned.sweeps, 'sweep')} in {time}, {counted(len(self.zoned.zones), 'zone')}"
+        return (first, *(zone_words(one) for one in self.zoned.zones))
+
+
+def zone_words(one: ZoneSummary) -> str:
+    """Return what happened in a zone in one line."""
+    if one.figures["seen"] is None:
+        return f"{one.name}: never in view"
+    cells = zone_cells(one)
+    parts = []
+    if not one.is_line:
+        parts.append(counted(one.figures["events"], "event"))
+        parts += [cells["active"]] if one.figures["events"] else []
+        parts += [f"nearest {cells['nearest']}"] if cells["nearest"] else []
+        parts += [f"by {cells['by']}"] if cells["by"] else []
+    parts += [counted(one.visits, "visit")] if one.visits else []
+    parts += [f"in {cells['in']}, out {cells['out']}"] if "in" in cells else []
+    return f"{one.name}: {', '.join(parts)}"
