@@ -2,6 +2,8 @@
 
 from typing import Annotated
 
+import click
+
 from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, Total, progress_bar, show_losses
 from lidarcli.cli.options import log_options, refuse_finding, usage_errors
@@ -54,43 +56,44 @@ def zones(say: Messages, told: ZonesCommand) -> int:
     from lidarcli.errors import CHECK_FAILED
     from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.zoning import zone_options
-    from lidarcli.pipeline.zoning import Judged, refuse_outputs, watch_files
+    from lidarcli.pipeline.zoning import Gates, ZoneSummary, refuse_outputs, watch_files
 
     with usage_errors():
         options = zone_options(told, logs, overwrite=told["overwrite"])
-        judged = Judged(options, told["check"])
+        gates = Gates(options, told["check"])
+    sources = chosen_logs(say, told)
+    if options.objects is not None and len(sources) != 1:
+        raise click.UsageError(f"--objects is for one log, and these are {len(sources):,}")
+    folder = None if told["output"] is None else place(told["output"])
+    outputs = refuse_outputs(sources, folder, options)
+    if told["dry_run"]:
+        return print_reads(sources, outputs)
     keep_freed_memory()
     say.of_missing_core()
-    sources = chosen_logs(say, told)
-    folder = None if told["output"] is None else place(told["output"])
-    if options.objects is not None and len(sources) != 1:
-        say.error(f"--objects is for one log, and these are {len(sources):,}")
-        return 2
-    if told["dry_run"]:
-        return print_reads(sources, refuse_outputs(sources, folder, options, dry=True))
-    refuse_outputs(sources, folder, options)
     total = Total()
+    failed = False
     with progress_bar(sources, say) as report:
         for outcome in watch_files(sources, folder, options, report):
             total.add(outcome)
-            judged.add(outcome)
             if outcome.trace:
                 say.bug(outcome.trace)
             if outcome.error is not None:
                 say.error(outcome.label, outcome.error)
-            if (run := outcome.summary) is not None:
-                show_losses(outcome.label, run, say)
-                count = counted(len(options.zones.zones), "zone")
-                say.info(f"{outcome.label}: {counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}, {count}")
-                for line in judged.lines(run):
-                    say.info(f"  {line}")
-                say.notes(run.notes)
-                say.wrote(run.outputs)
-    for line in judged.unseen:
-        say.error("incomplete", line)
-    for verdict in judged.verdicts:
+            if not isinstance(run := outcome.summary, ZoneSummary):
+                failed = True
+                continue
+            gates.add(run.tables)
+            show_losses(outcome.label, run, say)
+            where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
+            say.info(f"{outcome.label}: {where}, {counted(len(options.zones.zones), 'zone')}")
+            for line in run.lines:
+                say.info(f"  {line}")
+            say.notes(run.notes)
+            say.wrote(run.outputs)
+    verdicts = [] if failed else gates.verdicts()
+    for verdict in verdicts:
         if not verdict.holds:
             say.error(f"check failed: {verdict.failure}")
-    if judged.failed:
+    if not all(verdict.holds for verdict in verdicts):
         return CHECK_FAILED
-    return total.exit_code(sources) or judged.exit_code
+    return total.exit_code(sources)

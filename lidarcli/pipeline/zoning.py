@@ -38,9 +38,12 @@ from lidarcli.pipeline.watching.counting import (
     TopicSeries,
     ZoneSeries,
 )
-from lidarcli.pipeline.watching.events import Settled, Tracked, Watched, settle
+from lidarcli.pipeline.watching.events import Counted, Settled, Tracked, settle
 from lidarcli.pipeline.watching.frames import Frames
+from lidarcli.reports.checks import Verdict, verdict_of
+from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.wording import counted
+from lidarcli.reports.zones import judge_zones, parse_zone_check, zone_figures
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Int64, SweepBatch
 from lidarcli.tabular.arrays import codes
@@ -151,7 +154,7 @@ class ZoneTables(NamedTuple):
 class ZoneSummary(RunSummary):
     """The counts of one run over one log, and its zones."""
 
-    tables: ZoneTables | None = None
+    tables: ZoneTables = field(default_factory=lambda: ZoneTables(*(SCHEMAS[name].empty_table() for name in TABLES)))
     lines: list[str] = field(default_factory=list)
     """A line for each zone."""
 
@@ -227,6 +230,53 @@ def watch_files(
         options = replace(options, detect=detect)
 
     return over_logs(sources, partial(watch, options=options, folder=folder), report, at_once)
+
+
+def refuse_outputs(
+    sources: Sequence[Source | Nothing], folder: Place | None, options: ZoneOptions
+) -> list[str]:
+    """Return the files that are written, after refusing those that cannot be, and two logs of one name, before any work."""
+    if folder is None:
+        return []
+    paths: dict[str, Place] = {}
+    for source in sources:
+        if isinstance(source, Source):
+            for path in options.outputs(source, folder).values():
+                if str(path) in paths:
+                    raise OptionError(f"{path} would be written for two logs; give -o another DIR for one of them")
+                paths[str(path)] = path
+    refuse(paths.values(), options.overwrite, options.inputs(sources))
+    return [*paths]
+
+
+class Gates:
+    """Checks of what a run over several logs finds."""
+
+    def __init__(self, options: ZoneOptions, expressions: Sequence[str]) -> None:
+        """Understand the checks, or raise a usage error."""
+        zones = options.zones.zones
+        self._lines = {zone.name for zone in zones if isinstance(zone.shape, Line)}
+        self._checks = [parse_zone_check(each, [zone.name for zone in zones]) for each in expressions]
+        self._tables: list[ZoneTables] = []
+
+    def add(self, tables: ZoneTables) -> None:
+        """Take the tables of a log."""
+        if self._checks:
+            self._tables.append(tables)
+
+    def verdicts(self) -> list[Verdict]:
+        """Hold the checks against all tables."""
+        if not self._checks:
+            return []
+        if not self._tables:
+            return [verdict_of(check, None) for check in self._checks]
+        events, zones = (
+            pa.concat_tables([getattr(each, name).replace_schema_metadata() for each in self._tables])
+            for name in TABLES
+        )
+        figures = zone_figures(events, zones, self._lines)
+        watched = Watched(Rows.join([events]), Rows.join([zones]))
+        return [judge_zones(check, figures, watched) for check in self._checks]
 
 
 class _Watching:
@@ -383,7 +433,7 @@ class _Watching:
             series = [next(one for one in each.zones if one.zone.name == zone.name) for _, each in group]
             _, times, parts = self._shapes[zone.name]
             yield settle(
-                Watched(
+                Counted(
                     series[0].zone,
                     tuple(each for _, each in group),
                     tuple(series),

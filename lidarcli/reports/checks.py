@@ -11,6 +11,7 @@ sign       = "==" | "!=" | "<" | "<=" | ">" | ">="
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -82,6 +83,10 @@ class Check:
         return bool(COMPARE[self.sign](value, self.low))
 
 
+_COMPARISON = re.compile(r"\s*(==|!=|<=|>=|<|>|\bbetween\b)[^=!<>]*$")
+"""The end of a check, from its comparison on."""
+
+
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """The result of a check."""
@@ -91,6 +96,11 @@ class Verdict:
     found: float | None
     """Value that was measured; None where there was none, and the check does not hold."""
     holds: bool
+
+    @property
+    def failure(self) -> str:
+        """The check and why it fails, for people."""
+        return f"{_COMPARISON.sub('', self.expression)} is {self.words}, expected {self.expected}"
 
     @property
     def words(self) -> str:

@@ -39,7 +39,7 @@ class Tracked(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Watched:
+class Counted:
     """A zone, and what sweeps of the topics that count in it have in it."""
 
     zone: Zone
@@ -72,9 +72,9 @@ class Settled:
     """True where the same beams have nearly the same range nearly all the time."""
 
 
-def settle(watched: Watched) -> Settled:
+def settle(counted: Counted) -> Settled:
     """Return the events and the rows of a zone."""
-    return _Settling(watched).settled()
+    return _Settling(counted).settled()
 
 
 SAME_SHARE, SAME_SPREAD, SAME_TURN = 0.9, 0.06, 0.1
@@ -84,10 +84,10 @@ SAME_SHARE, SAME_SPREAD, SAME_TURN = 0.9, 0.06, 0.1
 class _Settling:
     """All that is known of a zone, by sweep of any of its topics in the order of time."""
 
-    def __init__(self, watched: Watched) -> None:
-        self.watched, self.zone = watched, watched.zone
+    def __init__(self, counted: Counted) -> None:
+        self.counted, self.zone = counted, counted.zone
         self._timeout_ns = self.zone.timeout * SECOND_NS if self.zone.timeout else np.inf
-        stamps = [topic.column("stamp_ns") for topic in watched.topics]
+        stamps = [topic.column("stamp_ns") for topic in counted.topics]
         self.topic = np.repeat(np.arange(len(stamps)), [len(each) for each in stamps])
         self.own = np.concatenate([np.arange(len(each)) for each in stamps])
         time_ns = np.concatenate(stamps)
@@ -103,7 +103,7 @@ class _Settling:
         self.numbers = self._number_agents()
 
     def _latest(self, index: int, stamps: Int64) -> Int64:
-        if len(self.watched.topics) == 1:
+        if len(self.counted.topics) == 1:
             return self.own
         order = np.argsort(stamps, kind="stable")
         at = np.searchsorted(stamps[order], self.time_ns, side="right") - 1
@@ -113,7 +113,7 @@ class _Settling:
 
     def _own(self, name: str) -> NDArray[Any]:
         """Return a quantity of the sweep itself."""
-        columns = [topic.column(name) for topic in self.watched.topics]
+        columns = [topic.column(name) for topic in self.counted.topics]
         found = np.empty((len(self.own), *columns[0].shape[1:]), columns[0].dtype)
         for index, values in enumerate(columns):
             mine = self.topic == index
@@ -123,10 +123,10 @@ class _Settling:
     def _part(self) -> Int64:
         """Return (N,) the part of the zone that counts, -1 for none."""
         count = len(self.own)
-        if len(self.watched.shape_times):
-            at = np.searchsorted(self.watched.shape_times, self.time_ns, side="right") - 1
+        if len(self.counted.shape_times):
+            at = np.searchsorted(self.counted.shape_times, self.time_ns, side="right") - 1
             # Before the first message the first shape is the best guess.
-            return self.watched.shape_parts[np.maximum(at, 0)]
+            return self.counted.shape_parts[np.maximum(at, 0)]
         if not self.zone.cases:
             return np.zeros(count, np.int64)
         found = np.full(count, -1)
@@ -140,7 +140,7 @@ class _Settling:
 
     def _picked(self, index: int, name: str, missing: Any) -> NDArray[Any]:
         """Return (N,) a quantity of the newest sweep of a topic, in the part that counts."""
-        values = self.watched.series[index].column(name)
+        values = self.counted.series[index].column(name)
         latest = self.latest[index]
         there = (latest >= 0) & (self.part >= 0)
         found = np.full(len(latest), missing, values.dtype)
@@ -151,7 +151,7 @@ class _Settling:
         if isinstance(self.zone.shape, Line):
             return np.zeros(len(self.own), np.int64)
         total = np.zeros(len(self.own), np.int64)
-        for index in range(len(self.watched.topics)):
+        for index in range(len(self.counted.topics)):
             total += self._picked(index, name, 0)
         return total
 
@@ -165,7 +165,7 @@ class _Settling:
             else np.stack(
                 [self._picked(index, name, np.nan) for name in ("nearest", "bearing", "x", "y", "ttc")]
             )
-            for index in range(len(self.watched.topics))
+            for index in range(len(self.counted.topics))
         ]
         away = np.where(np.isnan(stacked := np.stack([each[0] for each in by_topic])), np.inf, stacked)
         self.source = away.argmin(axis=0)
@@ -207,19 +207,19 @@ class _Settling:
             "nearest": self.nearest,
             "ttc": self.ttc,
             "active": active,
-            "things": self._things() if self.watched.has_objects else None,
+            "things": self._things() if self.counted.has_objects else None,
             "agents": None if self.agents is None else np.bincount(self.agents[0], minlength=len(self.own)),
             "masked": self._sum("masked"),
             "seen": self._seen(),
         }
         return Settled(
-            zone, events, self.topic, columns, one_sided, self.watched.topics, self._is_always_same(active)
+            zone, events, self.topic, columns, one_sided, self.counted.topics, self._is_always_same(active)
         )
 
     def _seen(self) -> Float64:
         """Return (N,) the share of the zone that some sensor sees."""
         bits = np.zeros(len(self.own), np.uint64)
-        for index in range(len(self.watched.topics)):
+        for index in range(len(self.counted.topics)):
             bits |= self._picked(index, "seen", 0)
         return np.bitwise_count(bits) / 64.0
 
@@ -235,7 +235,7 @@ class _Settling:
 
     def _hits(self) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
         """Yield for each topic the rows that see an object in the part that counts, and the index of the hit."""
-        for index, series in enumerate(self.watched.series):
+        for index, series in enumerate(self.counted.series):
             hits, latest = series.all_hits(), self.latest[index]
             begin, end = (np.searchsorted(hits.sweep, latest, side=side) for side in ("left", "right"))
             count = np.where(latest >= 0, end - begin, 0)
@@ -253,10 +253,10 @@ class _Settling:
         for index, row, hit in self._hits():
             if not len(hit):
                 continue
-            hits = self.watched.series[index].all_hits()
+            hits = self.counted.series[index].all_hits()
             track = hits.track[hit]
             name = (
-                np.where(track >= 0, 2 * track, 2 * hits.object[hit] + 1) * len(self.watched.topics) + index
+                np.where(track >= 0, 2 * track, 2 * hits.object[hit] + 1) * len(self.counted.topics) + index
             )
             for one in np.unique(track[track >= 0]).tolist():
                 if (number := self._number_of(index, one)) is not None:
@@ -270,9 +270,9 @@ class _Settling:
 
     def _whose(self, row: int, index: int) -> tuple[str | None, int | None, str | None]:
         """Return set, track and label of most points of the nearest sensor in a sweep; None where no objects are known."""
-        if not self.watched.has_objects:
+        if not self.counted.has_objects:
             return None, None, None
-        series, latest = self.watched.series[index], int(self.latest[index][row])
+        series, latest = self.counted.series[index], int(self.latest[index][row])
         hits = series.all_hits()
         left = int(series.column("points")[latest, self.part[row]])
         counts: dict[tuple[int, int], int] = {}
@@ -287,7 +287,7 @@ class _Settling:
         if best is None or counts[best] < left:
             return "S", None, None
         letter, track = best
-        tracked = self.watched.tracked[index] if self.watched.tracked else None
+        tracked = self.counted.tracked[index] if self.counted.tracked else None
         label = tracked.labels.get(track) if tracked is not None else None
         return SETS[letter], track if track >= 0 else None, label
 
@@ -295,11 +295,11 @@ class _Settling:
 
     def _paths(self) -> list[dict[int, Path]] | None:
         """Return for each topic the paths of its agents in the frame of the zone; None without tracks."""
-        if not self.watched.tracked or all(one is None for one in self.watched.tracked):
+        if not self.counted.tracked or all(one is None for one in self.counted.tracked):
             return None
         found: list[dict[int, Path]] = []
         for topic, series, tracked in zip(
-            self.watched.topics, self.watched.series, self.watched.tracked, strict=True
+            self.counted.topics, self.counted.series, self.counted.tracked, strict=True
         ):
             paths: dict[int, Path] = {}
             if tracked is not None and len(tracked.track):
@@ -333,7 +333,7 @@ class _Settling:
         pairs = [np.zeros((0, 2), np.int64)]
         for index, row, hit in self._hits():
             if len(hit):
-                hits = self.watched.series[index].all_hits()
+                hits = self.counted.series[index].all_hits()
                 tracks, which = np.unique(hits.track[hit], return_inverse=True)
                 number = np.array([self.numbers.get((index, one), -1) for one in tracks.tolist()])[which]
                 agents = (hits.set[hit] == _AGENT) & (number >= 0)
@@ -378,11 +378,11 @@ class _Settling:
         assert self.paths is not None
         path, topic, tracked = (
             self.paths[index][track],
-            self.watched.topics[index],
-            self.watched.tracked[index],
+            self.counted.topics[index],
+            self.counted.tracked[index],
         )
         assert tracked is not None
-        series = self.watched.series[index]
+        series = self.counted.series[index]
         rows = np.flatnonzero(tracked.track == track)[first : last + 1]
         away, bearing = _from_sensor(
             topic, series, self.zone, tracked, rows, path.x[first : last + 1], path.y[first : last + 1]
@@ -418,7 +418,7 @@ class _Settling:
         self, index: int, kind: str, first: int, last: int, sweeps: int, start: int, end: int, seconds: float
     ) -> dict[str, Any]:
         """Return an event with what all kinds have."""
-        topic = self.watched.topics[index]
+        topic = self.counted.topics[index]
         return {
             "topic": topic.topic,
             "frame_id": topic.frame_id,
@@ -443,7 +443,7 @@ class _Settling:
         known = np.flatnonzero(np.isfinite(nearest))
         at = first + (int(known[nearest[known].argmin()]) if len(known) else 0)
         totals = [
-            int(self._picked(index, "points", 0)[some].sum()) for index in range(len(self.watched.topics))
+            int(self._picked(index, "points", 0)[some].sum()) for index in range(len(self.counted.topics))
         ]
         index = int(np.argmax(totals))
         mine = np.flatnonzero(self.topic[some] == index) + first
@@ -465,7 +465,7 @@ class _Settling:
             float(seconds[first]),
         )
         return event | {
-            "polygon": self.watched.names[self.part[at]] if self.watched.names else None,
+            "polygon": self.counted.names[self.part[at]] if self.counted.names else None,
             "cut": cut,
             "points": int(self.points[some].max()),
             "agents": agents,
@@ -487,7 +487,7 @@ class _Settling:
         timeout = int(self._timeout_ns)
         begin, end = int(self.time_ns.min()), int(self.time_ns.max())
         events = []
-        for index, topic in enumerate(self.watched.topics):
+        for index, topic in enumerate(self.counted.topics):
             order = np.argsort(topic.column("stamp_ns"), kind="stable")
             stamps, sweeps, seconds = (topic.column(name)[order] for name in ("stamp_ns", "sweep", "seconds"))
             times = np.concatenate([[begin], stamps, [end]])

@@ -1,0 +1,96 @@
+"""`lidarcli.zones`: events of zones, and what is in them in every sweep."""
+
+from __future__ import annotations
+
+import ast
+from typing import Any, Unpack
+
+import pyarrow as pa
+
+from lidarcli.choices import SIGNIFICANCE
+from lidarcli.errors import OptionError, warn
+from lidarcli.masks import Polygon
+from lidarcli.options import Paths, Zoning
+from lidarcli.pipeline.api.options import (
+    LogOptions,
+    Values,
+    detect_options,
+    log_options,
+    path_text,
+    sources_of,
+    tracking_of,
+    with_keywords,
+)
+from lidarcli.pipeline.detecting import Failed
+from lidarcli.pipeline.inputs.zones import read_zones
+from lidarcli.pipeline.zoning import ZoneOptions, ZoneTables, refuse_options, watch
+
+
+@with_keywords
+def zones(log: Paths, **options: Unpack[Zoning]) -> ZoneTables:
+    """Who or what was in a zone, when, and how near: an offline check of a recording, no safety function.
+
+    Parameters
+    ----------
+    log : logs as of `read`, each of which is a log of its own in the tables
+
+    Returns
+    -------
+    ZoneTables
+        `events`, one row per event, and `zones`, one row per sweep and zone, each a pyarrow.Table as the command line
+        writes it (docs/zones.md).
+
+    Raises
+    ------
+    OptionError
+        A zone file does not say what a zone is, or zones that need objects are watched without.
+    UnreadableError, NoScanError
+        As of `read`; also where nothing leads to the frame of a zone, or poses contradict the sweeps.
+    """
+    how = zone_options(options, log_options(options))
+    sources = sources_of(log, options)
+    failed = Failed(len(sources))
+    found: list[ZoneTables] = []
+    for source in sources:
+        with failed.noted(source):
+            summary = watch(source, how)
+            found.append(summary.tables)
+            for line in summary.damage:
+                warn(f"{source.label}: {line}")
+    failed.conclude()
+    if len(found) == 1:
+        return found[0]
+    events, rows = (pa.concat_tables(tables) for tables in zip(*found, strict=True))
+    return ZoneTables(events.unify_dictionaries(), rows.unify_dictionaries())
+
+
+def zone_options(told: Values, logs: LogOptions, *, overwrite: bool = False) -> ZoneOptions:
+    """Return which zones are watched, and how."""
+    files = told["zones"]
+    names = [path_text(file) for file in ([files] if isinstance(files, str) or not hasattr(files, "__iter__") else files)]
+    if told["objects"] is not None and told["no_objects"]:
+        raise OptionError("--objects and --no-objects exclude each other: leave one out")
+    tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
+    options = ZoneOptions(
+        zones=read_zones(names),
+        files=tuple(names),
+        detect=detect_options(told, logs, tracking),
+        objects=None if told["objects"] is None else path_text(told["objects"]),
+        find=not told["no_objects"],
+        footprint=None if told["footprint"] is None else _footprint(told["footprint"]),
+        overwrite=overwrite,
+    )
+    refuse_options(options)
+    return options
+
+
+def _footprint(text: str) -> Polygon:
+    """Return the polygon of a text such as [[x, y], ...]."""
+    try:
+        points: Any = ast.literal_eval(text)
+        corners = tuple((float(x), float(y)) for x, y in points)
+    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
+        raise OptionError(f"--footprint: '{text}' is not [[x, y], ...]") from None
+    if len(corners) < 3:
+        raise OptionError(f"--footprint: '{text}' has fewer than 3 corners")
+    return Polygon(corners)
