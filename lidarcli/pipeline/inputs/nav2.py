@@ -110,7 +110,8 @@ def approach_times(fields: Fields) -> tuple[float, float]:
     step = fields.number("simulation_time_step", TIME_STEP, above=0, high=LONGEST)
     if ahead > MOST_STEPS * step:
         fields.fail(
-            "simulation_time_step", f"must be at least {ahead / MOST_STEPS:g}: {MOST_STEPS:,} are tested"
+            "simulation_time_step",
+            f"must be at least {ahead / MOST_STEPS:g}: no more than {MOST_STEPS:,} times are tested",
         )
     return ahead, step
 
