@@ -121,7 +121,7 @@ def _area(fields: Fields, kind: str) -> Circle | Polygon:
     shape = shape_of(fields, kind)
     assert isinstance(shape, Circle | Polygon)
     if isinstance(shape, Polygon):
-        if (crossing := crossing_edges(shape.corners)) is not None:
+        if (crossing := crossing_edges(shape)) is not None:
             first, second = crossing
             count = len(shape.corners)
             fields.fail(
