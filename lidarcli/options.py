@@ -532,7 +532,9 @@ class Zoning(Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, 
         "Take the objects from <log>.objects.parquet, as detect or track have written it, with the tables beside.",
     ]
     no_objects: Annotated[
-        bool, Option(ZONES, None, False), "Count beams alone: it is not known whose they are. Takes half the time."
+        bool,
+        Option(ZONES, None, False),
+        "Count beams alone: it is not known whose they are. Takes half the time.",
     ]
     footprint: Annotated[
         str | None,

@@ -35,6 +35,8 @@ def read_yaml(file: str, what: str) -> dict[str, Any]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             root = YAML(typ="safe", pure=True).compose(text)
+    except RecursionError as err:
+        raise UnreadableError(f"{file}: more than {MAX_DEPTH} levels") from err
     # Whatever the parser stumbles over, the file is at fault: it may come from anywhere.
     except Exception as err:
         raise UnreadableError(f"{file}: not valid YAML: {_reason(err)}") from err
@@ -93,7 +95,8 @@ def _scalar(node: ScalarNode) -> Any:
 
 def _reason(err: Exception) -> str:
     """Return the cause that a parser tells, in one line, with the place."""
-    mark, problem = getattr(err, "problem_mark", None), getattr(err, "problem", None)
-    if mark is None or not problem:
+    mark = getattr(err, "problem_mark", None)
+    told = [text for name in ("context", "problem") if (text := getattr(err, name, None))]
+    if mark is None or not told:
         return " ".join(str(err).split()) or type(err).__name__
-    return f"line {mark.line + 1}: {problem}"
+    return f"line {mark.line + 1}: {', '.join(told)}"

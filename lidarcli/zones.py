@@ -174,17 +174,13 @@ def placed(
     return corners
 
 
-def crossing_edges(corners: tuple[tuple[float, float], ...]) -> tuple[int, int] | None:
+def crossing_edges(shape: Polygon) -> tuple[int, int] | None:
     """Return the first two edges of a polygon that cross each other; edge 1 leads from the first corner to the second."""
-    edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
-    for number, (a, b) in enumerate(edges, 1):
-        for other, (c, d) in enumerate(edges[number:], number + 1):
-            if _side(a, b, c) * _side(a, b, d) < 0.0 and _side(c, d, a) * _side(c, d, b) < 0.0:
-                return number, other
-    return None
-
-
-def _side(first: tuple[float, float], second: tuple[float, float], point: tuple[float, float]) -> float:
-    """Return the sign of how far a point lies to the left of the way from one to another."""
-    turn = (second[0] - first[0]) * (point[1] - first[1]) - (second[1] - first[1]) * (point[0] - first[0])
-    return (turn > 0.0) - (turn < 0.0)
+    corners = np.array(shape.corners)
+    ways = np.roll(corners, -1, axis=0) - corners
+    apart = corners - corners[:, None]
+    # Side of each edge (row) on which each corner lies.
+    side = np.sign(ways[:, None, 0] * apart[..., 1] - ways[:, None, 1] * apart[..., 0])
+    parted = side * np.roll(side, -1, axis=1) < 0.0
+    found = np.argwhere(np.triu(parted & parted.T))
+    return (int(found[0, 0]) + 1, int(found[0, 1]) + 1) if len(found) else None

@@ -218,7 +218,9 @@ def log_options(told: Mapping[str, Any]) -> LogOptions:
     return LogOptions(read, opening, pose_options(told))
 
 
-def refuse_finding(headings: Collection[str], given: str = "--objects names some that have been found") -> None:
+def refuse_finding(
+    headings: Collection[str], given: str = "--objects names some that have been found"
+) -> None:
     """Refuse options of finding objects, those below some headings, beside an option that leaves nothing to find."""
     ctx = click.get_current_context()
     for parameter in ctx.command.params:

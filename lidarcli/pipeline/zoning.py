@@ -51,7 +51,7 @@ from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.rows import FORMS, constant
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
 from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
-from lidarcli.zones import ROBOT, SENSOR, WORLD, Line, Zone, Zones
+from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones
 
 TABLES = ("events", "zones")
 
@@ -154,7 +154,9 @@ class ZoneTables(NamedTuple):
 class ZoneSummary(RunSummary):
     """The counts of one run over one log, and its zones."""
 
-    tables: ZoneTables = field(default_factory=lambda: ZoneTables(*(SCHEMAS[name].empty_table() for name in TABLES)))
+    tables: ZoneTables = field(
+        default_factory=lambda: ZoneTables(*(SCHEMAS[name].empty_table() for name in TABLES))
+    )
     lines: list[str] = field(default_factory=list)
     """A line for each zone."""
 
@@ -243,7 +245,9 @@ def refuse_outputs(
         if isinstance(source, Source):
             for path in options.outputs(source, folder).values():
                 if str(path) in paths:
-                    raise OptionError(f"{path} would be written for two logs; give -o another DIR for one of them")
+                    raise OptionError(
+                        f"{path} would be written for two logs; give -o another DIR for one of them"
+                    )
                 paths[str(path)] = path
     refuse(paths.values(), options.overwrite, options.inputs(sources))
     return [*paths]
@@ -355,9 +359,7 @@ class _Watching:
             f"topic {topic}: {count:,} messages left out: {cause}"
             for (topic, cause), count in sorted(self._report.refused.items())
         ]
-        summary = ZoneSummary(
-            **{name: getattr(read, name) for name in RunSummary.__dataclass_fields__}
-        )
+        summary = ZoneSummary(**{name: getattr(read, name) for name in RunSummary.__dataclass_fields__})
         summary.notes += self._notes
         settled = [one for zone in self._options.zones.zones for one in self._settled(zone)]
         return summary, settled, described

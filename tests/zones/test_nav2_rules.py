@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from lidarcli.zone import Case, crossing_edges, inside
 
 from lidarcli.formalism.zones.approach import collision_steps, times
 from lidarcli.masks import Circle, Polygon
-from lidarcli.zones import Case, crossing_edges, inside
 from tests.zones.nav2_rules import counts_on_the_way, is_covered, is_in_circle, is_in_polygon
 
 POINTS = 20
@@ -159,6 +159,8 @@ def test_nothing_is_met_at_a_velocity_that_nobody_knows() -> None:
 
 
 def test_edges_that_cross_are_found() -> None:
-    assert crossing_edges(SQUARE) is None
-    assert crossing_edges(((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0))) == (1, 3)
-    assert crossing_edges(((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (1.0, -1.0))) == (1, 3)
+    assert crossing_edges(Polygon(SQUARE)) is None
+    assert crossing_edges(Polygon(((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)))) == (1, 3)
+    assert crossing_edges(Polygon(((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (1.0, -1.0)))) == (1, 3)
+    touching = Polygon(((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (1.0, 0.0), (0.0, 2.0)))
+    assert crossing_edges(touching) is None

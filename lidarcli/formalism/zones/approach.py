@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lidarcli.masks import Circle, Polygon
 from lidarcli.sweeps import Float64, Int32
-from lidarcli.zones import inside
+from lidarcli.zone import inside
 
 _ROUNDING = 1e-6
 """Share of its reach by which the bounding circle of a shape is wider, for no rounding to leave a point out."""

@@ -10,7 +10,7 @@ import numpy as np
 from lidarcli.formalism.zones.points import distance_to
 from lidarcli.masks import Circle, Polygon
 from lidarcli.sweeps import Float64, Int64
-from lidarcli.zones import Line, inside
+from lidarcli.zone import Line, inside
 
 MARGIN = 0.1
 """A visit ends so far outside of the zone [m]."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lidarcli.masks import Circle, Polygon
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Status, SweepBatch, SweepPoses
-from lidarcli.zones import Line, inside
+from lidarcli.zone import Line, inside
 
 Shape = Circle | Polygon | Line
 SAMPLES = 64

@@ -48,7 +48,7 @@ def zones(log: Paths, **options: Unpack[Zoning]) -> ZoneTables:
         As of `read`; also where nothing leads to the frame of a zone, or poses contradict the sweeps.
     """
     how = zone_options(options, log_options(options))
-    sources = sources_of(log, options)
+    sources = sources_of(log, options["join"])
     failed = Failed(len(sources))
     found: list[ZoneTables] = []
     for source in sources:
@@ -67,7 +67,10 @@ def zones(log: Paths, **options: Unpack[Zoning]) -> ZoneTables:
 def zone_options(told: Values, logs: LogOptions, *, overwrite: bool = False) -> ZoneOptions:
     """Return which zones are watched, and how."""
     files = told["zones"]
-    names = [path_text(file) for file in ([files] if isinstance(files, str) or not hasattr(files, "__iter__") else files)]
+    names = [
+        path_text(file)
+        for file in ([files] if isinstance(files, str) or not hasattr(files, "__iter__") else files)
+    ]
     if told["objects"] is not None and told["no_objects"]:
         raise OptionError("--objects and --no-objects exclude each other: leave one out")
     tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})

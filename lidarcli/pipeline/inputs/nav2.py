@@ -15,7 +15,7 @@ from lidarcli.masks import Circle, Mask, Masks, Polygon, same_name
 from lidarcli.pipeline.inputs.masks import MOST, MOST_CORNERS
 from lidarcli.tomlfiles import LARGEST, Fields
 from lidarcli.yamlfiles import read_yaml
-from lidarcli.zones import (
+from lidarcli.zone import (
     ACTIONS,
     MIN_POINTS,
     ROBOT,
@@ -39,7 +39,7 @@ _SCAN = "scan"
 _SOURCES = (_SCAN, "pointcloud", "range", "polygon", "costmap")
 _LEAST_CORNERS, _LEAST_EXCLUDED = 4, 3
 _POINTS = re.compile(r"\s*\[(?:[\s,]*\[[^\[\]]*\])*[\s,]*\]\s*")
-_POINT = re.compile(r"\[([^\[\]]+)\]")
+_POINT = re.compile(r"\[([^\[\]]*)\]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ class _Node:
 
     def note(self, text: str) -> None:
         """Note a part of the file that is not used."""
-        self.notes.append(f"{self.fields.file}: {text}")
+        self.notes.append(text)
 
 
 def read_nav2(file: str) -> Zones:
@@ -101,7 +101,7 @@ def read_nav2(file: str) -> Zones:
         raise OptionError(f"{file}: no node with {_PARAMETERS} that has 'polygons': no zones of Nav2")
     if not zones:
         raise OptionError(f"{file}: none of the polygons can be judged: {'; '.join(notes)}")
-    return Zones(tuple(zones), Masks(tuple(masks)), tuple(notes), robot)
+    return Zones(tuple(zones), Masks(tuple(masks)), tuple(f"{file}: {note}" for note in notes), robot)
 
 
 def approach_times(fields: Fields) -> tuple[float, float]:
@@ -110,7 +110,8 @@ def approach_times(fields: Fields) -> tuple[float, float]:
     step = fields.number("simulation_time_step", TIME_STEP, above=0, high=LONGEST)
     if ahead > MOST_STEPS * step:
         fields.fail(
-            "simulation_time_step", f"must be at least {ahead / MOST_STEPS:g}: {MOST_STEPS:,} are tested"
+            "simulation_time_step",
+            f"must be at least {ahead / MOST_STEPS:g}: no more than {MOST_STEPS:,} times are tested",
         )
     return ahead, step
 
@@ -219,7 +220,7 @@ def _zone(node: _Node, polygon: Fields, name: str) -> Zone:
         shape_topic = polygon.text("polygon_sub_topic")
     else:
         polygon.fail("points", "is missing, and so is 'polygon_sub_topic'")
-    ahead, step = approach_times(polygon)
+    ahead, step = approach_times(polygon) if action == "approach" else (TIME_BEFORE_COLLISION, TIME_STEP)
     topics, timeout = _topics(node, polygon, name)
     return Zone(
         name=name,
@@ -227,8 +228,8 @@ def _zone(node: _Node, polygon: Fields, name: str) -> Zone:
         frame=ROBOT,
         action=action,  # type: ignore[arg-type]
         min_points=_least_points(polygon),
-        trigger=polygon.whole("trigger_consecutive_points", 1, low=1, high=MOST_POINTS),
-        release=polygon.whole("release_consecutive_points", 1, low=1, high=MOST_POINTS),
+        trigger=1 if action == "approach" else _consecutive(polygon, "trigger"),
+        release=1 if action == "approach" else _consecutive(polygon, "release"),
         topics=topics,
         timeout=timeout,
         cases=cases,
@@ -237,6 +238,11 @@ def _zone(node: _Node, polygon: Fields, name: str) -> Zone:
         time_before_collision=ahead,
         time_step=step,
     )
+
+
+def _consecutive(polygon: Fields, kind: str) -> int:
+    """Return after how many in a row the action begins or ends; `approach` has no such delay."""
+    return polygon.whole(f"{kind}_consecutive_points", 1, low=1, high=MOST_POINTS)
 
 
 def _least_points(polygon: Fields) -> int:
@@ -283,7 +289,7 @@ def _cases(node: _Node, polygon: Fields, name: str) -> Iterator[Case]:
 
 
 def _note_crossing(node: _Node, name: str, shape: Polygon) -> None:
-    if (crossing := crossing_edges(shape.corners)) is not None:
+    if (crossing := crossing_edges(shape)) is not None:
         node.note(
             f"{name} crosses itself (edges {crossing[0]} and {crossing[1]}): only what the even-odd rule calls inside "
             "counts, as in Nav2"

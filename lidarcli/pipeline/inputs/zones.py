@@ -11,7 +11,7 @@ from lidarcli.masks import Circle, Masks, Polygon, same_name
 from lidarcli.pipeline.inputs.masks import mask_of, mount_of, numbered, refuse_shapes, shape_of
 from lidarcli.pipeline.inputs.nav2 import LONGEST, MOST_POINTS, approach_times, read_nav2
 from lidarcli.tomlfiles import Fields, read_toml
-from lidarcli.zones import (
+from lidarcli.zone import (
     ACTIONS,
     COUNTS,
     HOLD,
@@ -121,7 +121,7 @@ def _area(fields: Fields, kind: str) -> Circle | Polygon:
     shape = shape_of(fields, kind)
     assert isinstance(shape, Circle | Polygon)
     if isinstance(shape, Polygon):
-        if (crossing := crossing_edges(shape.corners)) is not None:
+        if (crossing := crossing_edges(shape)) is not None:
             first, second = crossing
             count = len(shape.corners)
             fields.fail(

@@ -17,7 +17,7 @@ from lidarcli.masks import Circle, Masks, Polygon
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8
 from lidarcli.tabular.arrays import held, numbers
-from lidarcli.zones import SENSOR, WORLD, Line, Zone
+from lidarcli.zone import SENSOR, WORLD, Line, Zone
 
 NO_OBJECT = -1
 """In place of an object: a point on walls and the rest."""

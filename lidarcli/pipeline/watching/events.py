@@ -15,7 +15,7 @@ from lidarcli.formalism.zones.paths import Path, crossings, same_agents, visits
 from lidarcli.pipeline.watching.counting import TopicSeries, ZoneSeries
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
-from lidarcli.zones import WORLD, Line, Zone
+from lidarcli.zone import WORLD, Line, Zone
 
 SECOND_NS = 1e9
 OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS

@@ -15,7 +15,7 @@ from lidarcli.poses.messages import frame_name
 from lidarcli.poses.tracks import Track, planar
 from lidarcli.poses.tree import FrameTree, along
 from lidarcli.sweeps import Float64, Int64, SweepBatch, SweepPoses
-from lidarcli.zones import ROBOT, SENSOR, WORLD, Zones
+from lidarcli.zone import ROBOT, SENSOR, WORLD, Zones
 
 
 @dataclass(slots=True)
