@@ -32,8 +32,10 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.api.finding import Tables, detect, tables, track
     from lidarcli.pipeline.api.logs import info, learn, map, read
     from lidarcli.pipeline.api.showing import RunReport, plot, report
+    from lidarcli.pipeline.api.zoning import zones
     from lidarcli.pipeline.detecting import TrackTables
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
+    from lidarcli.pipeline.zoning import ZoneTables
     from lidarcli.sweeps import Status, SweepBatch, SweepPoses
 
 _HOMES = {
@@ -51,8 +53,10 @@ _HOMES = {
     "lidarcli.pipeline.api.finding": ("Tables", "detect", "tables", "track"),
     "lidarcli.pipeline.api.logs": ("info", "learn", "map", "read"),
     "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
+    "lidarcli.pipeline.api.zoning": ("zones",),
     "lidarcli.pipeline.detecting": ("TrackTables",),
     "lidarcli.pipeline.inputs.catalogue": ("read_catalogue",),
+    "lidarcli.pipeline.zoning": ("ZoneTables",),
     "lidarcli.sweeps": ("Status", "SweepBatch", "SweepPoses"),
 }
 """Module → the public names that it holds, as type checkers see them above; each is imported on first use."""
@@ -74,6 +78,7 @@ __all__ = [
     "Tables",
     "TrackTables",
     "UnreadableError",
+    "ZoneTables",
     "__version__",
     "detect",
     "formalism",
@@ -86,6 +91,7 @@ __all__ = [
     "report",
     "tables",
     "track",
+    "zones",
 ]
 
 

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from lidarcli.zone import ROBOT, ROUND, SENSOR, WORLD, Line, Zone, outline, placed
 
 from lidarcli.masks import Circle, Mount, Polygon
+from lidarcli.zone import ROBOT, ROUND, SENSOR, WORLD, Line, Zone, outline, placed
 
 AHEAD = Polygon(((1.0, 0.0), (2.0, 0.0), (2.0, 1.0)))
 MOUNTED = Mount("laser", "base_link", 0.2, -0.1, math.pi / 2)

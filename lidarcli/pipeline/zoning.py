@@ -565,8 +565,8 @@ def _line(settled: Settled, named: bool) -> str:
         parts.append(f"least time to collision {ttc:.1f} s")
     words = ", ".join(parts)
     by = {letter: sum(event["set"] == letter for event in alarms) for letter in ("A", "O", "S")}
-    named = {"A": "agents", "O": "things", "S": "walls"}
-    told = [f"{named[letter]} {count}" for letter, count in by.items() if count]
+    words_of = {"A": "agents", "O": "things", "S": "walls"}
+    told = [f"{words_of[letter]} {count}" for letter, count in by.items() if count]
     words += f"; by {', '.join(told)}" if told else ""
     if visits := sum(event["kind"] == "visit" for event in events):
         words += f"; {counted(visits, 'visit')}"

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lidarcli.zone import ROBOT, Case, Zone, Zones
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.masks import Circle, Mask, Polygon
 from lidarcli.pipeline.inputs.zones import read_zones
+from lidarcli.zone import ROBOT, Case, Zone, Zones
 from tools.fuzz.mutate import mutate
 from tools.fuzz.words import mutate_words
 

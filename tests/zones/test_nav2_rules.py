@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from lidarcli.zone import Case, crossing_edges, inside
 
 from lidarcli.formalism.zones.approach import collision_steps, times
 from lidarcli.masks import Circle, Polygon
+from lidarcli.zone import Case, crossing_edges, inside
 from tests.zones.nav2_rules import counts_on_the_way, is_covered, is_in_circle, is_in_polygon
 
 POINTS = 20

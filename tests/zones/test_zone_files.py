@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lidarcli.zone import HOLD, Line, Zone
 
 from lidarcli.errors import LidarcliError, OptionError
 from lidarcli.masks import Circle, Mask, Mount, Polygon
 from lidarcli.pipeline.inputs.zones import read_zones
+from lidarcli.zone import HOLD, Line, Zone
 from tools.fuzz.mutate import mutate
 from tools.fuzz.words import mutate_words
 

@@ -17,6 +17,7 @@ from lidarcli.pipeline.api.options import (
     detect_options,
     log_options,
     path_text,
+    several,
     sources_of,
     tracking_of,
     with_keywords,
@@ -66,11 +67,7 @@ def zones(log: Paths, **options: Unpack[Zoning]) -> ZoneTables:
 
 def zone_options(told: Values, logs: LogOptions, *, overwrite: bool = False) -> ZoneOptions:
     """Return which zones are watched, and how."""
-    files = told["zones"]
-    names = [
-        path_text(file)
-        for file in ([files] if isinstance(files, str) or not hasattr(files, "__iter__") else files)
-    ]
+    names = several(told["zones"])
     if told["objects"] is not None and told["no_objects"]:
         raise OptionError("--objects and --no-objects exclude each other: leave one out")
     tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
