@@ -54,6 +54,7 @@ from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones
 
 TABLES = ("events", "zones")
+_SAME = "always the same beams at the same range: the robot's own body? (info --deep)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,9 +204,15 @@ def watch(
         metadata = table_metadata(options.as_dict(), described, summary.damage)
         tables = _tables(source.name, settled, metadata)
         summary.tables = tables
-        names = Counter(each.zone.name for each in settled)
-        summary.lines = [_line(each, names[each.zone.name] > 1) for each in settled]
-        summary.notes += [*options.zones.notes, *_body_notes(settled)]
+        names = _names(settled)
+        longest = max(map(len, names))
+        summary.lines = [
+            f"{name:<{longest}}  {_words(each)}" for name, each in zip(names, settled, strict=True)
+        ]
+        summary.notes += [
+            *options.zones.notes,
+            *(f"{name}: {_SAME}" for name, each in zip(names, settled, strict=True) if each.always_same),
+        ]
         if paths is not None:
             files = stack.enter_context(TableFiles(paths, None, options.overwrite))
             for name, table in tables._asdict().items():
@@ -537,20 +544,28 @@ def _zone_rows(log: str, settled: Settled) -> pa.RecordBatch:
     return FORMS["zones"].fill(columns, None, count)
 
 
-def _line(settled: Settled, named: bool) -> str:
-    """Return the line of a zone for people, with the topic if it is `named`."""
+def _names(settled: Sequence[Settled]) -> list[str]:
+    """Return a name for each zone, with its topic where several sensors see one of their own."""
+    count = Counter(each.zone.name for each in settled)
+    return [
+        each.zone.name if count[each.zone.name] == 1 else f"{each.zone.name} ({each.topics[0].topic})"
+        for each in settled
+    ]
+
+
+def _words(settled: Settled) -> str:
+    """Return what was in a zone, for people."""
     zone, events = settled.zone, settled.events
-    name = f"{zone.name} ({settled.topics[0].topic})" if named else zone.name
     columns = settled.columns
     seen = columns["seen"]
     if seen is not None and not seen.any():
-        return f"{name}  never in view"
+        return "never in view"
     if isinstance(zone.shape, Line):
         counts = [sum(event.get("direction") == way for event in events) for way in DIRECTIONS]
         missed = f"; {settled.one_sided} seen on one side only" if settled.one_sided else ""
         if settled.one_sided is None:
-            return f"{name}  no tracks"
-        return f"{name}  in {counts[0]}, out {counts[1]}{missed}"
+            return "no tracks"
+        return f"in {counts[0]}, out {counts[1]}{missed}"
     alarms = [event for event in events if event["kind"] in EVENT_KINDS[:2]]
     stamps = columns["stamp"]
     assert stamps is not None
@@ -572,13 +587,4 @@ def _line(settled: Settled, named: bool) -> str:
         words += f"; {counted(visits, 'visit')}"
     if stale := sum(event["kind"] == "stale" for event in events):
         words += f"; {counted(stale, 'time')} without sweeps"
-    return f"{name}  {words}"
-
-
-def _body_notes(settled: Sequence[Settled]) -> list[str]:
-    """Return notes on zones that are always occupied by the same beams."""
-    return [
-        f"{each.zone.name}: always the same beams at the same range: the robot's own body? (info --deep)"
-        for each in settled
-        if each.always_same
-    ]
+    return words

@@ -579,7 +579,8 @@ def _back(place: Float64, x: Float64, y: Float64, there: Bool) -> tuple[Float64,
 
 
 def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    """Return a quantity to micrometres: single precision has no more; None where it is not known."""
+    return round(float(value), 6) if np.isfinite(value) else None
 
 
 def _greatest(values: Float64) -> float | None:
