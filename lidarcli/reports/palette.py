@@ -51,6 +51,15 @@ SHAPE_WORDS = {
 """Shape → how legends call what has it."""
 VERTICES = {"start": (">", BLACK), "end": ("<", BLACK), "corner": ("s", VERMILION), "extremum": ("D", GREEN)}
 
+ZONE_COLOURS: dict[str, str] = {
+    "stop": VERMILION,
+    "slowdown": YELLOW,
+    "approach": BLUE,
+    "limit": ORANGE,
+    "none": GREY,
+}
+"""What a zone asks for → its colour, near to those of Nav2's viewer."""
+
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.0,
