@@ -13,7 +13,7 @@ MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if 
 
 GROUND = {"_version", "choices", "columns", "errors", "native"}
 OPTIONS = {"option_forms", "options"}
-CORE = GROUND | {"display", "findings", "masks", "range_rules", "sweeps", "times", "zones"}
+CORE = GROUND | {"display", "findings", "masks", "range_rules", "sweeps", "times", "zone"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
@@ -34,7 +34,7 @@ MAY_IMPORT = {
     "display": set[str](),
     "sweeps": {"columns", "display"},
     "masks": {"errors", "sweeps"},
-    "zones": {"masks", "sweeps"},
+    "zone": {"masks", "sweeps"},
     "findings": set[str](),
     "range_rules": {"errors", "masks", "ranges", "sweeps"},
     "logs": CORE | {"foxglove", "ros"},

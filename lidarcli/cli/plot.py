@@ -79,7 +79,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
     zones: Annotated[
         tuple[str, ...],
         Option(PICTURE, File("FILE"), (), shown="none", several=True),
-        "Draw the zones of this file (docs/zones.md) into the scene, filled where they are occupied, and the beams in them; "
+        "Draw the zones of this file (docs/zones.md) into the scene, those that are occupied filled and with their beams; "
         "may be repeated.",
     ]
     animate: Annotated[

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.mapping import MapOptions
     from lidarcli.pipeline.objects.subtracting import Subtracting
     from lidarcli.pipeline.watching.showing import Showing, ShownZone
-    from lidarcli.zones import Zones
+    from lidarcli.zone import Zones
 BATCH = 64
 NEAR = 1.0
 """Farthest time from a sweep that stands for it [s]: most sensors sweep ten times in a second."""

@@ -12,7 +12,7 @@ from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import OBJECT, SHAPES, WALL
 from lidarcli.reports.ground import TrackPath
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
-from lidarcli.zones import Zone
+from lidarcli.zone import Zone
 
 
 @dataclass(frozen=True, slots=True)

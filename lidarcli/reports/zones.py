@@ -12,7 +12,7 @@ from lidarcli.reports.checks import Check, Verdict, count_events, parse_check, v
 from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, zone_names
 from lidarcli.sweeps import Bool, Float64, Int64
-from lidarcli.zones import Action
+from lidarcli.zone import Action
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -10,7 +10,7 @@ from lidarcli.columns import Column, columns_of
 from lidarcli.formalism.detection import COLUMNS, SETS, fields_per
 from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
 from lidarcli.sweeps import STATUSES
-from lidarcli.zones import ACTIONS
+from lidarcli.zone import ACTIONS
 
 TEXT = pa.dictionary(pa.int32(), pa.string())
 STAMP = pa.timestamp("ns", tz="UTC")

@@ -12,7 +12,7 @@ from lidarcli.formalism.zones.points import candidates
 from lidarcli.masks import same_name
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.sweeps import Bool, Float64, SweepBatch, SweepPoses, UInt8, record
-from lidarcli.zones import WORLD, Line, Zone, Zones, placed
+from lidarcli.zone import WORLD, Line, Zone, Zones, placed
 
 COUNTED = {"things": ("O", "A"), "agents": ("A",)}
 """What counts in a zone → the sets of such beams."""
