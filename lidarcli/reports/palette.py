@@ -53,12 +53,12 @@ VERTICES = {"start": (">", BLACK), "end": ("<", BLACK), "corner": ("s", VERMILIO
 
 ZONE_COLOURS: dict[str, str] = {
     "stop": VERMILION,
-    "slowdown": YELLOW,
     "approach": BLUE,
+    "slowdown": YELLOW,
     "limit": ORANGE,
     "none": GREY,
 }
-"""What a zone asks for → its colour, near to those of Nav2's viewer."""
+"""Action of a zone, the gravest first → its colour."""
 
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",

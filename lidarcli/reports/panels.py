@@ -33,7 +33,7 @@ ARROW = {"arrowstyle": "-|>", "lw": 1.0, "mutation_scale": 6, "shrinkA": 0.0, "s
 """The velocity of a track: the way of one second."""
 CIRCLE = np.stack([np.cos(turns := np.linspace(0.0, 2.0 * np.pi, 73)), np.sin(turns)], axis=1)
 """(N, 2) points of the unit circle, closed."""
-FILL, TRIGGERS = 0.25, 1.5
+FILL, TRIGGERS = 0.25, 1.8
 """Alpha of a zone that is occupied, and size of a beam in it by that of others."""
 CURVE_DOT = 1.7
 """Diameter of a beam's dot [pt]."""
@@ -127,7 +127,10 @@ def scene(
     dot = _dot(axes, limits)
     scatter_beams(axes, picture, x, y, dot)
     draw_sensor(axes)
-    zones = [_zone(axes, one, x, y, dot) for one in picture.zones]
+    # The gravest lie on top.
+    gravity = [*palette.ZONE_COLOURS]
+    ordered = sorted(picture.zones, key=lambda one: -gravity.index(one.zone.action))
+    zones = [_zone(axes, one, x, y, dot) for one in ordered]
     found = picture.detection
     for k in range(len(found)):
         if picture.is_wall(k):
@@ -253,7 +256,7 @@ def _zone(axes: Axes, one: ZoneInSight, x: Float64, y: Float64, dot: float) -> L
             c=colour,
             marker="s",
             edgecolors=palette.DARK,
-            linewidths=0.4,
+            linewidths=0.2,
             zorder=7,
             label=f"beam in a {words}",
         )
