@@ -5,14 +5,13 @@ An offline check of a recording, no safety function.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
-from lidarcli.masks import Circle, Masks, Mount, Polygon, mounted
-from lidarcli.sweeps import TURN, Bool, Float64
+from lidarcli.masks import Circle, Masks, Polygon
+from lidarcli.sweeps import TURN, Bool, Float64, SweepPoses
 
 SENSOR, ROBOT, WORLD = "sensor", "robot", "world"
 """Names of frames that every log has; any other name is that of a frame of its transforms."""
@@ -147,30 +146,18 @@ def outline(shape: Circle | Polygon | Line) -> Float64:
     return np.array(points, np.float64)
 
 
-def placed(
-    zone: Zone, mounts: Sequence[Mount], sensor_frame: str, robot: str, pose: Mount | None
-) -> Float64 | None:
-    """Return the corners (K, 2) of a zone as `outline` has them in the frame of a sensor [m]; None where nothing places it.
+def placed(shape: Circle | Polygon | Line, place: SweepPoses) -> Float64:
+    """Return the corners (S, K, 2) of a shape, as `outline` has them, in the frame of the sensor at S sweeps [m].
 
     Parameters
     ----------
-    mounts : where frames are in others
-    robot : name of the frame `robot`; empty where nothing tells it, and a mount may lead to `robot` itself
-    pose : where the sensor is in the world at a sweep; None where that is not known
+    place : poses of the sensor in the frame of the shape; of one that is not known the corners are NaN
     """
-    if zone.shape is None:
-        return None
-    if zone.frame == WORLD:
-        here = pose
-    else:
-        target = {SENSOR: "", ROBOT: robot or ROBOT}.get(zone.frame, zone.frame)
-        here = mounted(mounts, sensor_frame, target)
-    if here is None:
-        return None
-    away = outline(zone.shape) - (here.x, here.y)
-    cos, sin = np.cos(here.yaw), np.sin(here.yaw)
-    side = -1.0 if here.upside_down else 1.0
-    corners: Float64 = np.column_stack([away @ (cos, sin), side * (away @ (-sin, cos))])
+    here = place.at_stamp()
+    x, y = (corner - at[:, None] for corner, at in zip(outline(shape).T, (here.x, here.y), strict=True))
+    cos, sin = np.cos(here.yaw)[:, None], np.sin(here.yaw)[:, None]
+    side = np.where(here.upside_down, -1.0, 1.0)[:, None]
+    corners: Float64 = np.stack([cos * x + sin * y, side * (cos * y - sin * x)], axis=-1)
     return corners
 
 

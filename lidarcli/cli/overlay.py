@@ -59,6 +59,11 @@ class OverlayCommand(
         Option(OUTPUT, File("FILE.yaml"), shown="none"),
         "Show this map, too, in the world frame of the log.",
     ]
+    zones: Annotated[
+        tuple[str, ...],
+        Option(OUTPUT, File("FILE"), (), shown="none", several=True),
+        "Show the zones of this file, too (docs/zones.md), brighter while they are occupied; may be repeated.",
+    ]
     layout: Annotated[
         bool,
         Option(OUTPUT, None, True, both=True),
@@ -73,6 +78,7 @@ class OverlayCommand(
   lidarcli overlay run.mcap -o run.overlay.mcap
   lidarcli overlay run.mcap -o run.overlay.mcap --objects run.objects.parquet
   lidarcli overlay run.bag -o run.shown.mcap --with-log --map room.yaml
+  lidarcli overlay run.mcap -o run.overlay.mcap --zones nav2.yaml
   lidarcli overlay run.bag -o run.overlay.bag --no-layout
   ros2 bag play -i run.mcap -i run.overlay.mcap""",
 )
@@ -101,6 +107,7 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
         told["objects"],
         told["with_log"],
         None if told["map"] is None else Path(told["map"]),
+        told["zones"],
         told["layout"],
         told["overwrite"],
     )

@@ -20,7 +20,7 @@ from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, counted_bar, standard_output
 from lidarcli.cli.options import log_options
 from lidarcli.errors import OptionError
-from lidarcli.option_forms import Number, Option, Text, options_of
+from lidarcli.option_forms import File, Number, Option, Text, options_of
 from lidarcli.options import LOOK, PICTURE, STDOUT, SWEEP, OneLog, Overwrite, Plotting, Window, output
 from lidarcli.stores.url import Place, place
 
@@ -76,6 +76,12 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
         output("FIG", shown="LOG-N.png, LOG-map.png or LOG.gif in the current directory"),
         "File to write: .png, .svg, .pdf, with --animate .gif or .mp4; - for a PNG on standard output.",
     ]
+    zones: Annotated[
+        tuple[str, ...],
+        Option(PICTURE, File("FILE"), (), shown="none", several=True),
+        "Draw the zones of this file (docs/zones.md) into the scene, those that are occupied filled and with their beams; "
+        "may be repeated.",
+    ]
     animate: Annotated[
         bool,
         Option(PICTURE, None, False),
@@ -112,6 +118,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
   lidarcli plot run.mcap --sweep 50 --profile paper --view difference -o s.png
   lidarcli plot run.mcap --sweep 9 --background empty.parquet -o change.png
   lidarcli plot run.mcap --sweep 80 --tracks run.tracks.parquet -o paths.png
+  lidarcli plot run.mcap --sweep 80 --zones nav2.yaml -o zones.png
   lidarcli plot run.mcap --view map --tracks run.tracks.parquet -o map.png
   lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 --overwrite""",
 )
@@ -133,9 +140,9 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
         raise click.UsageError("--start and --end are for --animate without --sweep and --sweeps")
     if output == STDOUT and (animate or len(wanted or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
-    if not in_world and background is None and poses != type(poses)():
+    if not (in_world or told["zones"] or background is not None) and poses != type(poses)():
         raise click.UsageError(
-            "--pose, --poses, --pose-delay and --no-deskew are for --view map and --background"
+            "--pose, --poses, --pose-delay and --no-deskew are for --view map, --background and --zones"
         )
     if in_world:
         if animate or background is not None:
@@ -146,9 +153,16 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
     if not in_world and tracks is not None and view not in WITH_TRACKS:
         views = " or ".join((*WITH_TRACKS, MAP))
         raise click.UsageError(f"--tracks are drawn in the scene; give --view {views}")
+    if told["zones"] and view not in WITH_TRACKS:
+        raise click.UsageError(f"--zones are drawn in the scene; give --view {' or '.join(WITH_TRACKS)}")
 
     from lidarcli.pipeline.inputs.search import files_of, one_log
 
+    zones = None
+    if told["zones"]:
+        from lidarcli.pipeline.inputs.zones import read_zones
+
+        zones = read_zones(told["zones"])
     source = one_log(told["log"], told["join"])
     if at is not None:
         from lidarcli.pipeline.plotting import sweep_at
@@ -171,7 +185,7 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
 
     overwrite = told["overwrite"]
     if output != STDOUT:
-        others = [file for file in (background, told["mask"], poses.file) if file]
+        others = [file for file in (background, told["mask"], poses.file, *told["zones"]) if file]
         if tracks:
             from lidarcli.pipeline.inputs.tables import table_files
 
@@ -196,6 +210,7 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
             TRAIL if told["trail"] is None else told["trail"],
             poses,
             *window,
+            zones,
         ),
     )
     say.notes(drawn.notes)

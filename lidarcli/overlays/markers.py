@@ -105,6 +105,7 @@ class Kind(Enum):
     CYLINDER = (3, b"body")
     OUTLINE = (4, b"outline")
     PATH = (4, b"path")
+    ZONE = (4, b"zones")
     LABEL = (9, b"label")
 
 
@@ -126,7 +127,7 @@ class Markers:
     colour: Float32
     """(M, 4) red, green, blue, alpha, each 0 to 1."""
     points: Float64 | None = None
-    """(M, P, 2) metres, of an outline or a path."""
+    """(M, P, 2) metres, of an outline, a path or a zone."""
     text: NDArray[np.bytes_] | None = None
     """(M,) of a label, all of one length."""
 
@@ -257,7 +258,7 @@ def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shi
     builder.number("i", 0)  # lifetime: until it is deleted
     builder.number("I", 0)
     builder.number("B", 0)  # frame_locked
-    points = length if kind in (Kind.OUTLINE, Kind.PATH) else 0
+    points = length if kind in (Kind.OUTLINE, Kind.PATH, Kind.ZONE) else 0
     builder.number("I", points)
     if points:
         builder.field("points", "d", (points, 3))

@@ -15,7 +15,22 @@ from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
 from lidarcli.tabular.arrays import answers, are, codes, held, numbers, plain
 
 COLUMNS = (
-    *("topic", "sweep", "object", "shape", "x", "y", "box_x", "box_y", "box_length", "box_width", "box_yaw"),
+    *(
+        "topic",
+        "sweep",
+        "object",
+        "beam_i",
+        "beam_f",
+        "set",
+        "shape",
+        "x",
+        "y",
+        "box_x",
+        "box_y",
+        "box_length",
+        "box_width",
+        "box_yaw",
+    ),
     *("vertices", "track", "vx", "vy", "moving", "label", "world_x", "world_y"),
 )
 """Columns of the objects table that markers need."""
@@ -26,6 +41,8 @@ HEIGHT, LEAST_SIDE, WIDEST = 0.2, 0.02, 1e6
 """Height of every body, for a sweep has none, and the least and the greatest side of a body [m]."""
 LINE, TEXT, SHAFT = 0.02, 0.25, 0.05
 """Width of outlines, height of letters, and width of arrows [m]."""
+WIDE = 3.0
+"""Width of the outline of a zone that is occupied, by that of others."""
 LIFT = 0.15
 """Height of labels above the body [m]."""
 BEHIND = 0.6
@@ -58,6 +75,8 @@ class Colours:
     """Colours of objects, by shape."""
     tracks: Sequence[str]
     """Colours of tracks, by their number: a track has one colour in all sweeps."""
+    zones: Mapping[str, str]
+    """Colours of zones, by action."""
 
 
 @record
@@ -138,6 +157,33 @@ def paths_of(
             if len(x) > 1 and np.isfinite(x).all() and np.isfinite(y).all():
                 found.setdefault(len(x), []).append((message, number, np.column_stack([x, y])))
     return [_paths(found[count], colours) for count in sorted(found)]
+
+
+def zone_of(number: int, action: str, corners: Float64, occupied: Bool, colours: Colours) -> Markers:
+    """Return the outline of a zone in S sweeps, one message each: wide and solid where it is occupied, else thin and pale.
+
+    Parameters
+    ----------
+    number : of the zone, 1, 2, ...
+    corners : (S, K, 2) in the frame of the sensor [m]; sweeps where they are not finite have no outline
+    occupied : (S,)
+    """
+    message = np.flatnonzero(np.isfinite(corners).all(axis=(1, 2)))
+    count, bright = len(message), occupied[message]
+    colour = np.tile(np.array([*_rgb(colours.zones[action]), SOLID], np.float32), (count, 1))
+    colour[:, 3] = np.where(bright, SOLID, CLEAR)
+    # A line from one corner to the other and back looks like one.
+    around = np.arange(corners.shape[1] + 1) % corners.shape[1]
+    return Markers(
+        Kind.ZONE,
+        message,
+        np.full(count, number, np.int32),
+        np.zeros((count, 3)),
+        np.zeros(count),
+        np.where(bright[:, None], WIDE, 1.0) * np.full((count, 3), LINE),
+        colour,
+        corners[message][:, around],
+    )
 
 
 def _paths(paths: Sequence[tuple[int, int, Float64]], colours: Colours) -> Markers:

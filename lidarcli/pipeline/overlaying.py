@@ -20,12 +20,13 @@ from lidarcli.maps.mapserver import TYPE as MAP_TYPE
 from lidarcli.maps.mapserver import image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import new_files, refuse, unwritable
 from lidarcli.overlays.files import FRAME, MAP, SUFFIXES, overlay_file, topic_name, topics_of_objects
-from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, marker_arrays, transforms
-from lidarcli.overlays.objects import Colours, Trajectories, is_mirrored, markers_of, paths_of
+from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, Markers, marker_arrays, transforms
+from lidarcli.overlays.objects import Colours, Trajectories, is_mirrored, markers_of, paths_of, zone_of
 from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_config
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import Pair, one_pair, poses_of
+from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import (
     Copies,
@@ -38,12 +39,18 @@ from lidarcli.pipeline.overlay_sources import (
     scan_encodings,
     transform_topics,
 )
-from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of
-from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
+from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
+from lidarcli.pipeline.watching.counting import Objects
+from lidarcli.pipeline.watching.frames import Frames
+from lidarcli.pipeline.watching.showing import Showing
+from lidarcli.range_rules import normalise
+from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS, ZONE_COLOURS
 from lidarcli.ros.messages import ROS2, TF, Outgoing
 from lidarcli.stores.url import Place
+from lidarcli.sweeps import SweepPoses
 from lidarcli.tabular.reading import file_metadata, note_value
-from lidarcli.tabular.writing import PARAMETERS
+from lidarcli.tabular.writing import PARAMETERS, SOURCE
+from lidarcli.zone import Zones
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +65,8 @@ class OverlayOptions:
     """Copy scans and poses, too."""
     map: Path | None = None
     """A map (YAML) to show."""
+    zones: tuple[str, ...] = ()
+    """Files of zones to show."""
     layout: bool = True
     """Write settings of viewers beside the file."""
     overwrite: bool = False
@@ -91,6 +100,7 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
     if options.objects is not None:
         pair = one_pair(options.objects)
         inputs += [str(pair.objects), str(pair.sweeps)]
+    inputs += options.zones
     if options.map is not None:
         inputs += [str(options.map), str(image_of(options.map))]
     refuse(outputs_of(path, options), options.overwrite, inputs)
@@ -111,6 +121,7 @@ def write_overlay(
         A file cannot be written.
     """
     grid = None if options.map is None else read_map(options.map)
+    zones = read_zones(options.zones) if options.zones else None
     paths = outputs_of(path, options)
     with ExitStack() as stack:
         new = stack.enter_context(new_files(paths, options.overwrite))
@@ -122,7 +133,7 @@ def write_overlay(
         try:
             file = overlay_file(new.part(path))
             stack.callback(file.abandon)
-            work = Overlay(source, pair, grid, options.detect.opening, file.is_ros2, options.with_log)
+            work = Overlay(source, pair, grid, options.detect.opening, file.is_ros2, options.with_log, zones)
             for message in work.messages(stack, progress):
                 file.write(message)
             file.finish()
@@ -139,7 +150,7 @@ def write_overlay(
     return summary
 
 
-COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS)
+COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS, ZONE_COLOURS)
 DEFAULT_WORLD = "map"
 RECORDED = attrgetter("record_ns")
 
@@ -155,6 +166,7 @@ class Overlay:
         opening: OpenOptions,
         is_ros2: bool,
         with_log: bool,
+        zones: Zones | None = None,
     ) -> None:
         """`grid`: a map to show; `is_ros2`: whether for ROS 2, else for ROS 1; `with_log`: copy the log, too."""
         self._source = source
@@ -163,6 +175,10 @@ class Overlay:
         notes = file_metadata(pair.sweeps)
         told = opening_of(note_value(notes, PARAMETERS, dict))
         self._opening = replace(opening, slice=opening.slice or told.slice, echo=told.echo)
+        self._zones = zones
+        self._showing: Showing | None = None
+        mask = note_value(notes, SOURCE, dict).get("mask")
+        self._rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
         self._is_ros2 = is_ros2
         self._with_log = with_log
         self._tables = Tables(pair)
@@ -196,6 +212,10 @@ class Overlay:
         """Yield all messages in the order in which they are to be played."""
         log = stack.enter_context(open_source(self._source, self._opening))
         self._encodings = scan_encodings(log)
+        if self._zones is not None:
+            # Transforms are read by a pass of their own.
+            other = stack.enter_context(open_source(self._source, self._opening))
+            self._showing = Showing(self._zones, Frames.of(other, self._zones))
         transforming = transform_topics(log, of_ros=self._with_log)
         self._placed = {frame for frame, (_, topic) in self._ways.items() if topic in transforming}
         others = self._worlds.keys() - self._placed
@@ -241,6 +261,7 @@ class Overlay:
             summary.notes = list(self._report.notes)
         summary.damage += [line for line in damage_lines(self._copied) if line not in summary.damage]
         summary.notes += self._copies.notes()
+        summary.notes += [] if self._showing is None else self._showing.notes()
         if self._placing:
             frames = ", ".join(sorted(self._placing))
             summary.notes.append(
@@ -296,8 +317,24 @@ class Overlay:
         if (known := self._trajectories[topic]) is not None:
             hangs = self._hanging(joined, frame)
             groups += paths_of(known, joined.index, joined.poses, hangs, COLOURS)
+        if self._showing is not None:
+            groups += self._outlines(self._showing, joined, frame)
         data = marker_arrays(joined.raw.time_ns, frame, groups, cdr=self._is_ros2)
         return of_sweeps(self._names[joined.raw.topic], TYPE, joined.raw, data)
+
+    def _outlines(self, showing: Showing, joined: Joined, frame: str) -> list[Markers]:
+        """Return the outlines of the zones in some sweeps of one frame."""
+        batch = normalise(joined.raw, joined.index, self._rules)
+        here, hangs = joined.poses, np.full(len(batch), self._hanging(joined, frame))
+        poses = SweepPoses(here.x, here.y, here.yaw, hangs) if np.isfinite(here.x).any() else None
+        objects = Objects.of(joined.objects, batch, np.ones(len(batch), np.bool_))
+        owners = objects.owners(batch)
+        rest = np.uint8(SETS.index("S"))
+        sets = np.append(objects.set, rest)[np.where(owners < 0, len(objects.set), owners)]
+        return [
+            zone_of(number, one.zone.action, one.corners, one.occupied, COLOURS)
+            for number, one in enumerate(showing.of(replace(batch, poses=poses), sets), 1)
+        ]
 
     def _hanging(self, joined: Joined, told: str) -> bool:
         """Return whether a sensor hangs head down, as far as its objects have shown."""

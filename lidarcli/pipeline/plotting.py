@@ -15,7 +15,7 @@ from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import ROUND
 from lidarcli.formalism.mapping.counts import placed
 from lidarcli.formalism.mapping.occupancy import HIT
-from lidarcli.logs.base import OpenOptions, ReadReport
+from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.newfiles import new_files, unwritable, write_whole
@@ -30,7 +30,7 @@ from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.ground import COLUMNS, Paths, TrackPath
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
-from lidarcli.reports.picture import Picture
+from lidarcli.reports.picture import Picture, ZoneInSight
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
@@ -38,6 +38,8 @@ from lidarcli.times import SECOND_NS, Instant
 if TYPE_CHECKING:
     from lidarcli.pipeline.mapping import MapOptions
     from lidarcli.pipeline.objects.subtracting import Subtracting
+    from lidarcli.pipeline.watching.showing import Showing, ShownZone
+    from lidarcli.zone import Zones
 BATCH = 64
 NEAR = 1.0
 """Farthest time from a sweep that stands for it [s]: most sensors sweep ten times in a second."""
@@ -67,6 +69,8 @@ class PlotOptions:
     """Of all sweeps, those from here on [s from the first one]."""
     end: float | Instant | None = None
     """Of all sweeps, those before this [s]."""
+    zones: Zones | None = None
+    """Zones to draw into the scene."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +112,9 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
         )
         rows: list[SweepBatch] = []
         seen = -1
-        posing = Posing.of(log, options.poses if options.background else NO_POSES, choice, options.rules)
+        showing = _showing(log, options.zones)
+        posed = options.background or (showing is not None and showing.is_in_world)
+        posing = Posing.of(log, options.poses if posed else NO_POSES, choice, options.rules)
         report = ReadReport()
         for raw in read_batches(log, read, report):
             batch = posing.attach(raw)
@@ -122,6 +128,7 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
             if len(rows) > MOST_PICTURES:
                 raise OptionError(f"more than {MOST_PICTURES:,} sweeps to draw; choose some with --sweeps")
         damage = tuple(damage_lines(posing.together(report)))
+        work.place(rows, showing)
     if seen < 0 and report.notes and (options.start is not None or options.end is not None):
         raise OptionError(f"{source.label}: {report.notes[-1]}")
     if seen < 0:
@@ -131,6 +138,17 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
     order = options.sweeps if options.sweeps is not None else tuple(sorted(by_index))
     pictures = tuple(work.picture(by_index[index]) for index in order)
     return Drawn(pictures, (*notes, *masking.notes, *report.doubted(), *work.notes()), damage)
+
+
+def _showing(log: Log, zones: Zones | None) -> Showing | None:
+    """Return what places zones in the sweeps of a log; None without zones."""
+    if zones is None:
+        return None
+    # Imported here: most plots need no zones.
+    from lidarcli.pipeline.watching.frames import Frames
+    from lidarcli.pipeline.watching.showing import Showing
+
+    return Showing(zones, Frames.of(log, zones))
 
 
 def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: OpenOptions) -> int:
@@ -246,6 +264,17 @@ class _Work:
 
             self._subtracting = Subtracting(BackgroundOptions.of(options.background), options.parameters)
         self._paths: Paths | None = None
+        self._showing: Showing | None = None
+        self._zones: dict[int, list[ShownZone]] = {}
+        """Sweep → zones before its sensor."""
+
+    def place(self, rows: Sequence[SweepBatch], showing: Showing | None) -> None:
+        """Place zones in sweeps that are to be drawn, while their log is open."""
+        self._showing = showing
+        if showing is not None:
+            for batch in rows:
+                sets = detect(batch, self._options.parameters, per_beam=True).beam_set
+                self._zones[int(batch.sweep[0])] = [*showing.of(batch, sets)]
 
     def picture(self, batch: SweepBatch) -> Picture:
         """Return the picture of one sweep with its objects."""
@@ -258,6 +287,11 @@ class _Work:
             profile=parameters.profile,
             threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
             tracks=self._tracks(batch),
+            zones=tuple(
+                ZoneInSight(one.zone, one.corners[0], one.beams[0], bool(one.occupied[0]))
+                for one in self._zones.get(int(batch.sweep[0]), ())
+                if np.isfinite(one.corners).all()
+            ),
         )
         if self._subtracting is None:
             return picture
@@ -288,8 +322,9 @@ class _Work:
         return self._paths.up_to(sweep, self._options.trail)
 
     def notes(self) -> list[str]:
-        """Return the notes of the comparison."""
-        return [] if self._subtracting is None else self._subtracting.notes()
+        """Return the notes of the comparison, and of zones."""
+        compared = [] if self._subtracting is None else self._subtracting.notes()
+        return compared if self._showing is None else [*compared, *self._showing.notes()]
 
 
 def picture_bytes(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:

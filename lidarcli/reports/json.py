@@ -28,7 +28,7 @@ SCHEMA = "lidarcli.report/1"
 """The name of the schema; the number changes when a program that reads it may break."""
 RUNS_SCHEMA = "lidarcli.runs/1"
 """Name of the schema of a report on runs."""
-ZONES_SCHEMA = "lidarcli.zones/1"
+ZONES_SCHEMA = "lidarcli.zone/1"
 """Name of the schema of a report on zones alone."""
 DIGITS = 9
 

@@ -51,6 +51,15 @@ SHAPE_WORDS = {
 """Shape → how legends call what has it."""
 VERTICES = {"start": (">", BLACK), "end": ("<", BLACK), "corner": ("s", VERMILION), "extremum": ("D", GREEN)}
 
+ZONE_COLOURS: dict[str, str] = {
+    "stop": VERMILION,
+    "approach": BLUE,
+    "slowdown": YELLOW,
+    "limit": ORANGE,
+    "none": GREY,
+}
+"""Action of a zone, the gravest first → its colour."""
+
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.0,

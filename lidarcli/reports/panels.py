@@ -16,7 +16,7 @@ from lidarcli.formalism.detection import CORNER, ROUND, SETS, VERTEX_KINDS
 from lidarcli.reports import palette
 from lidarcli.reports.ground import TrackPath
 from lidarcli.reports.labels import Label, add_labels, along
-from lidarcli.reports.picture import Limits, Picture, limits_of, printable, unwound
+from lidarcli.reports.picture import Limits, Picture, ZoneInSight, limits_of, printable, unwound
 from lidarcli.sweeps import TURN, Float64
 
 MANY = 60
@@ -33,6 +33,8 @@ ARROW = {"arrowstyle": "-|>", "lw": 1.0, "mutation_scale": 6, "shrinkA": 0.0, "s
 """The velocity of a track: the way of one second."""
 CIRCLE = np.stack([np.cos(turns := np.linspace(0.0, 2.0 * np.pi, 73)), np.sin(turns)], axis=1)
 """(N, 2) points of the unit circle, closed."""
+FILL, TRIGGERS = 0.25, 1.8
+"""Alpha of a zone that is occupied, and size of a beam in it by that of others."""
 CURVE_DOT = 1.7
 """Diameter of a beam's dot [pt]."""
 LINEAR = 2.0
@@ -122,8 +124,13 @@ def scene(
     limits = limits or limits_of([picture.batch])
     x, y = picture.points()
     frame = Frame(limits.x, limits.y, ("x [m]", "y [m]"), equal=True).on(axes, had)
-    scatter_beams(axes, picture, x, y, _dot(axes, limits))
+    dot = _dot(axes, limits)
+    scatter_beams(axes, picture, x, y, dot)
     draw_sensor(axes)
+    # The gravest lie on top.
+    gravity = [*palette.ZONE_COLOURS]
+    ordered = sorted(picture.zones, key=lambda one: -gravity.index(one.zone.action))
+    zones = [_zone(axes, one, x, y, dot) for one in ordered]
     found = picture.detection
     for k in range(len(found)):
         if picture.is_wall(k):
@@ -133,7 +140,8 @@ def scene(
     mark_vertices(axes, picture, lambda theta, r: (r * np.cos(theta), r * np.sin(theta)), vertices)
     if vertices:
         mark_nearest(axes, picture, lambda theta, r: (r * np.cos(theta), r * np.sin(theta)))
-    _label(axes, picture, _numbers(picture) if picture.tracks is None else _tracks(axes, picture.tracks))
+    numbers = _numbers(picture) if picture.tracks is None else _tracks(axes, picture.tracks)
+    _label(axes, picture, [*numbers, *zones])
     return frame
 
 
@@ -228,6 +236,33 @@ def _wall(axes: Axes, picture: Picture, k: int, x: Float64, y: Float64) -> None:
                 axes.plot(
                     x[run], y[run], color=palette.WALL, lw=2.4, solid_capstyle="butt", zorder=2, label=words
                 )
+
+
+def _zone(axes: Axes, one: ZoneInSight, x: Float64, y: Float64, dot: float) -> Label:
+    """Draw the outline of a zone, filled where it is occupied, and the beams that count; return its label."""
+    colour = palette.ZONE_COLOURS[one.zone.action]
+    words = "zone" if one.zone.action == "none" else f"zone: {one.zone.action}"
+    around = np.concatenate([one.corners, one.corners[:1]])
+    if one.is_occupied:
+        axes.fill(*one.corners.T, color=colour, alpha=FILL, lw=0, zorder=1)
+    # A dark seam lets yellow be seen on white.
+    axes.plot(*around.T, color=palette.DARK, lw=1.6 if one.is_occupied else 1.0, zorder=1.5)
+    axes.plot(*around.T, color=colour, lw=1.1 if one.is_occupied else 0.6, zorder=1.6, label=words)
+    if one.is_occupied:
+        axes.scatter(
+            x[one.beams],
+            y[one.beams],
+            s=(TRIGGERS * dot) ** 2,
+            c=colour,
+            marker="s",
+            edgecolors=palette.DARK,
+            linewidths=0.2,
+            zorder=7,
+            label=f"beam in a {words}",
+        )
+    # At the corner that is farthest to the left and ahead, as a title.
+    first = one.corners[np.argmax(one.corners[:, 1] - 1e-3 * one.corners[:, 0])]
+    return Label(one.words, first[None], palette.BLACK)
 
 
 def _outline(picture: Picture, k: int) -> Float64:

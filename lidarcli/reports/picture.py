@@ -12,6 +12,28 @@ from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import OBJECT, SHAPES, WALL
 from lidarcli.reports.ground import TrackPath
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
+from lidarcli.zone import Zone
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneInSight:
+    """A zone before the sensor of one sweep."""
+
+    zone: Zone
+    corners: Float64
+    """(K, 2) its outline in the sensor frame [m]."""
+    beams: Bool
+    """(B,) beams that count in it."""
+    is_occupied: bool
+
+    @property
+    def words(self) -> str:
+        """Name, and what it asks for; whether it is occupied is told by the number of its points."""
+        asked = "" if self.zone.action == "none" else f" ({self.zone.action})"
+        count = int(np.count_nonzero(self.beams))
+        return f"{printable(self.zone.name)}{asked}" + (
+            f": {counted(count, 'point')}" if self.is_occupied else ""
+        )
 
 
 @dataclass(frozen=True)
@@ -32,6 +54,7 @@ class Picture:
 
     tracks: tuple[TrackPath, ...] | None = None
     """The tracks up to this sweep; None where none were given."""
+    zones: tuple[ZoneInSight, ...] = ()
 
     @property
     def sweep(self) -> int:

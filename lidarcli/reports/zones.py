@@ -11,8 +11,8 @@ import numpy as np
 from lidarcli.reports.checks import Check, Verdict, count_events, parse_check, verdict_of
 from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, zone_names
+from lidarcli.reports.palette import ZONE_COLOURS
 from lidarcli.sweeps import Bool, Float64, Int64
-from lidarcli.zone import Action
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -27,7 +27,7 @@ FINEST = 1_000
 """Parts of the time of a log that bands tell apart."""
 LISTED = ("occupied", "approach", "stale")
 """Kinds of the events that are listed; visits and crossings are counted."""
-GRAVEST: tuple[Action, ...] = ("stop", "approach", "slowdown", "limit", "none")
+GRAVEST = (*ZONE_COLOURS,)
 """Actions, the gravest first."""
 
 

@@ -180,7 +180,7 @@ def test_a_picture_that_needs_no_poses_takes_none(
 ) -> None:
     ran = lidarcli("plot", DRIVE, *words, "-o", tmp_path / "p.png")
     assert (ran.code, (tmp_path / "p.png").exists()) == (2, False)
-    assert "are for --view map and --background" in ran.err
+    assert "are for --view map, --background and --zones" in ran.err
 
 
 def test_info_with_a_path(lidarcli: Run, tmp_path: Path) -> None:
