@@ -27,6 +27,7 @@ WITH_EXAMPLES = (
     "docs/clouds.md",
     "docs/map.md",
     "docs/overlay.md",
+    "docs/zones.md",
     "docs/background.md",
     "docs/track.md",
     "docs/catalogue.md",
