@@ -9,6 +9,7 @@ import re
 from typing import Any
 
 from lidarcli.choices import SET_WORDS
+from lidarcli.zone import Action
 
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
     "#000000",
@@ -51,7 +52,7 @@ SHAPE_WORDS = {
 """Shape → how legends call what has it."""
 VERTICES = {"start": (">", BLACK), "end": ("<", BLACK), "corner": ("s", VERMILION), "extremum": ("D", GREEN)}
 
-ZONE_COLOURS: dict[str, str] = {
+ZONE_COLOURS: dict[Action, str] = {
     "stop": VERMILION,
     "approach": BLUE,
     "slowdown": YELLOW,
