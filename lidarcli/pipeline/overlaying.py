@@ -14,6 +14,7 @@ import numpy as np
 
 from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError
+from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.maps.mapserver import TYPE as MAP_TYPE
@@ -346,7 +347,7 @@ class Overlay:
         batch = normalise(joined.raw, joined.index, self._rules)
         here, hangs = joined.poses, np.full(len(batch), self._hanging(joined, frame))
         poses = SweepPoses(here.x, here.y, here.yaw, hangs) if np.isfinite(here.x).any() else None
-        objects = Objects.of(joined.objects, batch, np.ones(len(batch), np.bool_))
+        objects = Objects.of(joined.objects, batch)
         owners = objects.owners(batch)
         rest = np.uint8(SETS.index("S"))
         sets = np.append(objects.set, rest)[np.where(owners < 0, len(objects.set), owners)]
