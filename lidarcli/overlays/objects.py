@@ -15,8 +15,22 @@ from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
 from lidarcli.tabular.arrays import answers, are, codes, held, numbers, plain
 
 COLUMNS = (
-    *("topic", "sweep", "object", "beam_i", "beam_f", "set", "shape", "x", "y"),
-    *("box_x", "box_y", "box_length", "box_width", "box_yaw"),
+    *(
+        "topic",
+        "sweep",
+        "object",
+        "beam_i",
+        "beam_f",
+        "set",
+        "shape",
+        "x",
+        "y",
+        "box_x",
+        "box_y",
+        "box_length",
+        "box_width",
+        "box_yaw",
+    ),
     *("vertices", "track", "vx", "vy", "moving", "label", "world_x", "world_y"),
 )
 """Columns of the objects table that markers need."""
@@ -61,6 +75,8 @@ class Colours:
     """Colours of objects, by shape."""
     tracks: Sequence[str]
     """Colours of tracks, by their number: a track has one colour in all sweeps."""
+    zones: Mapping[str, str]
+    """Colours of zones, by action."""
 
 
 @record
@@ -143,7 +159,7 @@ def paths_of(
     return [_paths(found[count], colours) for count in sorted(found)]
 
 
-def zone_of(number: int, corners: Float64, occupied: Bool, colour: str) -> Markers:
+def zone_of(number: int, action: str, corners: Float64, occupied: Bool, colours: Colours) -> Markers:
     """Return the outline of a zone in S sweeps, one message each: wide and solid where it is occupied, else thin and pale.
 
     Parameters
@@ -151,12 +167,11 @@ def zone_of(number: int, corners: Float64, occupied: Bool, colour: str) -> Marke
     number : of the zone, 1, 2, ...
     corners : (S, K, 2) in the frame of the sensor [m]; sweeps where they are not finite have no outline
     occupied : (S,)
-    colour : `#RRGGBB`
     """
     message = np.flatnonzero(np.isfinite(corners).all(axis=(1, 2)))
     count, bright = len(message), occupied[message]
-    rgba = np.tile(np.array([*_rgb(colour), SOLID], np.float32), (count, 1))
-    rgba[:, 3] = np.where(bright, SOLID, CLEAR)
+    colour = np.tile(np.array([*_rgb(colours.zones[action]), SOLID], np.float32), (count, 1))
+    colour[:, 3] = np.where(bright, SOLID, CLEAR)
     # A line from one corner to the other and back looks like one.
     around = np.arange(corners.shape[1] + 1) % corners.shape[1]
     return Markers(
@@ -166,7 +181,7 @@ def zone_of(number: int, corners: Float64, occupied: Bool, colour: str) -> Marke
         np.zeros((count, 3)),
         np.zeros(count),
         np.where(bright[:, None], WIDE, 1.0) * np.full((count, 3), LINE),
-        rgba,
+        colour,
         corners[message][:, around],
     )
 

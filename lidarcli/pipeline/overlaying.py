@@ -170,7 +170,7 @@ def _second(progress: Progress | None, size: int) -> Progress | None:
     return None if progress is None else lambda position: progress((size + position) // 2)
 
 
-COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS)
+COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS, ZONE_COLOURS)
 DEFAULT_WORLD = "map"
 RECORDED = attrgetter("record_ns")
 
@@ -352,7 +352,7 @@ class Overlay:
         rest = np.uint8(SETS.index("S"))
         sets = np.append(objects.set, rest)[np.where(owners < 0, len(objects.set), owners)]
         return [
-            zone_of(number, one.corners, one.occupied, ZONE_COLOURS[one.zone.action])
+            zone_of(number, one.zone.action, one.corners, one.occupied, COLOURS)
             for number, one in enumerate(showing.of(replace(batch, poses=poses), sets), 1)
         ]
 

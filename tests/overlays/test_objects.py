@@ -23,10 +23,10 @@ from lidarcli.overlays.objects import (
     markers_of,
     paths_of,
 )
-from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
+from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS, ZONE_COLOURS
 from lidarcli.tabular.schemas import OBJECTS, TRAJECTORIES
 
-COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS)
+COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS, ZONE_COLOURS)
 NOWHERE = Poses(*(np.full(9, np.nan) for _ in range(3)))
 PLAIN: dict[str, Any] = {
     "object": 1,
