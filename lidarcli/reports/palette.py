@@ -9,7 +9,6 @@ import re
 from typing import Any
 
 from lidarcli.choices import SET_WORDS
-from lidarcli.zone import Action
 
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
     "#000000",
@@ -52,7 +51,7 @@ SHAPE_WORDS = {
 """Shape → how legends call what has it."""
 VERTICES = {"start": (">", BLACK), "end": ("<", BLACK), "corner": ("s", VERMILION), "extremum": ("D", GREEN)}
 
-ZONE_COLOURS: dict[Action, str] = {
+ZONE_COLOURS = {
     "stop": VERMILION,
     "approach": BLUE,
     "slowdown": YELLOW,

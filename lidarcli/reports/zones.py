@@ -13,7 +13,6 @@ from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, zone_names
 from lidarcli.reports.palette import ZONE_COLOURS
 from lidarcli.sweeps import Bool, Float64, Int64
-from lidarcli.zone import Action
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -28,7 +27,7 @@ FINEST = 1_000
 """Parts of the time of a log that bands tell apart."""
 LISTED = ("occupied", "approach", "stale")
 """Kinds of the events that are listed; visits and crossings are counted."""
-GRAVEST: tuple[Action, ...] = (*ZONE_COLOURS,)
+GRAVEST = (*ZONE_COLOURS,)
 """Actions, the gravest first."""
 
 
