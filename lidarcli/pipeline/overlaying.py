@@ -131,7 +131,9 @@ def write_overlay(
         try:
             file = overlay_file(new.part(path))
             stack.callback(file.abandon)
-            work = Overlay(source, pair, grid, options.detect.opening, file.is_ros2, options.with_log, options.zones)
+            work = Overlay(
+                source, pair, grid, options.detect.opening, file.is_ros2, options.with_log, options.zones
+            )
             for message in work.messages(stack, progress):
                 file.write(message)
             file.finish()
