@@ -204,6 +204,10 @@ def reports_page() -> str:
     for counts, spreads in (
         (figures.COUNTS, figures.SPREADS),
         (figures.TRACK_COUNTS, figures.TRACK_SPREADS),
+        tuple(
+            {f"{figures.ZONES}NAME.{name}": one for name, one in some.items()}
+            for some in (figures.ZONE_COUNTS, figures.ZONE_SPREADS)
+        ),
         (figures.COMPARED, {}),
         (runs.FIGURES, {}),
     ):

@@ -99,6 +99,11 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
     from lidarcli.pipeline.runs.outcomes import outcome_of
     from lidarcli.pipeline.runs.over_logs import progress_of
 
+    zones = None
+    if told["zones"]:
+        from lidarcli.pipeline.inputs.zones import read_zones
+
+        zones = read_zones(told["zones"])
     keep_freed_memory()
     say.of_missing_core()
     source, path = one_log(told["log"], told["join"]), place(told["output"])
@@ -107,7 +112,7 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
         told["objects"],
         told["with_log"],
         None if told["map"] is None else Path(told["map"]),
-        told["zones"],
+        zones,
         told["layout"],
         told["overwrite"],
     )

@@ -27,7 +27,6 @@ from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_con
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import Pair, one_pair, poses_of
-from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import (
     Copies,
@@ -66,8 +65,8 @@ class OverlayOptions:
     """Copy scans and poses, too."""
     map: Path | None = None
     """A map (YAML) to show."""
-    zones: tuple[str, ...] = ()
-    """Files of zones to show."""
+    zones: Zones | None = None
+    """Zones to show."""
     layout: bool = True
     """Write settings of viewers beside the file."""
     overwrite: bool = False
@@ -101,7 +100,6 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
     if options.objects is not None:
         pair = one_pair(options.objects)
         inputs += [str(pair.objects), str(pair.sweeps)]
-    inputs += options.zones
     if options.map is not None:
         inputs += [str(options.map), str(image_of(options.map))]
     refuse(outputs_of(path, options), options.overwrite, inputs)
@@ -122,7 +120,6 @@ def write_overlay(
         A file cannot be written.
     """
     grid = None if options.map is None else read_map(options.map)
-    zones = read_zones(options.zones) if options.zones else None
     paths = outputs_of(path, options)
     with ExitStack() as stack:
         new = stack.enter_context(new_files(paths, options.overwrite))
@@ -134,7 +131,9 @@ def write_overlay(
         try:
             file = overlay_file(new.part(path))
             stack.callback(file.abandon)
-            work = Overlay(source, pair, grid, options.detect.opening, file.is_ros2, options.with_log, zones)
+            work = Overlay(
+                source, pair, grid, options.detect.opening, file.is_ros2, options.with_log, options.zones
+            )
             for message in work.messages(stack, progress):
                 file.write(message)
             file.finish()

@@ -31,6 +31,7 @@ from lidarcli.reports.streams import KINDS, Stream
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.wording import number
 from lidarcli.reports.zone_report import ZonesReport
+from lidarcli.reports.zones import Zoned
 from lidarcli.sweeps import Float64, Int64, UInt8
 from lidarcli.tabular.runs import Entry
 
@@ -95,6 +96,7 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
         "data": Markup(embedded(viewer)),
         "viewer": viewer,
         "has_raw": any("raw" in stream for stream in viewer["streams"]),
+        "has_zones": summary.zoned is not None,
         "viewer_style": Markup(_part("viewer.css")),
         "overview": overview,
         "has_walls": "world" in shown.walls,
@@ -205,6 +207,7 @@ def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str
             objects,
             raw.get((summary.streams.all[k].source, summary.streams.all[k].topic)),
         )
+        | ({} if summary.zoned is None else _zones(summary.zoned, summary.streams.all[k]))
         for k, rows in enumerate(choice.rows)
     ]
     return {
@@ -324,6 +327,31 @@ def _stream(
     if raw is not None and len(raw.sweep):
         packed["raw"] = _raw(raw, sweeps)
     return packed
+
+
+def _zones(zoned: Zoned, stream: Stream) -> dict[str, Any]:
+    """Return the zones of a stream: outline, and the times of events and of visits since its start [s]."""
+    if stream.source not in zoned.courses:
+        return {}
+    begin = (zoned.starts_ns[stream.source] - stream.start_ns) * 1e-9
+    length = zoned.seconds[stream.source]
+
+    def times(spans: Sequence[tuple[float, float]]) -> list[list[float]]:
+        return [[round(begin + share * length, 3) for share in span] for span in spans]
+
+    return {
+        "zones": [
+            {
+                "name": one.zone,
+                "action": one.action or "none",
+                "events": times(one.events),
+                "visits": times(one.visits),
+                "frame": one.frame,
+                "outline": [[round(x, 4), round(y, 4)] for x, y in one.outline],
+            }
+            for one in zoned.courses[stream.source]
+        ]
+    }
 
 
 def _tracks(run: Run, members: Int64) -> dict[str, Any]:

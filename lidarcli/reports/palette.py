@@ -51,7 +51,7 @@ SHAPE_WORDS = {
 """Shape → how legends call what has it."""
 VERTICES = {"start": (">", BLACK), "end": ("<", BLACK), "corner": ("s", VERMILION), "extremum": ("D", GREEN)}
 
-ZONE_COLOURS: dict[str, str] = {
+ZONE_COLOURS = {
     "stop": VERMILION,
     "approach": BLUE,
     "slowdown": YELLOW,

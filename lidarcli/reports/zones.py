@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidarcli.masks import Circle
 from lidarcli.reports.checks import Check, Verdict, count_events, parse_check, verdict_of
 from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, zone_names
 from lidarcli.reports.palette import ZONE_COLOURS
 from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.zone import SENSOR, WORLD, outline
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -25,6 +27,8 @@ KEPT = 100
 """Most events that are kept one by one."""
 FINEST = 1_000
 """Parts of the time of a log that bands tell apart."""
+MOST_CORNERS = 1_000
+"""Most corners of an outline that a page shows."""
 LISTED = ("occupied", "approach", "stale")
 """Kinds of the events that are listed; visits and crossings are counted."""
 GRAVEST = (*ZONE_COLOURS,)
@@ -179,6 +183,10 @@ class Course:
     events: tuple[tuple[float, float], ...]
     visits: tuple[tuple[float, float], ...]
     """Visits, and crossings of a line, which take no time."""
+    frame: str
+    """`sensor` or `world`, where that is the frame of its outline, which the metadata tells."""
+    outline: tuple[tuple[float, float], ...]
+    """Corners [m], of a line its two ends; empty where they are not known, or in another frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,8 +201,10 @@ class Zoned:
     listed: int
     """Number of all events of these kinds."""
     sweeps: int
+    starts_ns: dict[int, int]
+    """Source → its first stamp ..."""
     seconds: dict[int, float]
-    """Source → its time [s]."""
+    """... and the time from there to its last one [s]."""
     courses: dict[int, tuple[Course, ...]]
     """Source → course of each of its zones."""
 
@@ -230,6 +240,7 @@ def zoned_of(watched: Watched, logs: Sequence[str]) -> Zoned:
         events=_gravest(watched, logs),
         listed=int(np.any([events.are("kind", kind) for kind in LISTED], axis=0).sum()),
         sweeps=sweeps,
+        starts_ns={source: first for source, (first, _) in spans.items()},
         seconds={source: (last - first) * 1e-9 for source, (first, last) in spans.items()},
         courses={source: tuple(_courses(watched, source, span, actions)) for source, span in spans.items()},
     )
@@ -306,11 +317,33 @@ def _courses(
     for name in watched.names:
         if not (of_zone(rows, name) & (rows.source == source)).any():
             continue
-        shares = []
-        for kinds in (("occupied", "approach"), ("visit", "crossing")):
-            mine = of_zone(events, name, *kinds) & here
-            shares.append(_merged(begin[mine], end[mine]))
-        yield Course(name, actions.get(name, ""), *shares)
+        alarms, ways = (
+            _merged(begin[mine], end[mine])
+            for mine in (
+                of_zone(events, name, "occupied", "approach") & here,
+                of_zone(events, name, "visit", "crossing") & here,
+            )
+        )
+        shape = watched.shapes.get(name, {})
+        corners = _corners(shape)
+        frame = str(shape["frame"]) if corners else ""
+        yield Course(name, actions.get(name, ""), alarms, ways, frame, corners)
+
+
+def _corners(shape: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:
+    """Return the outline of a zone of the sensor or the world; nothing where the metadata has none that can be drawn."""
+    if shape.get("frame") not in (SENSOR, WORLD):
+        return ()
+    circle = shape.get("circle")
+    try:
+        if isinstance(circle, Mapping):
+            points = outline(Circle(*(float(circle[name]) for name in ("x", "y", "radius"))))
+        else:
+            points = np.array(shape.get("polygon", shape.get("line")), np.float64)
+    except (KeyError, TypeError, ValueError):
+        return ()
+    known = points.ndim == 2 and points.shape[1] == 2 and len(points) <= MOST_CORNERS
+    return tuple((x, y) for x, y in points.tolist()) if known and np.isfinite(points).all() else ()
 
 
 def _merged(begin: Float64, end: Float64) -> tuple[tuple[float, float], ...]:

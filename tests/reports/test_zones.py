@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from lidarcli.reports.report import Report
 from lidarcli.reports.zone_report import ZonesReport
 from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zone_figures, zoned_of
 from lidarcli.tabular.schemas import EVENTS, ZONES
+from tests.reports.browser import CHROMIUM, browser
 from tests.reports.runs import (
     crossing,
     event,
@@ -374,3 +376,57 @@ def test_checks_see_only_a_part_of_a_damaged_log(tmp_path: Path) -> None:
     assert report.exit_code == 3
     assert "chunk 3: cut" in report.unseen[0]
     assert made(events).report.exit_code == 0
+
+
+def test_the_viewer_holds_outlines_and_times(tmp_path: Path) -> None:
+    objects = write_run(tmp_path, **crossing())
+    write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, shapes=SHAPES)
+    page = made(objects, viewer=True).page
+    assert page is not None
+    [stream] = page.viewer["streams"]
+    stop, door, behind = stream["zones"]
+    assert stop == {
+        "name": "stop",
+        "action": "stop",
+        "events": [[0.2, 0.4], [0.7, 0.8]],
+        "visits": [[0.2, 0.8]],
+        "frame": "sensor",
+        "outline": [[0.2, 0.5], [2.6, 0.5], [2.6, -0.5]],
+    }
+    assert (door["frame"], door["outline"]) == ("world", [[2.0, 0.0], [2.0, 1.2]])
+    # Where the robot is in the frame of the sensor, tables do not tell.
+    assert (behind["frame"], behind["outline"]) == ("", [])
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"polygon": [[0.0, "x"], [1.0, 1.0]]},
+        {"polygon": [[0.0], [1.0, 1.0]]},
+        {"polygon": "all"},
+        {"polygon": [[float(k), 0.0] for k in range(2_000)]},
+        {"circle": {"x": 1.0}},
+        {"circle": {"x": None, "y": 0.0, "radius": 1.0}},
+        {"line": None},
+        {},
+    ],
+)
+def test_outlines_of_odd_metadata_are_left_out(shape: dict[str, object]) -> None:
+    watched = replace(watched_of([], [watch(0, "stop")]), shapes={"stop": {"frame": "sensor", **shape}})
+    [course] = zoned_of(watched, ["run"]).courses[0]
+    assert (course.frame, course.outline) == ("", ())
+
+
+@pytest.mark.whole
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+def test_the_viewer_draws_zones(tmp_path: Path) -> None:
+    objects = write_run(tmp_path, **crossing())
+    write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, shapes=SHAPES)
+    found = made(objects, viewer=True)
+    (tmp_path / "page.html").write_text(render(found, "html"), encoding="utf-8")
+    with browser() as page:
+        for width in (1280, 400):
+            page.open(tmp_path / "page.html", width)
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            assert page.evaluate("document.getElementById('zones').clientHeight") == 3 * 16
+        assert page.complaints == []

@@ -18,7 +18,7 @@ function decodeAll(packed, names, Kind, into) {
 if (data.walls) decodeAll({ ...data.walls }, ["x", "y"], Uint16Array, data.walls);
 
 function unpack(one) {
-  const s = { log: one.log, topic: one.topic, frame: one.frame, count: one.count, scale: one.scale };
+  const s = { log: one.log, topic: one.topic, frame: one.frame, count: one.count, scale: one.scale, zones: one.zones || [] };
   decodeAll(one, ["sweep", "offsets"], Int32Array, s);
   decodeAll(one, ["seconds", "d_th"], Float32Array, s);
   decodeAll(one, ["object", "objects", "agents"], Uint16Array, s);

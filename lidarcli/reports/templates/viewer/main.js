@@ -19,6 +19,7 @@ function show() {
   get("scene").style.touchAction = isZoomed() ? "none" : "pan-y";
   if (s.raw) { drawRange(s, k, colours); drawDifference(s, k, colours); }
   drawTimeline(s, k, colours);
+  drawZones(s, k, colours);
   showDetails(s, k);
 }
 

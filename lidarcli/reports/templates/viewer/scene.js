@@ -62,7 +62,8 @@ function drawScene(pen, width, height, scene, colours) {
   pen.save(); pen.beginPath(); pen.rect(MARGIN.left, MARGIN.top, p.w, p.h); pen.clip();
   if (world) { drawWalls(pen, p, frame.origin, colours); drawPath(pen, s, k, p, colours); }
   if (frame.known) {
-    if (s.raw) drawPoints(pen, s, k, p, frame, colours);
+    const active = drawOutlines(pen, s, k, p, frame, colours);
+    if (s.raw) drawPoints(pen, s, k, p, frame, colours, active);
     for (const j of members(s, k)) drawBox(pen, s, j, p, frame, colours, j === chosen);
   }
   if (s.paths) drawTracks(pen, s, k, p, frame, colours, world);
@@ -96,13 +97,42 @@ function axes(pen, p, origin, colours) {
   pen.textAlign = "start"; pen.fillText("y [m]", 4, 11);
 }
 
-function drawPoints(pen, s, k, p, frame, colours) {
+// The outlines of zones; thick, with their names, while an event goes on. Returns those, in pixels.
+function drawOutlines(pen, s, k, p, frame, colours) {
+  const active = [];
+  for (const zone of s.zones) {
+    if (!zone.outline.length || (zone.frame === "world" && !s.pose)) continue;
+    const place = zone.frame === "world" ? ([x, y]) => frame.ground(x - s.pose.origin[0], y - s.pose.origin[1]) : ([x, y]) => frame.beam(x, y);
+    const points = zone.outline.map(place).map(([x, y]) => [p.X(x), p.Y(y)]), on = isActive(s, k, zone);
+    pen.strokeStyle = colours[ZONE_COLOURS[zone.action]]; pen.lineWidth = on ? 3 : 1;
+    pen.setLineDash(on ? [] : [5, 3]);
+    polygon(pen, points); pen.stroke();
+    pen.setLineDash([]);
+    if (!on) continue;
+    active.push({ points: points, colour: pen.strokeStyle });
+    const [u, v] = points.reduce((top, one) => (one[1] < top[1] ? one : top));
+    word(pen, zone.name, u, v - 9, colours.ink, colours.paper);
+  }
+  return active;
+}
+
+function isInside(points, u, v) {
+  let odd = false;
+  points.forEach(([a, b], i) => {
+    const [c, d] = points[(i + points.length - 1) % points.length];
+    if ((b > v) !== (d > v) && u < a + (v - b) * (c - a) / (d - b)) odd = !odd;
+  });
+  return odd;
+}
+
+function drawPoints(pen, s, k, p, frame, colours, active) {
   const sweep = beams(s, k);
   for (let n = 0; n < sweep.r.length; n++) {
     if (isNaN(sweep.r[n])) continue;
     const j = owner(s, k, sweep.theta[n]), [x, y] = frame.beam(sweep.r[n] * Math.cos(sweep.theta[n]), sweep.r[n] * Math.sin(sweep.theta[n]));
-    pen.fillStyle = ofOwner(s, j, colours);
-    dot(pen, p.X(x), p.Y(y), j < 0 ? 1.2 : 2.1);
+    const u = p.X(x), v = p.Y(y), zone = active.find((one) => isInside(one.points, u, v));
+    pen.fillStyle = zone ? zone.colour : ofOwner(s, j, colours);
+    dot(pen, u, v, zone ? 3 : j < 0 ? 1.2 : 2.1);
   }
 }
 

@@ -36,6 +36,37 @@ function drawTimeline(s, k, colours) {
   pen.fillStyle = colours.ink; pen.fillRect(X(k) - 1, 0, 2, BASE);
 }
 
+// A band for each zone: when its events went on, in the colour of what it asks for, and visits as thin bars.
+const BAND = 16, ZONE_COLOURS = { stop: "vermilion", approach: "blue", slowdown: "yellow", limit: "orange", none: "grey" };
+
+function drawZones(s, k, colours) {
+  const canvas = get("zones");
+  canvas.hidden = !s.zones.length;
+  if (canvas.hidden) return;
+  canvas.style.height = BAND * s.zones.length + "px";
+  const { pen, width, height } = open("zones"), { step, X } = timeScale(s, width);
+  const bar = ([from, to], y, high) => {
+    const x = X(nearest(s.seconds, from)) - step / 2, next = X(nearest(s.seconds, to)) + step / 2;
+    pen.fillRect(x, y, Math.max(2, next - x), high);
+  };
+  s.zones.forEach((zone, i) => {
+    const y = BAND * i;
+    pen.fillStyle = colours.grid; pen.fillRect(THUMB / 2, y + BAND - 2, width - THUMB, 1);
+    pen.fillStyle = colours[ZONE_COLOURS[zone.action]];
+    for (const one of zone.events) bar(one, y + 2, BAND - 4);
+    pen.fillStyle = colours.dark;
+    for (const one of zone.visits) bar(one, y + BAND - 5, 3);
+    const words = zone.name + (zone.action === "none" ? "" : " (" + zone.action + ")");
+    pen.strokeStyle = colours.paper; pen.lineWidth = 3; pen.lineJoin = "round"; pen.strokeText(words, THUMB / 2 + 3, y + 11);
+    pen.fillStyle = colours.ink; pen.fillText(words, THUMB / 2 + 3, y + 11);
+  });
+  pen.fillStyle = colours.ink; pen.fillRect(X(k) - 1, 0, 2, height);
+}
+
+function isActive(s, k, zone) {
+  return zone.events.some(([from, to]) => s.seconds[k] >= from - 1e-3 && s.seconds[k] <= to + 1e-3);
+}
+
 function nearest(values, wanted) {
   let best = 0;
   for (let i = 0; i < values.length; i++) if (Math.abs(values[i] - wanted) < Math.abs(values[best] - wanted)) best = i;
@@ -46,12 +77,14 @@ function nearest(values, wanted) {
 function place(s, sweep) { return nearest(s.sweep, sweep); }
 
 function startTimeline() {
-  const line = get("timeline"), slider = get("slider");
-  const go = (event) => {
-    const box = line.getBoundingClientRect();
-    jump(timeScale(streams[now.stream], box.width).k(event.clientX - box.left));
-  };
-  line.addEventListener("pointerdown", (event) => { line.setPointerCapture(event.pointerId); go(event); });
-  line.addEventListener("pointermove", (event) => { if (line.hasPointerCapture(event.pointerId)) go(event); });
+  const slider = get("slider");
+  for (const line of [get("timeline"), get("zones")]) {
+    const go = (event) => {
+      const box = line.getBoundingClientRect();
+      jump(timeScale(streams[now.stream], box.width).k(event.clientX - box.left));
+    };
+    line.addEventListener("pointerdown", (event) => { line.setPointerCapture(event.pointerId); go(event); });
+    line.addEventListener("pointermove", (event) => { if (line.hasPointerCapture(event.pointerId)) go(event); });
+  }
   slider.addEventListener("input", () => jump(Number(slider.value)));
 }
