@@ -46,7 +46,7 @@ from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import judge_zones, parse_zone_check, zone_figures
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Int64, SweepBatch
-from lidarcli.tabular.arrays import codes
+from lidarcli.tabular.arrays import answers, codes
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.rows import FORMS, constant
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
@@ -541,6 +541,7 @@ def _zone_rows(log: str, settled: Settled) -> pa.RecordBatch:
         "zone": constant(settled.zone.name, count),
     }
     columns |= {name: values for name, values in settled.columns.items() if values is not None}
+    columns["active"] = answers(columns["active"].astype(np.int8))
     return FORMS["zones"].fill(columns, None, count)
 
 

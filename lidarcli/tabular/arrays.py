@@ -153,4 +153,5 @@ def _array(values: NDArray[Any], valid: NDArray[np.bool_] | None, kind: pa.DataT
     bitmap = None if valid is None else pa.py_buffer(np.packbits(valid, bitorder="little"))
     nulls = 0 if valid is None else -1
     kind = kind or pa.from_numpy_dtype(values.dtype)
+    assert kind.bit_width == 8 * values.itemsize, f"{values.dtype} is no {kind}"
     return pa.Array.from_buffers(kind, len(values), [bitmap, pa.py_buffer(values)], nulls)

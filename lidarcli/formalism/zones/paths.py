@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -90,7 +90,7 @@ def crossings(line: Line, path: Path) -> tuple[list[Crossing], int]:
                 after = here
         if abs(left[here]) >= CLEAR:
             now = 1 if left[here] > 0.0 else -1
-            if passed and passed == now:
+            if passed * now > 0:
                 if begun and side == -now:
                     found.append(Crossing(after, now > 0))
                 elif not begun:
@@ -102,6 +102,9 @@ def crossings(line: Line, path: Path) -> tuple[list[Crossing], int]:
 def same_agents(sensors: Sequence[dict[int, Path]]) -> dict[tuple[int, int], int]:
     """Number the agents that several sensors follow, each once.
 
+    Tracks of two sensors that are together are one agent, the nearest ones first, and so are all that are one with either;
+    but no two tracks of one sensor that are there at one time.
+
     Parameters
     ----------
     sensors : of each sensor the paths of its agents by track, all in one frame
@@ -110,45 +113,36 @@ def same_agents(sensors: Sequence[dict[int, Path]]) -> dict[tuple[int, int], int
     -------
     (sensor, track) → number of the agent, 0, 1, ...
     """
-    number: dict[tuple[int, int], int] = {}
-    members: dict[int, set[int]] = {}
-    for sensor, paths in enumerate(sensors):
-        for track, path in sorted(paths.items()):
-            near = [
-                (apart, number[other, its])
-                for other in range(sensor)
-                for its, apart in _together(path, sensors[other])
-                if sensor not in members[number[other, its]]
-                or _is_free(number, sensors, sensor, number[other, its], path)
-            ]
-            agent = min(near)[1] if near else len(members)
-            number[sensor, track] = agent
-            members.setdefault(agent, set()).add(sensor)
-    return number
+    paths = {(sensor, track): path for sensor, own in enumerate(sensors) for track, path in sorted(own.items())}
+    members = {name: [name] for name in paths}
+    together = [
+        (apart, one, other)
+        for one, path in paths.items()
+        for other in paths
+        if other[0] < one[0] and (apart := _apart(path, paths[other])) is not None
+    ]
+    for _, one, other in sorted(together):
+        mine, its = members[one], members[other]
+        if mine is not its and not any(
+            a[0] == b[0] and _at_one_time(paths[a], paths[b]) for a in mine for b in its
+        ):
+            mine += its
+            members |= dict.fromkeys(its, mine)
+    number: dict[int, int] = {}
+    return {name: number.setdefault(id(members[name]), len(number)) for name in paths}
 
 
-def _together(path: Path, others: dict[int, Path]) -> Iterator[tuple[int, float]]:
-    """Yield the tracks that are where a path is, and how far apart they are on average [m]."""
-    for track, other in others.items():
-        times = path.time_ns
-        common = (times >= other.time_ns[0]) & (times <= other.time_ns[-1])
-        if not common.any():
-            continue
-        x = np.interp(times[common], other.time_ns, other.x)
-        y = np.interp(times[common], other.time_ns, other.y)
-        apart = np.hypot(path.x[common] - x, path.y[common] - y)
-        close = apart <= TOGETHER
-        if np.count_nonzero(close) >= max(SHARED * len(apart), 1):
-            yield track, float(apart[close].mean())
+def _at_one_time(one: Path, other: Path) -> bool:
+    return bool(one.time_ns[0] <= other.time_ns[-1] and other.time_ns[0] <= one.time_ns[-1])
 
 
-def _is_free(
-    number: dict[tuple[int, int], int],
-    sensors: Sequence[dict[int, Path]],
-    sensor: int,
-    agent: int,
-    path: Path,
-) -> bool:
-    """Return True where no other track of the sensor is this agent at the time of the path."""
-    mine = [sensors[sensor][track] for (one, track), its in number.items() if one == sensor and its == agent]
-    return all(each.time_ns[-1] < path.time_ns[0] or path.time_ns[-1] < each.time_ns[0] for each in mine)
+def _apart(path: Path, other: Path) -> float | None:
+    """Return how far apart two paths are on average while they are together [m]; None where they are not."""
+    if not _at_one_time(path, other):
+        return None
+    times = path.time_ns
+    common = (times >= other.time_ns[0]) & (times <= other.time_ns[-1])
+    x, y = (np.interp(times[common], other.time_ns, values) for values in (other.x, other.y))
+    apart = np.hypot(path.x[common] - x, path.y[common] - y)
+    close = apart <= TOGETHER
+    return float(apart[close].mean()) if np.count_nonzero(close) >= max(SHARED * len(apart), 1) else None

@@ -203,13 +203,13 @@ class _Settling:
             "sweep": self._own("sweep"),
             "stamp": self.time_ns,
             "t": self._own("seconds"),
-            "points": self.points,
+            "points": self.points.astype(np.int32),
             "nearest": self.nearest,
             "ttc": self.ttc,
             "active": active,
-            "things": self._things() if self.counted.has_objects else None,
-            "agents": None if self.agents is None else np.bincount(self.agents[0], minlength=len(self.own)),
-            "masked": self._sum("masked"),
+            "things": self._things().astype(np.int32) if self.counted.has_objects else None,
+            "agents": None if self.agents is None else self._per_row(self.agents[0]).astype(np.int32),
+            "masked": self._sum("masked").astype(np.int32),
             "seen": self._seen(),
         }
         return Settled(
@@ -264,7 +264,10 @@ class _Settling:
             pairs.append(np.column_stack([row, name]))
         if not pairs:
             return np.zeros(len(self.own), np.int64)
-        rows = np.unique(np.concatenate(pairs), axis=0)[:, 0]
+        return self._per_row(np.unique(np.concatenate(pairs), axis=0)[:, 0])
+
+    def _per_row(self, rows: NDArray[np.intp]) -> Int64:
+        """Return (N,) how often each row is among some."""
         counted: Int64 = np.bincount(rows, minlength=len(self.own))
         return counted
 

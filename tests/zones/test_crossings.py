@@ -1,0 +1,189 @@
+"""Crossings and visits of exact paths whose truth is known from how they were drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarcli.formalism.zones.paths import CLEAR, MARGIN, Path, Visit, crossings, same_agents, visits
+from lidarcli.masks import Circle, Polygon
+from lidarcli.sweeps import Float64
+from lidarcli.zone import Line
+
+STEP_NS = 50_000_000
+
+
+def path_of(points: Any, first_ns: int = 0) -> Path:
+    points = np.asarray(points, np.float64).reshape(-1, 2)
+    return Path(first_ns + np.arange(len(points)) * STEP_NS, points[:, 0], points[:, 1])
+
+
+def walked(corners: Sequence[tuple[float, float]], step: float) -> Float64:
+    """Points on the way from corner to corner, `step` [m] apart and on the corners themselves."""
+    pieces = [np.array(corners[:1])]
+    for (x, y), (next_x, next_y) in zip(corners, corners[1:], strict=False):
+        count = max(int(np.ceil(np.hypot(next_x - x, next_y - y) / step)), 1)
+        share = np.arange(1, count + 1)[:, None] / count
+        pieces.append(np.array([[x, y]]) * (1.0 - share) + np.array([[next_x, next_y]]) * share)
+    return np.concatenate(pieces)
+
+
+ACTS = ("cross", "touch", "dip", "beside", "away")
+
+
+def drawn_route(rng: np.random.Generator) -> tuple[Line, list[tuple[float, float]], int, int]:
+    """A line, the corners of a route across or beside it, and how often it goes in and out.
+
+    The route is drawn along a line on the x axis, whose left side is y > 0, and both are moved to some place.
+    """
+    length = rng.uniform(0.8, 3.0)
+    side = float(rng.choice([-1.0, 1.0]))
+    route = [(rng.uniform(0.1, 0.9) * length, side * rng.uniform(0.4, 1.2))]
+    ways = {1.0: 0, -1.0: 0}
+    for _ in range(int(rng.integers(1, 7))):
+        along = rng.uniform(0.1, 0.9) * length
+        deep = rng.uniform(CLEAR + 0.05, 1.0)
+        match rng.choice(ACTS):
+            case "cross":
+                route += [(along, side * 0.3), (along, -side * deep)]
+                side = -side
+                ways[side] += 1
+            case "touch":
+                route += [(along, side * 0.25), (along, side * rng.choice([0.0, 0.01])), (along, side * deep)]
+            case "dip":
+                turn = -side * rng.uniform(0.02, CLEAR - 0.02)
+                route += [(along, side * 0.25), (along, turn), (along, side * deep)]
+            case "beside":
+                beyond = length + rng.uniform(0.05, 1.0) if rng.random() < 0.5 else -rng.uniform(0.05, 1.0)
+                route += [(beyond, side * 0.5), (beyond, -side * 0.5)]
+                side = -side
+            case "away":
+                route.append((along, side * rng.uniform(0.5, 2.0)))
+    turn, x, y = rng.uniform(-np.pi, np.pi), *rng.uniform(-3.0, 3.0, 2)
+    turned = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    moved = [(float(a), float(b)) for a, b in np.array(route) @ turned + (x, y)]
+    ends = np.array([[0.0, 0.0], [length, 0.0]]) @ turned + (x, y)
+    return Line(tuple(ends[0]), tuple(ends[1])), moved, ways[1.0], ways[-1.0]
+
+
+def test_routes_that_cross_touch_turn_back_and_pass_beside() -> None:
+    rng = np.random.default_rng(3)
+    counts = 0
+    for number in range(200):
+        line, route, into, out = drawn_route(rng)
+        path = path_of(walked(route, 0.06))
+        found, one_sided = crossings(line, path)
+        ways = [each.inwards for each in found]
+        assert (ways.count(True), ways.count(False), one_sided) == (into, out, 0), (number, line, route)
+        counts += len(found)
+    assert counts > 140
+
+
+LINE = Line((0.0, 0.0), (2.0, 0.0))
+
+
+def crossed(*corners: tuple[float, float]) -> tuple[list[bool], int]:
+    found, one_sided = crossings(LINE, path_of(walked(corners, 0.05)))
+    return [each.inwards for each in found], one_sided
+
+
+def test_in_arrives_left_of_the_way_along_the_line() -> None:
+    assert crossed((1.0, -1.0), (1.0, 1.0)) == ([True], 0)
+    assert crossed((1.0, 1.0), (1.0, -1.0)) == ([False], 0)
+    assert crossed((1.0, -1.0), (1.0, 1.0), (1.0, -1.0)) == ([True, False], 0)
+
+
+def test_a_path_that_begins_or_ends_beside_the_line_is_seen_on_one_side_only() -> None:
+    assert crossed((1.0, -0.1), (1.0, 1.0)) == ([], 1)
+    assert crossed((1.0, -1.0), (1.0, 0.1)) == ([], 1)
+    assert crossed((1.0, -0.1), (1.0, 0.1)) == ([], 1)
+    assert crossed((1.0, 0.1), (1.0, -0.1), (1.0, 1.0)) == ([], 0), "it came back"
+
+
+def test_a_path_that_goes_round_the_end_and_through_again_has_crossed_once() -> None:
+    assert crossed((1.9, -1.0), (1.9, 0.1), (2.2, 0.1), (2.2, -0.1), (1.9, -0.1), (1.9, 1.0)) == ([True], 0)
+    assert crossed((1.9, -1.0), (1.9, 0.1), (2.2, 0.1), (2.2, -1.0)) == ([], 0)
+
+
+def test_the_event_is_the_first_place_behind_the_line() -> None:
+    path = path_of([(1.0, y) for y in (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)])
+    assert crossings(LINE, path)[0] == [(3, True)]
+
+
+def test_places_that_are_not_known_do_not_hide_a_crossing() -> None:
+    path = path_of([(1.0, -0.5), (np.nan, np.nan), (1.0, 0.5)])
+    assert crossings(LINE, path) == ([(2, True)], 0)
+
+
+def slow_visits(shape: Circle | Polygon, points: Float64, distance: Float64, within: Any) -> list[Visit]:
+    """Visits by a walk over all places."""
+    found: list[Visit] = []
+    first = None
+    for k in range(len(points)):
+        if first is None and within[k]:
+            first = k
+        if first is not None and not distance[k] <= MARGIN:
+            found.append(Visit(first, k - 1, first == 0))
+            first = None
+    if first is not None:
+        found.append(Visit(first, len(points) - 1, True))
+    return found
+
+
+def test_visits_of_a_circle_by_random_walks() -> None:
+    rng = np.random.default_rng(5)
+    circle = Circle(0.5, -0.25, 0.8)
+    several = 0
+    for _ in range(200):
+        points = np.cumsum(rng.normal(0.0, 0.15, (120, 2)), axis=0) + rng.uniform(-1.0, 1.0, 2)
+        points[rng.random(120) < 0.02] = np.nan
+        away = np.hypot(points[:, 0] - 0.5, points[:, 1] + 0.25)
+        expected = slow_visits(circle, points, away - 0.8, away < 0.8)
+        assert visits(circle, path_of(points)) == expected
+        several += len(expected) > 1
+    assert several > 20
+
+
+def test_visits_of_a_square() -> None:
+    square = Polygon(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
+    x = np.array([-0.5, -0.05, 0.1, 0.5, 1.05, 0.9, 1.05, 1.09, 1.11, 0.5])
+    assert visits(square, path_of(np.column_stack([x, np.full(10, 0.5)]))) == [
+        (2, 7, False),
+        (9, 9, True),
+    ]
+    corner = path_of([(0.5, 0.5), (1.07, 1.07), (1.08, 1.08), (3.0, 3.0)])
+    assert visits(square, corner) == [(0, 1, True)], "beyond a corner the distance is that from it"
+
+
+def test_agents_of_two_sensors() -> None:
+    x = np.linspace(0.0, 3.0, 40)
+    one, other = np.column_stack([x, 0 * x]), np.column_stack([x, 0 * x + 2.0])
+    here = {1: path_of(one), 2: path_of(other)}
+    there = {5: path_of(other + 0.2), 8: path_of(one + 0.3)}
+    number = same_agents([here, there])
+    assert number[0, 1] == number[1, 8] != number[0, 2] == number[1, 5]
+    far = same_agents([{1: path_of(one)}, {5: path_of(one + (0.0, 0.6))}])
+    assert far[0, 1] != far[1, 5], "0.6 m apart"
+    later = same_agents([{1: path_of(one)}, {5: path_of(one, 40 * STEP_NS)}])
+    assert later[0, 1] != later[1, 5], "not at one time"
+
+
+def test_one_sensor_that_loses_an_agent_which_the_other_one_keeps() -> None:
+    x = np.linspace(0.0, 3.0, 60)
+    whole = np.column_stack([x, 0 * x])
+    for sensors in (
+        [{1: path_of(whole[:25]), 2: path_of(whole[30:], 30 * STEP_NS)}, {7: path_of(whole + 0.1)}],
+        [{7: path_of(whole + 0.1)}, {1: path_of(whole[:25]), 2: path_of(whole[30:], 30 * STEP_NS)}],
+    ):
+        assert set(same_agents(sensors).values()) == {0}
+
+
+def test_two_agents_side_by_side_of_one_sensor_are_two() -> None:
+    x = np.linspace(0.0, 3.0, 60)
+    whole = np.column_stack([x, 0 * x])
+    number = same_agents([{1: path_of(whole), 2: path_of(whole + (0, 0.4))}, {7: path_of(whole + (0, 0.15))}])
+    assert number[0, 1] != number[0, 2]
+    assert number[1, 7] == number[0, 1]

@@ -1,0 +1,99 @@
+"""Episodes of a zone against a state machine that takes one sweep after the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lidarcli.formalism.zones.episodes import Episode, episodes
+from lidarcli.sweeps import Bool, Int64
+
+NEVER = 1 << 60
+
+
+def one_by_one(
+    enough: Bool, time_ns: Int64, trigger: int, release: int, hold_ns: int, longest_gap_ns: int
+) -> list[Episode]:
+    """The rules of `episodes`, sweep by sweep."""
+    found = []
+    first = last = None
+    in_a_row = fewer_in_a_row = 0
+    for k, (is_enough, now) in enumerate(zip(enough.tolist(), time_ns.tolist(), strict=True)):
+        if k and now - int(time_ns[k - 1]) > longest_gap_ns:
+            if first is not None:
+                found.append(Episode(first, last, all(enough[: first + 1]) and first + 1 == trigger))
+            first = last = None
+            in_a_row = fewer_in_a_row = 0
+        if is_enough:
+            in_a_row, fewer_in_a_row, last = in_a_row + 1, 0, k
+            if first is None and in_a_row == trigger:
+                first = k
+        else:
+            in_a_row, fewer_in_a_row = 0, fewer_in_a_row + 1
+            if first is not None and fewer_in_a_row >= release and now - int(time_ns[last]) >= hold_ns:
+                found.append(Episode(first, last, all(enough[: first + 1]) and first + 1 == trigger))
+                first = None
+    if first is not None:
+        found.append(Episode(first, last, True))
+    return found
+
+
+def drawn(rng: np.random.Generator) -> tuple[Bool, Int64, int, int, int, int]:
+    """Hits that come in runs, at stamps 100 ms apart with gaps and stamps that are there twice, and what rules them."""
+    count = int(rng.integers(0, 60))
+    stays = rng.uniform(0.3, 0.95)
+    enough = np.logical_xor.accumulate(rng.random(count) > stays) ^ bool(rng.integers(2))
+    step = rng.choice([0, 100, 110, 700, 3000], count, p=[0.05, 0.7, 0.15, 0.07, 0.03]) * 1_000_000
+    trigger, release = int(rng.integers(1, 5)), int(rng.integers(1, 5))
+    hold = int(rng.choice([0, 100, 250, 500, 2000])) * 1_000_000
+    gap = int(rng.choice([500_000_000, 2_000_000_000, NEVER]))
+    return enough.astype(np.bool_), np.cumsum(step).astype(np.int64), trigger, release, hold, gap
+
+
+@pytest.mark.parametrize("cases", [300, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_random_hits(cases: int) -> None:
+    rng = np.random.default_rng(11)
+    lengths = set()
+    for case in range(cases):
+        enough, time_ns, trigger, release, hold, gap = drawn(rng)
+        expected = one_by_one(enough, time_ns, trigger, release, hold, gap)
+        found = episodes(
+            enough, time_ns, trigger=trigger, release=release, hold_ns=hold, longest_gap_ns=gap
+        )
+        assert found == expected, (case, enough, time_ns, trigger, release, hold, gap)
+        lengths.add(len(found))
+    assert {0, 1, 2, 3} <= lengths
+
+
+def of(hits: str, **rules: int) -> list[tuple[int, int, bool]]:
+    """The episodes of hits "#" and misses "." ten times per second."""
+    enough = np.array([hit == "#" for hit in hits])
+    default = {"trigger": 1, "release": 1, "hold_ns": 0, "longest_gap_ns": NEVER}
+    time_ns = np.arange(len(hits), dtype=np.int64) * 100_000_000
+    return [tuple(each) for each in episodes(enough, time_ns, **(default | rules))]
+
+
+def test_it_begins_with_the_sweep_that_completes_the_trigger() -> None:
+    assert of(".##.###.#", trigger=2) == [(2, 2, False), (5, 6, False)]
+    assert of("###.", trigger=3) == [(2, 2, True)], "it may have begun before the log"
+    assert of(".###.", trigger=3) == [(3, 3, False)]
+
+
+def test_it_ends_when_release_and_hold_are_over() -> None:
+    assert of(".#.#...", release=2) == [(1, 3, False)]
+    assert of(".#....#..", hold_ns=500_000_000) == [(1, 6, True)], "0.5 s are over when the next one is there"
+    assert of(".#.....#...", hold_ns=500_000_000) == [(1, 1, False), (7, 7, True)]
+    assert of(".#...#.", release=3, hold_ns=0) == [(1, 1, False), (5, 5, True)]
+
+
+def test_a_gap_ends_it() -> None:
+    enough = np.ones(4, np.bool_)
+    time_ns = np.array([0, 1, 10, 11], np.int64)
+    assert episodes(enough, time_ns, trigger=1, release=1, hold_ns=100, longest_gap_ns=5) == [
+        (0, 1, True),
+        (2, 3, True),
+    ]
+
+
+def test_no_sweeps_have_no_episodes() -> None:
+    assert of("") == []

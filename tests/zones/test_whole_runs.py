@@ -1,0 +1,233 @@
+"""Zones over whole simulated logs: people, walls and robots whose truth is known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import lidarcli
+from lidarcli.simulate import entities as make
+from lidarcli.simulate.scene import Course, Odometry
+from lidarcli.sweeps import Float64
+from lidarcli.tabular.schemas import SCHEMAS
+from tests.zones.runs import (
+    SENSOR,
+    column,
+    odometry_of,
+    rows,
+    scans,
+    scene_of,
+    sweeps_of,
+    times_of,
+    walker,
+    watched,
+    where,
+    write_bag,
+    zone_file,
+)
+
+CIRCLE = """
+[[zone]]
+name = "circle"
+circle = { x = 3.0, y = 0.0, radius = 1.0 }
+min_points = 1
+hold = 0.3
+"""
+
+
+@pytest.fixture(scope="module")
+def passed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Float64]:
+    """A log of somebody who walks through a circle, and (S, 2) where he is."""
+    person = walker((4.0, -3.0), (2.0, 3.5))
+    scene = scene_of(person, sweeps=90)
+    return write_bag(tmp_path_factory.mktemp("passed") / "a.bag", scans(sweeps_of(scene))), where(
+        person, scene
+    )
+
+
+def test_somebody_walks_through_a_circle(passed: tuple[Path, Float64]) -> None:
+    log, place = passed
+    tables = watched(log, CIRCLE)
+    away = np.hypot(place[:, 0] - 3.0, place[:, 1]) - 1.0
+    (visit,) = rows(tables.events, kind="visit")
+    assert abs(visit["first_sweep"] - np.flatnonzero(away < 0.0)[0]) <= 1
+    assert abs(visit["last_sweep"] - np.flatnonzero(away <= 0.1)[-1]) <= 1
+    assert (visit["set"], visit["agents"], visit["cut"], visit["points"]) == ("A", 1, False, None)
+    assert visit["t"] == pytest.approx(visit["first_sweep"] * 0.1)
+    assert visit["duration"] == pytest.approx((visit["last_sweep"] - visit["first_sweep"]) * 0.1)
+    assert visit["sweeps"] == visit["last_sweep"] - visit["first_sweep"] + 1
+    nearest = np.hypot(*place[visit["first_sweep"] : visit["last_sweep"] + 1].T).min()
+    assert visit["nearest"] == pytest.approx(nearest, abs=0.1)
+
+    # Legs reach up to 0.45 m beyond the middle of the body.
+    (event,) = rows(tables.events, kind="occupied")
+    begins, ends = np.flatnonzero(away < 0.45)[[0, -1]]
+    assert begins <= event["first_sweep"] <= visit["first_sweep"] + 1
+    assert visit["last_sweep"] - 2 <= event["last_sweep"] <= ends
+    assert (event["set"], event["track"], event["agents"]) == ("A", visit["track"], 1)
+    assert event["nearest"] == pytest.approx(np.hypot(event["x"], event["y"]), abs=1e-4)
+    assert event["bearing"] == pytest.approx(np.arctan2(event["y"], event["x"]), abs=1e-4)
+
+    # The rows of the table of zones are those of the events.
+    table = tables.zones.to_pydict()
+    assert table["sweep"] == [*range(90)]
+    assert np.flatnonzero(table["active"]).tolist() == [
+        *range(event["first_sweep"], event["last_sweep"] + 1)
+    ]
+    enough = np.flatnonzero(np.array(table["points"]) >= 1)
+    assert (enough[0], enough[-1]) == (event["first_sweep"], event["last_sweep"])
+    assert max(table["points"]) == event["points"]
+    assert min(value for value in table["nearest"] if value is not None) == pytest.approx(event["nearest"])
+    inside = np.flatnonzero(table["agents"])
+    assert set(inside) >= set(range(visit["first_sweep"], visit["last_sweep"] + 1))
+    assert max(table["agents"]) == max(table["things"]) == 1
+    assert table["masked"] == [0] * 90
+    assert np.array(table["seen"])[[0, -1]].tolist() == [1.0, 1.0]
+
+
+def counted_by_hand(log: Path) -> list[int]:
+    """The points of each sweep in the circle of `CIRCLE`."""
+    found = []
+    for batch in lidarcli.read(log):
+        x, y = batch.ranges * np.cos(batch.bearings()), batch.ranges * np.sin(batch.bearings())
+        found += np.sum(np.hypot(x - 3.0, y) < 1.0, axis=1).tolist()
+    return found
+
+
+def test_points_are_those_of_the_sweeps(passed: tuple[Path, Float64]) -> None:
+    tables = watched(passed[0], CIRCLE, no_objects=True)
+    assert column(tables.zones, "points") == counted_by_hand(passed[0])
+    for name in ("things", "agents", "ttc"):
+        assert column(tables.zones, name) == [None] * 90
+    (event,) = tables.events.to_pylist()
+    assert event["kind"] == "occupied"
+    assert [event[name] for name in ("set", "track", "label", "agents", "polygon", "direction", "ttc")] == (
+        [None] * 7
+    )
+
+
+@pytest.mark.slow
+def test_things_and_agents_count_alone_where_a_zone_asks_for_them(tmp_path: Path) -> None:
+    scene = scene_of(walker((3.5, -3.0), (3.0, 3.5)), make.box(3.0, 0.0, 0.4, 0.4), sweeps=70)
+    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene)))
+    zones = "".join(
+        f'[[zone]]\nname = "{count}"\ncount = "{count}"\nmin_points = 1\n'
+        "polygon = [[2.0, -1.0], [9.0, -1.0], [9.0, 1.0], [2.0, 1.0]]\n"
+        for count in ("beams", "things", "agents")
+    )
+    tables = watched(log, zones)
+    points = {name: np.array(column(tables.zones, "points", zone=name)) for name in ("beams", "things", "agents")}
+    assert (points["beams"] > points["things"]).all(), "the wall is at 8 m"
+    assert (points["things"] >= points["agents"]).all()
+    assert points["things"][5] > 4 and points["agents"][5] == 0, "the box"
+    assert points["agents"].max() > 4
+    assert {event["set"] for event in rows(tables.events, zone="agents", kind="occupied")} == {"A"}
+    (always,) = rows(tables.events, zone="things", kind="occupied")
+    assert (always["first_sweep"], always["last_sweep"], always["cut"]) == (0, 69, True)
+
+
+# Driving.
+
+
+def driving(tmp_path: Path, sweeps: int = 120, **odometry: Any) -> tuple[Path, Float64]:
+    """A robot that drives along the wall at y = 1.5 m, at 0.5 m/s from x = -3; and (S, 3) its poses."""
+    path = Course(np.array([[-3.0, 0.0], [3.0, 0.0], [3.0, -5.0], [-3.0, -5.0]]), speed=0.5)
+    room = (
+        make.wall([[-5.0, 1.5], [-1.0, 1.5], [-0.5, 0.9], [0.0, 0.9], [0.5, 1.5], [5.0, 1.5], [5.0, -7.0]]),
+        make.wall([[5.0, -7.0], [-5.0, -7.0], [-5.0, 1.5]]),
+        make.box(2.0, -0.8, 0.4, 0.4),
+    )
+    scene = scene_of(room=room, path=path, odometry=Odometry(**odometry), sweeps=sweeps)
+    log = write_bag(tmp_path / "drive.bag", scans(sweeps_of(scene), odometry_of(scene)))
+    return log, path.poses(np.arange(sweeps) / 10.0)
+
+
+BESIDE = """
+[[zone]]
+name = "left"
+frame = "robot"
+polygon = [[-0.3, 0.0], [0.3, 0.0], [0.3, 1.2], [-0.3, 1.2]]
+[[zone]]
+name = "right"
+frame = "robot"
+action = "stop"
+polygon = [[-0.3, 0.0], [0.3, 0.0], [0.3, -0.8], [-0.3, -0.8]]
+[[zone]]
+name = "bulge"
+frame = "world"
+circle = { x = -0.25, y = 0.9, radius = 0.4 }
+"""
+
+
+def without(table: pa.Table, *names: str) -> list[dict[str, Any]]:
+    return table.drop_columns([*names]).to_pylist()
+
+
+@pytest.mark.slow
+def test_a_drive_beside_a_wall(tmp_path: Path) -> None:
+    log, poses = driving(tmp_path)
+    tables = watched(log, BESIDE)
+    (left,) = rows(tables.events, zone="left")
+    assert (left["set"], left["kind"], left["track"], left["speed"]) == (
+        "S",
+        "occupied",
+        None,
+        pytest.approx(0.5, abs=0.02),
+    )
+    # The bulge of the wall is nearer than 1.2 m from x = -0.75 to 0.25; the zone reaches 0.3 m ahead and behind.
+    ahead = np.flatnonzero((poses[:, 0] > -1.05) & (poses[:, 0] < 0.55))
+    assert abs(left["first_sweep"] - ahead[0]) <= 2
+    assert abs(left["last_sweep"] - ahead[-1]) <= 2
+    assert left["nearest"] == pytest.approx(0.9, abs=0.02)
+    assert left["bearing"] == pytest.approx(np.pi / 2, abs=0.1)
+    (right,) = rows(tables.events, zone="right")
+    assert (right["set"], right["action"], right["nearest"]) == ("O", "stop", pytest.approx(0.6, abs=0.02))
+    world = rows(tables.events, zone="bulge")
+    assert {event["set"] for event in world} == {"S"}
+    assert all(np.hypot(event["x"] + 0.25, event["y"] - 0.9) < 0.4 for event in world)
+
+    # The same from tables that detect and track have written.
+    for command in ("detect", "track"):
+        assert lidarcli.zones  # the names of functions are those of commands
+        folder = tmp_path / command
+        from lidarcli.cli import run
+
+        assert run(["-q", command, str(log), "-o", str(folder)]) == 0
+        told = watched(log, BESIDE, objects=folder / "drive.objects.parquet")
+        assert without(told.events, "track", "agents") == without(tables.events, "track", "agents")
+        assert without(told.zones, "agents", "things") == without(tables.zones, "agents", "things")
+        if command == "track":
+            assert told == tables
+
+
+@pytest.mark.slow
+def test_a_zone_in_the_world_while_the_robot_drives(tmp_path: Path) -> None:
+    log, poses = driving(tmp_path)
+    told = watched(log, BESIDE, no_objects=True)
+    by_name = watched(log, BESIDE.replace('"world"', '"odom"'), no_objects=True)
+    assert by_name.zones == told.zones
+    assert by_name.events == told.events
+    points = np.array(column(told.zones, "points", zone="bulge"))
+    expected = []
+    for batch in lidarcli.read(log):
+        pose = poses[batch.sweep]
+        bearing = batch.bearings() + pose[:, 2:]
+        x = pose[:, :1] + batch.ranges * np.cos(bearing)
+        y = pose[:, 1:2] + batch.ranges * np.sin(bearing)
+        expected += np.sum(np.hypot(x + 0.25, y - 0.9) < 0.4, axis=1).tolist()
+    assert np.abs(points - expected).max() <= 1, "points on the edge"
+    matched = watched(log, BESIDE.replace("x = -0.25, y = 0.9", "x = 2.75, y = 0.9"), no_objects=True, pose="match")
+    found = np.array(column(matched.zones, "points", zone="bulge"))
+    assert np.abs(found - expected).max() <= 12, "the path that sweeps tell begins at 0"
+    assert column(matched.events, "first_sweep", zone="bulge")[:1] == column(told.events, "first_sweep", zone="bulge")[:1]
+
+
+def test_columns_are_declared(passed: tuple[Path, Float64]) -> None:
+    tables = watched(passed[0], CIRCLE, no_objects=True)
+    for name, table in tables._asdict().items():
+        assert table.schema.equals(SCHEMAS[name])
+        table.validate(full=True)
