@@ -579,6 +579,12 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
         Option(PICTURE, Number("SECONDS", 0), shown=f"{TRAIL:g}"),
         "With --tracks: how far back the paths begin.",
     ]
+    zones: Annotated[
+        Paths,
+        Option(PICTURE, File("FILE"), (), shown="none", several=True, python="Python takes a list."),
+        "Draw the zones of this file (docs/zones.md) into the scene, those that are occupied filled and with their beams; "
+        "may be repeated.",
+    ]
     width: Annotated[
         float | None,
         Option(LOOK, Number("MM", *PICTURE_WIDTHS), shown="by --view"),

@@ -20,7 +20,7 @@ from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, counted_bar, standard_output
 from lidarcli.cli.options import log_options
 from lidarcli.errors import OptionError
-from lidarcli.option_forms import File, Number, Option, Text, options_of
+from lidarcli.option_forms import Number, Option, Text, options_of
 from lidarcli.options import LOOK, PICTURE, STDOUT, SWEEP, OneLog, Overwrite, Plotting, Window, output
 from lidarcli.stores.url import Place, place
 
@@ -75,12 +75,6 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
         str | None,
         output("FIG", shown="LOG-N.png, LOG-map.png or LOG.gif in the current directory"),
         "File to write: .png, .svg, .pdf, with --animate .gif or .mp4; - for a PNG on standard output.",
-    ]
-    zones: Annotated[
-        tuple[str, ...],
-        Option(PICTURE, File("FILE"), (), shown="none", several=True),
-        "Draw the zones of this file (docs/zones.md) into the scene, those that are occupied filled and with their beams; "
-        "may be repeated.",
     ]
     animate: Annotated[
         bool,

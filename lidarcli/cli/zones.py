@@ -37,7 +37,8 @@ class ZonesCommand(ManyLogs, Overwrite, Zoning, total=False):
   lidarcli zones run.mcap --zones doors.toml --check "zones.door.in >= 30"
   lidarcli zones run.bag --zones zones.toml --mask robot.toml --no-objects
   lidarcli zones run.bag --zones zones.toml --objects run.objects.parquet
-  lidarcli zones run.db3 --zones nav2.yaml --footprint '[[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]'""",
+  lidarcli zones run.db3 --zones nav2.yaml \\
+    --footprint '[[0.3, 0.2], [0.3, -0.2], [-0.3, 0.0]]'""",
 )
 def zones(say: Messages, told: ZonesCommand) -> int:
     """Find who or what was in a zone, when, and how near.

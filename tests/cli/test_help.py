@@ -177,7 +177,7 @@ def test_help_of_a_mistyped_command(lidarcli: Run) -> None:
 
 def test_jobs_have_a_short_form_everywhere() -> None:
     having = [name for name in COMMANDS if "--jobs" in options(name)]
-    assert having == ["detect", "track", "map", "overlay"]
+    assert having == ["detect", "track", "map", "zones", "overlay"]
     assert all(options(name).get("-j") is options(name)["--jobs"] for name in having)
 
 
@@ -204,7 +204,7 @@ def test_help_leaves_out_what_only_some_logs_need(lidarcli: Run) -> None:
 def test_an_option_has_the_same_words_everywhere() -> None:
     """What a command fills with something else is named here."""
     of_its_own = {"output", "format", "topic", "background", "tracks", "objects", "layout", "map", "sweeps"}
-    of_its_own |= {"brief", "station_distance", "station_angle", "view", "dpi", "zones"}
+    of_its_own |= {"brief", "station_distance", "station_angle", "view", "dpi", "check", "zones"}
     words: dict[str, set[str]] = {}
     for _, command in commands():
         for parameter in command.params:

@@ -25,6 +25,7 @@ from lidarcli.pipeline.api.options import (
 )
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import table_files
+from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_pictures, write_pictures
 from lidarcli.pipeline.reporting import (
     Made,
@@ -109,9 +110,12 @@ def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None,
         tracks=None if told["tracks"] is None else path_text(told["tracks"]),
         trail=TRAIL if told["trail"] is None else told["trail"],
         poses=poses,
+        zones=read_zones(several(told["zones"])) if told["zones"] else None,
     )
     if isinstance(log, SweepBatch):
         refuse_reading(told, _OfLogs, "topic", "at")
+        if told["zones"]:
+            raise TypeError("zones are drawn into the sweep of a log, not of a batch")
         return picture_of(log, sweep, wanted)
     source = one_log(paths_of(log), told["join"])
     if (at := told["at"]) is not None:
