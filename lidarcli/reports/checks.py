@@ -95,13 +95,19 @@ class Verdict:
         return f"{self.found:,.0f}" if self.found == int(self.found) else f"{self.found:.6g}"
 
 
-def parse_check(expression: str, compared: bool = False, only: Collection[str] | None = None) -> Check:
+def parse_check(
+    expression: str,
+    compared: bool = False,
+    only: Collection[str] | None = None,
+    page: str = "docs/reports.md",
+) -> Check:
     """Understand a check.
 
     Parameters
     ----------
     compared : whether there is a baseline
-    only : the figures that there are, where the report is not about tables and no rows can be counted
+    only : the figures that there are, where the check is not about tables and no rows can be counted
+    page : page of the documentation that lists these
 
     Raises
     ------
@@ -119,7 +125,7 @@ def parse_check(expression: str, compared: bool = False, only: Collection[str] |
     condition = None
     if only is not None:
         if token.text not in only:
-            raise _unknown(tokens, token, only)
+            raise _unknown(tokens, token, only, page)
     elif tokens.take_if("where"):
         if token.text not in COUNTED:
             hint = nearest(token.text, COUNTED) or ";"
@@ -201,7 +207,9 @@ def _known(tokens: Tokens, token: Token, compared: bool) -> None:
     raise _unknown(tokens, token, dict.fromkeys([*known, *delta]))
 
 
-def _unknown(tokens: Tokens, token: Token, known: Collection[str]) -> OptionError:
+def _unknown(
+    tokens: Tokens, token: Token, known: Collection[str], page: str = "docs/reports.md"
+) -> OptionError:
     """Return the error of an unknown figure."""
     hint = nearest(token.text, known, OFFERED) or ";"
-    return tokens.error(f"unknown figure '{token.text}'{hint} docs/reports.md has all;", token)
+    return tokens.error(f"unknown figure '{token.text}'{hint} {page} has all;", token)

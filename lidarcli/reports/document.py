@@ -10,10 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import CHECK_FAILED, UnreadableError
 from lidarcli.reports.checks import Verdict
 
-CHECK_FAILED = 1
 TEXT, MARKDOWN, PAGE = "text", "markdown", "page"
 """Formats for people: the terminal, Markdown and HTML."""
 Line = tuple[str, ...]
