@@ -13,7 +13,7 @@ MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if 
 
 GROUND = {"_version", "choices", "columns", "errors", "native"}
 OPTIONS = {"option_forms", "options"}
-CORE = GROUND | {"display", "masks", "range_rules", "sweeps", "times"}
+CORE = GROUND | {"display", "findings", "masks", "range_rules", "sweeps", "times"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
@@ -32,6 +32,7 @@ MAY_IMPORT = {
     "native": set[str](),
     "ranges": {"native"},
     "display": set[str](),
+    "findings": set[str](),
     "sweeps": {"columns", "display"},
     "masks": {"errors", "sweeps"},
     "range_rules": {"errors", "masks", "ranges", "sweeps"},

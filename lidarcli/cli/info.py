@@ -2,7 +2,6 @@
 
 import json
 import math
-import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -231,11 +230,8 @@ def as_json(infos: Sequence["LogInfo"]) -> str:
 
 
 def _finding_lines(found: "Finding") -> list[str]:
-    """The message of a finding in lines of 80 columns, and what there is to paste."""
-    head = f"  {found.level:<9}{found.id:<11}"
-    message = one_line(found.message)
-    lines = textwrap.wrap(message, 80 - len(head), break_long_words=False, break_on_hyphens=False)
-    told = [f"{head if not number else ' ' * len(head)}{line}" for number, line in enumerate(lines or [""])]
+    """A finding in a line, and what there is to paste."""
+    told = [f"  {found.level:<9}{found.id:<11}{found.message}"]
     if found.fix is not None and found.fix.kind == "transform":
         told += [f"    {line}" for line in found.fix.text.splitlines()]
     return told

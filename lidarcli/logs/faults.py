@@ -144,8 +144,7 @@ class Faults:
             yield sensor.finding(
                 "clock",
                 "hint",
-                f"sweeps of {sensor.name} were recorded {abs(clock.offset):,.1f} s {side} their stamps: these are of a "
-                "simulation or another clock, or the log was written anew",
+                f"{sensor.name}: recorded {abs(clock.offset):,.1f} s {side} the stamps",
                 {"record_minus_header": clock.offset},
                 {"record_minus_header": APART},
             )
@@ -156,8 +155,8 @@ class Faults:
             yield sensor.finding(
                 "geometry",
                 "warning",
-                f"sweeps of {sensor.name} have {self.counts[0]:,} to {self.counts[1]:,} beams and see "
-                f"{np.degrees(least):.0f} to {np.degrees(most):.0f} deg: some are cut short",
+                f"{sensor.name}: {self.counts[0]:,} to {self.counts[1]:,} beams see {np.degrees(least):.0f} to "
+                f"{np.degrees(most):.0f} deg: some sweeps are cut short",
                 {"beams": list(self.counts), "view": [least, most]},
                 {"share": VIEW_VARIES},
             )
@@ -167,20 +166,16 @@ class Faults:
         shares = {kind: self.kinds[kind] / beams for kind in KINDS}
         kind = max(KINDS, key=lambda each: shares[each])
         if shares[kind] > LOST:
-            words = {
-                "nan": "are NaN, and tell nothing; --no-return nan counts them as no return",
-                "zero": "are 0 and count as no return: nothing was within reach, or the sensor did not measure",
-                "range_max": "are range_max and count as no return, for which REP 117 has inf",
-            }
+            words = {"nan": "NaN (--no-return nan)", "zero": "0", "range_max": "range_max"}
             option = "--no-return inf,zero,max,above,pile,nan" if kind == "nan" else ""
-            message = f"{shares[kind]:.0%} of the beams of {sensor.name} {words[kind]}"
+            message = f"{sensor.name}: {shares[kind]:.0%} of the beams are {words[kind]}"
             yield sensor.finding("no_return", "hint", message, shares, {"share": LOST}, option)
         share = self.kinds["too_close"] / beams
         if share > TOO_CLOSE:
             yield sensor.finding(
                 "too_close",
                 "warning",
-                f"{share:.0%} of the beams of {sensor.name} are below range_min: what is so near is not seen",
+                f"{sensor.name}: {share:.0%} of the beams are below range_min",
                 {"share": share},
                 {"share": TOO_CLOSE},
             )
@@ -189,9 +184,8 @@ class Faults:
         if self.repeats > max(OFTEN * self.compared, SOME):
             yield sensor.finding(
                 "duplicate",
-                "warning",
-                f"{self.repeats:,} of {self.compared:,} compared sweeps of {sensor.name} have the ranges of the sweep before under "
-                "another stamp: they were told twice, or a simulated sensor stood",
+                "hint",
+                f"{sensor.name}: {self.repeats:,} of {self.compared:,} sweeps repeat the ranges before them",
                 {"repeats": self.repeats, "sweeps": self.compared},
                 {"share": OFTEN},
             )
@@ -205,8 +199,8 @@ class Faults:
             yield sensor.finding(
                 "gaps",
                 "warning",
-                f"sweeps of {sensor.name} come every {period:.3f} s, and by scan_time every {told:.3f} s: "
-                f"{every - 1:.0f} of {every:.0f} are missing",
+                f"{sensor.name}: a sweep every {period:.3f} s, by scan_time every {told:.3f} s: {every - 1:.0f} of "
+                f"{every:.0f} are missing",
                 {"period": period, "scan_time": told},
                 {"ratio": LONG},
             )
@@ -214,8 +208,7 @@ class Faults:
             yield sensor.finding(
                 "gaps",
                 "warning",
-                f"{clock.long_steps:.0%} of the sweeps of {sensor.name} come over {LONG} times the median step of "
-                f"{period:.3f} s after the one before: sweeps are missing, or stamps jitter",
+                f"{sensor.name}: {clock.long_steps:.0%} of the steps are over {LONG} times the median of {period:.3f} s",
                 {"share": clock.long_steps, "period": period},
                 {"share": MISSING, "ratio": LONG},
             )
@@ -232,8 +225,7 @@ class Faults:
             yield sensor.finding(
                 "rolling",
                 "warning",
-                f"a sweep of {sensor.name} takes {_short(lasts)} s by time_increment, and {_short(expected)} s by its view "
-                "and period: beams are placed at wrong times while the sensor moves (--no-deskew)",
+                f"{sensor.name}: a sweep takes {_short(lasts)} s by time_increment, {_short(expected)} s by its view",
                 {"by_increment": lasts, "by_period": expected},
                 {"share": OFF},
                 "--no-deskew",

@@ -252,7 +252,7 @@ def _of_sweeps(
         sensor = doubts.sensor(topic, frame)
         yield from mine.findings(sensor, doubts.clock(topic, frame).info(), told)
         if not frame and encodings.get(topic) in _NAMES_FRAMES:
-            message = f"sweeps of {topic} name no frame: nothing can tell where their sensor is"
+            message = f"{topic}: the sweeps name no frame"
             yield Sensor(topic, frame, topic).finding("frames", "hint", message)
     yield from repeated_topics(faults)
 

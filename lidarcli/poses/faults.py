@@ -90,8 +90,8 @@ def pose_findings(
             "warning",
             track.topic,
             track.child,
-            f"quaternions of {track.topic} ({' > '.join(filter(None, (track.parent, track.child)))}) have lengths up to "
-            f"{track.stretched:.2g} off 1: they are taken as if they had length 1",
+            f"{track.topic}: quaternions of {' > '.join(filter(None, (track.parent, track.child)))} are up to "
+            f"{track.stretched:.2g} off length 1",
             {"off": track.stretched},
             {"off": NO_UNIT},
         )
@@ -120,8 +120,7 @@ def _leaps(way: Way, topic: str, is_known: bool) -> Iterator[Finding]:
                 "warning",
                 topic,
                 way.frame,
-                f"poses from {track.topic} turn faster than {TURN_RATE:g} rad/s {times(number)}, by up to "
-                f"{np.degrees(most):,.0f} degrees at once",
+                f"poses from {track.topic} turn at once {times(number)}, by up to {np.degrees(most):.0f} deg",
                 {"leaps": number, "largest": most},
                 {"rate": TURN_RATE, "turn": LEAST_TURN},
             )
@@ -145,7 +144,7 @@ def _of_tree(links: Sequence[Track]) -> Iterator[Finding]:
                 "warning",
                 link.topic,
                 link.child,
-                f"{link.topic} mounts {link.child} in {link.parent} at two places: the last one counts",
+                f"{link.topic}: {link.child} is told at two places in {link.parent}: the last counts",
             )
     for child, told in parents.items():
         if len(told) > 1 and any(link.static for link in told.values()):
@@ -154,7 +153,7 @@ def _of_tree(links: Sequence[Track]) -> Iterator[Finding]:
                 "warning",
                 next(iter(told.values())).topic,
                 child,
-                f"frame {child} has {len(told)} parents: {some_of(sorted(told))}; a tree has one",
+                f"frame {child} has {len(told)} parents: {some_of(sorted(told))}",
                 {"parents": len(told)},
                 {"parents": 2},
             )
