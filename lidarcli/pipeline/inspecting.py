@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +31,10 @@ from lidarcli.pipeline.reading.posing import Posing, alike_note
 from lidarcli.pipeline.runs.outcomes import Failure, attempt
 from lidarcli.pipeline.runs.over_logs import LogProgress, progress_of
 from lidarcli.range_rules import RangeRules, closure, normalise
-from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
+
+if TYPE_CHECKING:
+    from lidarcli.reports.checks import Check, Verdict
 
 FACTS = ("pose_verdict", "pose_fit", "pose_delay", "pose_cuts", "beam_order")
 """Keys of the verdict on told poses; null where there is none."""
@@ -370,13 +372,21 @@ FIGURES = (
 """Figures that a check of findings may name."""
 
 
-def understand_checks(checks: Iterable[str]) -> list[Check]:
+def understand_checks(checks: Sequence[str]) -> list[Check]:
     """Parse checks of findings, or raise a usage error before any work is done."""
+    if not checks:
+        return []
+    from lidarcli.reports.checks import parse_check
+
     return [parse_check(text, only=FIGURES, page="docs/info.md") for text in checks]
 
 
 def judge_checks(checks: Sequence[Check], infos: Iterable[LogInfo]) -> list[Verdict]:
     """Hold checks against the findings of all logs together."""
+    if not checks:
+        return []
+    from lidarcli.reports.checks import verdict_of
+
     found = [each for info in infos for each in info.findings]
     counts = Counter({"findings": len(found)})
     counts.update(f"findings.{each.level}s" for each in found)
