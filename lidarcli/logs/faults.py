@@ -138,7 +138,9 @@ class Faults:
         if not told & {"clock", "duplicate"}:
             yield from self._of_repeats(sensor)
             yield from self._of_period(sensor, clock)
-            yield from self._of_rolling(sensor, clock)
+            # A view in wrong units tells no time.
+            if not told & {"geometry", "units"}:
+                yield from self._of_rolling(sensor, clock)
         if clock.offset is not None and abs(clock.offset) > APART and "clock" not in told:
             side = "before" if clock.offset < 0 else "after"
             yield sensor.finding(

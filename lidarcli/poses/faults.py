@@ -77,9 +77,12 @@ def pose_findings(
     }
     for topic, frame in sorted(keys):
         way = sources.way(frame)
+        is_missing = frame and links and frame_name(frame) not in links and not sources.alike(frame)
+        if is_missing and way is not None and way.assumption:
+            message = f"no transform leads to frame {frame}: {way.assumption}"
+            found.append(Finding("frames", "warning", topic, frame, message))
         if way is None:
-            if frame and links and frame_name(frame) not in links and not sources.alike(frame):
-                found.append(unplaced(frame, sources.alternatives(frame), topic))
+            found += [unplaced(frame, sources.alternatives(frame), topic)] if is_missing else []
             continue
         found += way_findings(way, topic)
         found += _leaps(way, topic, is_known=(topic, frame) in jumping)
@@ -120,7 +123,7 @@ def _leaps(way: Way, topic: str, is_known: bool) -> Iterator[Finding]:
                 "warning",
                 topic,
                 way.frame,
-                f"poses from {track.topic} turn at once {times(number)}, by up to {np.degrees(most):.0f} deg",
+                f"poses from {track.topic} leap in heading {times(number)}, by up to {np.degrees(most):.0f} deg",
                 {"leaps": number, "largest": most},
                 {"rate": TURN_RATE, "turn": LEAST_TURN},
             )
