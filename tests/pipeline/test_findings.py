@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -34,7 +35,7 @@ from tests.pipeline.drawn import (
     write_messages,
     write_two_mounts,
 )
-from tests.places import SAMPLES
+from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 
 Change = Callable[[RawSweeps], RawSweeps]
 SECOND = 1_000_000_000
@@ -444,3 +445,45 @@ def test_quaternions_that_are_none(tmp_path: Path) -> None:
 def test_sound_poses_have_none(tmp_path: Path) -> None:
     write_log(tmp_path / "run.mcap", driven(), poses=drive())
     assert findings_of(tmp_path / "run.mcap") == ()
+
+
+REAL = {
+    "comprobo24/drive_square/drive_square_0.db3": "gaps duplicate frames delay pose_fit",
+    "comprobo24/test-bag/test-bag_0.db3": "gaps*2 duplicate frames delay pose_fit",
+    "datmo/overtake_ego.bag": "rolling frames",
+    "datmo/parallel.bag": "rolling frames",
+    "hrp_mpc_lidar/mylaserdata2.bag": "frames",
+    "leg_tracker/demo_stationary_simple_environment.bag": "",
+    "leg_tracker/negative_2.bag": "no_return*3 too_close*3 rolling*3",
+    "leg_tracker/positive_1_extracted.bag": "no_return too_close gaps clock rolling",
+    "leg_tracker/positive_1_raw.bag": "no_return too_close rolling",
+    "leg_tracker/positive_2_extracted.bag": "no_return too_close gaps clock rolling",
+    "leg_tracker/positive_3_extracted.bag": "no_return too_close gaps clock rolling",
+    "leg_tracker/positive_3_raw.bag": "no_return too_close rolling",
+    "leg_tracker/positive_6_extracted.bag": "no_return too_close gaps clock rolling",
+    "my_gazebo_tutorials/20_46_08/rosbag2_2024_11_22-20_46_08_0.db3": "clock",
+    "my_gazebo_tutorials/20_53_49/rosbag2_2024_11_22-20_53_49_0.db3": "clock",
+    "obstacle_detector/scans_demo.bag": "no_return*2 too_close*2",
+    "pr2/mylaserdata.bag": "no_return",
+    "real_clients/irs_a1scan.db3": "",
+    "robots_ii/mylaserdata_20151128.bag": "no_return",
+    "robots_ii/src_mylaserdata_20151128.bag": "no_return duplicate steps",
+    "ros2_selfdriving/circular_bag_framed_0522/circular_bag_framed_0.db3": "gaps clock",
+    "ros2_selfdriving/full_bag_nav/full_bag_nav_0.db3": "clock",
+    "ros2_selfdriving/full_bag_nav/scan.csv": "clock",
+    "ros_behaviors_fsm/teleop/teleop_0.db3": "gaps*2 duplicate frames delay",
+    "ros_behaviors_fsm/wall_follower/wall_follower_0.db3": "gaps*2 duplicate frames delay",
+    "scan_tools/laser_scan_matcher_demo.bag": "",
+    "scan_tools/laser_scan_matcher_demo_ros2branch_20230219.bag": "",
+    "sick/rms_1xxx_lms_1xx_movement_off.bag": "too_close",
+    "turtlebot/topics.bag": "frames",
+}
+"""Public recording → rules of its findings, and how many; each was held against the messages (docs/info.md)."""
+
+
+@pytest.mark.slow
+@needs_real_logs
+@pytest.mark.parametrize("path", REAL)
+def test_what_public_recordings_have(path: str) -> None:
+    found = Counter(each.id for each in findings_of(REAL_LOGS / path))
+    assert " ".join(rule if n == 1 else f"{rule}*{n}" for rule, n in found.items()) == REAL[path]
