@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -38,20 +39,23 @@ class Finding:
     message: str
     """One line for people; notes print the same line."""
     evidence: Mapping[str, Any] = field(default_factory=dict)
-    """Measured quantity → its value. Metres, radians, seconds, shares."""
+    """Measured quantity → its value, NaN where there was nothing to measure. Metres, radians, seconds, shares."""
     threshold: Mapping[str, Any] = field(default_factory=dict)
     """Quantity → the value from which on it is a fault."""
     fix: Fix | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return plain values for JSON, which has no NaN."""
         return {
             "id": self.id,
             "level": self.level,
             "topic": self.topic,
             "frame": self.frame,
             "message": self.message,
-            "evidence": dict(self.evidence),
+            "evidence": {
+                name: None if isinstance(value, float) and not math.isfinite(value) else value
+                for name, value in self.evidence.items()
+            },
             "threshold": dict(self.threshold),
             "fix": None if self.fix is None else {"kind": self.fix.kind, "text": self.fix.text},
         }

@@ -38,6 +38,10 @@ SAME_TOPIC = 0.5
 """Share of the sweeps of a topic that another one has, too."""
 MOST_COMPARED, LEAST_COMPARED = 2000, 10
 """Most and fewest sweeps of a topic that are compared with those of others."""
+MOST_TOPICS = 16
+"""Most topics that are compared: a log may have a new one in every message."""
+KEPT = 4096
+"""Most values of a header that are kept for a median."""
 KINDS = ("nan", "zero", "range_max")
 
 
@@ -56,11 +60,11 @@ class Faults:
     """Least and greatest view [rad]."""
     counts: tuple[int, int] = (np.iinfo(np.int32).max, 0)
     """Fewest and most beams."""
-    periods: Sample = field(default_factory=Sample)
+    periods: Sample = field(default_factory=lambda: Sample(KEPT))
     """`scan_time` [s] where it is told."""
-    lasting: Sample = field(default_factory=Sample)
+    lasting: Sample = field(default_factory=lambda: Sample(KEPT))
     """Time of a sweep by `time_increment` [s] where that is told."""
-    shares: Sample = field(default_factory=Sample)
+    shares: Sample = field(default_factory=lambda: Sample(KEPT))
     """View as a share of a turn."""
     compared: int = 0
     repeats: int = 0

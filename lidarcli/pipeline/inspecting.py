@@ -16,7 +16,7 @@ from lidarcli.findings import RULES, Finding, Sensor
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.clock import Clock, ClockInfo
 from lidarcli.logs.doubts import MOST, Doubts
-from lidarcli.logs.faults import Faults, repeated_topics
+from lidarcli.logs.faults import MOST_TOPICS, Faults, repeated_topics
 from lidarcli.logs.joined import Part
 from lidarcli.logs.options import TopicChoice, scan_topics
 from lidarcli.logs.piles import Settling
@@ -154,7 +154,7 @@ def inspect_log(
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MOST:
                     if key not in found:
-                        found[key], faults[key] = _Scan(), Faults(compares)
+                        found[key], faults[key] = _Scan(), Faults(compares and len(found) < MOST_TOPICS)
                     rows = np.flatnonzero(block.frame == code)
                     mine = block.rows(rows)
                     batch = normalise(mine, rows + count[block.topic], judging)

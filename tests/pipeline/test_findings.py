@@ -487,3 +487,17 @@ REAL = {
 def test_what_public_recordings_have(path: str) -> None:
     found = Counter(each.id for each in findings_of(REAL_LOGS / path))
     assert " ".join(rule if n == 1 else f"{rule}*{n}" for rule, n in found.items()) == REAL[path]
+
+
+def test_json_has_no_nan() -> None:
+    found = Finding(
+        "pose_fit", "warning", "/scan", "laser", "no step", {"share": math.nan, "steps": 0, "ends": [1, 2]}
+    )
+    assert found.as_dict()["evidence"] == {"share": None, "steps": 0, "ends": [1, 2]}
+
+
+def test_only_some_topics_are_compared(tmp_path: Path) -> None:
+    raw = sound().rows(slice(0, 12))
+    write_log(tmp_path / "run.mcap", [replace(raw, topic=f"/scan_{k:02}") for k in range(20)])
+    found = [each.topic for each in findings_of(tmp_path / "run.mcap")]
+    assert found == [f"/scan_{k:02}" for k in range(1, 16)]
