@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from html import escape
 from typing import NamedTuple, Protocol, TypeVar
+
+_SHOWN = 4
+"""Names of a list that are shown."""
 
 
 class Facts(NamedTuple):
@@ -119,3 +122,13 @@ def stamp(stamp_ns: int) -> str:
         return date_and_time(stamp_ns)
     except (OverflowError, ValueError, OSError):
         return f"{stamp_ns} ns"
+
+
+def some_of(names: Sequence[str]) -> str:
+    """Return the first few of some names.
+
+    >>> some_of(["a", "b", "c", "d", "e", "f"])
+    'a, b, c, d and 2 more'
+    """
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(names[:_SHOWN]) + more

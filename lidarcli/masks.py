@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lidarcli.errors import OptionError
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, RawSweeps, SweepBatch
 
-_CLOSE = 1e-9
+CLOSE = 1e-9
 """Rounding of a bearing [rad]."""
 _TOGETHER = 1 << 14
 """Bearings that are looked at together: a polygon takes memory for each of them and each of its corners."""
@@ -88,7 +88,7 @@ class Sector:
         width = (
             self.end - self.begin if 0.0 <= self.end - self.begin <= TURN else (self.end - self.begin) % TURN
         )
-        within = (rays.bearing - self.begin + _CLOSE) % TURN <= width + 2 * _CLOSE
+        within = (rays.bearing - self.begin + CLOSE) % TURN <= width + 2 * CLOSE
         yield np.where(within, self.nearest, np.inf), np.where(within, self.farthest, -np.inf)
 
 

@@ -55,7 +55,7 @@ CLOUDS, ECHO = "Point clouds", "Beams with several echoes"
 OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
 BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
-PICTURE, LOOK, GATES, ZONES = "Picture", "Look", "Gates", "Zones"
+PICTURE, LOOK, GATES, ZONES, FINDINGS = "Picture", "Look", "Gates", "Zones", "Findings"
 
 
 def _time(text: str) -> Any:
@@ -545,6 +545,12 @@ class Zoning(Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, 
 
 class Inspecting(Joining, Poses, Ranges, total=False):
     """Keywords of `info`."""
+
+    deep: Annotated[
+        bool,
+        Option(FINDINGS, None, False),
+        "Also find what takes a second reading: mounts, the robot itself, flicker (docs/info.md).",
+    ]
 
 
 class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):

@@ -23,6 +23,7 @@ WITH_EXAMPLES = (
     "docs/install.md",
     "docs/questions.md",
     "docs/citing.md",
+    "docs/info.md",
     "docs/poses.md",
     "docs/clouds.md",
     "docs/map.md",

@@ -12,11 +12,12 @@ from lidarcli.cli.messages import Messages, one_line, progress_bar
 from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted, moment
-from lidarcli.option_forms import Option
-from lidarcli.options import OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
+from lidarcli.option_forms import Option, Text
+from lidarcli.options import FINDINGS, OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
+    from lidarcli.findings import Finding
     from lidarcli.logs.base import Topic
     from lidarcli.logs.clock import ClockInfo
     from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
@@ -26,14 +27,19 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
     """Options of `info`."""
 
     output: Annotated[
-        str | None,
-        output("FILE.toml", shown="none"),
-        "Write the mask that --mask auto learns from a log, for --mask FILE.",
+        tuple[str, ...],
+        output("FILE", shown="none", several=True),
+        "What mends a log by --mask auto or --deep, may be repeated: .toml for --mask, .yaml for laser_filters of ROS.",
     ]
     brief: Annotated[
         bool,
         Option(OUTPUT, None, False),
         "One line per log: format, time span, and each topic with its sweeps, beams and rate.",
+    ]
+    check: Annotated[
+        tuple[str, ...],
+        Option(FINDINGS, Text("EXPR", has_blanks=True), (), shown="none", several=True),
+        "Condition on the findings of all logs, may be repeated: findings.errors == 0; else exit code 1.",
     ]
 
 
@@ -45,10 +51,12 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
   lidarcli info bags/ --format json | jq '.[].scans[].rate'
   lidarcli info ranges.csv --fov 270 --degrees --range-unit mm
   lidarcli info run.bag --mask auto -o robot.toml
+  lidarcli info run.bag --deep -o robot.toml -o filter.yaml
+  lidarcli info bags/ --check "findings.errors == 0"
   lidarcli info --help-all""",
 )
 def info(say: Messages, told: InfoCommand) -> int:
-    """Show what is in a log: topics, sweeps, geometry, time, poses, damage.
+    """Show what is in a log: topics, sweeps, geometry, time, poses, damage, findings.
 
     Reads every log from end to end. JSON is a list with one object per log.
     """
@@ -56,32 +64,44 @@ def info(say: Messages, told: InfoCommand) -> int:
     kind, brief = told["format"], told["brief"]
     if brief and kind != "text":
         raise click.UsageError(f"--brief is for text; leave it out for {kind}")
-    if told["output"] is not None and told["mask"] != "auto":
-        raise click.UsageError("-o writes the mask that is learned from a log: add --mask auto")
+    deep, outputs = told["deep"], told["output"]
+    if outputs and not deep and told["mask"] != "auto":
+        raise click.UsageError("-o writes what is learned from a log: add --mask auto or --deep")
     read, opening, poses = log_options(told)
 
-    from lidarcli.errors import NoScanError
+    from lidarcli.errors import CHECK_FAILED, NoScanError
     from lidarcli.logs.options import clouds_hint, no_scan_topic
     from lidarcli.newfiles import refuse, write_whole
-    from lidarcli.pipeline.inputs.masks import mask_text
     from lidarcli.pipeline.inputs.search import files_of
-    from lidarcli.pipeline.inspecting import LogInfo, inspect_logs
+    from lidarcli.pipeline.inspecting import (
+        FIXES,
+        LogInfo,
+        fix_text,
+        inspect_logs,
+        judge_checks,
+        understand_checks,
+    )
     from lidarcli.pipeline.runs.outcomes import Failure, exit_code
 
+    checks = understand_checks(told["check"])
+    paths = [place(name) for name in outputs]
+    if odd := [name for name, path in zip(outputs, paths, strict=True) if path.suffix not in FIXES]:
+        raise click.UsageError(f"-o {odd[0]}: the suffix is none of {', '.join(FIXES)}")
     sources = chosen_logs(say, told)
-    path = None if told["output"] is None else place(told["output"])
-    if path is not None and len(sources) != 1:
-        raise click.UsageError(f"-o is for the mask of one log, and these are {len(sources):,}")
+    if paths and len(sources) != 1:
+        raise click.UsageError(f"-o is for one log, and these are {len(sources):,}")
     if told["dry_run"]:
-        return print_reads(sources, [] if path is None else [str(path)])
-    if path is not None:
-        refuse([path], told["overwrite"], files_of(sources))
+        return print_reads(sources, [str(path) for path in paths])
+    if paths:
+        refuse(paths, told["overwrite"], files_of(sources))
     found: list[LogInfo] = []
     codes = []
+    failed = False
     with progress_bar(sources, say) as report:
-        for source, result in inspect_logs(sources, opening, read.rules, poses, report):
+        for source, result in inspect_logs(sources, opening, read.rules, poses, report, deep):
             codes.append(result.exit_code)
             if isinstance(result, Failure):
+                failed = True
                 if result.trace:
                     say.bug(result.trace)
                 say.error(source.label, result.error)
@@ -97,11 +117,19 @@ def info(say: Messages, told: InfoCommand) -> int:
                     click.echo(as_line(result) if brief else between + as_text(result))
     if kind == "json":
         click.echo(as_json(found))
-    if path is not None and found:
-        say.notes(
-            write_whole(path, mask_text(found[0].learned, found[0].proposed).encode(), told["overwrite"])
-        )
-        say.wrote([path])
+    for path in paths if found else ():
+        if text := fix_text(found[0], path.suffix):
+            say.notes(write_whole(path, text.encode(), told["overwrite"]))
+            say.wrote([path])
+        else:
+            say.info(f"{path} is not written: there is nothing to fix")
+    verdicts = judge_checks(checks, found)
+    for verdict in verdicts:
+        if not verdict.holds:
+            say.error(f"check failed: {verdict.expression} (found {verdict.words})")
+    # Findings of a log that could not be opened are not known; those of a damaged one only get more.
+    if not failed and not all(verdict.holds for verdict in verdicts):
+        return CHECK_FAILED
     return exit_code(codes)
 
 
@@ -135,6 +163,10 @@ def as_text(info: "LogInfo") -> str:
     lines += [_line("damage", damage) for damage in info.damage]
     for scan in info.scans:
         lines += _scan_lines(scan)
+    if info.findings:
+        lines.append("  findings")
+    for found in info.findings:
+        lines += _finding_lines(found)
     return "\n".join(_no_command(one_line(line)) for line in lines)
 
 
@@ -154,6 +186,8 @@ def as_line(info: "LogInfo") -> str:
         parts.append("poses" if any(scan.pose for scan in info.scans) else "no poses")
     if info.notes:
         parts.append(counted(len(info.notes), "note"))
+    if info.findings:
+        parts.append(counted(len(info.findings), "finding"))
     if info.damage:
         parts.append("damaged")
     return _no_command(one_line(f"{info.path}: {', '.join(parts)}"))
@@ -193,6 +227,14 @@ def as_json(infos: Sequence["LogInfo"]) -> str:
     text = json.dumps([info_dict(info) for info in infos], indent=2, ensure_ascii=False)
     # File names need not be UTF-8; what is not has its escape in JSON too.
     return text.encode(errors="backslashreplace").decode()
+
+
+def _finding_lines(found: "Finding") -> list[str]:
+    """A finding in a line, and what there is to paste."""
+    told = [f"  {found.level:<9}{found.id:<11}{found.message}"]
+    if found.fix is not None and found.fix.kind == "transform":
+        told += [f"    {line}" for line in found.fix.text.splitlines()]
+    return told
 
 
 def _pose_lines(info: "LogInfo") -> list[str]:

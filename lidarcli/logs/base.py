@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 
 from lidarcli import foxglove
 from lidarcli.choices import ECHOES
+from lidarcli.findings import Finding
 from lidarcli.sweeps import RawSweeps
 
 LASERSCAN = "sensor_msgs/msg/LaserScan"
@@ -105,7 +106,7 @@ class ReadReport:
     """Choices the reader made that a user should know (the CSV layout taken, a missing metadata.yaml)."""
     no_return: dict[str, float] = field(default_factory=dict)
     """Topic → the range [m] from which on there is no return, by a pile of values (`logs.piles`)."""
-    doubts: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    doubts: dict[str, tuple[Finding, ...]] = field(default_factory=dict)
     """Topic → what a user should know of how its ranges are judged, and what looks wrong in its sweeps (`logs.doubts`)."""
 
     MAX_DAMAGE = 20
@@ -136,17 +137,22 @@ class ReadReport:
         self.refused.update(other.refused)
         self.notes += [note for note in other.notes if note not in self.notes]
         self.no_return.update(other.no_return)
-        for topic, lines in other.doubts.items():
-            self.add_doubts(topic, lines)
+        for topic, findings in other.doubts.items():
+            self.add_doubts(topic, findings)
 
-    def add_doubts(self, topic: str, lines: Iterable[str]) -> None:
-        """Add notes on the sweeps of a topic."""
-        if told := dict.fromkeys([*self.doubts.get(topic, ()), *lines]):
-            self.doubts[topic] = tuple(told)
+    def add_doubts(self, topic: str, findings: Iterable[Finding]) -> None:
+        """Add findings on the sweeps of a topic, each message once."""
+        told = {found.message: found for found in (*self.doubts.get(topic, ()), *findings)}
+        if told:
+            self.doubts[topic] = tuple(told.values())
+
+    def findings(self) -> list[Finding]:
+        """Return the findings on the sweeps, topic by topic."""
+        return [found for findings in self.doubts.values() for found in findings]
 
     def doubted(self) -> list[str]:
-        """Return the notes on the sweeps, topic by topic."""
-        return [line for lines in self.doubts.values() for line in lines]
+        """Return the messages of the findings on the sweeps, topic by topic."""
+        return [found.message for found in self.findings()]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,15 @@
-"""Statistics of header and record times of a log, in bounded memory, and notes on odd ones."""
+"""Statistics of header and record times of a log, in bounded memory, and findings on odd ones."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lidarcli.sweeps import Int64, RawSweeps
+from lidarcli.findings import Finding, Sensor
+from lidarcli.sweeps import Float64, Int64, RawSweeps
 from lidarcli.times import SECOND_NS, Instant
 
 SECOND = 1e-9
@@ -26,6 +29,8 @@ SAME_NS = 1
 """Equal stamps of text differ by at most this [ns]."""
 OFTEN = 0.05
 """Share of repeated or decreasing stamps above which they are no accident."""
+LONG = 1.5
+"""A step this many times the median one has left out a sweep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +62,8 @@ class ClockInfo:
     """Length of each run of equal stamps; 0 where the lengths differ."""
     runs: tuple[Run, ...] = ()
     """Runs between steps that nobody waits for; at most `RUNS` + 1."""
+    long_steps: float = 0.0
+    """Share of the steps ahead that are `LONG` times the median one."""
 
     @property
     def span(self) -> float:
@@ -68,54 +75,101 @@ class ClockInfo:
         """True if no stamp steps back."""
         return self.backward == 0
 
-    def doubts(self, name: str, alike: bool, alone: bool) -> list[str]:
-        """Return notes on odd times, one line each, with a remedy where there is one.
+    def findings(self, sensor: Sensor, alike: bool, alone: bool) -> list[Finding]:
+        """Return findings on odd times, with a remedy where there is one.
 
         Parameters
         ----------
         alike : sweeps with the stamp of the one before are that one
         alone : no sweeps of other frames are between these
         """
-        lines = []
-        often = max(OFTEN * self.sweeps, SOME)
-        both = "two sensors share the topic"
-        if self.repeated > often and alike:
-            way = f": --every {self.copies} takes each once" if self.copies > 1 and alone else ""
-            lines.append(
-                f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} have stamp and ranges of the sweep before{way}"
-            )
-        elif self.repeated > often:
-            lines.append(
-                f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} have the stamp of the sweep before, and other "
-                f"ranges: stamps are too coarse to tell speeds, or {both}"
-            )
-        elif self.rate is not None and self.rate > FASTEST:
-            lines.append(
-                f"stamps of {name} are {1e9 / self.rate:,.0f} ns apart: probably milliseconds or microseconds that were "
-                "written as nanoseconds; until they are mended in the log, all speeds are wrong"
-            )
-        elif self.backward > often:
-            lines.append(
-                f"stamps of {name} go back {self.backward:,} times, by at most {_long(self.largest_backward)}: messages "
-                f"are out of order (sort them by their stamps), or {both}"
-            )
-        elif (astray := self._astray()) is not None:
-            side = "ahead of" if astray > 0 else "behind"
-            lines.append(f"one stamp of {name} is {_long(abs(astray))} {side} those around it")
-        elif self.largest_backward >= SET_BACK:
-            lines.append(
-                f"stamps of {name} go back {self.times_back(_long(self.largest_backward))}: {self._several()}"
-            )
-        elif self.largest_forward > LEAP:
-            lines.append(f"stamps of {name} leap ahead by {_long(self.largest_forward)}: {self._several()}")
+        found = [each for each in (self._odd_steps(sensor, alike, alone),) if each is not None]
         if self.recorded:
             every = self.recorded == self.sweeps
             some = "no sweep" if every else f"{self.recorded:,} of {self.sweeps:,} sweeps"
-            lines.append(
-                f"{some} of {name} {'has a' if every else 'have no'} stamp: the times at which they were recorded are "
-                "taken for them"
+            found.append(
+                sensor.finding(
+                    "clock",
+                    "warning",
+                    f"{some} of {sensor.name} {'has a' if every else 'have no'} stamp: the times at which they were "
+                    "recorded are taken for them",
+                    {"zero_stamps": self.recorded, "sweeps": self.sweeps},
+                    {"zero_stamps": 1},
+                )
             )
-        return lines
+        return found
+
+    def _odd_steps(self, sensor: Sensor, alike: bool, alone: bool) -> Finding | None:
+        """Return the finding on the steps of the stamps, by the first rule that holds."""
+        name = sensor.name
+        often = max(OFTEN * self.sweeps, SOME)
+        both = "two sensors share the topic"
+        repeats = {"repeated": self.repeated, "sweeps": self.sweeps}
+        back = {"backward": self.backward, "largest": self.largest_backward, "sweeps": self.sweeps}
+        if self.repeated > often and alike:
+            option = f"--every {self.copies}" if self.copies > 1 and alone else ""
+            return sensor.finding(
+                "duplicate",
+                "warning",
+                f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} have stamp and ranges of the sweep before"
+                + (f": {option} takes each once" if option else ""),
+                repeats,
+                {"repeated": often},
+                option,
+            )
+        if self.repeated > often:
+            return sensor.finding(
+                "clock",
+                "error",
+                f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} have the stamp of the sweep before, and other "
+                f"ranges: stamps are too coarse to tell speeds, or {both}",
+                repeats,
+                {"repeated": often},
+            )
+        if self.rate is not None and self.rate > FASTEST:
+            return sensor.finding(
+                "clock",
+                "error",
+                f"stamps of {name} are {1e9 / self.rate:,.0f} ns apart: probably milliseconds or microseconds that were "
+                "written as nanoseconds; until they are mended in the log, all speeds are wrong",
+                {"rate": self.rate},
+                {"rate": FASTEST},
+            )
+        if self.backward > often:
+            return sensor.finding(
+                "clock",
+                "error",
+                f"stamps of {name} go back {self.backward:,} times, by at most {_long(self.largest_backward)}: messages "
+                f"are out of order (sort them by their stamps), or {both}",
+                back,
+                {"backward": often},
+            )
+        if (astray := self._astray()) is not None:
+            side = "ahead of" if astray > 0 else "behind"
+            return sensor.finding(
+                "clock",
+                "warning",
+                f"one stamp of {name} is {_long(abs(astray))} {side} those around it",
+                {"astray": astray},
+                {"astray": SET_BACK},
+            )
+        if self.largest_backward >= SET_BACK:
+            return sensor.finding(
+                "clock",
+                "warning",
+                f"stamps of {name} go back {self.times_back(_long(self.largest_backward))}: {self._several()}",
+                back,
+                {"largest": SET_BACK},
+            )
+        if self.largest_forward > LEAP:
+            return sensor.finding(
+                "clock",
+                "warning",
+                f"stamps of {name} leap ahead by {_long(self.largest_forward)}: {self._several()}",
+                {"largest": self.largest_forward},
+                {"largest": LEAP},
+            )
+        return None
 
     def times_back(self, most: str) -> str:
         """Return the number of steps back and the largest one as words."""
@@ -173,10 +227,10 @@ class Sample:
         self._kept = kept
         self._stride = 1
         self._skip = 0
-        self._parts: list[Int64] = []
+        self._parts: list[NDArray[Any]] = []
         self._count = 0
 
-    def add(self, values: Int64) -> None:
+    def add(self, values: Int64 | Float64) -> None:
         """Take values in order."""
         picked = values[self._skip :: self._stride]
         self._skip = (self._skip - len(values)) % self._stride
@@ -194,6 +248,10 @@ class Sample:
     def median(self) -> float | None:
         """Return the median of the sample; None when it is empty."""
         return float(np.median(np.concatenate(self._parts))) if self._count else None
+
+    def share_above(self, value: float) -> float:
+        """Return the share of the sample that is greater than a value; 0 when it is empty."""
+        return float(np.mean(np.concatenate(self._parts) > value)) if self._count else 0.0
 
 
 class Clock:
@@ -299,4 +357,5 @@ class Clock:
             largest_forward=self._forward * SECOND,
             copies=copies if self._number < self._since + copies else 0,
             runs=tuple(self._runs),
+            long_steps=0.0 if step is None else self._steps.share_above(LONG * step),
         )

@@ -1,4 +1,4 @@
-"""Notes on suspicious sweeps: units, geometry, limits and stamps, one line each with a remedy.
+"""Findings on suspicious sweeps: units, geometry, limits and stamps, one line each with a remedy.
 
 A fold with bounded memory over what `range_rules.normalise` has judged. Whatever reads sweeps tells the same.
 """
@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lidarcli.findings import Finding, Sensor
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.blocks import FAR, WIDEST_VIEW
 from lidarcli.logs.clock import SAME_NS, Clock
@@ -42,7 +43,7 @@ IN_TURNS = 0.3
 """Share of compared sweeps above which two sensors are assumed to alternate."""
 LEAST = 6
 """Fewest compared sweeps."""
-AT_MOST, ABOVE = "at range_max", "above range_max"
+AT_MOST, ABOVE, BELOW = "at range_max", "above range_max", "below range_min"
 WAYS = {
     "NaN": "the log tells no ranges there; --no-return nan counts them as no return",
     **dict.fromkeys(
@@ -51,10 +52,12 @@ WAYS = {
     ),
 }
 """Remedies by the main cause of missing ranges."""
+COARSE_STEP = 0.2
+"""Beams as far apart as this are a quarter of a degree apart that is taken as a radian [rad]."""
 
 
 class Doubts:
-    """Collects notes on sweeps, taken in the order of the log."""
+    """Collects findings on sweeps, taken in the order of the log."""
 
     def __init__(self, clouds: Collection[str] = ()) -> None:
         self._clouds = clouds
@@ -76,7 +79,7 @@ class Doubts:
         return self._seen[topic, frame].clock
 
     def tell(self, report: ReadReport) -> None:
-        """Put the notes so far into the report, by topic and frame."""
+        """Put the findings so far into the report, by topic and frame."""
         told = {*report.doubts}
         frames = Counter(topic for topic, _ in self._seen)
         for (topic, _), seen in self._seen.items():
@@ -85,9 +88,13 @@ class Doubts:
                 report.doubts.pop(topic, None)
         for (topic, frame), seen in sorted(self._seen.items()):
             alone = frames[topic] == 1
-            name = topic if alone else f"{topic} (frame {frame or 'without a name'})"
-            lines = seen.notes(name, alone, topic in told, topic not in self._clouds)
-            report.add_doubts(topic, lines)
+            sensor = self.sensor(topic, frame)
+            report.add_doubts(topic, seen.findings(sensor, alone, topic in told, topic not in self._clouds))
+
+    def sensor(self, topic: str, frame: str) -> Sensor:
+        """Return the words for a topic and frame."""
+        alone = sum(topic == other for other, _ in self._seen) == 1
+        return Sensor(topic, frame, topic if alone else f"{topic} (frame {frame or 'without a name'})")
 
 
 class _Last(NamedTuple):
@@ -110,6 +117,8 @@ class _Seen:
     """Beams of the examined sweeps; `valid` counts those with a range."""
     wide: int = 0
     fine: int = 0
+    coarse: int = 0
+    """Sweeps that see more than a turn and a half by steps as large as degrees."""
     view: float = 0.0
     """Widest view [rad]."""
     step: float = 0.0
@@ -157,19 +166,28 @@ class _Seen:
         self._take_order(raw, batch, number)
         self._take_repeats(raw, batch)
 
-    def notes(self, name: str, alone: bool, told: bool, in_unit: bool) -> list[str]:
-        """Return the notes so far.
+    def findings(self, sensor: Sensor, alone: bool, told: bool, in_unit: bool) -> list[Finding]:
+        """Return the findings so far.
 
         Parameters
         ----------
         alone : no other frame is on the topic
-        told : there is a note already on what is beyond the greatest range (`logs.piles`)
+        told : there is a finding already on what is beyond the greatest range (`logs.piles`)
         in_unit : ranges may have another unit
         """
-        lines = self._geometry_notes(name) + self._range_notes(name, told, in_unit)
+        found = self._of_geometry(sensor) + self._of_ranges(sensor, told, in_unit)
         if self.turns > IN_TURNS * self.compared and self.compared >= LEAST:
-            lines.append(f"sweeps of {name} come from two sensors in turns: --every 2 may take one alone")
-        return lines + self.clock.info().doubts(name, self.alike > 0.5 * self.repeats, alone)
+            found.append(
+                sensor.finding(
+                    "frames",
+                    "error",
+                    f"sweeps of {sensor.name} come from two sensors in turns: --every 2 may take one alone",
+                    {"share": self.turns / self.compared},
+                    {"share": IN_TURNS},
+                    "--every 2",
+                )
+            )
+        return found + self.clock.info().findings(sensor, self.alike > 0.5 * self.repeats, alone)
 
     def _take_ranges(self, raw: RawSweeps, batch: SweepBatch, rows: slice) -> None:
         ranges, status, most = raw.ranges[rows], batch.status[rows], batch.range_max[rows, None]
@@ -194,6 +212,7 @@ class _Seen:
         wide, fine = view > WIDEST_VIEW, (step < FINEST_STEP) & (gaps > 0)
         self.view = max(self.view, float(view.max(initial=0.0)))
         self.wide += int(np.count_nonzero(wide))
+        self.coarse += int(np.count_nonzero(wide & (step > COARSE_STEP)))
         if fine.any():
             self.step = float(step[fine].min()) if not self.fine else min(self.step, float(step[fine].min()))
             self.fine += int(np.count_nonzero(fine))
@@ -221,7 +240,7 @@ class _Seen:
                 "NaN, counted as no return": np.isnan(values) & told,
                 AT_MOST: finite & (values == most),
                 ABOVE: finite & (values > most),
-                "below range_min": finite & (values > 0) & (values < least),
+                BELOW: finite & (values > 0) & (values < least),
                 "zero": values == 0,
                 "infinite": np.isinf(values),
             }
@@ -287,42 +306,54 @@ class _Seen:
             self.alike += int(np.array_equal(before, raw.ranges[row, : raw.beams[row]], equal_nan=True))
         self.last = _Last(int(raw.time_ns[-1]), int(batch.sweep[-1]), raw.ranges[-1, : raw.beams[-1]].copy())
 
-    def _geometry_notes(self, name: str) -> list[str]:
-        lines = []
-        sweeps = self.clock.sweeps
+    def _of_geometry(self, sensor: Sensor) -> list[Finding]:
+        found = []
+        name, sweeps = sensor.name, self.clock.sweeps
         view, end, last = np.degrees([self.view, *self.ends]).tolist()
         if self.wide:
-            lines.append(
-                f"{name} sees {view:,.0f} deg, more than a turn and a half ({self.wide:,} of {sweeps:,} sweeps): angles "
-                "are probably degrees that are taken as radians; a LaserScan has radians, and a text log may have --degrees"
+            found.append(
+                sensor.finding(
+                    "units" if self.coarse else "geometry",
+                    "error",
+                    f"{name} sees {view:,.0f} deg, more than a turn and a half ({self.wide:,} of {sweeps:,} sweeps): "
+                    "angles are probably degrees that are taken as radians; a LaserScan has radians, and a text log may "
+                    "have --degrees",
+                    {"view": self.view, "sweeps": self.wide},
+                    {"view": WIDEST_VIEW},
+                    "--degrees",
+                )
             )
         if self.fine:
-            lines.append(
-                f"the beams of {name} are {self.step:.1g} rad apart ({self.fine:,} of {sweeps:,} sweeps): no sensor is as "
-                "fine; write angle_increment in radians into the log, or for a text log give --fov and --angle-min"
+            found.append(
+                sensor.finding(
+                    "geometry",
+                    "error",
+                    f"the beams of {name} are {self.step:.1g} rad apart ({self.fine:,} of {sweeps:,} sweeps): no sensor is "
+                    "as fine; write angle_increment in radians into the log, or for a text log give --fov and --angle-min",
+                    {"step": self.step, "sweeps": self.fine},
+                    {"step": FINEST_STEP},
+                )
             )
         if self.off and not self.wide and not self.fine:
-            lines.append(
-                f"angle_max of {name} is {end:.2f} deg, and by angle_min and angle_increment the last beam is at "
-                f"{last:.2f} deg ({self.off:,} of {sweeps:,} sweeps): the increment is used"
+            found.append(
+                sensor.finding(
+                    "geometry",
+                    "warning",
+                    f"angle_max of {name} is {end:.2f} deg, and by angle_min and angle_increment the last beam is at "
+                    f"{last:.2f} deg ({self.off:,} of {sweeps:,} sweeps): the increment is used",
+                    {"angle_max": self.ends[0], "last_beam": self.ends[1], "sweeps": self.off},
+                    {"steps": 0.5},
+                )
             )
-        return lines
+        return found
 
-    def _range_notes(self, name: str, told: bool, in_unit: bool) -> list[str]:
+    def _of_ranges(self, sensor: Sensor, told: bool, in_unit: bool) -> list[Finding]:
+        name = sensor.name
         if not self.some:
-            return [f"the sweeps of {name} have no beams"] if self.clock.sweeps else []
-        if self.is_far and not in_unit:
-            return [
-                f"most ranges of {name} are beyond {FAR:,.0f} m: the points of the clouds are probably not in metres"
-            ]
+            message = f"the sweeps of {name} have no beams"
+            return [sensor.finding("geometry", "error", message, {"beams": 0})] if self.clock.sweeps else []
         if self.is_far:
-            if 2 * self.farther > self.ranged:
-                least, unit, way = CERTAINLY_MM, "millimetres", "mm"
-            else:
-                least, unit, way = FAR, "centimetres or millimetres", "cm or mm"
-            return [
-                f"most ranges of {name} are beyond {least:,.0f} m: they are probably {unit} (--range-unit {way})"
-            ]
+            return [self._of_units(sensor, in_unit)]
         without = self.beams - self.valid
         if without <= UNUSABLE * self.beams:
             return []
@@ -340,4 +371,32 @@ class _Seen:
         way = WAYS.get(
             leading, f"--range sets other limits than {least:g} to {most:g} m, --range-unit another unit"
         )
-        return [f"{without / self.beams:.1%} of the beams of {name} have no range ({shown}): {way}"]
+        return [
+            sensor.finding(
+                {ABOVE: "limits", BELOW: "too_close"}.get(leading, "no_return"),
+                "warning" if leading in WAYS else "error",
+                f"{without / self.beams:.1%} of the beams of {name} have no range ({shown}): {way}",
+                {"share": without / self.beams, **{cause: count / total for cause, count in counts.items()}},
+                {"share": UNUSABLE},
+            )
+        ]
+
+    def _of_units(self, sensor: Sensor, in_unit: bool) -> Finding:
+        """Return the finding on ranges that are too large for metres."""
+        share = self.far / self.ranged
+        least, unit, way = FAR, "centimetres or millimetres", "--range-unit cm or mm"
+        if in_unit and 2 * self.farther > self.ranged:
+            least, unit, way = CERTAINLY_MM, "millimetres", "--range-unit mm"
+        they = (
+            f"they are probably {unit} ({way})"
+            if in_unit
+            else "the points of the clouds are probably not in metres"
+        )
+        return sensor.finding(
+            "units",
+            "error",
+            f"most ranges of {sensor.name} are beyond {least:,.0f} m: {they}",
+            {"share": share},
+            {"share": 0.5, "range": FAR},
+            way if in_unit else "",
+        )

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from lidarcli.findings import Sensor
 from lidarcli.logs.base import ReadReport
 from lidarcli.range_rules import FARTHEST, PILE, RangeRules, bounds, is_marked, judge, same_range
 from lidarcli.sweeps import Bool, Float32, Float64, Int64, RawSweeps, concatenate
@@ -57,8 +58,10 @@ COARSE, MOST_COARSE = 0.25, 1 << 12
 """Width [m] and number of the bins of the first search; the last bin has no end."""
 MOST_COUNTED = 1 << 16
 """Span [mm] of values up to which all whole numbers in it are counted; values farther apart are sorted."""
-MOST_LOST = 0.03
-"""Share of beams beyond range_max that is worth a note if they look like measurements."""
+MOST_LOST = 0.02
+"""Share of beams beyond range_max that is worth a note if they look like measurements.
+
+Of 29 topics of public recordings none has more than 1.4 %: at 8 m one sensor of a car race ends a beam in 200 beyond."""
 LEAST_LOST = 50
 """Fewest beams worth such a note."""
 MOST_TOLD = 3
@@ -224,30 +227,53 @@ class _Topic:
 
     def _tell(self, topic: str) -> None:
         """Replace the notes on this topic in the report."""
-        notes = []
+        findings = []
+        sensor = Sensor(topic, "", topic)
         words = ",".join(word for word in self.rules.in_order() if word != PILE)
         if self._most:
             since = f"from sweep {self._since} on, " if self._since else ""
             span = _span(self.rules.farthest, self._most)
             most = "nearly the most" if self._is_passed else "the most"
-            notes.append(
-                f"{topic}: {since}{self._piled / self._beams:.1%} of the beams end at {span}, {most} there is: "
-                f"taken as no return; --no-return {words} takes them as measured, --range MIN MAX sets another limit"
+            share = self._piled / self._beams
+            findings.append(
+                sensor.finding(
+                    "no_return",
+                    "hint",
+                    f"{topic}: {since}{share:.1%} of the beams end at {span}, {most} there is: taken as no return; "
+                    f"--no-return {words} takes them as measured, --range MIN MAX sets another limit",
+                    {"share": share, "range": self.rules.farthest},
+                    {"share": LEAST_SHARE},
+                    f"--no-return {words}",
+                )
             )
         for beam, (value, first) in list(self._stuck.items())[:MOST_TOLD]:
             since = f"from sweep {first} on, " if first else ""
-            notes.append(
-                f"{topic}: {since}beam {beam} is {value:g} m wherever the robot goes: taken as no return; "
-                f"--no-return {words} takes it as measured"
+            findings.append(
+                sensor.finding(
+                    "no_return",
+                    "hint",
+                    f"{topic}: {since}beam {beam} is {value:g} m wherever the robot goes: taken as no return; "
+                    f"--no-return {words} takes it as measured",
+                    {"beam": beam, "range": value},
+                    option=f"--no-return {words}",
+                )
             )
         if self._lost > MOST_LOST * self._looked:
             limit, greatest = self._lost_range
-            notes.append(
-                f"{topic}: {self._lost / self._looked:.1%} of the beams are beyond the greatest range of {limit:g} m that "
-                f"the log tells, but look like measurements; --range 0 {np.ceil(greatest):g} takes them"
+            share, option = self._lost / self._looked, f"--range 0 {np.ceil(greatest):g}"
+            findings.append(
+                sensor.finding(
+                    "limits",
+                    "warning",
+                    f"{topic}: {share:.1%} of the beams are beyond the greatest range of {limit:g} m that the log "
+                    f"tells, but look like measurements; {option} takes them",
+                    {"share": share, "range_max": limit, "greatest": greatest},
+                    {"share": MOST_LOST},
+                    option,
+                )
             )
-        if notes:
-            self.report.doubts[topic] = tuple(notes)
+        if findings:
+            self.report.doubts[topic] = tuple(findings)
         else:
             self.report.doubts.pop(topic, None)
 

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.errors import NoScanError, UnreadableError
+from lidarcli.errors import NoScanError, OptionError, UnreadableError
+from lidarcli.findings import RULES, Finding, Sensor
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.clock import Clock, ClockInfo
 from lidarcli.logs.doubts import MOST, Doubts
+from lidarcli.logs.faults import MOST_TOPICS, Faults, repeated_topics
 from lidarcli.logs.joined import Part
 from lidarcli.logs.options import TopicChoice, scan_topics
 from lidarcli.logs.piles import Settling
 from lidarcli.masks import Masks
+from lidarcli.pipeline.inputs.filters import View, filter_text
+from lidarcli.pipeline.inputs.masks import mask_text
 from lidarcli.pipeline.inputs.sources import Nothing, Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
@@ -29,8 +33,14 @@ from lidarcli.pipeline.runs.over_logs import LogProgress, progress_of
 from lidarcli.range_rules import RangeRules, closure, normalise
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
 
+if TYPE_CHECKING:
+    from lidarcli.reports.checks import Check, Verdict
+
 FACTS = ("pose_verdict", "pose_fit", "pose_delay", "pose_cuts", "beam_order")
 """Keys of the verdict on told poses; null where there is none."""
+
+FIXES = (".toml", ".yaml")
+"""Suffixes of files that mend a log: masks and mounts, and filters for a running robot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +103,10 @@ class LogInfo:
     notes: tuple[str, ...]
     damage: tuple[str, ...]
     """One line per loss, the dropped messages included."""
+    findings: tuple[Finding, ...] = ()
+    """Faults of sweeps and poses, in the order of their rules."""
     learned: Masks = field(default_factory=Masks)
-    """Mask of the robot itself that was learned from the log."""
+    """Masks of the robot itself, and mounts, that were learned from the log."""
     proposed: Masks = field(default_factory=Masks)
     """Mask of what looks like the robot itself before sensors that stood."""
 
@@ -112,29 +124,43 @@ def inspect_log(
     rules: RangeRules | None = None,
     poses_from: PoseOptions | None = None,
     progress: Callable[[int], None] | None = None,
+    deep: bool = False,
 ) -> LogInfo:
-    """Read a log from end to end, in bounded memory, and return its contents; its poses are read first."""
+    """Read a log from end to end, in bounded memory, and return its contents; its poses are read first.
+
+    `deep` adds the findings that align sweeps.
+
+    Raises
+    ------
+    OptionError
+        `deep` is for a log that can be read only once.
+    """
     wanted = poses_from or PoseOptions()
     found: dict[tuple[str, str], _Scan] = {}
     only_counted: Counter[str] = Counter()
     with open_source(source, opening) as log:
+        if deep and log.size is None:
+            raise OptionError("--deep reads a log twice, and a pipe is read only once: give the file's name")
         masking = masking_of(log, rules or RangeRules(), wanted)
         rules = masking.rules
         posing = Posing.of(log, wanted, TopicChoice(None, log.topics()), rules)
         poses = posing.found
         report, doubts = ReadReport(), Doubts(made_of_clouds(log))
+        faults: dict[tuple[str, str], Faults] = {}
+        compares = len(scan_topics(log.topics() or ())) != 1
         count: Counter[str] = Counter()
         for block, judging in Settling(rules, report).blocks(log.scans(None, report)):
             for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MOST:
                     if key not in found:
-                        found[key] = _Scan()
+                        found[key], faults[key] = _Scan(), Faults(compares and len(found) < MOST_TOPICS)
                     rows = np.flatnonzero(block.frame == code)
                     mine = block.rows(rows)
                     batch = normalise(mine, rows + count[block.topic], judging)
                     found[key].add(mine, batch)
                     doubts.add(mine, batch)
+                    faults[key].add(mine, batch)
                 else:
                     only_counted[block.topic] += int(sweeps)
             count[block.topic] += len(block)
@@ -144,6 +170,18 @@ def inspect_log(
         report = report if poses is None else poses.together(report)
         doubts.tell(report)
         made_of = made_of_clouds(log)
+        notes, findings = posing.findings(found)
+        findings = [*report.findings(), *_of_sweeps(topics, faults, doubts, report), *findings]
+        learned = masking.learned
+        if deep:
+            from lidarcli.pipeline.reading.deep import deep_findings
+
+            more = deep_findings(source, opening, rules, wanted)
+            known = {(each.id, each.topic, each.frame) for each in more.findings}
+            # A closer look counts.
+            findings = [each for each in findings if (each.id, each.topic, each.frame) not in known]
+            findings += more.findings
+            learned = Masks((*learned.masks, *more.masks.masks), more.mounts)
         return LogInfo(
             path=source.label,
             format=log.format,
@@ -167,12 +205,13 @@ def inspect_log(
             notes=(
                 *report.notes,
                 *masking.notes,
-                *report.doubted(),
                 *_pose_notes(posing, found),
+                *notes,
                 *_not_shown(only_counted),
             ),
             damage=tuple(damage_lines(report)),
-            learned=masking.learned,
+            findings=tuple(sorted(findings, key=lambda each: (RULES.index(each.id), each.topic, each.frame))),
+            learned=learned,
             proposed=masking.proposed,
         )
 
@@ -191,14 +230,33 @@ def _pose(poses: FoundPoses | None, frame_id: str) -> str:
 
 
 def _pose_notes(posing: Posing, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
-    """Return notes on the poses: frames with several alike, the verdict on told poses, and notes of reading them."""
+    """Return notes on the poses: frames with several alike, and notes of reading them."""
     notes = []
     if posing.found is not None:
         sources = posing.found.sources
         unclear = [frame for frame in sorted({frame for _, frame in found}) if sources.alike(frame)]
         notes = [alike_note(frame, sources.alike(frame), sources.alternatives(frame)) for frame in unclear]
         notes += posing.found.notes
-    return notes + posing.path_notes()
+    return notes
+
+
+_NAMES_FRAMES = frozenset({"cdr", "ros1", "json", "protobuf"})
+"""Encodings of messages that name the frame of a sensor."""
+
+
+def _of_sweeps(
+    topics: Sequence[Topic], faults: Mapping[tuple[str, str], Faults], doubts: Doubts, report: ReadReport
+) -> Iterator[Finding]:
+    """Yield the findings on sweeps that are no notes of other commands."""
+    encodings = {topic.name: topic.encoding for topic in topics}
+    for (topic, frame), mine in sorted(faults.items()):
+        told = frozenset(each.id for each in report.doubts.get(topic, ()))
+        sensor = doubts.sensor(topic, frame)
+        yield from mine.findings(sensor, doubts.clock(topic, frame).info(), told)
+        if not frame and encodings.get(topic) in _NAMES_FRAMES:
+            message = f"{topic}: the sweeps name no frame"
+            yield Sensor(topic, frame, topic).finding("frames", "hint", message)
+    yield from repeated_topics(faults)
 
 
 class _Scan:
@@ -270,19 +328,70 @@ def _with_counts(
     return tuple(sorted([*counted, *seen], key=lambda topic: topic.name))
 
 
+def fix_text(info: LogInfo, suffix: str) -> str:
+    """Return what a file of fixes says, by its suffix of `FIXES`; empty where there is nothing to fix.
+
+    Raises
+    ------
+    OptionError
+        A mask cannot be told in this format.
+    """
+    if suffix == FIXES[0]:
+        return mask_text(info.learned, info.proposed)
+    views: dict[str, Span] = {}
+    for scan in info.scans:
+        low, high = scan.angle_min.low, scan.angle_min.high
+        ends = np.array([low + min(scan.view.high * np.sign(scan.increment.low), 0.0), low, high])
+        ends = np.append(ends, high + max(scan.view.high * np.sign(scan.increment.high), 0.0))
+        views[scan.topic] = views.get(scan.topic, Span()).with_values(ends)
+    return filter_text(info.learned, [View(topic, span.low, span.high) for topic, span in views.items()])
+
+
 def inspect_logs(
     sources: Sequence[Source | Nothing],
     opening: OpenOptions,
     rules: RangeRules,
     poses: PoseOptions,
     report: LogProgress | None = None,
+    deep: bool = False,
 ) -> Iterator[tuple[Source | Nothing, LogInfo | Failure]]:
     """Yield the contents of each log, or its failure, log after log."""
     for source in sources:
         yield (
             source,
-            attempt(source, lambda log: inspect_log(log, opening, rules, poses, progress_of(log, report))),
+            attempt(
+                source, lambda log: inspect_log(log, opening, rules, poses, progress_of(log, report), deep)
+            ),
         )
+
+
+FIGURES = (
+    *("findings", "findings.errors", "findings.warnings", "findings.hints"),
+    *(f"findings.{rule}" for rule in RULES),
+)
+"""Figures that a check of findings may name."""
+
+
+def understand_checks(checks: Sequence[str]) -> list[Check]:
+    """Parse checks of findings, or raise a usage error before any work is done."""
+    if not checks:
+        return []
+    from lidarcli.reports.checks import parse_check
+
+    return [parse_check(text, only=FIGURES, page="docs/info.md") for text in checks]
+
+
+def judge_checks(checks: Sequence[Check], infos: Iterable[LogInfo]) -> list[Verdict]:
+    """Hold checks against the findings of all logs together."""
+    if not checks:
+        return []
+    from lidarcli.reports.checks import verdict_of
+
+    found = [each for info in infos for each in info.findings]
+    counts = Counter({"findings": len(found)})
+    counts.update(f"findings.{each.level}s" for each in found)
+    counts.update(f"findings.{each.id}" for each in found)
+    return [verdict_of(check, counts[check.name]) for check in checks]
 
 
 def info_dict(info: LogInfo) -> dict[str, Any]:
@@ -303,6 +412,7 @@ def info_dict(info: LogInfo) -> dict[str, Any]:
         "dropped": [
             {"topic": topic, "cause": cause, "messages": count} for topic, cause, count in info.dropped
         ],
+        "findings": [each.as_dict() for each in info.findings],
         "notes": list(info.notes),
         "damage": list(info.damage),
     }

@@ -135,6 +135,8 @@ GOES = 0.5
 """A frame that has moved this far [m] is no joint."""
 
 NOT_FINITE = "its pose is not finite"
+_SAME_PLACE = 1e-6
+"""Numbers of one static pose differ by no more."""
 _LARGEST = 1e12
 """Largest coordinate [m]."""
 NO_TURN = "its quaternion is zero"
@@ -168,6 +170,10 @@ class Track:
     """First and last record time."""
     jumps_back: int
     """Stamps at least a second before the previous one."""
+    stretched: float = 0.0
+    """Largest deviation of the length of a quaternion from 1, before it was made 1."""
+    differs: bool = False
+    """True for a static one that was told with other numbers, too."""
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -220,9 +226,12 @@ class _Growing:
     before: int = -(1 << 62)
     """Stamp of the pose before."""
     jumps_back: int = 0
+    stretched: float = 0.0
 
     def add(self, stamp_ns: Int64, numbers: Float64, record_ns: Int64) -> int:
-        """Take poses in log order; return how many are kept."""
+        """Take poses in log order, and make their quaternions unit ones; return how many are kept."""
+        numbers, off = _with_units(numbers)
+        self.stretched = max(self.stretched, off)
         self.messages += len(stamp_ns)
         self.record_ns = (
             min(self.record_ns[0], int(record_ns.min())),
@@ -248,6 +257,7 @@ class _Growing:
         topic, kind, parent, child = key
         stamps, numbers = np.concatenate(self.stamps), np.concatenate(self.numbers)
         static = topic.rpartition("/")[2] == "tf_static"
+        differs = static and bool(np.abs(numbers - numbers[-1:]).max() > _SAME_PLACE)
         if static:
             stamps, numbers = stamps[-1:], numbers[-1:]
         elif (np.diff(stamps) <= 0).any():
@@ -257,7 +267,18 @@ class _Growing:
             stamps, numbers = stamps[last], numbers[last]
         motion = Motion(numbers[:, :3], numbers[:, 3:])
         return Track(
-            topic, kind, parent, child, static, self.messages, stamps, motion, self.record_ns, self.jumps_back
+            topic,
+            kind,
+            parent,
+            child,
+            static,
+            self.messages,
+            stamps,
+            motion,
+            self.record_ns,
+            self.jumps_back,
+            self.stretched,
+            differs,
         )
 
 
@@ -325,7 +346,7 @@ class Tracks:
         order = np.argsort(row, kind="stable")
         row, stamps, numbers = row[order], stamps[order], numbers[order]
         keep = _usable(numbers, refused)
-        row, stamps, numbers = row[keep], stamps[keep], _with_units(numbers[keep])
+        row, stamps, numbers = row[keep], stamps[keep], numbers[keep]
         known = key in self._growing or len(self._growing) < MAX_TRACKS
         fits = max(self._room, 0) if known else 0
         self.left_out += max(len(row) - fits, 0)
@@ -351,14 +372,15 @@ def gathered(
     if not keep.any():
         return None
     growing = _Growing()
-    growing.add(stamp_ns[keep], _with_units(numbers[keep]), record_ns[keep])
+    growing.add(stamp_ns[keep], numbers[keep], record_ns[keep])
     return growing.finish(key)
 
 
-def _with_units(numbers: Float64) -> Float64:
-    """Return poses with quaternions of length 1."""
-    turns = numbers[:, 3:] / np.linalg.norm(numbers[:, 3:], axis=1, keepdims=True)
-    return np.concatenate([numbers[:, :3], turns], axis=1)
+def _with_units(numbers: Float64) -> tuple[Float64, float]:
+    """Return poses (N, 7) with quaternions of length 1, and the largest deviation of one from that."""
+    lengths = np.linalg.norm(numbers[:, 3:], axis=1, keepdims=True)
+    off = float(np.abs(lengths - 1.0).max(initial=0.0))
+    return np.concatenate([numbers[:, :3], numbers[:, 3:] / lengths], axis=1), off
 
 
 def _decode(kind: str, encoding: str, data: Sequence[bytes], refused: Counter[str]) -> Iterable[PoseRows]:

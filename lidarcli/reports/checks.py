@@ -116,15 +116,17 @@ def parse_check(
     only: Collection[str] | None = None,
     rows: Collection[str] | None = None,
     zones: Collection[str] | None = None,
+    page: str = "docs/reports.md",
 ) -> Check:
     """Understand a check.
 
     Parameters
     ----------
     compared : whether there is a baseline
-    only : the figures that there are beside those of zones, where the report is not about tables of `detect`
+    only : the figures that there are beside those of zones, where the check is not about tables of `detect`
     rows : the tables whose rows can be counted; by default all, with `only` none
     zones : the zones that there are; where that is not known yet, a zone may have any name
+    page : page of the documentation that lists these
 
     Raises
     ------
@@ -153,7 +155,7 @@ def parse_check(
     elif only is None:
         _known(tokens, token, compared)
     elif token.text not in only:
-        raise _unknown(tokens, token, only)
+        raise _unknown(tokens, token, only, page)
     if tokens.take_if("between"):
         sign = "between"
         low, high = read_limits(tokens)
@@ -257,7 +259,9 @@ def _known(tokens: Tokens, token: Token, compared: bool) -> None:
     raise _unknown(tokens, token, dict.fromkeys([*known, *delta]))
 
 
-def _unknown(tokens: Tokens, token: Token, known: Collection[str]) -> OptionError:
+def _unknown(
+    tokens: Tokens, token: Token, known: Collection[str], page: str = "docs/reports.md"
+) -> OptionError:
     """Return the error of an unknown figure."""
     hint = nearest(token.text, known, OFFERED) or ";"
-    return tokens.error(f"unknown figure '{token.text}'{hint} docs/reports.md has all;", token)
+    return tokens.error(f"unknown figure '{token.text}'{hint} {page} has all;", token)

@@ -36,6 +36,8 @@ TEXT = """\
     no return 20 beams (0.28%)
     too close 0 beams (0.00%)
     invalid   0 beams (0.00%)
+  findings
+  hint     duplicate  /scan: 18 of 20 sweeps repeat the ranges before them
 """
 
 
@@ -61,6 +63,7 @@ def test_json(logs: Path, lidarcli: Run) -> None:
         "pose_topics",
         "pose_sources",
         "dropped",
+        "findings",
         "notes",
         "damage",
     ]
@@ -124,12 +127,13 @@ def test_brief_is_a_line_per_log(logs: Path, tmp_path: Path, lidarcli: Run) -> N
     ran = lidarcli("info", "--brief", *(logs / name for name in ("run.mcap", "two.mcap", "cut.mcap")), empty)
     assert ran.code == 3
     run, two, cut, nothing = ran.out.splitlines()
-    assert run == f"{logs / 'run.mcap'}: mcap, 1.9 s, /scan 20 x 360 beams at 10.00 Hz, no poses"
+    assert run == f"{logs / 'run.mcap'}: mcap, 1.9 s, /scan 20 x 360 beams at 10.00 Hz, no poses, 1 finding"
     assert two == (
-        f"{logs / 'two.mcap'}: mcap, 1.9 s, /front 20 x 360 beams at 10.00 Hz, /rear 20 x 360 beams at 10.00 Hz, no poses"
+        f"{logs / 'two.mcap'}: mcap, 1.9 s, /front 20 x 360 beams at 10.00 Hz, /rear 20 x 360 beams at 10.00 Hz, no poses, "
+        "2 findings"
     )
     assert cut.startswith(f"{logs / 'cut.mcap'}: mcap, ")
-    assert cut.endswith(", no poses, damaged")
+    assert cut.endswith(", no poses, 1 finding, damaged")
     assert nothing == f"{empty}: mcap, no sweeps"
 
 

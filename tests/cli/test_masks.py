@@ -55,8 +55,16 @@ def test_a_file_is_not_replaced_unasked(lidarcli: Run, parked: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        (["run.mcap", "-o", "new.toml"], 2, "-o writes the mask that is learned from a log: add --mask auto"),
-        (["run.mcap", "run.mcap", "--mask", "auto", "-o", "new.toml"], 2, "-o is for the mask of one log"),
+        (
+            ["run.mcap", "-o", "new.toml"],
+            2,
+            "-o writes what is learned from a log: add --mask auto or --deep",
+        ),
+        (
+            ["run.mcap", "run.mcap", "--mask", "auto", "-o", "new.toml"],
+            2,
+            "-o is for one log, and these are 2",
+        ),
         (
             ["run.mcap", "--mask", "nowhere.toml"],
             3,

@@ -6,11 +6,13 @@ import json
 import re
 from collections.abc import Iterator
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from lidarcli.cli.info import as_json
+from lidarcli.findings import RULES, Finding, Fix
 from lidarcli.logs.base import Topic
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part
@@ -39,6 +41,7 @@ KINDS: dict[str, tuple[type, ...]] = {
     "pair": (list,),
     "pair of integers": (list,),
     "object": (dict,),
+    "object or null": (dict, type(None)),
 }
 
 
@@ -64,6 +67,7 @@ def info(unknown: bool = False) -> LogInfo:
         by_status={status.name.lower(): 3 for status in Status if status != Status.PADDING},
         pose="" if unknown else "/tf (map > laser)",
     )
+    mended = Finding("units", "error", "/scan", "laser", "far", fix=Fix("option", "--range-unit mm"))
     return LogInfo(
         path="run.mcap",
         format="mcap",
@@ -77,6 +81,7 @@ def info(unknown: bool = False) -> LogInfo:
             PoseInfo("/tf", "tf2_msgs/msg/TFMessage", 9, None if unknown else 2.0, 1, 2, (("map", "laser"),)),
         ),
         dropped=(("/scan", "angle_increment is zero", 1),),
+        findings=(mended, replace(mended, fix=None)) if unknown else (mended,),
         notes=("a note",),
         damage=("byte 5: cut off",),
     )
@@ -122,6 +127,10 @@ def test_what_is_null_is_said_to_be() -> None:
     (log,) = json.loads(as_json([info(unknown=True)]))
     null = {key for key, value in keys(log) if value is None}
     assert null == {key for key, kind, _, _ in ROWS if kind.endswith("or null")}
+
+
+def test_every_rule_is_explained() -> None:
+    assert tuple(re.findall(r"^\| `(\w+)` \| (?:always|`--deep`) \|", PAGE, re.MULTILINE)) == RULES
 
 
 def test_units_stand_where_numbers_do() -> None:

@@ -146,7 +146,7 @@ def test_windows_are_bounded_by_their_ranges() -> None:
     ranges[40:, ::7] = 50.0
     ranges[41::3, ::7] = 5.0
     _, report = judged(raw_sweeps(ranges, range_max=80.0))
-    assert report.doubts["/scan"][0].startswith("/scan: from sweep 40 on, ")
+    assert report.doubted()[0].startswith("/scan: from sweep 40 on, ")
 
 
 def noisy(ranges: Any, sigma: float, step: float, seed: int = 1) -> Float32:

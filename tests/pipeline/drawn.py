@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -111,6 +111,11 @@ def write_two_mounts(path: Path, poses: SimulatedPoses, mount: tuple[float, floa
     assert messages[0].topic == "/tf_static"
     data = ROS1_BYTES.mounting(replace(poses, mount=mount))
     messages.insert(1, Outgoing("/tf_static", messages[0].type, START_NS, START_NS, data))
+    return write_messages(path, messages)
+
+
+def write_messages(path: Path, messages: Iterable[Outgoing]) -> Path:
+    """Write messages of ROS 1 into a bag."""
     with bag_writer(path, "none") as writer:
         known: dict[str, Any] = {}
         for message in messages:

@@ -48,7 +48,7 @@ ONLY_SHELL = {
     "detect": {"output", "beams"},
     "track": {"output", "beams", "trajectories"},
     "map": {"jobs", "compare"},
-    "info": {"output"},
+    "info": {"output", "check"},
     "plot": {"sweeps", "map", "animate", "fps", "start", "end"},
 }
 """Options whose work Python has elsewhere, or not: `tables(beams=True)`, its trajectories, `map` for a map,

@@ -113,7 +113,6 @@ CIRCLE = "[[mask]]\ncircle = { x = 0, y = 0, radius = 1 }\n"
     ("text", "says"),
     [
         ("", "no [[mask]] in this file"),
-        ("[[mount]]\nframe = 'a'\nparent = 'b'", "no [[mask]] in this file"),
         ("[[mask]]", "[[mask]] number 1: 'circle' is missing: a mask is a circle, polygon or sector"),
         (
             CIRCLE + "polygon = []",

@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from lidarcli.findings import Fix
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
@@ -157,7 +158,9 @@ def test_late_and_early_poses_are_taken_at_the_time_that_fits(tmp_path: Path, la
     # The last pose of the log holds for 0.1 s, and after that nothing is known.
     assert np.isnan(run.path[:, 0]).sum() <= 2
     assert away(run.path, round_about)[:-3].max() < 0.02
-    assert inspect_log(Source(str(log), "run")).notes == (note,)
+    (finding,) = inspect_log(Source(str(log), "run")).findings
+    assert (finding.id, finding.message, finding.evidence["delay"]) == ("delay", note, delay)
+    assert finding.fix == Fix("option", f"--pose-delay {delay:.2f}")
 
 
 def test_a_second_static_transform_of_another_log_is_corrected(tmp_path: Path) -> None:

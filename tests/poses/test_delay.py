@@ -142,9 +142,9 @@ def test_a_delay_without_poses_is_noted(tmp_path: Path, capfd: pytest.CaptureFix
 
 def test_info_tells_of_the_delay(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert run(["info", str(folder / "late.mcap")]) == 0
-    (note,) = [line for line in capfd.readouterr().out.splitlines() if line.startswith("  note")]
+    (note,) = [line for line in capfd.readouterr().out.splitlines() if line.startswith("  warning")]
     (delay,) = re.findall(
-        r"  note        poses from /tf fit the sweeps (0\.\d\d) s after the header stamps: ", note
+        r"  warning  delay      poses from /tf fit the sweeps (0\.\d\d) s after the header stamps: ", note
     )
     assert float(delay) == pytest.approx(0.2, abs=0.02)
     (fits,) = inspect_log(Source(str(folder / "right.mcap"), "right")).notes

@@ -78,7 +78,7 @@ def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBa
 
 @with_keywords
 def info(log: Paths, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
-    """Topics, sweeps, geometry, clocks, beams, poses and damage of a log, which is read from end to end.
+    """Topics, sweeps, geometry, clocks, beams, poses, findings and damage of a log, which is read from end to end.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def info(log: Paths, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
     told = []
     for source in sources:
         with failed.noted(source):
-            found = inspect_log(source, opening, read.rules, poses)
+            found = inspect_log(source, opening, read.rules, poses, deep=options["deep"])
             for line in found.damage:
                 warn(f"{source.label}: {line}")
             if found.exit_code == NoScanError.exit_code:

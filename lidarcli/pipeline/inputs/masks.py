@@ -41,7 +41,7 @@ def masks_of(file: str, tables: Mapping[str, Any]) -> Masks:
     top = Fields(file, "the file", tables)
     masks, mounts = numbered(top, "mask"), numbered(top, "mount")
     top.done()
-    if not masks:
+    if not (masks or mounts):
         raise OptionError(f"{file}: no [[mask]] in this file")
     return Masks(tuple(map(mask_of, masks)), tuple(map(mount_of, mounts)))
 
@@ -150,16 +150,18 @@ def _mask_table(mask: Mask) -> dict[str, Any]:
 
 
 def mask_text(masks: Masks, proposed: Masks) -> str:
-    """Return the text of a mask file; proposed ones are comments in it."""
-    blocks = [_block(mask, "") for mask in masks.masks] + [_block(mask, "# ") for mask in proposed.masks]
+    """Return the text of a mask file, empty without a mask and a mount; proposed masks are comments in it."""
+    tables = plain(masks)
+    blocks = [_block("mask", table, "") for table in tables.get("mask", [])]
     if proposed.masks:
         head = "# The sensor stood: what follows looks like the robot itself. Remove the # where it is.\n"
-        blocks.insert(len(masks.masks), head)
-    return "\n".join(blocks) or "# No beam was found to see the robot itself.\n"
+        blocks += [head, *(_block("mask", table, "# ") for table in plain(proposed)["mask"])]
+    blocks += [_block("mount", table, "") for table in tables.get("mount", [])]
+    return "\n".join(blocks)
 
 
-def _block(mask: Mask, comment: str) -> str:
-    lines = ["[[mask]]", *(f"{key} = {_value(value)}" for key, value in _mask_table(mask).items())]
+def _block(kind: str, table: Mapping[str, Any], comment: str) -> str:
+    lines = [f"[[{kind}]]", *(f"{key} = {_value(value)}" for key, value in table.items())]
     return "".join(f"{comment}{line}\n" for line in lines)
 
 

@@ -11,11 +11,26 @@ import numpy as np
 
 from lidarcli.choices import BEAM_ORDERS
 from lidarcli.display import times
+from lidarcli.findings import Finding, Fix
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.reading.pose_sources import Need
-from lidarcli.poses.fit import LEAST_PAIRS, RATIOS, PoseFit, joined, judge_poses, jumps_of, stands, still_at
+from lidarcli.poses.fit import (
+    ACCEPTED,
+    CORRECTED,
+    JUMP_LENGTH,
+    JUMP_SPEED,
+    LEAST_DELAY,
+    LEAST_PAIRS,
+    RATIOS,
+    PoseFit,
+    joined,
+    judge_poses,
+    jumps_of,
+    stands,
+    still_at,
+)
 from lidarcli.poses.matched import AUTO, LEAST_SKEWED, SKEWED, MatchedPath, Timing, duration_of, order_of
 from lidarcli.poses.sources import Correction, Way, later
 from lidarcli.poses.tracks import SECOND_NS, Motion, planar
@@ -68,7 +83,8 @@ class CheckedPath:
     """(S,) stamps of sweeps [ns], increasing."""
     still: Bool = field(default_factory=lambda: np.zeros(0, bool))
     """(S,) True where the sensor stands at that sweep; empty where the sweeps do not tell."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[str | Finding, ...] = ()
+    """Notes on the path; of what is a fault of the log, the finding."""
 
     @property
     def follows_told(self) -> bool:
@@ -322,7 +338,7 @@ def _checked(key: Key, look: _Look, named: bool, match: bool) -> CheckedPath:
         return mine if named else _unposed(key, look, replace(mine, way=None), match)
     seen = poses * _mirror(_seen(way, stamp_ns)[1])
     fit = judge_poses(stamp_ns, seen, partial(_told_at, way), pieces, jumps_of(way))
-    mine = replace(mine, verdict=fit.verdict, fit=fit, notes=(_fit_note(way, fit, named),))
+    mine = replace(mine, verdict=fit.verdict, fit=fit, notes=_fit_notes(key, way, fit, named))
     if named:
         return mine
     if fit.verdict == "corrected":
@@ -338,8 +354,12 @@ def _checked(key: Key, look: _Look, named: bool, match: bool) -> CheckedPath:
     motion = Motion(np.column_stack([moves[:, :2], np.zeros(len(moves))]), _turns(moves[:, 2]))
     way = replace(way, correction=replace(correction, gaps=gaps, moves=motion))
     topic = way.topics[0]
-    notes = [
-        f"poses from {topic} jump by {jump:,.1f} m at {(after - stamp_ns[0]) / SECOND_NS:.1f} s: cut there"
+    notes: list[str | Finding] = [
+        _jump(
+            key,
+            fit,
+            f"poses from {topic} jump by {jump:,.1f} m at {(after - stamp_ns[0]) / SECOND_NS:.1f} s: cut there",
+        )
         for jump, (_, after) in zip(fit.jumps[:SHOWN_JUMPS], fit.cuts, strict=False)
     ]
     if len(fit.jumps) > SHOWN_JUMPS:
@@ -391,20 +411,36 @@ def _unposed(key: Key, look: _Look, mine: CheckedPath, match: bool) -> CheckedPa
     return replace(mine, verdict="matched", way=way, notes=(*mine.notes, *notes))
 
 
-def _fit_note(way: Way, fit: PoseFit, named: bool) -> str:
+def _jump(key: Key, fit: PoseFit, message: str) -> Finding:
+    """Return a finding on jumps of told poses."""
+    evidence = {"jumps": len(fit.jumps), "largest": max(fit.jumps)}
+    return Finding("steps", "warning", *key, message, evidence, {"speed": JUMP_SPEED, "length": JUMP_LENGTH})
+
+
+def _fit_notes(key: Key, way: Way, fit: PoseFit, named: bool) -> tuple[str | Finding, ...]:
     """Return the verdict on told poses in words."""
     topic, steps = way.topics[0], f"{fit.share:.0%} of {fit.pairs:,} steps" if fit.pairs else "no step"
     if fit.verdict == "unchecked":
-        jumps = f"; they jump {times(len(fit.jumps))}" if fit.jumps else ""
         why = "the sensor hardly moves" if fit.pairs < LEAST_PAIRS else "too few sweeps could be matched"
-        return f"poses from {topic} are taken as they are, unchecked: {why}{jumps}"
+        note = f"poses from {topic} are taken as they are, unchecked: {why}"
+        if not fit.jumps:
+            return (note,)
+        most = f"by up to {max(fit.jumps):,.1f} m"
+        return note, _jump(key, fit, f"poses from {topic} jump {times(len(fit.jumps))}, {most}")
     if fit.verdict == "accepted":
-        return f"poses from {topic} fit the sweeps: {steps}"
+        return (f"poses from {topic} fit the sweeps: {steps}",)
+    evidence = {"share": fit.share, "steps": fit.pairs}
     if fit.verdict == "corrected":
         words = " and ".join(_changes(fit))
         hint = "" if fit.share >= WELL_CORRECTED else "; they guide the path that is matched from the sweeps"
         hint = "; they are taken as they are, because they were named" if named else hint
-        return f"poses from {topic} fit the sweeps {words}: {steps}{hint}"
+        message = f"poses from {topic} fit the sweeps {words}: {steps}{hint}"
+        x, y, yaw = fit.mount
+        evidence |= {"delay": fit.delay, "x": x, "y": y, "yaw": yaw}
+        if not fit.delay:
+            return (Finding("mount", "warning", *key, message, evidence, {"share": CORRECTED}),)
+        fix = Fix("option", f"--pose-delay {fit.delay:.2f}")
+        return (Finding("delay", "warning", *key, message, evidence, {"delay": LEAST_DELAY}, fix),)
     causes = []
     if np.isfinite(fit.ratio) and not RATIOS[0] <= fit.ratio <= RATIOS[1]:
         factor = f"{fit.ratio:,.0f}" if fit.ratio >= 100 else f"{fit.ratio:.3g}"
@@ -415,9 +451,13 @@ def _fit_note(way: Way, fit: PoseFit, named: bool) -> str:
         causes.append(f"they jump by up to {fit.jumps[0]:,.1f} m and back")
     cause = f"; {'; '.join(causes)}" if causes else ""
     end = "they are taken because they were named" if named else "the path is matched from the sweeps"
-    if fit.verdict == "stretches":
-        return f"poses from {topic} fit the sweeps in {len(fit.good)} stretches only ({steps}{cause}): {end}"
-    return f"poses from {topic} do not fit the sweeps ({steps}{cause}): {end}"
+    words = (
+        f"fit the sweeps in {len(fit.good)} stretches only"
+        if fit.verdict == "stretches"
+        else "do not fit the sweeps"
+    )
+    message = f"poses from {topic} {words} ({steps}{cause}): {end}"
+    return (Finding("pose_fit", "warning", *key, message, evidence, {"share": ACCEPTED}),)
 
 
 def _changes(fit: PoseFit) -> list[str]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lidarcli.choices import BEAM_ORDERS, MATCH
-from lidarcli.display import moment, times
+from lidarcli.display import moment, some_of
+from lidarcli.findings import Finding
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.inputs.sources import made_of_clouds
@@ -28,7 +29,6 @@ TILTED = np.deg2rad(10.0)
 _WITHOUT_POSES = ("csv", "json lines")
 """Beginnings of formats that tell no poses, also from a file."""
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
-_SHOWN = 4
 
 
 @dataclass(slots=True)
@@ -221,8 +221,23 @@ class Posing:
         return [*dict.fromkeys(lines), *self.found.notes, *self.path_notes()]
 
     def path_notes(self) -> list[str]:
-        """Return the notes on the paths that were checked or matched."""
-        return [note for _, path in sorted(self.paths.items(), key=lambda one: one[0]) for note in path.notes]
+        """Return the notes on the paths that were checked or matched, and the messages of the findings among them."""
+        return [note.message if isinstance(note, Finding) else note for note in self._of_paths()]
+
+    def findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
+        """Return the notes on the paths without the findings; and these, with those on the poses of topics and frames."""
+        told = list(self._of_paths())
+        found = [note for note in told if isinstance(note, Finding)]
+        if self.found is not None:
+            from lidarcli.poses.faults import pose_findings
+
+            jumping = {(each.topic, each.frame) for each in found if each.id == "steps"}
+            found += pose_findings(self.found.sources, keys, jumping)
+        return [note for note in told if not isinstance(note, Finding)], found
+
+    def _of_paths(self) -> Iterator[str | Finding]:
+        for _, path in sorted(self.paths.items(), key=lambda one: one[0]):
+            yield from path.notes
 
     def leave_out(self, topics: Collection[str]) -> None:
         """Forget the paths of topics whose sweeps turned out to be unused."""
@@ -252,9 +267,10 @@ class Posing:
         name = frame or "without a name"
         if way is None and (alike := sources.alike(frame)):
             return [alike_note(frame, alike, others)]
+        from lidarcli.poses.faults import unplaced, way_findings
+
         if way is None:
-            hint = f"; --pose may name {_some(others)}" if others else ""
-            return [f"no pose for frame {name}: nothing leads from it to a fixed frame{hint}"]
+            return [unplaced(frame, others).message]
         lines = [_chosen(way, others)]
         if seen.without:
             lines.append(_gap(name, way, seen))
@@ -262,26 +278,15 @@ class Posing:
             lines.append(
                 f"frame {name} leans by up to {np.rad2deg(seen.tilt):.0f} degrees: its poses are their projection"
             )
-        for step in way.steps:
-            track = step.track
-            if track.jumps_back:
-                lines.append(
-                    f"stamps of {track.topic} jump back {times(track.jumps_back)}: poses there may mix two runs"
-                )
-            if not track.static and track.seems_w_first:
-                lines.append(
-                    f"quaternions of {track.topic} roll or hang head down, and never turn: they are probably written w "
-                    "first, and x y z w is the order; the sensor seems to hang head down until that is mended"
-                )
-        return lines
+        return lines + [found.message for found in way_findings(way)]
 
 
 def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:
     """Return the note on a frame without poses for which several topics are alike."""
-    also = f"; also available: {_some(others)}" if others else ""
+    also = f"; also available: {some_of(others)}" if others else ""
     return (
-        f"no pose for frame {frame or 'without a name'}: {_some(alike)} are alike, and nothing tells which is that of the "
-        f"sensor (--pose TOPIC){also}"
+        f"no pose for frame {frame or 'without a name'}: {some_of(alike)} are alike, and nothing tells which is that of "
+        f"the sensor (--pose TOPIC){also}"
     )
 
 
@@ -310,12 +315,7 @@ def _chosen(way: Way, others: Sequence[str]) -> str:
     line = f"poses from {' and '.join(way.topics)} ({way.chain})"
     if way.assumption:
         line += f"; {way.assumption}"
-    return line + (f"; also available: {_some(others)} (--pose TOPIC)" if others else "")
-
-
-def _some(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more
+    return line + (f"; also available: {some_of(others)} (--pose TOPIC)" if others else "")
 
 
 def _gap(name: str, way: Way, seen: _Seen) -> str:

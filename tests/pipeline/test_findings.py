@@ -1,0 +1,503 @@
+"""Findings of `info`: each fault alone gives its finding and no other, and a sound log gives none."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidarcli
+from lidarcli.cli.info import as_json
+from lidarcli.findings import Finding, Fix
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inspecting import inspect_log
+from lidarcli.simulate.generate import START_NS, SimulatedPoses, simulate_blocks
+from lidarcli.simulate.messages import ROS1_BYTES
+from lidarcli.simulate.scene import Sensor
+from lidarcli.simulate.writers import outgoing, write_log
+from lidarcli.sweeps import TURN, RawSweeps, concatenate
+from tests.pipeline.drawn import (
+    SWEEPS,
+    driven,
+    round_about,
+    scene_of,
+    stamps,
+    standing,
+    told,
+    write_messages,
+    write_two_mounts,
+)
+from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
+
+Change = Callable[[RawSweeps], RawSweeps]
+SECOND = 1_000_000_000
+
+
+@cache
+def sound() -> RawSweeps:
+    """60 sweeps of a parked sensor whose headers tell how long beams and sweeps take."""
+    sensor = Sensor(beams=360, angle_increment=TURN / 360, noise=0.01, time_increment=0.1 / 360)
+    scene = replace(scene_of(standing, sensor), sweeps=60)
+    return concatenate([block.raw for block in simulate_blocks(scene, 60, 0)])
+
+
+def findings_of(path: Path) -> tuple[Finding, ...]:
+    return inspect_log(Source(str(path), path.name)).findings
+
+
+def some(share: float) -> Any:
+    """(60, 360) True for a share of the beams."""
+    return np.random.default_rng(5).random((60, 360)) < share
+
+
+def filled(share: float, value: float) -> Change:
+    """Give a value to a share of the beams."""
+    return lambda raw: replace(raw, ranges=np.where(some(share), np.float32(value), raw.ranges))
+
+
+def scaled(**factors: float) -> Change:
+    """Multiply columns."""
+    return lambda raw: replace(
+        raw,
+        **{
+            name: (getattr(raw, name) * factor).astype(getattr(raw, name).dtype)
+            for name, factor in factors.items()
+        },
+    )
+
+
+def rows(*index: Any) -> Change:
+    """Take some rows."""
+    return lambda raw: raw.rows(np.concatenate(index))
+
+
+def stamped(change: Callable[[Any], Any]) -> Change:
+    """Change the stamps."""
+    return lambda raw: replace(raw, stamp_ns=change(raw.stamp_ns))
+
+
+def two_in_turns(raw: RawSweeps) -> RawSweeps:
+    ranges = raw.ranges.copy()
+    ranges[1::2] = np.roll(ranges[1::2], 45, axis=1) * 0.5
+    return replace(raw, ranges=ranges)
+
+
+def cut_short(raw: RawSweeps) -> RawSweeps:
+    return replace(raw, beams=np.where(np.arange(60) % 7 == 3, 200, 360).astype(np.int32))
+
+
+def repeated(raw: RawSweeps) -> RawSweeps:
+    return replace(raw, ranges=raw.ranges[np.arange(60) // 2 * 2])
+
+
+EVERY = np.arange(60)
+FAULTS: dict[str, tuple[str, str, Change, str]] = {
+    "cut short": (
+        "geometry",
+        "warning",
+        cut_short,
+        "/scan: 200 to 360 beams see 199 to 359 deg: some sweeps are cut short",
+    ),
+    "turns": (
+        "geometry",
+        "error",
+        scaled(angle_increment=1.6),
+        "/scan sees 574 deg, more than a turn and a half (60 of",
+    ),
+    "fine": (
+        "geometry",
+        "error",
+        scaled(angle_increment=1e-5),
+        "the beams of /scan are 2e-07 rad apart (60 of 60 sweeps)",
+    ),
+    "degrees": (
+        "units",
+        "error",
+        scaled(angle_increment=14.0),
+        "/scan sees 5,026 deg, more than a turn and a half (60 of",
+    ),
+    "millimetres": (
+        "units",
+        "error",
+        scaled(ranges=1000, range_min=1000, range_max=1000),
+        "most ranges of /scan are beyond 1,000 m: they are probably millimetres (--range-unit mm)",
+    ),
+    "centimetres": (
+        "units",
+        "error",
+        scaled(ranges=100, range_min=100, range_max=100),
+        "most ranges of /scan are beyond 200 m: they are probably centimetres or millimetres (--range-unit cm or mm)",
+    ),
+    "beyond": (
+        "limits",
+        "warning",
+        lambda raw: replace(raw, range_max=np.full(60, 4.0, np.float32)),
+        "/scan: 43.6% of the beams are beyond the greatest range of 4 m that the log tells, but look like measurements; "
+        "--range 0 6 takes them",
+    ),
+    "nan": ("no_return", "hint", filled(0.2, np.nan), "/scan: 20% of the beams are NaN (--no-return nan)"),
+    "zero": ("no_return", "hint", filled(0.2, 0.0), "/scan: 20% of the beams are 0"),
+    "range_max": ("no_return", "hint", filled(0.2, 12.0), "/scan: 20% of the beams are range_max"),
+    "pile": (
+        "no_return",
+        "hint",
+        filled(0.2, 10.0),
+        "/scan: 20.2% of the beams end at 10 m, the most there is: taken as",
+    ),
+    "nothing": (
+        "no_return",
+        "warning",
+        filled(0.99, np.nan),
+        "99.1% of the beams of /scan have no range (all of them NaN)",
+    ),
+    "near": ("too_close", "warning", filled(0.05, 0.05), "/scan: 5% of the beams are below range_min"),
+    "lost": (
+        "gaps",
+        "warning",
+        rows(EVERY[EVERY % 5 != 3]),
+        "/scan: 26% of the steps are over 1.5 times the median of 0.100 s",
+    ),
+    "thinned": (
+        "gaps",
+        "warning",
+        rows(EVERY[::5]),
+        "/scan: a sweep every 0.500 s, by scan_time every 0.100 s: 4 of 5 are",
+    ),
+    "disorder": (
+        "clock",
+        "error",
+        stamped(lambda stamp: np.where(EVERY % 4 == 1, stamp - SECOND // 4, stamp)),
+        "stamps of /scan go back 15 times, by at most 0.15 s: messages are out of order",
+    ),
+    "coarse": (
+        "clock",
+        "error",
+        stamped(lambda stamp: START_NS + (stamp - START_NS) // SECOND * SECOND),
+        "54 of 60 sweeps of /scan have the stamp of the sweep before, and other ranges",
+    ),
+    "zero stamps": (
+        "clock",
+        "warning",
+        stamped(np.zeros_like),
+        "no sweep of /scan has a stamp: the times at which they",
+    ),
+    "milliseconds": (
+        "clock",
+        "error",
+        stamped(lambda stamp: START_NS + (stamp - START_NS) // 1_000_000),
+        "stamps of /scan are 100 ns apart",
+    ),
+    "another clock": (
+        "clock",
+        "hint",
+        lambda raw: replace(raw, record_ns=raw.record_ns + 2 * SECOND),
+        "/scan: recorded 2.0 s after the stamps",
+    ),
+    "time_increment": (
+        "rolling",
+        "warning",
+        scaled(time_increment=0.5),
+        "/scan: a sweep takes 0.050 s by time_increment, 0.100 s by its view",
+    ),
+    "microseconds": (
+        "rolling",
+        "warning",
+        scaled(time_increment=0.001, scan_time=0.001),
+        "/scan: a sweep takes 0.0001 s by time_increment, 0.100 s by its view",
+    ),
+    "doubled": ("duplicate", "hint", repeated, "/scan: 30 of 60 sweeps repeat the ranges before them"),
+    "told twice": (
+        "duplicate",
+        "warning",
+        rows(np.repeat(EVERY, 2)),
+        "60 of 120 sweeps of /scan have stamp and ranges of the sweep before: --every 2 takes each once",
+    ),
+    "two sensors": (
+        "frames",
+        "error",
+        two_in_turns,
+        "sweeps of /scan come from two sensors in turns: --every 2 may take",
+    ),
+    "no frame": (
+        "frames",
+        "hint",
+        lambda raw: replace(raw, frame_ids=("",)),
+        "/scan: the sweeps name no frame",
+    ),
+}
+"""Name of a fault → the rule that finds it, its level, the change of a sound log, and how its message begins."""
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".bag"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_of_sweeps_gives_its_finding_and_no_other(tmp_path: Path, fault: str, suffix: str) -> None:
+    rule, level, change, message = FAULTS[fault]
+    write_log(tmp_path / f"run{suffix}", [change(sound())])
+    (found,) = findings_of(tmp_path / f"run{suffix}")
+    assert (found.id, found.level, found.topic) == (rule, level, "/scan")
+    assert found.message.startswith(message)
+
+
+def honest(raw: RawSweeps) -> RawSweeps:
+    """Headers that tell nothing of time."""
+    zero = np.zeros(len(raw), np.float32)
+    return replace(raw, time_increment=zero, scan_time=zero)
+
+
+def motor(raw: RawSweeps) -> RawSweeps:
+    """A motor whose speed varies: fewer beams, further apart, over the same turn."""
+    beams = np.random.default_rng(3).integers(340, 361, 60).astype(np.int32)
+    return replace(raw, beams=beams, angle_increment=TURN / beams)
+
+
+def nothing_ahead(raw: RawSweeps) -> RawSweeps:
+    """Two thirds of the beams meet nothing, as REP 117 has it."""
+    return replace(raw, ranges=np.where(np.arange(360) < 240, np.float32(np.inf), raw.ranges))
+
+
+SOUND: dict[str, Change] = {
+    "as it is": lambda raw: raw,
+    "no times": honest,
+    "motor": motor,
+    "no return is inf": nothing_ahead,
+    "some NaN": filled(0.05, np.nan),
+    "some near": filled(0.005, 0.05),
+    "one lost": rows(EVERY[EVERY != 30]),
+    "clockwise": scaled(angle_increment=-1.0),
+}
+
+
+@pytest.mark.parametrize("kind", SOUND)
+def test_a_sound_log_has_none(tmp_path: Path, kind: str) -> None:
+    write_log(tmp_path / "run.mcap", [SOUND[kind](sound())])
+    assert findings_of(tmp_path / "run.mcap") == ()
+
+
+def test_samples_have_none() -> None:
+    for path in sorted(SAMPLES.iterdir()):
+        if path.suffix in (".mcap", ".bag", ".db3", ".gz") or path.is_dir():
+            assert findings_of(path) == (), path
+
+
+def test_the_end_that_the_header_tells(tmp_path: Path) -> None:
+    """`angle_max` is two steps off in the messages themselves."""
+    messages = list(outgoing([sound()], None, ROS1_BYTES))
+    # Sequence number, stamp, length and name of the frame, angle_min.
+    place = 16 + len("laser") + 4
+    last = np.float32(-math.pi + 361 * TURN / 360).tobytes()
+    changed = [each._replace(data=each.data[:place] + last + each.data[place + 4 :]) for each in messages]
+    (found,) = findings_of(write_messages(tmp_path / "run.bag", changed))
+    assert (found.id, found.level, found.evidence["sweeps"]) == ("geometry", "warning", 60)
+    assert found.message == (
+        "angle_max of /scan is 181.00 deg, and by angle_min and angle_increment the last beam is at 179.00 deg (60 of 60 "
+        "sweeps): the increment is used"
+    )
+
+
+@pytest.mark.parametrize(("late", "words"), [(0.05, "0.05 s later"), (-0.3, "0.30 s earlier"), (0.0, "")])
+def test_a_topic_that_repeats_another(tmp_path: Path, late: float, words: str) -> None:
+    raw = sound()
+    again = replace(
+        raw.rows(slice(0, 50)),
+        topic="/again",
+        stamp_ns=raw.stamp_ns[:50] + round(late * SECOND),
+        record_ns=raw.record_ns[:50] + SECOND // 20,
+    )
+    write_log(tmp_path / "run.mcap", [raw, again])
+    (found,) = findings_of(tmp_path / "run.mcap")
+    assert (found.id, found.topic, found.fix) == ("duplicate", "/again", Fix("option", "--topic /scan"))
+    assert found.message == "/again repeats /scan: 50 of 50 sweeps" + (f", stamps {words}" if words else "")
+
+
+def test_topics_of_their_own_repeat_nothing(tmp_path: Path) -> None:
+    raw = sound()
+    write_log(
+        tmp_path / "run.mcap", [raw, replace(raw, topic="/other", ranges=raw.ranges + np.float32(0.001))]
+    )
+    assert findings_of(tmp_path / "run.mcap") == ()
+
+
+def test_findings_as_json(tmp_path: Path) -> None:
+    raw = filled(0.99, np.nan)(sound())
+    write_log(tmp_path / "run.mcap", [replace(raw, range_max=np.full(60, np.inf, np.float32))])
+    info = inspect_log(Source(str(tmp_path / "run.mcap"), "run"))
+    (entry,) = json.loads(as_json([info]), parse_constant=pytest.fail)
+    (found,) = entry["findings"]
+    assert found | {"evidence": None, "message": None} == {
+        "id": "no_return",
+        "level": "warning",
+        "topic": "/scan",
+        "frame": "laser",
+        "message": None,
+        "evidence": None,
+        "threshold": {"share": 0.95},
+        "fix": None,
+    }
+    assert entry["notes"] == []
+    assert lidarcli.info(tmp_path / "run.mcap")[0]["findings"] == entry["findings"]
+
+
+# Poses.
+
+
+def jumping(poses: SimulatedPoses) -> SimulatedPoses:
+    moved = poses.poses.copy()
+    moved[120:, 0] += 3.0
+    return replace(poses, poses=moved)
+
+
+def turning(poses: SimulatedPoses) -> SimulatedPoses:
+    """From one pose on, the robot and its way are turned."""
+    moved, turn = poses.poses.copy(), 1.5
+    x, y = (moved[120:, :2] - moved[119, :2]).T
+    moved[120:, 0] = moved[119, 0] + math.cos(turn) * x - math.sin(turn) * y
+    moved[120:, 1] = moved[119, 1] + math.sin(turn) * x + math.cos(turn) * y
+    moved[120:, 2] += turn
+    return replace(poses, poses=moved)
+
+
+POSES: dict[str, tuple[str, Callable[[SimulatedPoses], SimulatedPoses], str]] = {
+    "jump": ("steps", jumping, "poses from /tf jump by 3.0 m at 12.0 s: cut there"),
+    "turn": ("steps", turning, "poses from /tf leap in heading once, by up to 89 deg"),
+    "no transform": (
+        "frames",
+        lambda poses: replace(poses, laser_frame="lidar"),
+        "no transform leads to frame laser: the sensor laser is taken to be at base_link: its mount is not in the log",
+    ),
+}
+
+
+def drive() -> SimulatedPoses:
+    return told(round_about(np.arange(SWEEPS) * 0.1), tf=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", POSES)
+def test_a_fault_of_poses_gives_its_finding_and_no_other(tmp_path: Path, fault: str) -> None:
+    rule, change, message = POSES[fault]
+    write_log(tmp_path / "run.mcap", driven(), poses=change(drive()))
+    (found,) = findings_of(tmp_path / "run.mcap")
+    assert (found.id, found.level, found.message) == (rule, "warning", message)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [-0.5, -0.27, -0.1, 0.1, 0.31, 0.5])
+def test_a_delay_is_found(tmp_path: Path, late: float) -> None:
+    poses = told(round_about(np.arange(-10, SWEEPS + 10) * 0.1), stamps(SWEEPS + 20) - SECOND)
+    write_log(
+        tmp_path / "run.mcap", driven(), poses=replace(poses, stamp_ns=poses.stamp_ns + round(late * SECOND))
+    )
+    (found,) = findings_of(tmp_path / "run.mcap")
+    assert (found.id, found.level) == ("delay", "warning")
+    assert found.evidence["delay"] == pytest.approx(late, abs=0.0101)
+    assert found.fix == Fix("option", f"--pose-delay {found.evidence['delay']:.2f}")
+
+
+@pytest.mark.slow
+def test_a_frame_that_is_mounted_twice(tmp_path: Path) -> None:
+    path = write_two_mounts(tmp_path / "run.bag", drive(), (0.01, 0.0, 0.0))
+    (found,) = findings_of(path)
+    assert (found.id, found.message) == (
+        "frames",
+        "/tf_static: laser is told at two places in base_link: the last counts",
+    )
+
+
+@pytest.mark.slow
+def test_a_frame_with_two_parents(tmp_path: Path) -> None:
+    poses = drive()
+    messages = list(outgoing(driven(), poses, ROS1_BYTES))
+    data = ROS1_BYTES.link(START_NS, "mast", "laser", (0.0, 0.0, 0.0))
+    messages.append(messages[0]._replace(data=data, record_ns=messages[-1].record_ns))
+    (found,) = findings_of(write_messages(tmp_path / "run.bag", messages))
+    assert (found.id, found.message) == ("frames", "frame laser has 2 parents: base_link, mast")
+
+
+@pytest.mark.slow
+def test_quaternions_that_are_none(tmp_path: Path) -> None:
+    def stretched(data: bytes) -> bytes:
+        # Header, child and position; then the quaternion.
+        place = 4 + 8 + 4 + len("odom") + 4 + len("base_link") + 24
+        turn = np.frombuffer(data[place : place + 32], "<f8") * 1.2
+        return data[:place] + turn.tobytes() + data[place + 32 :]
+
+    poses = told(round_about(np.arange(SWEEPS) * 0.1))
+    messages = [
+        each._replace(data=stretched(each.data)) if each.topic == "/odom" else each
+        for each in outgoing(driven(), poses, ROS1_BYTES)
+    ]
+    (found,) = findings_of(write_messages(tmp_path / "run.bag", messages))
+    assert (found.id, found.message) == (
+        "frames",
+        "/odom: quaternions of odom > base_link are up to 0.2 off length 1",
+    )
+
+
+@pytest.mark.slow
+def test_sound_poses_have_none(tmp_path: Path) -> None:
+    write_log(tmp_path / "run.mcap", driven(), poses=drive())
+    assert findings_of(tmp_path / "run.mcap") == ()
+
+
+REAL = {
+    "comprobo24/drive_square/drive_square_0.db3": "gaps duplicate frames delay pose_fit",
+    "comprobo24/test-bag/test-bag_0.db3": "gaps*2 duplicate frames delay pose_fit",
+    "datmo/overtake_ego.bag": "rolling frames",
+    "datmo/parallel.bag": "rolling frames",
+    "hrp_mpc_lidar/mylaserdata2.bag": "frames",
+    "leg_tracker/demo_stationary_simple_environment.bag": "",
+    "leg_tracker/negative_2.bag": "no_return*3 too_close*3 rolling*3",
+    "leg_tracker/positive_1_extracted.bag": "no_return too_close gaps clock rolling",
+    "leg_tracker/positive_1_raw.bag": "no_return too_close rolling",
+    "leg_tracker/positive_2_extracted.bag": "no_return too_close gaps clock rolling",
+    "leg_tracker/positive_3_extracted.bag": "no_return too_close gaps clock rolling",
+    "leg_tracker/positive_3_raw.bag": "no_return too_close rolling",
+    "leg_tracker/positive_6_extracted.bag": "no_return too_close gaps clock rolling",
+    "my_gazebo_tutorials/20_46_08/rosbag2_2024_11_22-20_46_08_0.db3": "clock",
+    "my_gazebo_tutorials/20_53_49/rosbag2_2024_11_22-20_53_49_0.db3": "clock",
+    "obstacle_detector/scans_demo.bag": "no_return*2 too_close*2",
+    "pr2/mylaserdata.bag": "no_return",
+    "real_clients/irs_a1scan.db3": "",
+    "robots_ii/mylaserdata_20151128.bag": "no_return",
+    "robots_ii/src_mylaserdata_20151128.bag": "no_return duplicate steps",
+    "ros2_selfdriving/circular_bag_framed_0522/circular_bag_framed_0.db3": "gaps clock",
+    "ros2_selfdriving/full_bag_nav/full_bag_nav_0.db3": "clock",
+    "ros2_selfdriving/full_bag_nav/scan.csv": "clock",
+    "ros_behaviors_fsm/teleop/teleop_0.db3": "gaps*2 duplicate frames delay",
+    "ros_behaviors_fsm/wall_follower/wall_follower_0.db3": "gaps*2 duplicate frames delay",
+    "scan_tools/laser_scan_matcher_demo.bag": "",
+    "scan_tools/laser_scan_matcher_demo_ros2branch_20230219.bag": "",
+    "sick/rms_1xxx_lms_1xx_movement_off.bag": "too_close",
+    "turtlebot/topics.bag": "frames",
+}
+"""Public recording → rules of its findings, and how many; each was held against the messages (docs/info.md)."""
+
+
+@pytest.mark.slow
+@needs_real_logs
+@pytest.mark.parametrize("path", REAL)
+def test_what_public_recordings_have(path: str) -> None:
+    found = Counter(each.id for each in findings_of(REAL_LOGS / path))
+    assert " ".join(rule if n == 1 else f"{rule}*{n}" for rule, n in found.items()) == REAL[path]
+
+
+def test_json_has_no_nan() -> None:
+    found = Finding(
+        "pose_fit", "warning", "/scan", "laser", "no step", {"share": math.nan, "steps": 0, "ends": [1, 2]}
+    )
+    assert found.as_dict()["evidence"] == {"share": None, "steps": 0, "ends": [1, 2]}
+
+
+def test_only_some_topics_are_compared(tmp_path: Path) -> None:
+    raw = sound().rows(slice(0, 12))
+    write_log(tmp_path / "run.mcap", [replace(raw, topic=f"/scan_{k:02}") for k in range(20)])
+    found = [each.topic for each in findings_of(tmp_path / "run.mcap")]
+    assert found == [f"/scan_{k:02}" for k in range(1, 16)]
