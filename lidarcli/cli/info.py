@@ -126,7 +126,7 @@ def info(say: Messages, told: InfoCommand) -> int:
     verdicts = judge_checks(checks, found)
     for verdict in verdicts:
         if not verdict.holds:
-            say.error(f"check failed: {verdict.expression} (found {verdict.words})")
+            say.error(f"check failed: {verdict.failure}")
     # Findings of a log that could not be opened are not known; those of a damaged one only get more.
     if not failed and not all(verdict.holds for verdict in verdicts):
         return CHECK_FAILED

@@ -114,7 +114,7 @@ def report(say: Messages, told: Mapping[str, Any]) -> int:
             say.notes(notes)
     for verdict in made.report.verdicts:
         if not verdict.holds:
-            say.error(f"check failed: {verdict.expression} (found {verdict.words})")
+            say.error(f"check failed: {verdict.failure}")
     return made.report.exit_code
 
 

@@ -168,7 +168,7 @@ def test_checks_decide_the_exit_code(lidarcli: Run, fleet: Path) -> None:
     ran = lidarcli("report", fleet, "--check", "failed == 0", "--check", "damaged < 2")
     assert ran.code == 1
     assert ran.out.startswith("Checks: 1 of 2 failed\nFAIL  failed == 0  (found 1)\n")
-    assert ran.err == "lidarcli: check failed: failed == 0 (found 1)\n"
+    assert ran.err == "lidarcli: check failed: failed is 1, expected == 0\n"
 
 
 def test_checks_that_have_seen_some_of_the_logs_alone_say_so(lidarcli: Run, fleet: Path) -> None:
