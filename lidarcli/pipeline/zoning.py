@@ -34,6 +34,7 @@ from lidarcli.pipeline.watching.counting import (
     OBJECT_COLUMNS,
     Counting,
     Objects,
+    Shapes,
     Told,
     TopicSeries,
     ZoneSeries,
@@ -45,7 +46,7 @@ from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import judge_zones, parse_zone_check, zone_figures
 from lidarcli.stores.url import Place
-from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.arrays import answers, codes
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.rows import FORMS, constant
@@ -321,15 +322,12 @@ class _Watching:
         }
         return Told(*found, recorded=types == {TWIST})
 
-    def _shapes_of(self, zone: Zone) -> tuple[list[Circle | Polygon], Int64, Int64]:
-        """Return the shapes of a zone, and from which time on which of them counts, where a topic tells them."""
-        none = np.zeros(0, np.int64)
+    def _shapes_of(self, zone: Zone) -> Shapes:
+        """Return the shapes of a zone."""
         if isinstance(zone.shape, Circle | Polygon):
-            return [zone.shape], none, none
-        if isinstance(zone.shape, Line):
-            return [], none, none
-        if zone.cases:
-            return [case.shape for case in zone.cases], none, none
+            return Shapes([zone.shape])
+        if isinstance(zone.shape, Line) or zone.cases:
+            return Shapes([case.shape for case in zone.cases])
         told = polygons(self._log, zone.shape_topic, self._report)
         if told is None:
             if self._options.footprint is None:
@@ -337,7 +335,7 @@ class _Watching:
                     f"zone '{zone.name}' has the shape that {zone.shape_topic} tells, and the log has no such topic: "
                     "give --footprint '[[x, y], ...]'"
                 )
-            return [self._options.footprint], none, none
+            return Shapes([self._options.footprint])
         shapes: dict[tuple[tuple[float, float], ...], int] = {}
         times, parts = [], []
         for each in told:
@@ -349,7 +347,9 @@ class _Watching:
             key = tuple((round(float(x), 3), round(float(y), 3)) for x, y in corners)
             times.append(each.stamp_ns)
             parts.append(shapes.setdefault(key, len(shapes)))
-        return [Polygon(key) for key in shapes], np.array(times, np.int64), np.array(parts, np.int64)
+        if not shapes:
+            raise UnreadableError(f"zone '{zone.name}': no polygon of {zone.shape_topic} can be read")
+        return Shapes([Polygon(key) for key in shapes], np.array(times, np.int64), np.array(parts, np.int64))
 
     def run(
         self, source: Source, progress: Progress | None
@@ -383,7 +383,8 @@ class _Watching:
                 series = TopicSeries(
                     batch.topic,
                     sensor,
-                    [ZoneSeries.of(zone, self._shapes[zone.name][0]) for zone in resolved],
+                    [ZoneSeries.of(zone, self._shapes[zone.name]) for zone in resolved],
+                    batch.first_ns,
                 )
                 self._counting[batch.topic] = Counting(series, self._frames, self._masks, self._told)
             objects = None if whole is None else whole.of_rows(rows)
@@ -440,17 +441,18 @@ class _Watching:
         groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
         for group in groups:
             series = [next(one for one in each.zones if one.zone.name == zone.name) for _, each in group]
-            _, times, parts = self._shapes[zone.name]
+            topics = [each.series for each in self._counting.values()]
+            stamps = [each.column("stamp_ns") for each in topics]
             yield settle(
                 Counted(
                     series[0].zone,
                     tuple(each for _, each in group),
                     tuple(series),
                     tuple(case.name for case in zone.cases),
-                    times,
-                    parts,
                     tuple(self._tracked(each) for _, each in group),
                     self._pair is not None,
+                    (min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
+                    min(each.first_ns for each in topics),
                 )
             )
 
@@ -472,7 +474,7 @@ class _Watching:
         sweep = np.asarray(rows["sweep"])
         at = np.minimum(np.searchsorted(sweeps, sweep), len(sweeps) - 1)
         some = np.flatnonzero(here & np.isin(track, agents) & (sweeps[at] == sweep))
-        order = some[np.lexsort((sweep[some], track[some]))]
+        order = some[np.lexsort((series.column("stamp_ns")[at[some]], track[some]))]
         frames = rows["frame"].unify_dictionaries().combine_chunks()
         world = (
             np.asarray(frames.dictionary)[np.asarray(frames.indices)] == WORLD

@@ -113,7 +113,9 @@ def same_agents(sensors: Sequence[dict[int, Path]]) -> dict[tuple[int, int], int
     -------
     (sensor, track) → number of the agent, 0, 1, ...
     """
-    paths = {(sensor, track): path for sensor, own in enumerate(sensors) for track, path in sorted(own.items())}
+    paths = {
+        (sensor, track): path for sensor, own in enumerate(sensors) for track, path in sorted(own.items())
+    }
     members = {name: [name] for name in paths}
     together = [
         (apart, one, other)
