@@ -91,16 +91,21 @@ class ZoneOptions:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all options that the result depends on, as plain values, for the tables' metadata."""
-        told = {"zones": [zone_dict(zone) for zone in self.zones.zones], "find": self.has_objects}
-        return (
-            self.detect.as_dict()
-            | told
-            | ({} if not self.zones.masks.masks else {"zone_masks": plain(self.zones.masks)})
-        )
+        told: dict[str, Any] = {
+            "zones": [zone_dict(zone) for zone in self.zones.zones],
+            "find": self.has_objects,
+        }
+        if masks := plain(self.zones.masks):
+            told["zone_masks"] = masks
+        if self.zones.robot:
+            told["robot"] = self.zones.robot
+        if self.footprint is not None:
+            told["footprint"] = [[*corner] for corner in self.footprint.corners]
+        return self.detect.as_dict() | told
 
 
 def zone_dict(zone: Zone) -> dict[str, Any]:
-    """Return a zone as plain values; of its shape one of polygon, circle, line, or the name of each polygon."""
+    """Return a zone as plain values; of its shape one of polygon, circle, line, or each of its polygons by name."""
     shape = zone.shape
     told: dict[str, Any] = {
         name: getattr(zone, name)
@@ -118,6 +123,9 @@ def zone_dict(zone: Zone) -> dict[str, Any]:
     }
     if zone.topics:
         told["topics"] = [*zone.topics]
+    if zone.action == "approach":
+        told |= {name: getattr(zone, name) for name in ("time_before_collision", "time_step")}
+    told |= {name: topic for name in ("shape_topic", "velocity_topic") if (topic := getattr(zone, name))}
     match shape:
         case Polygon(corners):
             told["polygon"] = [[*corner] for corner in corners]
@@ -127,7 +135,13 @@ def zone_dict(zone: Zone) -> dict[str, Any]:
             told["line"] = [[*first], [*second]]
         case None:
             told["polygons"] = {
-                case.name: [[*corner] for corner in case.shape.corners] for case in zone.cases
+                case.name: {
+                    "polygon": [[*corner] for corner in case.shape.corners],
+                    "linear": [*case.linear],
+                    "turning": [*case.turning],
+                    **({} if case.direction is None else {"direction": [*case.direction]}),
+                }
+                for case in zone.cases
             }
     return told
 
@@ -141,6 +155,16 @@ def refuse_options(options: ZoneOptions) -> None:
                 "is a line, and crossings" if isinstance(zone.shape, Line) else f"counts {zone.count}, which"
             )
             raise OptionError(f"zone '{zone.name}' {what} need tracks: leave out --no-objects")
+        if zone.frame == WORLD:
+            _refuse_resting(zone)
+
+
+def _refuse_resting(zone: Zone) -> None:
+    """Refuse a zone in the world that is to move with the robot (`OptionError`)."""
+    if zone.action == "approach":
+        raise OptionError(
+            f"zone '{zone.name}' approaches, and in the world it does not move with the robot: give another 'frame'"
+        )
 
 
 class ZoneTables(NamedTuple):
@@ -305,6 +329,7 @@ class _Watching:
         self._frames = Frames.of(log, zones, own.mounts)
         # Beams under a mask are counted here, and left out.
         self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
+        self._topics: set[str] = set()
         self._counting: dict[str, Counting] = {}
         self._report = ReadReport()
         self._told = {
@@ -368,11 +393,13 @@ class _Watching:
         ]
         summary = ZoneSummary(**{name: getattr(read, name) for name in RunSummary.__dataclass_fields__})
         summary.notes += self._notes
+        summary.notes += [note for zone in self._options.zones.zones for note in self._gaps(zone)]
         settled = [one for zone in self._options.zones.zones for one in self._settled(zone)]
         return summary, settled, described
 
     def _take(self, batch: SweepBatch, reading: Reading) -> None:
         """Count the sweeps of a batch."""
+        self._topics.add(batch.topic)
         zones = [zone for zone in self._options.zones.zones if _counts(zone, batch.topic)]
         if not len(batch) or not zones:
             return
@@ -401,7 +428,9 @@ class _Watching:
                     f"zone '{zone.name}' is in the world, and nothing tells where the sensor of {topic} is: give --pose "
                     "or --poses (--pose match finds the path from the sweeps)"
                 )
-            return replace(zone, frame=WORLD)
+            resting = replace(zone, frame=WORLD)
+            _refuse_resting(resting)
+            return resting
         return zone
 
     def _objects(self, batch: SweepBatch) -> Objects | None:
@@ -428,16 +457,43 @@ class _Watching:
             objects = objects.filter(pa.array(there))
         return Objects.of(objects, batch)
 
-    def _settled(self, zone: Zone) -> Iterator[Settled]:
-        """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
-        counted_in = [
-            (topic, each.series)
-            for topic, each in sorted(self._counting.items())
-            if _counts(zone, topic) and each.series.count
+    def _counted_in(self, zone: Zone) -> list[tuple[str, TopicSeries]]:
+        """Return the topics that count in a zone."""
+        return [
+            (topic, each.series) for topic, each in sorted(self._counting.items()) if _counts(zone, topic)
         ]
+
+    def _gaps(self, zone: Zone) -> Iterator[str]:
+        """Yield what a zone needs and the log has only in part; refuse one for which it has nothing of it."""
+        counted_in = self._counted_in(zone)
         if not counted_in:
             wanted = ", ".join(zone.topics) or "any topic"
-            raise NoScanError(f"zone '{zone.name}' is for {wanted}, and the log has no sweeps of it")
+            known = ", ".join(sorted(self._topics)) or "none"
+            raise NoScanError(
+                f"zone '{zone.name}' is for {wanted}, and no sweeps of it have been read (only of {known})"
+            )
+        missing = [name for name in zone.topics if not any(same_name(name, topic) for topic, _ in counted_in)]
+        if missing:
+            yield f"zone '{zone.name}': no sweeps of {', '.join(missing)}, which would count in it too"
+        if zone.action != "approach" and not zone.cases:
+            return
+        unknown = sum(int(np.isnan(each.column("velocity")[:, 0]).sum()) for _, each in counted_in)
+        sweeps = sum(each.count for _, each in counted_in)
+        if unknown == sweeps:
+            topic = (
+                f"neither {zone.velocity_topic} nor poses tell" if zone.velocity_topic else "no poses tell"
+            )
+            raise NoScanError(
+                f"zone '{zone.name}' needs the velocity of the robot, which {topic}: give --pose or --poses (--pose "
+                "match finds the path from the sweeps)"
+            )
+        # Poses tell no velocity before the second sweep.
+        if unknown > len(counted_in):
+            yield f"zone '{zone.name}': velocity not known in {unknown:,} of {counted(sweeps, 'sweep')}, not judged there"
+
+    def _settled(self, zone: Zone) -> Iterator[Settled]:
+        """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
+        counted_in = self._counted_in(zone)
         groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
         for group in groups:
             series = [next(one for one in each.zones if one.zone.name == zone.name) for _, each in group]

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pytest
 
 from lidarcli.formalism.zones.paths import CLEAR, MARGIN, Path, Visit, crossings, same_agents, visits
 from lidarcli.masks import Circle, Polygon

@@ -57,9 +57,7 @@ def test_random_hits(cases: int) -> None:
     for case in range(cases):
         enough, time_ns, trigger, release, hold, gap = drawn(rng)
         expected = one_by_one(enough, time_ns, trigger, release, hold, gap)
-        found = episodes(
-            enough, time_ns, trigger=trigger, release=release, hold_ns=hold, longest_gap_ns=gap
-        )
+        found = episodes(enough, time_ns, trigger=trigger, release=release, hold_ns=hold, longest_gap_ns=gap)
         assert found == expected, (case, enough, time_ns, trigger, release, hold, gap)
         lengths.add(len(found))
     assert {0, 1, 2, 3} <= lengths

@@ -15,19 +15,16 @@ from lidarcli.simulate.scene import Course, Odometry
 from lidarcli.sweeps import Float64
 from lidarcli.tabular.schemas import SCHEMAS
 from tests.zones.runs import (
-    SENSOR,
     column,
     odometry_of,
     rows,
     scans,
     scene_of,
     sweeps_of,
-    times_of,
     walker,
     watched,
     where,
     write_bag,
-    zone_file,
 )
 
 CIRCLE = """
@@ -75,9 +72,7 @@ def test_somebody_walks_through_a_circle(passed: tuple[Path, Float64]) -> None:
     # The rows of the table of zones are those of the events.
     table = tables.zones.to_pydict()
     assert table["sweep"] == [*range(90)]
-    assert np.flatnonzero(table["active"]).tolist() == [
-        *range(event["first_sweep"], event["last_sweep"] + 1)
-    ]
+    assert np.flatnonzero(table["active"]).tolist() == [*range(event["first_sweep"], event["last_sweep"] + 1)]
     enough = np.flatnonzero(np.array(table["points"]) >= 1)
     assert (enough[0], enough[-1]) == (event["first_sweep"], event["last_sweep"])
     assert max(table["points"]) == event["points"]
@@ -120,7 +115,9 @@ def test_things_and_agents_count_alone_where_a_zone_asks_for_them(tmp_path: Path
         for count in ("beams", "things", "agents")
     )
     tables = watched(log, zones)
-    points = {name: np.array(column(tables.zones, "points", zone=name)) for name in ("beams", "things", "agents")}
+    points = {
+        name: np.array(column(tables.zones, "points", zone=name)) for name in ("beams", "things", "agents")
+    }
     assert (points["beams"] > points["things"]).all(), "the wall is at 8 m"
     assert (points["things"] >= points["agents"]).all()
     assert points["things"][5] > 4 and points["agents"][5] == 0, "the box"
@@ -220,10 +217,15 @@ def test_a_zone_in_the_world_while_the_robot_drives(tmp_path: Path) -> None:
         y = pose[:, 1:2] + batch.ranges * np.sin(bearing)
         expected += np.sum(np.hypot(x + 0.25, y - 0.9) < 0.4, axis=1).tolist()
     assert np.abs(points - expected).max() <= 1, "points on the edge"
-    matched = watched(log, BESIDE.replace("x = -0.25, y = 0.9", "x = 2.75, y = 0.9"), no_objects=True, pose="match")
+    matched = watched(
+        log, BESIDE.replace("x = -0.25, y = 0.9", "x = 2.75, y = 0.9"), no_objects=True, pose="match"
+    )
     found = np.array(column(matched.zones, "points", zone="bulge"))
     assert np.abs(found - expected).max() <= 12, "the path that sweeps tell begins at 0"
-    assert column(matched.events, "first_sweep", zone="bulge")[:1] == column(told.events, "first_sweep", zone="bulge")[:1]
+    assert (
+        column(matched.events, "first_sweep", zone="bulge")[:1]
+        == column(told.events, "first_sweep", zone="bulge")[:1]
+    )
 
 
 def test_columns_are_declared(passed: tuple[Path, Float64]) -> None:
