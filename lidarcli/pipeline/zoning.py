@@ -47,7 +47,7 @@ from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import judge_zones, parse_zone_check, zone_figures
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tabular.arrays import answers, codes
+from lidarcli.tabular.arrays import answers, are, codes
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.rows import FORMS, constant
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
@@ -523,20 +523,14 @@ class _Watching:
         labels = {row["track"]: row["label"] for row in mine if row["label"] is not None}
         columns = ("topic", "track", "sweep", "frame", "x", "y")
         rows = read_columns(pair.trajectories, "trajectories", SCHEMAS["trajectories"], columns)
-        names = rows["topic"].unify_dictionaries().combine_chunks()
-        here = np.asarray(names.dictionary)[np.asarray(names.indices)] == series.topic if len(names) else []
+        here = are(rows["topic"], series.topic)
         track = np.asarray(rows["track"])
         sweeps = series.column("sweep")
         sweep = np.asarray(rows["sweep"])
         at = np.minimum(np.searchsorted(sweeps, sweep), len(sweeps) - 1)
         some = np.flatnonzero(here & np.isin(track, agents) & (sweeps[at] == sweep))
         order = some[np.lexsort((series.column("stamp_ns")[at[some]], track[some]))]
-        frames = rows["frame"].unify_dictionaries().combine_chunks()
-        world = (
-            np.asarray(frames.dictionary)[np.asarray(frames.indices)] == WORLD
-            if len(frames)
-            else np.zeros(0, np.bool_)
-        )
+        world = are(rows["frame"], WORLD)
         return Tracked(
             track[order],
             at[order],

@@ -65,7 +65,7 @@ def samples(shape: Shape) -> Float64:
     found = np.empty((0, 2))
     # A thin zone in a corner of its box takes more of the sequence; a flat one has its corners for places.
     for count in (1 << 10, 1 << 14, 1 << 18):
-        places: Float64 = low + size * (0.5 + np.arange(1, count + 1)[:, None] * np.array(_STEP)) % 1.0
+        places: Float64 = low + size * ((0.5 + np.arange(1, count + 1)[:, None] * np.array(_STEP)) % 1.0)
         found = places[inside(shape, *places.T)]
         if len(found) >= SAMPLES:
             return found[:SAMPLES]
