@@ -34,6 +34,7 @@ from lidarcli.pipeline.watching.counting import (
     OBJECT_COLUMNS,
     Counting,
     Objects,
+    Shapes,
     Told,
     TopicSeries,
     ZoneSeries,
@@ -45,8 +46,8 @@ from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import judge_zones, parse_zone_check, zone_figures
 from lidarcli.stores.url import Place
-from lidarcli.sweeps import Int64, SweepBatch
-from lidarcli.tabular.arrays import answers, codes
+from lidarcli.sweeps import SweepBatch
+from lidarcli.tabular.arrays import answers, are, codes
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.rows import FORMS, constant
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
@@ -90,16 +91,21 @@ class ZoneOptions:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all options that the result depends on, as plain values, for the tables' metadata."""
-        told = {"zones": [zone_dict(zone) for zone in self.zones.zones], "find": self.has_objects}
-        return (
-            self.detect.as_dict()
-            | told
-            | ({} if not self.zones.masks.masks else {"zone_masks": plain(self.zones.masks)})
-        )
+        told: dict[str, Any] = {
+            "zones": [zone_dict(zone) for zone in self.zones.zones],
+            "find": self.has_objects,
+        }
+        if masks := plain(self.zones.masks):
+            told["zone_masks"] = masks
+        if self.zones.robot:
+            told["robot"] = self.zones.robot
+        if self.footprint is not None:
+            told["footprint"] = [[*corner] for corner in self.footprint.corners]
+        return self.detect.as_dict() | told
 
 
 def zone_dict(zone: Zone) -> dict[str, Any]:
-    """Return a zone as plain values; of its shape one of polygon, circle, line, or the name of each polygon."""
+    """Return a zone as plain values; of its shape one of polygon, circle, line, or each of its polygons by name."""
     shape = zone.shape
     told: dict[str, Any] = {
         name: getattr(zone, name)
@@ -117,6 +123,9 @@ def zone_dict(zone: Zone) -> dict[str, Any]:
     }
     if zone.topics:
         told["topics"] = [*zone.topics]
+    if zone.action == "approach":
+        told |= {name: getattr(zone, name) for name in ("time_before_collision", "time_step")}
+    told |= {name: topic for name in ("shape_topic", "velocity_topic") if (topic := getattr(zone, name))}
     match shape:
         case Polygon(corners):
             told["polygon"] = [[*corner] for corner in corners]
@@ -126,7 +135,13 @@ def zone_dict(zone: Zone) -> dict[str, Any]:
             told["line"] = [[*first], [*second]]
         case None:
             told["polygons"] = {
-                case.name: [[*corner] for corner in case.shape.corners] for case in zone.cases
+                case.name: {
+                    "polygon": [[*corner] for corner in case.shape.corners],
+                    "linear": [*case.linear],
+                    "turning": [*case.turning],
+                    **({} if case.direction is None else {"direction": [*case.direction]}),
+                }
+                for case in zone.cases
             }
     return told
 
@@ -140,6 +155,16 @@ def refuse_options(options: ZoneOptions) -> None:
                 "is a line, and crossings" if isinstance(zone.shape, Line) else f"counts {zone.count}, which"
             )
             raise OptionError(f"zone '{zone.name}' {what} need tracks: leave out --no-objects")
+        if zone.frame == WORLD:
+            _refuse_resting(zone)
+
+
+def _refuse_resting(zone: Zone) -> None:
+    """Refuse a zone in the world that is to move with the robot (`OptionError`)."""
+    if zone.action == "approach":
+        raise OptionError(
+            f"zone '{zone.name}' approaches, and in the world it does not move with the robot: give another 'frame'"
+        )
 
 
 class ZoneTables(NamedTuple):
@@ -304,6 +329,7 @@ class _Watching:
         self._frames = Frames.of(log, zones, own.mounts)
         # Beams under a mask are counted here, and left out.
         self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
+        self._topics: set[str] = set()
         self._counting: dict[str, Counting] = {}
         self._report = ReadReport()
         self._told = {
@@ -321,15 +347,12 @@ class _Watching:
         }
         return Told(*found, recorded=types == {TWIST})
 
-    def _shapes_of(self, zone: Zone) -> tuple[list[Circle | Polygon], Int64, Int64]:
-        """Return the shapes of a zone, and from which time on which of them counts, where a topic tells them."""
-        none = np.zeros(0, np.int64)
+    def _shapes_of(self, zone: Zone) -> Shapes:
+        """Return the shapes of a zone."""
         if isinstance(zone.shape, Circle | Polygon):
-            return [zone.shape], none, none
-        if isinstance(zone.shape, Line):
-            return [], none, none
-        if zone.cases:
-            return [case.shape for case in zone.cases], none, none
+            return Shapes([zone.shape])
+        if isinstance(zone.shape, Line) or zone.cases:
+            return Shapes([case.shape for case in zone.cases])
         told = polygons(self._log, zone.shape_topic, self._report)
         if told is None:
             if self._options.footprint is None:
@@ -337,7 +360,7 @@ class _Watching:
                     f"zone '{zone.name}' has the shape that {zone.shape_topic} tells, and the log has no such topic: "
                     "give --footprint '[[x, y], ...]'"
                 )
-            return [self._options.footprint], none, none
+            return Shapes([self._options.footprint])
         shapes: dict[tuple[tuple[float, float], ...], int] = {}
         times, parts = [], []
         for each in told:
@@ -349,7 +372,9 @@ class _Watching:
             key = tuple((round(float(x), 3), round(float(y), 3)) for x, y in corners)
             times.append(each.stamp_ns)
             parts.append(shapes.setdefault(key, len(shapes)))
-        return [Polygon(key) for key in shapes], np.array(times, np.int64), np.array(parts, np.int64)
+        if not shapes:
+            raise UnreadableError(f"zone '{zone.name}': no polygon of {zone.shape_topic} can be read")
+        return Shapes([Polygon(key) for key in shapes], np.array(times, np.int64), np.array(parts, np.int64))
 
     def run(
         self, source: Source, progress: Progress | None
@@ -368,11 +393,13 @@ class _Watching:
         ]
         summary = ZoneSummary(**{name: getattr(read, name) for name in RunSummary.__dataclass_fields__})
         summary.notes += self._notes
+        summary.notes += [note for zone in self._options.zones.zones for note in self._gaps(zone)]
         settled = [one for zone in self._options.zones.zones for one in self._settled(zone)]
         return summary, settled, described
 
     def _take(self, batch: SweepBatch, reading: Reading) -> None:
         """Count the sweeps of a batch."""
+        self._topics.add(batch.topic)
         zones = [zone for zone in self._options.zones.zones if _counts(zone, batch.topic)]
         if not len(batch) or not zones:
             return
@@ -383,7 +410,8 @@ class _Watching:
                 series = TopicSeries(
                     batch.topic,
                     sensor,
-                    [ZoneSeries.of(zone, self._shapes[zone.name][0]) for zone in resolved],
+                    [ZoneSeries.of(zone, self._shapes[zone.name]) for zone in resolved],
+                    batch.first_ns,
                 )
                 self._counting[batch.topic] = Counting(series, self._frames, self._masks, self._told)
             objects = None if whole is None else whole.of_rows(rows)
@@ -400,7 +428,9 @@ class _Watching:
                     f"zone '{zone.name}' is in the world, and nothing tells where the sensor of {topic} is: give --pose "
                     "or --poses (--pose match finds the path from the sweeps)"
                 )
-            return replace(zone, frame=WORLD)
+            resting = replace(zone, frame=WORLD)
+            _refuse_resting(resting)
+            return resting
         return zone
 
     def _objects(self, batch: SweepBatch) -> Objects | None:
@@ -427,30 +457,58 @@ class _Watching:
             objects = objects.filter(pa.array(there))
         return Objects.of(objects, batch)
 
-    def _settled(self, zone: Zone) -> Iterator[Settled]:
-        """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
-        counted_in = [
-            (topic, each.series)
-            for topic, each in sorted(self._counting.items())
-            if _counts(zone, topic) and each.series.count
+    def _counted_in(self, zone: Zone) -> list[tuple[str, TopicSeries]]:
+        """Return the topics that count in a zone."""
+        return [
+            (topic, each.series) for topic, each in sorted(self._counting.items()) if _counts(zone, topic)
         ]
+
+    def _gaps(self, zone: Zone) -> Iterator[str]:
+        """Yield what a zone needs and the log has only in part; refuse one for which it has nothing of it."""
+        counted_in = self._counted_in(zone)
         if not counted_in:
             wanted = ", ".join(zone.topics) or "any topic"
-            raise NoScanError(f"zone '{zone.name}' is for {wanted}, and the log has no sweeps of it")
+            known = ", ".join(sorted(self._topics)) or "none"
+            raise NoScanError(
+                f"zone '{zone.name}' is for {wanted}, and no sweeps of it have been read (only of {known})"
+            )
+        missing = [name for name in zone.topics if not any(same_name(name, topic) for topic, _ in counted_in)]
+        if missing:
+            yield f"zone '{zone.name}': no sweeps of {', '.join(missing)}, which would count in it too"
+        if zone.action != "approach" and not zone.cases:
+            return
+        unknown = sum(int(np.isnan(each.column("velocity")[:, 0]).sum()) for _, each in counted_in)
+        sweeps = sum(each.count for _, each in counted_in)
+        if unknown == sweeps:
+            topic = (
+                f"neither {zone.velocity_topic} nor poses tell" if zone.velocity_topic else "no poses tell"
+            )
+            raise NoScanError(
+                f"zone '{zone.name}' needs the velocity of the robot, which {topic}: give --pose or --poses (--pose "
+                "match finds the path from the sweeps)"
+            )
+        # Poses tell no velocity before the second sweep.
+        if unknown > len(counted_in):
+            yield f"zone '{zone.name}': velocity not known in {unknown:,} of {counted(sweeps, 'sweep')}, not judged there"
+
+    def _settled(self, zone: Zone) -> Iterator[Settled]:
+        """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
+        counted_in = self._counted_in(zone)
         groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
         for group in groups:
             series = [next(one for one in each.zones if one.zone.name == zone.name) for _, each in group]
-            _, times, parts = self._shapes[zone.name]
+            topics = [each.series for each in self._counting.values()]
+            stamps = [each.column("stamp_ns") for each in topics]
             yield settle(
                 Counted(
                     series[0].zone,
                     tuple(each for _, each in group),
                     tuple(series),
                     tuple(case.name for case in zone.cases),
-                    times,
-                    parts,
                     tuple(self._tracked(each) for _, each in group),
                     self._pair is not None,
+                    (min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
+                    min(each.first_ns for each in topics),
                 )
             )
 
@@ -465,20 +523,14 @@ class _Watching:
         labels = {row["track"]: row["label"] for row in mine if row["label"] is not None}
         columns = ("topic", "track", "sweep", "frame", "x", "y")
         rows = read_columns(pair.trajectories, "trajectories", SCHEMAS["trajectories"], columns)
-        names = rows["topic"].unify_dictionaries().combine_chunks()
-        here = np.asarray(names.dictionary)[np.asarray(names.indices)] == series.topic if len(names) else []
+        here = are(rows["topic"], series.topic)
         track = np.asarray(rows["track"])
         sweeps = series.column("sweep")
         sweep = np.asarray(rows["sweep"])
         at = np.minimum(np.searchsorted(sweeps, sweep), len(sweeps) - 1)
         some = np.flatnonzero(here & np.isin(track, agents) & (sweeps[at] == sweep))
-        order = some[np.lexsort((sweep[some], track[some]))]
-        frames = rows["frame"].unify_dictionaries().combine_chunks()
-        world = (
-            np.asarray(frames.dictionary)[np.asarray(frames.indices)] == WORLD
-            if len(frames)
-            else np.zeros(0, np.bool_)
-        )
+        order = some[np.lexsort((series.column("stamp_ns")[at[some]], track[some]))]
+        world = are(rows["frame"], WORLD)
         return Tracked(
             track[order],
             at[order],

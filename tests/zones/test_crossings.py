@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ def path_of(points: Any, first_ns: int = 0) -> Path:
 def walked(corners: Sequence[tuple[float, float]], step: float) -> Float64:
     """Points on the way from corner to corner, `step` [m] apart and on the corners themselves."""
     pieces = [np.array(corners[:1])]
-    for (x, y), (next_x, next_y) in zip(corners, corners[1:], strict=False):
+    for (x, y), (next_x, next_y) in pairwise(corners):
         count = max(int(np.ceil(np.hypot(next_x - x, next_y - y) / step)), 1)
         share = np.arange(1, count + 1)[:, None] / count
         pieces.append(np.array([[x, y]]) * (1.0 - share) + np.array([[next_x, next_y]]) * share)
@@ -164,7 +165,7 @@ def test_agents_of_two_sensors() -> None:
     there = {5: path_of(other + 0.2), 8: path_of(one + 0.3)}
     number = same_agents([here, there])
     assert number[0, 1] == number[1, 8] != number[0, 2] == number[1, 5]
-    far = same_agents([{1: path_of(one)}, {5: path_of(one + (0.0, 0.6))}])
+    far = same_agents([{1: path_of(one)}, {5: path_of(one + np.array([0.0, 0.6]))}])
     assert far[0, 1] != far[1, 5], "0.6 m apart"
     later = same_agents([{1: path_of(one)}, {5: path_of(one, 40 * STEP_NS)}])
     assert later[0, 1] != later[1, 5], "not at one time"
@@ -183,6 +184,11 @@ def test_one_sensor_that_loses_an_agent_which_the_other_one_keeps() -> None:
 def test_two_agents_side_by_side_of_one_sensor_are_two() -> None:
     x = np.linspace(0.0, 3.0, 60)
     whole = np.column_stack([x, 0 * x])
-    number = same_agents([{1: path_of(whole), 2: path_of(whole + (0, 0.4))}, {7: path_of(whole + (0, 0.15))}])
+    number = same_agents(
+        [
+            {1: path_of(whole), 2: path_of(whole + np.array([0, 0.4]))},
+            {7: path_of(whole + np.array([0, 0.15]))},
+        ]
+    )
     assert number[0, 1] != number[0, 2]
     assert number[1, 7] == number[0, 1]

@@ -91,11 +91,14 @@ def candidates(batch: SweepBatch, ranges: Float32, place: SweepPoses, shape: Cir
     far = np.hypot(x - place.x, y - place.y) + way
     # Single precision rounds ranges by less than this.
     reach = radius + 1e-3
+    rows = np.flatnonzero(np.isfinite(far))
+    some = ranges if len(rows) == len(ranges) else ranges[rows]
+    farthest, nearest = (
+        (edge[rows, None]).astype(np.float32) for edge in (far + reach, far - 2.0 * way - reach)
+    )
     with np.errstate(invalid="ignore"):
-        near = (ranges <= (far + reach)[:, None].astype(np.float32)) & (
-            ranges >= (far - 2.0 * way - reach)[:, None].astype(np.float32)
-        )
-    row, beam = np.nonzero(near)
+        row, beam = np.nonzero((some <= farthest) & (some >= nearest))
+    row = rows[row]
     bearing = batch.angle_min[row] + batch.angle_increment[row] * beam
     r = ranges[row, beam].astype(np.float64)
     share = None if place.way is None else batch.shares(row, beam)
@@ -112,9 +115,10 @@ def seen(batch: SweepBatch, place: SweepPoses, places: Float64) -> Bool:
 
     Parameters
     ----------
-    place : poses of the sensor in the frame of the places, (P, 2) [m]
+    place : poses of the sensor in the frame of the places
+    places : (P, 2) [m], or (S, P, 2) of each sweep
     """
-    dx, dy = places[:, 0] - place.x[:, None], places[:, 1] - place.y[:, None]
+    dx, dy = places[..., 0] - place.x[:, None], places[..., 1] - place.y[:, None]
     distance = np.hypot(dx, dy)
     turned = np.arctan2(dy, dx) - place.yaw[:, None]
     bearing = np.where(place.upside_down[:, None], -turned, turned)

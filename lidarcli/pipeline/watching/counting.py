@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones.approach import collision_steps, meeting, times
 from lidarcli.formalism.zones.points import Inside, candidates, samples, seen
@@ -17,7 +17,7 @@ from lidarcli.masks import Circle, Masks, Polygon
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8
 from lidarcli.tabular.arrays import held, numbers
-from lidarcli.zone import SENSOR, WORLD, Line, Zone
+from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
 
 NO_OBJECT = -1
 """In place of an object: a point on walls and the rest."""
@@ -78,6 +78,22 @@ class Objects(NamedTuple):
         return owner
 
 
+class Shapes(NamedTuple):
+    """The shapes of a zone: one, those of its cases, or those that a topic tells one after the other."""
+
+    shapes: list[Circle | Polygon]
+    times: Int64 = np.zeros(0, np.int64)
+    which: Int64 = np.zeros(0, np.int64)
+    """(M,) from which time on which of them it is, where a topic tells it."""
+
+    def at(self, stamp_ns: Int64) -> Int64 | None:
+        """Return which shape it is at times (S,), before the first message the first; None where no topic tells it."""
+        if not len(self.times):
+            return None
+        at = np.searchsorted(self.times, stamp_ns, side="right") - 1
+        return self.which[np.maximum(at, 0)]
+
+
 class Hits(NamedTuple):
     """How many points of an object are in a part of a zone: one entry for each object of a sweep."""
 
@@ -96,12 +112,12 @@ NO_HITS = Hits(_NONE, _NONE, np.zeros(0, np.uint8), _NONE, _NONE, _NONE)
 
 @dataclass(slots=True)
 class ZoneSeries:
-    """What the sweeps of one topic have in a zone, by part: its shape, or each of its shapes."""
+    """What the sweeps of one topic have in a zone, by part: its shape of the time, or each of its cases."""
 
     zone: Zone
-    shapes: list[Circle | Polygon]
+    shapes: Shapes
     places: list[Float64]
-    """(P, 2) of each part, at which is asked whether they are seen; of a line its own."""
+    """(P, 2) of each shape, at which is asked whether they are seen; of a line its own."""
     points: list[Int32] = field(default_factory=list)
     """(S, parts) each, as all that follow."""
     nearest: list[Float32] = field(default_factory=list)
@@ -116,10 +132,10 @@ class ZoneSeries:
     """(S, 4) place of the sensor in the frame of the zone: x, y [m], yaw [rad], 1 where it hangs head down."""
 
     @staticmethod
-    def of(zone: Zone, shapes: Sequence[Circle | Polygon]) -> ZoneSeries:
+    def of(zone: Zone, shapes: Shapes) -> ZoneSeries:
         """Return an empty series; a line has one part for what is seen of it."""
         line = [zone.shape] if isinstance(zone.shape, Line) else []
-        return ZoneSeries(zone, [*shapes], [samples(shape) for shape in [*shapes, *line]])
+        return ZoneSeries(zone, shapes, [samples(shape) for shape in [*shapes.shapes, *line]])
 
     def column(self, name: str) -> NDArray[Any]:
         """Return one of the quantities of all sweeps (S, parts)."""
@@ -141,6 +157,8 @@ class TopicSeries:
     topic: str
     frame_id: str
     zones: list[ZoneSeries]
+    first_ns: int
+    """Stamp of the first sweep of the topic in the log."""
     sweep: list[Int64] = field(default_factory=list)
     stamp_ns: list[Int64] = field(default_factory=list)
     seconds: list[Float64] = field(default_factory=list)
@@ -207,7 +225,8 @@ class Counting:
                     places[name] = posed
                 else:
                     places[name] = self._frames.sensor_in(name, sensor, batch.stamp_ns)
-        velocity = self._velocity(batch, sensor)
+        carried = self._carried(batch, sensor)
+        velocity = self._velocity(batch, carried)
         series.sweep.append(batch.sweep)
         series.stamp_ns.append(batch.stamp_ns)
         series.seconds.append(batch.seconds())
@@ -216,7 +235,8 @@ class Counting:
         for each in series.zones:
             place = places[each.zone.frame]
             each.placed.append(_four(place.at_stamp()))
-            look = _Look(batch, ranges, place, objects, owners, velocity, series.count)
+            own = velocity if each.zone.frame == WORLD else _velocity_of(velocity, place, carried)
+            look = _Look(batch, ranges, place, objects, owners, own, series.count)
             self._look(
                 each, look, None if under is None else np.where(under, batch.ranges, np.float32(np.nan))
             )
@@ -224,19 +244,33 @@ class Counting:
 
     def _look(self, into: ZoneSeries, look: _Look, masked: Float32 | None) -> None:
         """Count what is in a zone."""
-        count, parts = len(look.batch), len(into.places)
+        now = into.shapes.at(look.batch.stamp_ns)
+        count, parts = len(look.batch), len(into.places) if now is None else 1
         points, away = np.zeros((count, parts), np.int32), np.zeros((count, parts), np.int32)
         nearest, bearing = (np.full((count, parts), np.nan, np.float32) for _ in range(2))
         x, y, ttc = (np.full((count, parts), np.nan) for _ in range(3))
         bits = np.zeros((count, parts), np.uint64)
-        for part, places in enumerate(into.places):
+        for part, places in enumerate(into.places if now is None else [np.stack(into.places)[now]]):
             bits[:, part] = np.packbits(seen(look.batch, look.place, places), axis=1).view(np.uint64)[:, 0]
-        for part, shape in enumerate(into.shapes):
+        whole = look
+        for number, shape in enumerate(into.shapes.shapes):
+            part, look = number, whole
+            if now is not None:
+                mine = now == number
+                if not mine.any():
+                    continue
+                # A sweep without a place has no points.
+                part, look = (
+                    0,
+                    whole._replace(place=replace(whole.place, x=np.where(mine, whole.place.x, np.nan))),
+                )
             found, its = look.inside(into.zone, shape)
             if into.zone.action == "approach":
-                found, ttc[:, part] = look.approach(into.zone, shape, found, its)
-            rows, counts = np.unique(found.row, return_counts=True)
-            points[rows, part] = counts
+                found, times_to = look.approach(into.zone, shape, found, its)
+                ttc[:, part] = np.fmin(ttc[:, part], times_to)
+            counts = np.bincount(found.row, minlength=count)
+            rows = np.flatnonzero(counts)
+            points[rows, part] = counts[rows]
             if len(rows):
                 least = look.least(found)
                 at = found.row[least], found.beam[least]
@@ -246,14 +280,23 @@ class Counting:
             into.hits.append(look.hits(found, part))
             if masked is not None:
                 under = candidates(look.batch, masked, look.place, shape)
-                away[:, part] = np.bincount(under.row, minlength=count)
+                away[:, part] += np.bincount(under.row, minlength=count).astype(np.int32)
         for name, values in (
             *(("points", points), ("nearest", nearest), ("bearing", bearing), ("x", x), ("y", y)),
             *(("masked", away), ("seen", bits), ("ttc", ttc)),
         ):
             getattr(into, name).append(values)
 
-    def _velocity(self, batch: SweepBatch, sensor: str) -> Float64:
+    def _carried(self, batch: SweepBatch, sensor: str) -> SweepPoses:
+        """Return where the sensor is on the robot; where nothing tells that, it is the robot."""
+        if batch.poses is not None or any(self._told.values()):
+            try:
+                return self._frames.sensor_in(ROBOT, sensor, batch.stamp_ns)
+            except NoScanError:
+                pass
+        return self._frames.sensor_in(SENSOR, sensor, batch.stamp_ns)
+
+    def _velocity(self, batch: SweepBatch, carried: SweepPoses) -> Float64:
         """Return the velocity of the robot (S, 3): as the log tells it, or else by the poses before each sweep."""
         topics = dict.fromkeys(each.zone.velocity_topic for each in self.series.zones)
         told = next((found for topic in topics if (found := self._told.get(topic)) is not None), None)
@@ -266,9 +309,9 @@ class Counting:
         if batch.poses is None:
             return velocities
         known = np.flatnonzero(np.isfinite(batch.poses.x))
-        robot = self._robot(batch.poses.at_stamp(), batch, sensor)
+        robot = _robot(batch.poses.at_stamp(), carried)
         here = np.column_stack([robot.x, robot.y, robot.yaw])[known]
-        stamps = np.concatenate([self._stamps, np.maximum.accumulate(batch.stamp_ns[known])])
+        stamps = np.maximum.accumulate(np.concatenate([self._stamps, batch.stamp_ns[known]]))
         poses = np.concatenate([self._robots, here])
         now = np.arange(len(poses) - len(known), len(poses))
         then = np.maximum(np.searchsorted(stamps, stamps[now] - VELOCITY_SPAN_NS, side="right") - 1, 0)
@@ -284,15 +327,6 @@ class Counting:
         kept = int(then[-1]) if len(known) else 0
         self._stamps, self._robots = stamps[kept:], poses[kept:]
         return velocities
-
-    def _robot(self, poses: SweepPoses, batch: SweepBatch, sensor: str) -> SweepPoses:
-        """Return the poses of the robot in the world; those of the sensor where it is not known how it is mounted."""
-        frames = {each.zone.frame for each in self.series.zones} - {WORLD, SENSOR}
-        mount = self._frames.sensor_in(min(frames, default=SENSOR), sensor, batch.stamp_ns)
-        yaw = poses.yaw - mount.yaw
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        x, y = poses.x - cos * mount.x + sin * mount.y, poses.y - sin * mount.x - cos * mount.y
-        return SweepPoses(x, y, yaw, np.zeros(len(yaw), np.bool_))
 
 
 class _Look(NamedTuple):
@@ -358,12 +392,13 @@ class _Look(NamedTuple):
         """Return the velocity over ground of the agents that points are on (K, 2), in the axes of the robot [m/s]."""
         assert self.owners is not None
         assert self.objects is not None
-        velocity = np.nan_to_num(self.objects.velocity[np.maximum(self.owners[found.row, found.beam], 0)])
-        turned = self.place.yaw if self.batch.poses is None else self.place.yaw - self.batch.poses.yaw
+        vx, vy = np.nan_to_num(self.objects.velocity[np.maximum(self.owners[found.row, found.beam], 0)]).T
+        poses = np.full(len(self.batch), np.nan) if self.batch.poses is None else self.batch.poses.yaw
+        in_world = np.isfinite(poses)
+        turned = self.place.yaw - np.where(in_world, poses, 0.0)
+        vy = np.where((self.place.upside_down & ~in_world)[found.row], -vy, vy)
         cos, sin = np.cos(turned[found.row]), np.sin(turned[found.row])
-        return np.column_stack(
-            [cos * velocity[:, 0] - sin * velocity[:, 1], sin * velocity[:, 0] + cos * velocity[:, 1]]
-        )
+        return np.column_stack([cos * vx - sin * vy, sin * vx + cos * vy])
 
     def least(self, found: Inside) -> NDArray[np.intp]:
         """Return the nearest point of each sweep that has any, by index."""
@@ -396,6 +431,30 @@ def _around(shape: Circle | Polygon, way: float) -> Circle:
     if isinstance(shape, Circle):
         return Circle(0.0, 0.0, float(np.hypot(shape.x, shape.y)) + shape.radius + way)
     return Circle(0.0, 0.0, float(np.hypot(*np.array(shape.corners).T).max()) + way)
+
+
+def _robot(poses: SweepPoses, carried: SweepPoses) -> SweepPoses:
+    """Return the poses of the robot in the world, from those of the sensor and its places on the robot."""
+    yaw = poses.yaw - carried.yaw
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    x, y = poses.x - cos * carried.x + sin * carried.y, poses.y - sin * carried.x - cos * carried.y
+    return SweepPoses(x, y, yaw, np.zeros(len(yaw), np.bool_))
+
+
+def _velocity_of(velocity: Float64, place: SweepPoses, carried: SweepPoses) -> Float64:
+    """Return the velocity (S, 3) of a frame in its own axes, from that of the robot that carries it.
+
+    Parameters
+    ----------
+    place, carried : where the sensor is in the frame, and on the robot
+    """
+    frame = _robot(carried, place)
+    turning = velocity[:, 2]
+    dx, dy = velocity[:, 0] - turning * frame.y, velocity[:, 1] + turning * frame.x
+    cos, sin = np.cos(frame.yaw), np.sin(frame.yaw)
+    # In the frame of a sensor that hangs head down left is right.
+    side = np.where(place.upside_down == carried.upside_down, 1.0, -1.0)
+    return np.column_stack([cos * dx + sin * dy, side * (cos * dy - sin * dx), side * turning])
 
 
 def _four(poses: SweepPoses) -> Float64:

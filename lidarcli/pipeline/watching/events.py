@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,8 @@ from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
 from lidarcli.zone import WORLD, Line, Zone
 
 SECOND_NS = 1e9
+BOTH_CROSS_NS = 1_000_000_000
+"""Two sensors that see an agent cross a line see it within this time [ns]."""
 OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
 IN, OUT = DIRECTIONS
 _AGENT = SETS.index("A")
@@ -48,12 +50,13 @@ class Counted:
     """For each topic."""
     names: tuple[str, ...]
     """Name of each part of a velocity_polygon; empty of any other zone."""
-    shape_times: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
-    shape_parts: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
-    """(M,) from which time on which part is the shape, where a topic tells it."""
-    tracked: tuple[Tracked | None, ...] = ()
+    tracked: tuple[Tracked | None, ...]
     """For each topic; None without tracks."""
-    has_objects: bool = False
+    has_objects: bool
+    span_ns: tuple[int, int]
+    """Stamps of the first and the last sweep that counts in any zone [ns]."""
+    first_ns: int
+    """Stamp of the first sweep of the topics that count in any zone, whether or not it is among these [ns]."""
 
 
 @dataclass(slots=True)
@@ -91,10 +94,10 @@ class _Settling:
         self.topic = np.repeat(np.arange(len(stamps)), [len(each) for each in stamps])
         self.own = np.concatenate([np.arange(len(each)) for each in stamps])
         time_ns = np.concatenate(stamps)
-        if len(stamps) > 1:
-            order = np.argsort(time_ns, kind="stable")
-            self.topic, self.own, time_ns = self.topic[order], self.own[order], time_ns[order]
-        self.time_ns: Int64 = time_ns
+        # A clock that is set back makes sweeps come in another order than the log has them.
+        order = np.argsort(time_ns, kind="stable")
+        self.topic, self.own = self.topic[order], self.own[order]
+        self.time_ns: Int64 = time_ns[order]
         self.latest = [self._latest(index, each) for index, each in enumerate(stamps)]
         """(N,) for each topic: number of its newest sweep that is not too old; -1 for none."""
         self.part = self._part()
@@ -123,10 +126,6 @@ class _Settling:
     def _part(self) -> Int64:
         """Return (N,) the part of the zone that counts, -1 for none."""
         count = len(self.own)
-        if len(self.counted.shape_times):
-            at = np.searchsorted(self.counted.shape_times, self.time_ns, side="right") - 1
-            # Before the first message the first shape is the best guess.
-            return self.counted.shape_parts[np.maximum(at, 0)]
         if not self.zone.cases:
             return np.zeros(count, np.int64)
         found = np.full(count, -1)
@@ -226,7 +225,7 @@ class _Settling:
     def _is_always_same(self, active: Bool) -> bool:
         if np.count_nonzero(active) < max(SAME_SHARE * len(active), 10):
             return False
-        low, high = np.percentile(self.nearest[active], (5, 95))
+        low, high = np.nanpercentile(self.nearest[active], (5, 95))
         middle = np.nanmedian(self.bearing[active])
         off = np.abs((self.bearing[active] - middle + 0.5 * TURN) % TURN - 0.5 * TURN)
         return bool(high - low < SAME_SPREAD and np.mean(off < SAME_TURN) >= SAME_SHARE)
@@ -341,12 +340,9 @@ class _Settling:
                 number = np.array([self.numbers.get((index, one), -1) for one in tracks.tolist()])[which]
                 agents = (hits.set[hit] == _AGENT) & (number >= 0)
                 pairs.append(np.column_stack([row[agents], number[agents]]))
-        order = np.argsort(self.time_ns, kind="stable")
-        in_order = self.time_ns[order]
         for index, track, first, last, _ in self._visits():
             times = self.paths[index][track].time_ns
-            low, high = np.searchsorted(in_order, [times[first], times[last] + 1])
-            rows = order[low:high]
+            rows = np.arange(*np.searchsorted(self.time_ns, [times[first], times[last] + 1]))
             pairs.append(np.column_stack([rows, np.full(len(rows), self.numbers[index, track])]))
         found = np.unique(np.concatenate(pairs), axis=0)
         return found[:, 0].astype(np.intp), found[:, 1]
@@ -371,10 +367,10 @@ class _Settling:
                 event = self._of_path(index, track, first, last, VISIT)
                 event["cut"] = cut and self._is_at_end(event)
                 events.append((self.numbers[index, track], event))
-        return _once(events, self.zone.timeout * SECOND_NS), one_sided
+        return _once(events), one_sided
 
     def _is_at_end(self, event: Mapping[str, Any]) -> bool:
-        return bool(event["start"] == self.time_ns.min() or event["end"] == self.time_ns.max())
+        return bool(event["start"] == self.time_ns[0] or event["end"] == self.time_ns[-1])
 
     def _of_path(self, index: int, track: int, first: int, last: int, kind: str) -> dict[str, Any]:
         """Return the event of a piece of the path of an agent."""
@@ -402,7 +398,6 @@ class _Settling:
             len(rows),
             int(path.time_ns[first]),
             int(path.time_ns[last]),
-            float(topic.column("seconds")[tracked.number[rows[0]]]),
         ) | {
             "agents": 1,
             "nearest": None if nearest is None else float(away[nearest]),
@@ -418,7 +413,7 @@ class _Settling:
     # Events.
 
     def _event(
-        self, index: int, kind: str, first: int, last: int, sweeps: int, start: int, end: int, seconds: float
+        self, index: int, kind: str, first: int, last: int, sweeps: int, start: int, end: int
     ) -> dict[str, Any]:
         """Return an event with what all kinds have."""
         topic = self.counted.topics[index]
@@ -434,7 +429,7 @@ class _Settling:
             "polygon": None,
             "start": start,
             "end": end,
-            "t": seconds,
+            "t": (start - self.counted.first_ns) / SECOND_NS,
             "duration": (end - start) / SECOND_NS,
             "cut": False,
         }
@@ -451,7 +446,7 @@ class _Settling:
         index = int(np.argmax(totals))
         mine = np.flatnonzero(self.topic[some] == index) + first
         begin, end = (int(mine[0]), int(mine[-1])) if len(mine) else (first, last)
-        sweeps, seconds = self._own("sweep"), self._own("seconds")
+        sweeps = self._own("sweep")
         letter, track, label = self._whose(at, int(self.source[at]))
         agents = None
         if self.agents is not None:
@@ -465,7 +460,6 @@ class _Settling:
             int(self.enough[some].sum()),
             int(self.time_ns[first]),
             int(self.time_ns[last]),
-            float(seconds[first]),
         )
         return event | {
             "polygon": self.counted.names[self.part[at]] if self.counted.names else None,
@@ -488,11 +482,11 @@ class _Settling:
         if not self.zone.timeout:
             return []
         timeout = int(self._timeout_ns)
-        begin, end = int(self.time_ns.min()), int(self.time_ns.max())
+        begin, end = self.counted.span_ns
         events = []
         for index, topic in enumerate(self.counted.topics):
             order = np.argsort(topic.column("stamp_ns"), kind="stable")
-            stamps, sweeps, seconds = (topic.column(name)[order] for name in ("stamp_ns", "sweep", "seconds"))
+            stamps, sweeps = (topic.column(name)[order] for name in ("stamp_ns", "sweep"))
             times = np.concatenate([[begin], stamps, [end]])
             for at in np.flatnonzero(np.diff(times) > timeout).tolist():
                 before, after = max(at - 1, 0), min(at, len(stamps) - 1)
@@ -505,13 +499,12 @@ class _Settling:
                     0,
                     start,
                     int(times[at + 1]),
-                    float(seconds[before] + (start - stamps[before]) / SECOND_NS),
                 )
                 events.append(event | {"cut": at in (0, len(stamps))})
         return events
 
 
-def _once(events: Sequence[tuple[int, dict[str, Any]]], apart_ns: float) -> list[dict[str, Any]]:
+def _once(events: Sequence[tuple[int, dict[str, Any]]]) -> list[dict[str, Any]]:
     """Return events of agents, of those that two sensors tell of one agent the first, which lasts as long as both."""
     kept: list[tuple[int, dict[str, Any]]] = []
     for agent, event in sorted(events, key=lambda each: each[1]["start"]):
@@ -522,7 +515,7 @@ def _once(events: Sequence[tuple[int, dict[str, Any]]], apart_ns: float) -> list
                 if its == agent
                 and one["topic"] != event["topic"]
                 and one.get("direction") == event.get("direction")
-                and event["start"] - one["end"] <= (apart_ns if event["kind"] == CROSSING else 0)
+                and event["start"] - one["end"] <= (BOTH_CROSS_NS if event["kind"] == CROSSING else 0)
             ),
             None,
         )
@@ -531,6 +524,7 @@ def _once(events: Sequence[tuple[int, dict[str, Any]]], apart_ns: float) -> list
             continue
         if event["kind"] == VISIT:
             same["end"] = max(same["end"], event["end"])
+            same["cut"] |= event["cut"]
             same["duration"] = (same["end"] - same["start"]) / SECOND_NS
         if (event["nearest"] or np.inf) < (same["nearest"] or np.inf):
             same |= {name: event[name] for name in ("nearest", "bearing", "x", "y")}

@@ -13,9 +13,9 @@ from lidarcli.masks import Mask, Masks, Mount, mounted, same_name
 from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
 from lidarcli.poses.messages import frame_name
 from lidarcli.poses.tracks import Track, planar
-from lidarcli.poses.tree import FrameTree, along
+from lidarcli.poses.tree import WORLDS, FrameTree, along
 from lidarcli.sweeps import Float64, Int64, SweepBatch, SweepPoses
-from lidarcli.zone import ROBOT, SENSOR, WORLD, Zones
+from lidarcli.zone import ROBOT, SENSOR, Zones
 
 
 @dataclass(slots=True)
@@ -65,8 +65,8 @@ class Frames:
         steps = self.tree.path(frame_name(sensor), frame_name(target))
         if steps is None:
             raise self._lost(sensor, target)
-        # A mount stays where it is, also before the first transform of it and after the last one.
-        return planar(along(steps, stamp_ns, held=True))
+        # A mount stays where it is, also before the first transform of it and after the last one; the robot does not.
+        return planar(along(steps, stamp_ns, held=frame_name(target).rpartition("/")[2] not in WORLDS))
 
     def robot_of(self, sensor: str) -> str:
         """Return the name of the frame of the robot that carries a sensor; errors as of `sensor_in`."""
@@ -135,6 +135,3 @@ def _resting(mount: Mount, count: int) -> SweepPoses:
     """Return one place for so many sweeps."""
     x, y, yaw = (np.full(count, value) for value in (mount.x, mount.y, mount.yaw))
     return SweepPoses(x, y, yaw, np.full(count, mount.upside_down))
-
-
-__all__ = ["WORLD", "Frames"]
