@@ -14,14 +14,16 @@ import click
 import pytest
 
 import lidarcli
+from lidarcli.cli.options import DeclaredOption
 from tools.reference import commands
 
-FUNCTIONS = ("read", "learn", "detect", "track", "tables", "map", "plot", "info", "report")
+FUNCTIONS = ("read", "learn", "detect", "track", "tables", "map", "zones", "plot", "info", "report")
 COMMANDS = {
     "learn": "background build",
     "detect": "detect",
     "track": "track",
     "map": "map",
+    "zones": "zones",
     "plot": "plot",
     "info": "info",
     "report": "report",
@@ -48,6 +50,7 @@ ONLY_SHELL = {
     "detect": {"output", "beams"},
     "track": {"output", "beams", "trajectories"},
     "map": {"jobs", "compare"},
+    "zones": {"output", "check"},
     "info": {"output", "check"},
     "plot": {"sweeps", "map", "animate", "fps", "start", "end"},
 }
@@ -72,7 +75,8 @@ def test_names_and_defaults_are_those_of_the_command_line(function: str) -> None
     parameters = inspect.signature(getattr(lidarcli, function)).parameters
     names = {name.replace("_", "-") for name in parameters.keys() - OWN}
     named = {
-        name.removeprefix("no-") if one.is_flag else name for name, one in options.items()
+        name.removeprefix("no-") if isinstance(one, DeclaredOption) and one.declared.is_negated else name
+        for name, one in options.items()
     } - OF_THE_SHELL
     # The logs of a report are no argument of its command.
     names |= {"log"} if function == "report" else set()
