@@ -48,6 +48,8 @@ def zones(log: Paths, **options: Unpack[Zoning]) -> ZoneTables:
     UnreadableError, NoScanError
         As of `read`; also where nothing leads to the frame of a zone, or poses contradict the sweeps.
     """
+    if not options["zones"]:
+        raise TypeError("zones() needs zones=FILE")
     how = zone_options(options, log_options(options))
     sources = sources_of(log, options["join"])
     failed = Failed(len(sources))
