@@ -13,6 +13,7 @@ PAGE = (ROOT / "docs" / "overlay.md").read_text(encoding="utf-8")
 ROS_NAMES = {
     Kind.OUTLINE: "LINE_STRIP",
     Kind.PATH: "LINE_STRIP",
+    Kind.ZONE: "LINE_STRIP",
     Kind.CUBE: "CUBE",
     Kind.CYLINDER: "CYLINDER",
     Kind.LABEL: "TEXT_VIEW_FACING",
