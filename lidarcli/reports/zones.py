@@ -85,8 +85,8 @@ def of_zone(rows: Rows, zone: str, *kinds: str) -> Bool:
 def _values(watched: Watched, zone: str, columns: Mapping[str, Float64]) -> dict[str, float | None]:
     """Return the figures of a zone without the beginning of their names; `columns`: `NUMBERS` of the rows of all zones."""
     events, mine = watched.events, of_zone(watched.zones, zone)
-    spread = {name: Spread.of(values[mine]) for name, values in columns.items()}
-    seen, agents = spread["seen"], spread["agents"]
+    of = {name: Spread.of(values[mine]) for name, values in columns.items()}
+    seen, agents = of["seen"], of["agents"]
     if not seen.max:
         return dict.fromkeys(name.removeprefix(f"{ZONES}{zone}.") for name in zone_names(zone))
     alarms, visits = of_zone(events, zone, "occupied", "approach"), of_zone(events, zone, "visit")
@@ -94,10 +94,10 @@ def _values(watched: Watched, zone: str, columns: Mapping[str, Float64]) -> dict
     duration = events.numbers("duration")
     values: dict[str, float | None] = {
         "events": int(alarms.sum()),
-        "share": spread["active"].mean,
-        "nearest": spread["nearest"].min,
-        "points.max": spread["points"].max,
-        "ttc.min": spread["ttc"].min,
+        "share": of["active"].mean,
+        "nearest": of["nearest"].min,
+        "points.max": of["points"].max,
+        "ttc.min": of["ttc"].min,
         # Without tracks nobody knows who went across.
         **{
             way: int((crossings & events.are("direction", way)).sum()) if agents.count else None
