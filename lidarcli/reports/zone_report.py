@@ -16,6 +16,7 @@ from lidarcli.reports.document import (
     Block,
     Card,
     Document,
+    Notes,
     Section,
     Table,
 )
@@ -47,6 +48,8 @@ def zone_sections(zoned: Zoned, logs: Sequence[str]) -> Iterator[tuple[str, Sect
     for source, found in [*zoned.courses.items()][:LOGS]:
         title = logs[source] if len(zoned.courses) > 1 else ""
         blocks.append(Bands(title, zoned.seconds[source], [*map(_band, found)]))
+    if len(zoned.courses) > LOGS:
+        blocks.append(Notes([(f"and {counted(len(zoned.courses) - LOGS, 'more log')}",)]))
     blocks += [_table(ways, WAY_CELLS)] if ways else []
     yield "zones", Section("Zones", blocks)
     for name, most, formats in (

@@ -13,7 +13,7 @@ from lidarcli.reports.checks import Check, Verdict, count_events, parse_check, v
 from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, zone_names
 from lidarcli.reports.palette import ZONE_COLOURS
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps import Bool, Float64
 from lidarcli.zone import SENSOR, WORLD, outline
 
 if TYPE_CHECKING:
@@ -23,6 +23,8 @@ OF_AREAS = ("events", "share", "nearest", "points.max", "ttc.min", "duration.")
 """Figures that a line has not: nothing occupies it."""
 OF_LINES = ("in", "out")
 """Figures that an area has not: it is entered from all sides."""
+NUMBERS = ("points", "nearest", "ttc", "active", "agents", "seen")
+"""Columns of the table of zones that figures are of."""
 KEPT = 100
 """Most events that are kept one by one."""
 FINEST = 1_000
@@ -62,8 +64,9 @@ def zone_figures(
 def figures_of(watched: Watched) -> dict[str, float | None]:
     """Return the figures of all zones."""
     found: dict[str, float | None] = {}
+    columns = {name: watched.zones.numbers(name) for name in NUMBERS}
     for name in watched.names:
-        shape, values = watched.shapes.get(name), _values(watched, name)
+        shape, values = watched.shapes.get(name), _values(watched, name, columns)
         missing = () if shape is None else OF_AREAS if "line" in shape else OF_LINES
         for full in zone_names(name):
             plain = full.removeprefix(f"{ZONES}{name}.")
@@ -79,11 +82,11 @@ def of_zone(rows: Rows, zone: str, *kinds: str) -> Bool:
     return chosen
 
 
-def _values(watched: Watched, zone: str) -> dict[str, float | None]:
-    """Return the figures of a zone without the beginning of their names."""
-    events, rows = watched.events, watched.zones
-    mine = of_zone(rows, zone)
-    seen, agents = Spread.of(rows.numbers("seen")[mine]), Spread.of(rows.numbers("agents")[mine])
+def _values(watched: Watched, zone: str, columns: Mapping[str, Float64]) -> dict[str, float | None]:
+    """Return the figures of a zone without the beginning of their names; `columns`: `NUMBERS` of the rows of all zones."""
+    events, mine = watched.events, of_zone(watched.zones, zone)
+    of = {name: Spread.of(values[mine]) for name, values in columns.items()}
+    seen, agents = of["seen"], of["agents"]
     if not seen.max:
         return dict.fromkeys(name.removeprefix(f"{ZONES}{zone}.") for name in zone_names(zone))
     alarms, visits = of_zone(events, zone, "occupied", "approach"), of_zone(events, zone, "visit")
@@ -91,10 +94,10 @@ def _values(watched: Watched, zone: str) -> dict[str, float | None]:
     duration = events.numbers("duration")
     values: dict[str, float | None] = {
         "events": int(alarms.sum()),
-        "share": Spread.of(rows.numbers("active")[mine]).mean,
-        "nearest": Spread.of(rows.numbers("nearest")[mine]).min,
-        "points.max": Spread.of(rows.numbers("points")[mine]).max,
-        "ttc.min": Spread.of(rows.numbers("ttc")[mine]).min,
+        "share": of["active"].mean,
+        "nearest": of["nearest"].min,
+        "points.max": of["points"].max,
+        "ttc.min": of["ttc"].min,
         # Without tracks nobody knows who went across.
         **{
             way: int((crossings & events.are("direction", way)).sum()) if agents.count else None
@@ -233,22 +236,25 @@ def zoned_of(watched: Watched, logs: Sequence[str]) -> Zoned:
     for source in np.unique(watched.zones.source).tolist():
         mine = stamp[watched.zones.source == source]
         spans[source] = int(mine.min()), int(mine.max())
-    sweeps = len(np.unique(np.column_stack(_sweeps(watched.zones)), axis=0)) if len(stamp) else 0
     return Zoned(
         figures=figures,
         zones=tuple(found),
         events=_gravest(watched, logs),
         listed=int(np.any([events.are("kind", kind) for kind in LISTED], axis=0).sum()),
-        sweeps=sweeps,
+        sweeps=_sweeps(watched.zones),
         starts_ns={source: first for source, (first, _) in spans.items()},
         seconds={source: (last - first) * 1e-9 for source, (first, last) in spans.items()},
         courses={source: tuple(_courses(watched, source, span, actions)) for source, span in spans.items()},
     )
 
 
-def _sweeps(rows: Rows) -> list[Int64]:
-    """Return source, topic and index of the sweep of each row."""
-    return [rows.source.astype(np.int64), rows.words("topic")[0].astype(np.int64), rows.integers("sweep")]
+def _sweeps(rows: Rows) -> int:
+    """Return the number of sweeps: of each source and topic, the rows of the zone that has most of them."""
+    (topic, topics), (zone, zones) = rows.words("topic"), rows.words("zone")
+    stream = rows.source.astype(np.int64) * max(len(topics), 1) + topic
+    size = max(len(zones), 1)
+    counts = np.bincount(stream * size + zone)
+    return int(np.pad(counts, (0, -len(counts) % size)).reshape(-1, size).max(axis=1, initial=0).sum())
 
 
 def _actions(watched: Watched) -> dict[str, str]:

@@ -430,3 +430,23 @@ def test_the_viewer_draws_zones(tmp_path: Path) -> None:
             assert page.evaluate("document.documentElement.scrollWidth") <= width
             assert page.evaluate("document.getElementById('zones').clientHeight") == 3 * 16
         assert page.complaints == []
+
+
+def test_of_many_logs_some_courses_are_drawn(tmp_path: Path) -> None:
+    for k in range(8):
+        write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, f"log{k}", SHAPES)
+    found = made(tmp_path)
+    text = render(found, "text")
+    assert "  log5" in text.splitlines()
+    assert "  log6" not in text.splitlines()
+    assert "and 2 more logs" in text
+    assert found.report.lines[0] == "zones in 8 logs: 80 sweeps in 7.2 s, 3 zones"
+
+
+def test_figures_of_zones_beside_a_baseline(tmp_path: Path) -> None:
+    new, old = write_run(tmp_path / "new", **crossing()), write_run(tmp_path / "old", **crossing())
+    write_zones(tmp_path / "new", EVENT_ROWS, ZONE_ROWS)
+    write_zones(tmp_path / "old", EVENT_ROWS[1:], ZONE_ROWS)
+    checks = ("delta.zones.stop.events == 1", "delta.zones.left-door.in == 0", "zones.stop.events == 2")
+    report = make_report(ReportOptions((str(new),), checks, (str(old),))).report
+    assert [(one.found, one.holds) for one in report.verdicts] == [(1, True), (0, True), (2, True)]
