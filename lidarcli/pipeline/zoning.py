@@ -320,6 +320,13 @@ class _Watching:
 
     def __init__(self, log: Log, options: ZoneOptions, pair: Pair | None) -> None:
         self._log, self._options, self._pair = log, options, pair
+        if pair is not None and not (pair.trajectories.exists() and pair.tracks.exists()):
+            for zone in options.zones.zones:
+                if isinstance(zone.shape, Line):
+                    raise OptionError(
+                        f"zone '{zone.name}' is a line, and crossings need tracks, which are not beside {pair.objects}: "
+                        "give the tables of track, or leave out --objects"
+                    )
         detect = options.detect
         masking = masking_of(log, detect.read.rules, detect.poses, detect.read.topics)
         own = masking.rules.masks or Masks()
