@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
+from lidarcli.choices import MATCH
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.masks import Circle, Masks, Polygon, same_name
@@ -320,6 +321,13 @@ class _Watching:
 
     def __init__(self, log: Log, options: ZoneOptions, pair: Pair | None) -> None:
         self._log, self._options, self._pair = log, options, pair
+        if pair is not None and not (pair.trajectories.exists() and pair.tracks.exists()):
+            for zone in options.zones.zones:
+                if isinstance(zone.shape, Line):
+                    raise OptionError(
+                        f"zone '{zone.name}' is a line, and crossings need tracks, which are not beside {pair.objects}: "
+                        "give the tables of track, or leave out --objects"
+                    )
         detect = options.detect
         masking = masking_of(log, detect.read.rules, detect.poses, detect.read.topics)
         own = masking.rules.masks or Masks()
@@ -330,6 +338,8 @@ class _Watching:
         # Beams under a mask are counted here, and left out.
         self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
         self._topics: set[str] = set()
+        self._worlds: dict[tuple[str, str], str] = {}
+        """Topic and frame of a sensor → the fixed frame of its poses."""
         self._counting: dict[str, Counting] = {}
         self._report = ReadReport()
         self._told = {
@@ -419,7 +429,7 @@ class _Watching:
 
     def _resolved(self, zone: Zone, topic: str, sensor: str, reading: Reading) -> Zone:
         """Return a zone whose frame is `world` where it names the fixed frame of the poses; refuse one without poses."""
-        world = reading.world_of(topic, sensor)
+        world = self._worlds[topic, sensor] = reading.world_of(topic, sensor)
         if zone.frame == WORLD or (
             world and zone.frame not in (SENSOR, ROBOT) and same_name(zone.frame, world)
         ):
@@ -475,6 +485,8 @@ class _Watching:
         missing = [name for name in zone.topics if not any(same_name(name, topic) for topic, _ in counted_in)]
         if missing:
             yield f"zone '{zone.name}': no sweeps of {', '.join(missing)}, which would count in it too"
+        if any(one.zone.name == zone.name and one.zone.frame == WORLD for one in counted_in[0][1].zones):
+            self._refuse_several_worlds(zone, [topic for topic, _ in counted_in])
         if zone.action != "approach" and not zone.cases:
             return
         unknown = sum(int(np.isnan(each.column("velocity")[:, 0]).sum()) for _, each in counted_in)
@@ -490,6 +502,18 @@ class _Watching:
         # Poses tell no velocity before the second sweep.
         if unknown > len(counted_in):
             yield f"zone '{zone.name}': velocity not known in {unknown:,} of {counted(sweeps, 'sweep')}, not judged there"
+
+    def _refuse_several_worlds(self, zone: Zone, topics: Sequence[str]) -> None:
+        """Refuse a zone in the world for sensors whose poses are in different ones."""
+        worlds = {at: world for at, world in self._worlds.items() if at[0] in topics}
+        # A path that is matched from the sweeps begins where its sensor was.
+        named = {(world, sensor if world == MATCH else "") for (_, sensor), world in worlds.items()}
+        if len(named) > 1:
+            told = ", ".join(f"{world} for {topic}" for (topic, _), world in sorted(worlds.items()))
+            raise NoScanError(
+                f"zone '{zone.name}' is in the world, and its sensors have each a world of its own ({told}): give the zone "
+                "one 'topic', or poses in one world (--pose TOPIC, --poses FILE)"
+            )
 
     def _settled(self, zone: Zone) -> Iterator[Settled]:
         """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""

@@ -34,10 +34,13 @@ def walked(corners: Sequence[tuple[float, float]], step: float) -> Float64:
 ACTS = ("cross", "touch", "dip", "beside", "away")
 
 
-def drawn_route(rng: np.random.Generator) -> tuple[Line, list[tuple[float, float]], int, int]:
+def drawn_route(
+    rng: np.random.Generator, margin: float = 0.0
+) -> tuple[Line, list[tuple[float, float]], int, int]:
     """A line, the corners of a route across or beside it, and how often it goes in and out.
 
-    The route is drawn along a line on the x axis, whose left side is y > 0, and both are moved to some place.
+    The route is drawn along a line on the x axis, whose left side is y > 0, and both are moved to some place. With a
+    `margin` [m] it counts the same when it is known to that only.
     """
     length = rng.uniform(0.8, 3.0)
     side = float(rng.choice([-1.0, 1.0]))
@@ -45,19 +48,24 @@ def drawn_route(rng: np.random.Generator) -> tuple[Line, list[tuple[float, float
     ways = {1.0: 0, -1.0: 0}
     for _ in range(int(rng.integers(1, 7))):
         along = rng.uniform(0.1, 0.9) * length
-        deep = rng.uniform(CLEAR + 0.05, 1.0)
+        deep = rng.uniform(CLEAR + 0.05 + margin, 1.0)
         match rng.choice(ACTS):
             case "cross":
                 route += [(along, side * 0.3), (along, -side * deep)]
                 side = -side
                 ways[side] += 1
             case "touch":
-                route += [(along, side * 0.25), (along, side * rng.choice([0.0, 0.01])), (along, side * deep)]
+                route += [
+                    (along, side * 0.25),
+                    (along, side * (margin + rng.choice([0.0, 0.01]))),
+                    (along, side * deep),
+                ]
             case "dip":
-                turn = -side * rng.uniform(0.02, CLEAR - 0.02)
+                turn = -side * rng.uniform(0.02, CLEAR - 0.02 - margin)
                 route += [(along, side * 0.25), (along, turn), (along, side * deep)]
             case "beside":
-                beyond = length + rng.uniform(0.05, 1.0) if rng.random() < 0.5 else -rng.uniform(0.05, 1.0)
+                off = rng.uniform(0.05 + margin, 1.0)
+                beyond = length + off if rng.random() < 0.5 else -off
                 route += [(beyond, side * 0.5), (beyond, -side * 0.5)]
                 side = -side
             case "away":

@@ -186,6 +186,22 @@ line = [[0.0, 1.0], [0.0, 4.0]]
     assert max(column(tables.zones, "things", zone="left")) == 1
 
 
+@pytest.mark.slow
+def test_two_sensors_whose_paths_are_matched_each_by_itself(tmp_path: Path) -> None:
+    """Each path begins at the origin of a world of its own."""
+    log = two(
+        tmp_path / "two.bag", scene_of(make.cylinder(0.0, 1.5, 0.3), make.box(3.0, -1.0, 1.0, 0.5), sweeps=20)
+    )
+    zone = ROBOT_CIRCLE.replace('"robot"', '"world"')
+    with pytest.raises(
+        NoScanError, match=r"a world of its own \(match for /scan_front, match for /scan_rear\)"
+    ):
+        watched(log, zone, no_objects=True, pose="match")
+    one = watched(log, zone + 'topic = "/scan_front"', no_objects=True, pose="match")
+    assert set(column(one.zones, "topic")) == {"/scan_front"}
+    assert max(column(one.zones, "points")) > 0
+
+
 # What is in view.
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from typing import Any, Unpack
 
+import numpy as np
 import pyarrow as pa
 
 from lidarcli.choices import SIGNIFICANCE
@@ -25,6 +26,7 @@ from lidarcli.pipeline.api.options import (
 from lidarcli.pipeline.detecting import Failed
 from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.zoning import ZoneOptions, ZoneTables, refuse_options, watch
+from lidarcli.zone import crossing_edges
 
 
 @with_keywords
@@ -95,4 +97,11 @@ def _footprint(text: str) -> Polygon:
         raise OptionError(f"--footprint: '{text}' is not [[x, y], ...]") from None
     if len(corners) < 3:
         raise OptionError(f"--footprint: '{text}' has fewer than 3 corners")
-    return Polygon(corners)
+    if not np.isfinite(corners).all():
+        raise OptionError(f"--footprint: '{text}' has numbers that are not finite")
+    shape = Polygon(corners)
+    if crossing_edges(shape) is not None:
+        raise OptionError(f"--footprint: '{text}' crosses itself")
+    if np.linalg.matrix_rank(np.subtract(corners, corners[0])) < 2:
+        raise OptionError(f"--footprint: '{text}' has no area: its corners lie on one line")
+    return shape

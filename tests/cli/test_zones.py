@@ -1,0 +1,429 @@
+"""`lidarcli zones`: outputs, exit codes and checks; logs and options of every kind."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import lidarcli as package
+from lidarcli.simulate import entities as make
+from lidarcli.simulate.generate import START_NS
+from lidarcli.simulate.scene import Course, Odometry
+from tests.cli.maps import Run, names
+from tests.pipeline.drawn import driven, round_about, told
+from tests.places import SAMPLES
+from tests.sweeping import BOX, raw_sweeps, round_room
+from tests.zones.runs import (
+    SENSOR,
+    column,
+    odometry_of,
+    scans,
+    scene_of,
+    sweeps_of,
+    twists,
+    walker,
+    where,
+    write_bag,
+    zone_file,
+)
+from tests.zones.test_crossings import drawn_route
+
+STOP = """
+[[zone]]
+name = "stop"
+action = "stop"
+circle = { x = 1.0, y = 0.0, radius = 0.5 }
+"""
+SIDE = """
+[[zone]]
+name = "side"
+polygon = [[0.0, 0.5], [1.0, 0.5], [1.0, 3.5], [0.0, 3.5]]
+hold = 0.2
+"""
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A round room of 4 m, in which something stands 1 m ahead from 1 s to 2 s."""
+    ranges = np.full((60, 360), 4.0, np.float32)
+    ranges[10:21, 175:186] = 1.0
+    ranges[40:45, 260:280] = 2.0
+    return write_bag(tmp_path_factory.mktemp("log") / "run.bag", scans([raw_sweeps(ranges)]))
+
+
+def zones_of(folder: Path, *texts: str) -> list[str | Path]:
+    files = [zone_file(folder, text, f"zones{number}.toml") for number, text in enumerate(texts)]
+    return [word for file in files for word in ("--zones", file)]
+
+
+def test_what_is_written_and_said(lidarcli: Run, log: Path, tmp_path: Path) -> None:
+    ran = lidarcli("zones", log, *zones_of(tmp_path, STOP, SIDE), "--no-objects", "-o", tmp_path / "out")
+    assert (ran.code, ran.out) == (0, "")
+    assert names(tmp_path / "out") == ["run.events.parquet", "run.zones.parquet"]
+    assert f"{log}: 60 sweeps of /scan, 2 zones\n" in ran.err
+    assert "  stop  1 event, 1.0 s of 5.9 s, nearest 1.00 m\n" in ran.err
+    assert "  side  1 event, 0.4 s of 5.9 s, nearest 2.00 m\n" in ran.err
+    events = pq.read_table(tmp_path / "out" / "run.events.parquet")
+    told = [(row["event"], row["zone"], row["t"], row["duration"]) for row in events.to_pylist()]
+    assert told == [(1, "stop", 1.0, 1.0), (2, "side", 4.0, pytest.approx(0.4))]
+    parameters = json.loads(events.schema.metadata[b"lidarcli.parameters"])
+    assert [zone["name"] for zone in parameters["zones"]] == ["stop", "side"]
+    assert parameters["zones"][0]["circle"] == {"x": 1.0, "y": 0.0, "radius": 0.5}
+    assert parameters["find"] is False
+    api = package.zones(log, zones=zones_of(tmp_path, STOP, SIDE)[1::2], no_objects=True)
+    assert api.events == events
+    assert api.events.schema.metadata == events.schema.metadata
+    assert api.zones == pq.read_table(tmp_path / "out" / "run.zones.parquet")
+
+
+def test_existing_tables_are_kept(lidarcli: Run, log: Path, tmp_path: Path) -> None:
+    words = ("zones", log, *zones_of(tmp_path, STOP), "--no-objects", "-o", tmp_path)
+    assert lidarcli(*words).code == 0
+    before = (tmp_path / "run.events.parquet").read_bytes()
+    again = lidarcli(*words)
+    assert again.code == 5
+    assert "run.events.parquet" in again.err
+    assert lidarcli(*words, "--overwrite").code == 0
+    assert (tmp_path / "run.events.parquet").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("check", "code", "words"),
+    [
+        ("zones.stop.events == 1", 0, ""),
+        ("zones.stop.events == 0", 1, "check failed: zones.stop.events is 1, expected == 0"),
+        ("zones.stop.nearest > 1.5", 1, "check failed: zones.stop.nearest is 1"),
+        ("events where kind == occupied and action == stop == 1", 0, ""),
+        ("events where kind == occupied == 0", 1, "expected == 0"),
+        ("zones.behind.events == 0", 1, "nothing to measure"),
+    ],
+)
+def test_checks(lidarcli: Run, log: Path, tmp_path: Path, check: str, code: int, words: str) -> None:
+    """The zone `behind` is beyond the wall: it is never in view."""
+    behind = STOP.replace('"stop"', '"behind"', 1).replace("x = 1.0", "x = -6.0")
+    ran = lidarcli("zones", log, *zones_of(tmp_path, STOP, behind), "--no-objects", "--check", check)
+    assert ran.code == code
+    assert words in ran.err
+    assert "behind  never in view" in ran.err
+
+
+def test_a_zone_behind_a_sensor_of_180_degrees(lidarcli: Run, tmp_path: Path) -> None:
+    half = replace(SENSOR, beams=361, angle_min=-np.pi / 2, angle_increment=np.pi / 360)
+    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene_of(sensor=half, sweeps=5))))
+    zones = zones_of(tmp_path, STOP.replace("x = 1.0", "x = -1.0"))
+    ran = lidarcli("zones", log, *zones, "--no-objects", "--check", "zones.stop.events == 0")
+    assert ran.code == 1
+    assert "stop  never in view" in ran.err
+    assert "nothing to measure" in ran.err
+
+
+def test_a_part_of_the_log(lidarcli: Run, log: Path, tmp_path: Path) -> None:
+    zones = zones_of(tmp_path, STOP)[1::2]
+    whole = package.zones(log, zones=zones, no_objects=True)
+    part = package.zones(log, zones=zones, no_objects=True, start=1.5, end=3.0, every=2)
+    assert column(part.zones, "sweep") == [*range(16, 30, 2)]
+    assert column(part.zones, "t") == [pytest.approx(sweep / 10.0) for sweep in column(part.zones, "sweep")]
+    points = column(whole.zones, "points")
+    assert column(part.zones, "points") == [points[sweep] for sweep in column(part.zones, "sweep")]
+    (event,) = part.events.to_pylist()
+    assert (event["cut"], event["t"]) == (True, pytest.approx(event["first_sweep"] / 10.0))
+    nothing = lidarcli("zones", log, "--zones", zones[0], "--no-objects", "--start", "100")
+    assert nothing.code != 0
+    assert "Traceback" not in nothing.err
+
+
+@pytest.mark.slow
+def test_batches_and_processes_change_no_byte(lidarcli: Run, tmp_path: Path) -> None:
+    zones = zones_of(
+        tmp_path,
+        STOP + SIDE,
+        '[[zone]]\nname = "line"\nframe = "world"\nline = [[0.0, 0.0], [0.0, 4.0]]\n'
+        '[[zone]]\nname = "robot"\nframe = "robot"\naction = "approach"\ncircle = { x = 0, y = 0, radius = 0.8 }\n'
+        '[[zone]]\nname = "world"\nframe = "world"\ncircle = { x = 1, y = 0, radius = 1 }\n',
+    )
+    written = []
+    for number, options in enumerate(([], ["--jobs", "1"], ["--jobs", "2"])):
+        out = tmp_path / f"out{number}"
+        ran = lidarcli("zones", SAMPLES / "drive.db3", *zones, "-o", out, *options)
+        assert ran.code == 0, ran.err
+        written.append([(out / f"drive.{table}.parquet").read_bytes() for table in ("events", "zones")])
+    assert written[0] == written[1] == written[2]
+
+
+def test_batches_of_any_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    path = Course(np.array([[-2.0, 0.0], [2.0, 0.0], [2.0, 2.0], [-2.0, 2.0]]), speed=1.0)
+    scene = scene_of(
+        make.box(1.0, 1.0, 0.5, 0.5), make.box(3.0, 0.0, 0.5, 1.0), path=path, odometry=Odometry(), sweeps=60
+    )
+    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)))
+    zones = zone_file(
+        tmp_path,
+        '[[zone]]\nname = "a"\nframe = "robot"\naction = "approach"\ncircle = { x = 0, y = 0, radius = 0.4 }\n'
+        '[[zone]]\nname = "w"\nframe = "world"\ncircle = { x = 1, y = 1, radius = 0.5 }\n',
+    )
+    found = []
+    for size in (720, 7 * 720, 1 << 20):
+        monkeypatch.setattr("lidarcli.logs.batches.BATCH_VALUES", size)
+        found.append(package.zones(log, zones=str(zones), no_objects=True))
+    assert found[0] == found[1] == found[2]
+    assert any(one is not None for one in column(found[0].zones, "ttc", zone="a"))
+    assert max(column(found[0].zones, "points", zone="w")) > 10
+
+
+def test_several_logs(lidarcli: Run, log: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.bag"
+    other.write_bytes(log.read_bytes())
+    zones = zones_of(tmp_path, STOP)
+    ran = lidarcli(
+        "zones",
+        log,
+        other,
+        *zones,
+        "--no-objects",
+        "-o",
+        tmp_path / "out",
+        "--check",
+        "zones.stop.events == 2",
+    )
+    assert ran.code == 0, ran.err
+    assert names(tmp_path / "out") == [
+        f"{log}.{table}.parquet" for log in ("other", "run") for table in ("events", "zones")
+    ]
+    both = package.zones([log, other], zones=zones[1::2], no_objects=True)
+    assert column(both.events, "log") == ["run", "other"]
+    assert column(both.events, "event") == [1, 1]
+    twice = lidarcli("zones", log, log, *zones, "--no-objects", "-o", tmp_path / "twice")
+    assert twice.code == 2
+
+
+def test_a_log_that_is_cut(lidarcli: Run, log: Path, tmp_path: Path) -> None:
+    data = log.read_bytes()
+    cut = tmp_path / "cut.bag"
+    cut.write_bytes(data[: len(data) // 2])
+    ran = lidarcli(
+        "zones",
+        cut,
+        *zones_of(tmp_path, STOP),
+        "--no-objects",
+        "-o",
+        tmp_path / "out",
+        "--check",
+        "zones.stop.events == 1",
+    )
+    assert ran.code == 3, ran.err
+    assert names(tmp_path / "out") == ["cut.events.parquet", "cut.zones.parquet"]
+    table = pq.read_table(tmp_path / "out" / "cut.zones.parquet")
+    assert 10 < table.num_rows < 60
+    broken = tmp_path / "broken.bag"
+    broken.write_bytes(b"#ROSBAG V2.0\nnothing")
+    ran = lidarcli(
+        "zones",
+        broken,
+        *zones_of(tmp_path, STOP),
+        "--no-objects",
+        "-o",
+        tmp_path / "none",
+        "--check",
+        "zones.stop.events == 0",
+    )
+    assert (ran.code, names(tmp_path / "none") if (tmp_path / "none").exists() else []) == (3, [])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("options", [("--no-objects",), ()])
+def test_a_run_that_is_ended_leaves_nothing(
+    tmp_path: Path, ending: signal.Signals, options: tuple[str, ...]
+) -> None:
+    ranges = round_room(6_000, 360, BOX)
+    log = write_bag(tmp_path / "long.bag", scans([raw_sweeps(ranges)]))
+    out = tmp_path / "out"
+    words = [
+        sys.executable,
+        "-m",
+        "lidarcli",
+        "-q",
+        "zones",
+        log,
+        *zones_of(tmp_path, STOP),
+        "-o",
+        out,
+        *options,
+    ]
+    for seconds in (0.3, 0.6):
+        process = subprocess.Popen([str(word) for word in words], stderr=subprocess.PIPE)
+        time.sleep(seconds)
+        process.send_signal(ending)
+        process.communicate()
+        if process.returncode:
+            assert not out.exists() or not [name for name in names(out) if name.startswith("long")]
+    assert subprocess.run([str(word) for word in words], check=False).returncode == 0
+    assert [name for name in names(out) if name.startswith("long")] == [
+        "long.events.parquet",
+        "long.zones.parquet",
+    ]
+
+
+# Refusals.
+
+
+def test_nothing_leads_to_a_frame(lidarcli: Run, log: Path, tmp_path: Path) -> None:
+    zones = zones_of(tmp_path, STOP + 'frame = "robot"\n')
+    ran = lidarcli("zones", log, *zones, "--no-objects", "-o", tmp_path / "out")
+    assert ran.code == 4
+    assert ran.err.count("\n") == 1
+    assert '[[mount]] frame = "laser" parent = "base_link"' in ran.err
+    assert not (tmp_path / "out").exists() or names(tmp_path / "out") == []
+
+
+@pytest.mark.parametrize("options", [("--no-objects",), ()])
+def test_a_zone_in_the_world_without_poses(
+    lidarcli: Run, log: Path, tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    ran = lidarcli(
+        "zones", log, *zones_of(tmp_path, STOP + 'frame = "world"\n'), *options, "-o", tmp_path / "out"
+    )
+    assert ran.code == 4
+    assert (
+        "zone 'stop' is in the world, and nothing tells where the sensor of /scan is: give --pose" in ran.err
+    )
+    assert not (tmp_path / "out").exists() or names(tmp_path / "out") == []
+
+
+@pytest.mark.slow
+def test_poses_that_contradict_the_sweeps(lidarcli: Run, tmp_path: Path) -> None:
+    poses = round_about(np.arange(200) * 0.1)
+    # It is told that the robot goes the other way round, and twice as fast.
+    wrong = told(round_about(np.arange(200) * -0.2), tf=True)
+    assert len(poses) == 200
+    log = write_bag(tmp_path / "a.bag", scans(driven(), wrong))
+    for options in (["--no-objects"], []):
+        out = tmp_path / f"out{len(options)}"
+        ran = lidarcli("zones", log, *zones_of(tmp_path, STOP + 'frame = "world"\n'), *options, "-o", out)
+        assert ran.code == 3, ran.err
+        assert "contradict the sweeps of /scan: nothing written" in ran.err
+        assert not out.exists() or names(out) == []
+    assert lidarcli("zones", log, *zones_of(tmp_path, STOP), "--no-objects").code == 0
+
+
+@pytest.mark.parametrize(
+    ("zone", "options", "cause"),
+    [
+        (
+            "line = [[0, 0], [1, 0]]",
+            ("--no-objects",),
+            "is a line, and crossings need tracks: leave out --no-objects",
+        ),
+        (
+            'circle = { x = 1, y = 0, radius = 1 }\ncount = "agents"',
+            ("--no-objects",),
+            "counts agents, which need",
+        ),
+        ("circle = { x = 1, y = 0, radius = 1 }", ("--footprint", "[[1, 2]]"), "--footprint"),
+        (
+            "circle = { x = 1, y = 0, radius = 1 }",
+            ("--footprint", "[[1, 2], [nan, 1], [2, 2]]"),
+            "--footprint",
+        ),
+        ("circle = { x = 1, y = 0, radius = 1 }", ("--footprint", "[[0, 0], [1, 0], [2, 0]]"), "--footprint"),
+        (
+            "circle = { x = 1, y = 0, radius = 1 }",
+            ("--footprint", "[[0, 0], [1, 1], [1, 0], [0, 1]]"),
+            "--footprint",
+        ),
+        ("circle = { x = 1, y = 0, radius = 1 }", ("--no-objects", "--objects", "x"), "exclude each other"),
+        ("circle = { x = 1, y = 0, radius = 1 }", ("--no-objects", "--min-size", "0.1"), "--min-size"),
+        ("circle = { x = 1, y = 0, radius = 1 }", ("--check", "zones.other.events == 0"), "other"),
+        ("circle = { x = 1, y = 0, radius = 1 }", ("--check", "objects == 0"), "objects"),
+    ],
+)
+def test_what_is_refused(
+    lidarcli: Run, log: Path, tmp_path: Path, zone: str, options: tuple[str, ...], cause: str
+) -> None:
+    zones = zones_of(tmp_path, f'[[zone]]\nname = "z"\n{zone}\n')
+    ran = lidarcli("zones", log, *zones, *options, "-o", tmp_path / "out")
+    assert ran.code == 2, ran.err
+    assert cause in ran.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_crossings_need_tracks(lidarcli: Run, log: Path, tmp_path: Path) -> None:
+    """The tables of detect have none."""
+    assert lidarcli("detect", log, "-o", tmp_path / "tables").code == 0
+    zones = zones_of(tmp_path, '[[zone]]\nname = "z"\nline = [[0, 0], [1, 0]]\n')
+    ran = lidarcli("zones", log, *zones, "--objects", tmp_path / "tables" / "run.objects.parquet")
+    assert ran.code == 2
+    assert "zone 'z' is a line, and crossings need tracks, which are not beside" in ran.err
+
+
+def test_tables_of_other_sweeps(lidarcli: Run, log: Path, tmp_path: Path) -> None:
+    assert lidarcli("detect", log, "-o", tmp_path / "tables", "--every", "2").code == 0
+    objects = tmp_path / "tables" / "run.objects.parquet"
+    zones = zones_of(tmp_path, STOP)
+    ran = lidarcli("zones", log, *zones, "--objects", objects)
+    assert ran.code == 3
+    assert "--every" in ran.err
+    assert lidarcli("zones", log, *zones, "--objects", objects, "--every", "2").code == 0
+
+
+def test_standard_input(lidarcli: Run, tmp_path: Path) -> None:
+    assert lidarcli("zones", "-", *zones_of(tmp_path, STOP), "--no-objects").code == 2
+
+
+def test_a_log_without_sweeps(lidarcli: Run, tmp_path: Path) -> None:
+    empty = write_bag(tmp_path / "empty.bag", twists([START_NS], (0.0, 0.0, 0.0)))
+    ran = lidarcli("zones", empty, *zones_of(tmp_path, STOP), "--no-objects", "-o", tmp_path / "out")
+    assert (ran.code, ran.err.count("\n")) == (4, 1)
+
+
+# Lines.
+
+
+def placed_route(
+    rng: np.random.Generator, x: float
+) -> tuple[list[list[float]], list[tuple[float, float]], int, int]:
+    """A line and a route as `drawn_route` has them, about (x, 0) and on that side of the sensor."""
+    while True:
+        line, route, into, out = drawn_route(rng, margin=0.1)
+        if not into + out and rng.random() < 0.7:
+            continue
+        to = np.array([x, 0.0]) - np.mean([line.first, line.second], axis=0)
+        moved = np.array(route) + to
+        if (moved[:, 0] * np.sign(x) > 0.6).all() and (np.abs(moved) < 7.5).all():
+            ends = np.array([line.first, line.second]) + to
+            return ends.tolist(), [(float(a), float(b)) for a, b in moved], into, out
+
+
+@pytest.mark.slow
+def test_drawn_routes_through_the_whole_command(tmp_path: Path) -> None:
+    """40 people, two at a time on both sides of a sensor: they go in and out as their exact paths do."""
+    rng = np.random.default_rng(21)
+    wrong, total = [], 0
+    for number in range(20):
+        drawn = [placed_route(rng, x) for x in (3.7, -3.7)]
+        people = [walker(*route, speed=0.8) for _, route, _, _ in drawn]
+        scene = scene_of(*people, sweeps=600)
+        moves = [np.flatnonzero(np.diff(where(person, scene), axis=0).any(axis=1))[-1] for person in people]
+        scene = replace(scene, sweeps=int(max(moves)) + 5)
+        log = write_bag(tmp_path / f"{number}.bag", scans(sweeps_of(scene, number)))
+        zones = "".join(
+            f'[[zone]]\nname = "{side}"\nline = {line}\n' for side, (line, *_) in enumerate(drawn)
+        )
+        events = package.zones(log, zones=str(zone_file(tmp_path, zones))).events
+        for side, (_, _, into, out) in enumerate(drawn):
+            ways = column(events, "direction", zone=str(side), kind="crossing")
+            found = ways.count("in"), ways.count("out")
+            total += into + out
+            if found != (into, out):
+                wrong.append((number, side, found, (into, out)))
+    assert wrong == []
+    assert total > 30
