@@ -48,3 +48,13 @@ class Finding:
             "threshold": dict(self.threshold),
             "fix": None if self.fix is None else {"kind": self.fix.kind, "text": self.fix.text},
         }
+
+
+def transform_lines(parent: str, child: str, x: float, y: float, yaw: float) -> str:
+    """Return the two commands, of ROS 2 and of ROS 1, that tell where a frame is mounted [m, rad]."""
+    place = [f"{round(one, 4) + 0.0:g}" for one in (x, y, yaw)]
+    return (
+        "ros2 run tf2_ros static_transform_publisher "
+        f"--x {place[0]} --y {place[1]} --z 0 --yaw {place[2]} --frame-id {parent} --child-frame-id {child}\n"
+        f"rosrun tf2_ros static_transform_publisher {place[0]} {place[1]} 0 {place[2]} 0 0 {parent} {child}"
+    )

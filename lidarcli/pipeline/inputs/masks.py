@@ -105,19 +105,20 @@ def plain(masks: Masks) -> dict[str, list[dict[str, Any]]]:
     """Return the tables of a file that tells these masks, for the metadata of tables."""
     tables = {
         "mask": [_mask_table(mask) for mask in masks.masks],
-        "mount": [
-            {
-                "frame": mount.frame,
-                "parent": mount.parent,
-                "x": _short(mount.x),
-                "y": _short(mount.y),
-                "yaw": _short(math.degrees(mount.yaw)),
-                **({"upside_down": True} if mount.upside_down else {}),
-            }
-            for mount in masks.mounts
-        ],
+        "mount": [_mount_table(mount) for mount in masks.mounts],
     }
     return {kind: told for kind, told in tables.items() if told}
+
+
+def _mount_table(mount: Mount) -> dict[str, Any]:
+    return {
+        "frame": mount.frame,
+        "parent": mount.parent,
+        "x": _short(mount.x),
+        "y": _short(mount.y),
+        "yaw": _short(math.degrees(mount.yaw)),
+        **({"upside_down": True} if mount.upside_down else {}),
+    }
 
 
 def _mask_table(mask: Mask) -> dict[str, Any]:
@@ -147,8 +148,16 @@ def mask_text(masks: Masks, proposed: Masks) -> str:
 
 
 def _block(mask: Mask, comment: str) -> str:
-    lines = ["[[mask]]", *(f"{key} = {_value(value)}" for key, value in _mask_table(mask).items())]
-    return "".join(f"{comment}{line}\n" for line in lines)
+    return "".join(f"{comment}{line}\n" for line in _lines("mask", _mask_table(mask)))
+
+
+def mount_text(mount: Mount) -> str:
+    """Return the table of a mask file that tells a mount."""
+    return "".join(f"{line}\n" for line in _lines("mount", _mount_table(mount)))
+
+
+def _lines(kind: str, table: Mapping[str, Any]) -> list[str]:
+    return [f"[[{kind}]]", *(f"{key} = {_value(value)}" for key, value in table.items())]
 
 
 def _value(value: Any) -> str:

@@ -61,6 +61,8 @@ class Masking:
     """Mask that the log itself tells."""
     proposed: Masks = field(default_factory=Masks)
     """Mask of what looks like the robot itself before sensors that stood; it is not used."""
+    posing: Posing | None = None
+    """The poses by which the mask was learned; None where it was not."""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -123,7 +125,7 @@ def _learned(log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection
         raise OptionError(_PIPE)
     rules = replace(rules, masks=None)
     poses = replace(poses, source=None) if poses.source == NONE else poses
-    bodies = _watch(log, rules, poses, topics)
+    bodies, posing = _watch(log, rules, poses, topics)
     masks: list[Mask] = []
     proposed: list[Mask] = []
     seen: list[str] = []
@@ -145,13 +147,14 @@ def _learned(log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection
         tuple(doubts),
         learned,
         Masks(tuple(proposed)),
+        posing,
     )
 
 
 def _watch(
     log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[str] | None
-) -> dict[tuple[str, str], _Body]:
-    """Count the ranges of each topic and frame of a log."""
+) -> tuple[dict[tuple[str, str], _Body], Posing]:
+    """Count the ranges of each topic and frame of a log; return the counts and the poses by which it was done."""
     choice = TopicChoice(topics, log.topics())
     posing = Posing.of(log, poses, choice, rules, need=Need.ALL)
     bodies: dict[tuple[str, str], _Body] = {}
@@ -166,7 +169,7 @@ def _watch(
                     )
                 bodies[key] = _Body(mine)
             bodies[key].add(mine)
-    return bodies
+    return bodies, posing
 
 
 class _Counts:
