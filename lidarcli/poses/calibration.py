@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.poses.fit import poses_after, steps_between
+from lidarcli.poses.fit import poses_after, steps_between, wrapped
 from lidarcli.sweeps import Float64, Int64
 
 CELL = 0.05
@@ -202,7 +202,9 @@ def _sums(
     for number, at in enumerate(free.tolist()):
         apart = np.zeros(len(values))
         apart[at] = 1e-3
-        changes[number] = (placing(values + apart) - placing(values - apart)) / 2e-3
+        change = placing(values + apart) - placing(values - apart)
+        change[:, 2] = wrapped(change[:, 2])
+        changes[number] = change / 2e-3
     points = _seen_at(outlines.points, poses, slot)
     turned = poses.copy()
     turned[:, :2] = 0.0
@@ -232,11 +234,15 @@ def _sums(
     total = np.bincount(which, weight) + 1e-9
     left = off - (np.bincount(which, weight * off) / total)[which]
     arm = points - poses[slot, :2]
+    # Where all that is in a cell turns, its normal turns with it, and nothing comes apart.
+    beside = nx * points[:, 1] - ny * points[:, 0]
+    beside -= (np.bincount(which, weight * beside) / total)[which]
     slopes = np.empty((len(free), len(off)))
     for number, change in enumerate(changes):
         mine = change[slot]
         moved = nx * (mine[:, 0] - mine[:, 2] * arm[:, 1]) + ny * (mine[:, 1] + mine[:, 2] * arm[:, 0])
-        slopes[number] = moved - (np.bincount(which, weight * moved) / total)[which]
+        turned_by = (np.bincount(which, weight * mine[:, 2]) / total)[which]
+        slopes[number] = moved - (np.bincount(which, weight * moved) / total)[which] + turned_by * beside
     pull = weight * left * slopes
     part = np.minimum(
         (np.arange(len(stretch)) * CLUSTERS) // max(len(stretch), 1), CLUSTERS - 1
@@ -248,7 +254,7 @@ def _sums(
         np.array([np.bincount(part[slot], one, CLUSTERS) for one in pull]).T,
         np.array([np.bincount(stretch[slot], one, int(stretch.max()) + 1) for one in pull]).T,
         max(spread, 1e-4),
-        10.0,
+        50.0,
     )
 
 

@@ -51,8 +51,8 @@ SLOTS = 24
 """Parts of a sweep that takes time; each is placed by a pose of its own."""
 STRETCH_TURN, STRETCH_WAY = np.pi, 15.0
 """Turn [rad] and way [m] of a stretch in which poses may not drift."""
-LEAST_TURN = np.pi
-"""Turning of the poses from which on they tell a mount [rad]."""
+LEAST_TURN = np.deg2rad(170.0)
+"""Turning of the poses from which on they tell a mount [rad]: of the path that is told, also to and fro."""
 NEARBY = 0.1
 """A mount by steps of the path that is no farther from the told one [m, rad] is found from there."""
 DEVIATIONS, LEAST_OFF, LEAST_ASKEW = 3.0, 0.02, np.deg2rad(1.0)
