@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.poses.fit import poses_after, steps_between, wrapped
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps import Bool, Float64, Int64
 
 CELL = 0.05
 """Side of the cells that are counted [m]."""
@@ -31,6 +31,13 @@ MOST_STEP = 0.3
 """Greatest step of the search [m, rad]."""
 LEAST_IN_CELL = 4
 """Fewest points of a cell that count."""
+BESIDE_CELL, BESIDE_CELLS, BESIDE_REACH, BESIDE_TURN = 0.1, 256, 3.0, np.deg2rad(2.0)
+"""Side of the cells in which two sensors are laid on each other [m], cells to each side, and the farthest place [m] and the
+steps of the turns [rad] that are tried."""
+TOGETHER = 50.0
+"""Points that count as one beside what is trusted: those near each other err together."""
+FEW_CLUSTERS = 1.5
+"""Deviations by K clusters are too small by such a share over K: 95 % of a t distribution are within two of them."""
 CLUSTERS = 12
 """Least number of parts of a run between which deviations are measured."""
 
@@ -49,7 +56,9 @@ class Outlines:
     slot: Int64
     """(N,)"""
     stamp_ns: Int64
-    """(K,) middle of the time of each slot [ns]."""
+    """(K,) stamp of the sweep of each slot [ns]."""
+    share: Float64
+    """(K,) share of the beams of its sweep before the middle of each slot."""
 
     def __len__(self) -> int:
         return len(self.slot)
@@ -59,7 +68,13 @@ class Outlines:
         number = np.full(len(self.stamp_ns), -1)
         number[slots] = np.arange(len(slots))
         mine = number[self.slot] >= 0
-        return Outlines(self.points[mine], self.normals[mine], number[self.slot[mine]], self.stamp_ns[slots])
+        return Outlines(
+            self.points[mine],
+            self.normals[mine],
+            number[self.slot[mine]],
+            self.stamp_ns[slots],
+            self.share[slots],
+        )
 
 
 def joined_outlines(parts: Sequence[Outlines]) -> Outlines:
@@ -70,6 +85,7 @@ def joined_outlines(parts: Sequence[Outlines]) -> Outlines:
         np.vstack([part.normals for part in parts]),
         np.concatenate([part.slot + first for part, first in zip(parts, begin.tolist(), strict=True)]),
         np.concatenate([part.stamp_ns for part in parts]),
+        np.concatenate([part.share for part in parts]),
     )
 
 
@@ -163,10 +179,8 @@ def settle(
     for cell, scale, most in LADDER:
         for number in range(most):
             sums = _sums(outlines, placing, values, free, stretch, (cell, 0.5 * cell * (number % 2), scale))
-            ridge = np.diag(prior[free]) * sums.spread**2 * sums.together
-            step = -np.linalg.lstsq(
-                sums.normal + ridge, sums.slope + ridge @ values[free], rcond=1e-9
-            )[0]
+            ridge = np.diag(prior[free]) * sums.spread**2 * TOGETHER
+            step = -np.linalg.lstsq(sums.normal + ridge, sums.slope + ridge @ values[free], rcond=1e-9)[0]
             step *= min(1.0, MOST_STEP / max(float(np.abs(step).max()), 1e-12))
             values[free] += step
             if number > 1 and np.abs(step).max() < SETTLED:
@@ -184,8 +198,6 @@ class _Sums:
     """(C, F) slopes of parts of the run."""
     by_stretch: Float64
     spread: float
-    together: float
-    """Points that count as one: those of one slot in one cell err together."""
 
 
 def _sums(
@@ -244,9 +256,8 @@ def _sums(
         turned_by = (np.bincount(which, weight * mine[:, 2]) / total)[which]
         slopes[number] = moved - (np.bincount(which, weight * moved) / total)[which] + turned_by * beside
     pull = weight * left * slopes
-    part = np.minimum(
-        (np.arange(len(stretch)) * CLUSTERS) // max(len(stretch), 1), CLUSTERS - 1
-    )
+    part = np.empty(len(stretch), np.int64)
+    part[np.argsort(outlines.stamp_ns, kind="stable")] = np.arange(len(stretch)) * CLUSTERS // len(stretch)
     spread = float(np.sqrt((weight * left**2).sum() / max(weight.sum(), 1e-9)))
     return _Sums(
         (weight * slopes) @ slopes.T,
@@ -254,7 +265,6 @@ def _sums(
         np.array([np.bincount(part[slot], one, CLUSTERS) for one in pull]).T,
         np.array([np.bincount(stretch[slot], one, int(stretch.max()) + 1) for one in pull]).T,
         max(spread, 1e-4),
-        50.0,
     )
 
 
@@ -267,7 +277,8 @@ def _covariance(sums: _Sums, ridge: Float64, free: Int64, unknowns: int) -> Floa
             continue
         slopes = slopes - slopes.mean(axis=0)
         # The slopes of the clusters sum up to about nothing, and what was fitted to them makes them smaller yet.
-        share = len(slopes) / max(len(slopes) - 1 - len(free) / 2.0, 1.0)
+        degrees = max(len(slopes) - 1 - len(free) / 2.0, 1.0)
+        share = len(slopes) / degrees * (1.0 + FEW_CLUSTERS / degrees) ** 2
         mine = inverse @ (slopes.T @ slopes * share + ridge) @ inverse
         if np.trace(mine) > np.trace(found):
             found[np.ix_(free, free)] = mine
@@ -296,5 +307,41 @@ def stretches_of(poses: Float64, most_turn: float, most_way: float) -> Int64:
     return np.concatenate([[0], np.floor(gone)]).astype(np.int64)
 
 
-def place_beside(one: Float64, other: Float64) -> None:
-    pass
+def mounted_points(points: Float64, mount: Float64) -> Float64:
+    """Return points (N, 2) of a sensor in the frame in which it is mounted so (3,)."""
+    return _seen_at(points, mount[None], np.zeros(len(points), np.int64))
+
+
+def place_beside(points: Float64, other: Float64) -> Float64:
+    """Return x, y [m] and yaw [rad] by which other points (M, 2) lie best on points (N, 2): all turns, and places near."""
+    side = BESIDE_CELLS
+    mine = _raster(points, side)
+    # What is near counts too: turns are tried in steps.
+    near = sum(np.roll(mine, (dx, dy), (0, 1)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)) > 0
+    there = np.conj(np.fft.rfft2(mine * 1.0 + near))
+    reach = round(BESIDE_REACH / BESIDE_CELL)
+    best, most = np.zeros(3), -1.0
+    for yaw in np.arange(-np.pi, np.pi, BESIDE_TURN):
+        turned = mounted_points(other, np.array([0.0, 0.0, yaw]))
+        found = np.fft.irfft2(np.conj(there * np.fft.rfft2(_raster(turned, side) * 1.0)), (side, side))
+        found = np.roll(found, (reach, reach), (0, 1))[: 2 * reach + 1, : 2 * reach + 1]
+        at = np.unravel_index(found.argmax(), found.shape)
+        if found[at] > most:
+            most = float(found[at])
+            best = np.array([(at[0] - reach) * BESIDE_CELL, (at[1] - reach) * BESIDE_CELL, yaw])
+    return best
+
+
+def overlap(points: Float64, other: Float64) -> float:
+    """Return the share of the cells of other points (M, 2) that are on points (N, 2) or beside them."""
+    mine, its = _raster(points, BESIDE_CELLS), _raster(other, BESIDE_CELLS)
+    near = sum(np.roll(mine, (dx, dy), (0, 1)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)) > 0
+    return float(np.count_nonzero(its & near) / max(np.count_nonzero(its), 1))
+
+
+def _raster(points: Float64, side: int) -> Bool:
+    found = np.zeros((side, side), bool)
+    at = np.floor(points / BESIDE_CELL).astype(np.int64) + side // 2
+    at = at[((at >= 0) & (at < side)).all(axis=1)]
+    found[at[:, 0], at[:, 1]] = True
+    return found

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from lidarcli.findings import Finding, Fix, transform_lines
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
-from lidarcli.masks import Mask, Masks, Mount, Sector, same_name
+from lidarcli.masks import Mask, Masks, Mount, Sector
 from lidarcli.pipeline.inputs.masks import mask_text, mount_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MOST_SENSORS, Masking, masking_of
@@ -27,6 +28,8 @@ from lidarcli.poses.calibration import (
     cells_filled,
     joined_outlines,
     mounted,
+    mounted_points,
+    overlap,
     place_beside,
     scaled_path,
     settle,
@@ -34,24 +37,25 @@ from lidarcli.poses.calibration import (
     surfaces,
 )
 from lidarcli.poses.fit import mount_between, pairs_of, steps_between, wrapped
-from lidarcli.poses.matched import ONCE, SHORTEST_SWEEP, Timing
+from lidarcli.poses.matched import AUTO, Timing
+from lidarcli.poses.messages import frame_name
 from lidarcli.poses.sources import Way
 from lidarcli.poses.tracks import SECOND_NS, planar
-from lidarcli.poses.tree import Step, along
+from lidarcli.poses.tree import FrameTree, Step, along
 from lidarcli.range_rules import RangeRules
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, Status, SweepBatch
+from lidarcli.sweeps import TURN, Float64, Int64, Status, SweepBatch
 
-MOST_SWEEPS, STANDING_SWEEPS = 600, 20
+MOST_SWEEPS, STANDING_SWEEPS = 400, 20
 """Most sweeps of a sensor that are aligned, and the first ones, which are taken though it stands."""
 MOVED, TURNED = 0.02, 0.017
 """Others are taken after the sensor went so far [m] or turned so much [rad]."""
 MOST_POINTS = 120
 """Points of a sweep that are aligned."""
-SLOTS = 24
+SLOTS = 8
 """Parts of a sweep that takes time; each is placed by a pose of its own."""
 STRETCH_TURN, STRETCH_WAY = np.pi, 15.0
 """Turn [rad] and way [m] of a stretch in which poses may not drift."""
-LEAST_TURN = np.deg2rad(170.0)
+LEAST_TURN = np.deg2rad(120.0)
 """Turning of the poses from which on they tell a mount [rad]: of the path that is told, also to and fro."""
 NEARBY = 0.1
 """A mount by steps of the path that is no farther from the told one [m, rad] is found from there."""
@@ -61,14 +65,23 @@ MOST_DEVIATION, MOST_UNSURE = 0.05, np.deg2rad(2.0)
 """Deviations of a mount that is known well enough [m, rad]."""
 LEAST_DEVIATION, LEAST_UNSURE = 0.003, np.deg2rad(0.1)
 """No mount is known better: grids and ranges err, too [m, rad]."""
-TRUSTED = np.array([np.inf, np.inf, np.inf, 0.2, 0.02, 0.02])
-"""Deviations of x, y [m], yaw [rad], the delay [s] and the scales of lengths and turns before the sweeps are seen."""
+DELAYS, KNOWN_TIME, SCALES = 0.2, 0.1, 0.02
+"""Deviations before the sweeps are seen of a delay [s], of the time of a sweep that is told, as a share of the period, and of
+the scales of told lengths and turns."""
 FEWER = 0.3
 """Share of cells that the matched path fills less."""
 MIRRORED = -0.5
 """Correlation of told turns with those seen."""
 LARGE_TURN, LEAST_TURNS = 0.08, 8
 """Turns that count [rad], and the fewest of them."""
+_STAMPED = {"first": 0.0, "middle": 0.5, "last": 1.0}
+"""Beam at whose time a header is stamped → its share of the time of the sweep."""
+LEAST_TIME = 0.02
+"""Deviation of such a share that is told at best."""
+LONGEST_STEP = 0.5
+"""No matched pose is between sweeps further apart [s]."""
+LASER_DELAYS = 0.02
+"""Deviation of the clocks of two lasers [s]."""
 STAMP_OFF = 0.15
 """Greatest distance of the delay from half or all of the time of a sweep, as a share of this."""
 NEAR, SAME, OFTEN, FAR_CHANGES = 1.0, 0.06, 0.8, 0.5
@@ -78,6 +91,8 @@ FLICKERS = 0.15
 """Share of the steps from sweep to sweep in which a beam changes between valid and no return."""
 LEAST_STEPS = 20
 """Fewest steps that tell of a flicker."""
+LEAST_BEAMS = 3
+"""Fewest beams of a sector that tell of it."""
 OTHERS_VALID = 0.5
 """Median share of valid beams of other sectors, where one has none."""
 LEAST_OVERLAP = 0.5
@@ -148,24 +163,40 @@ class _Deep:
         for key in sorted(self._sensors):
             found += _flickering(self._sensors[key])
         first: _Sensor | None = None
+        calibrated, is_off = None, False
         for sensor in self._by_frame():
             if sensor.mirrors():
                 found.append(_mirrored(sensor))
                 continue
             if first is None:
-                first = sensor
-                calibrated = _calibrated(sensor)
+                first, calibrated = sensor, _calibrated(sensor)
                 finding, mount = _mount_finding(sensor, calibrated)
+                is_off = bool(mount)
                 found += finding
                 found += _stamp_finding(sensor, calibrated)
                 found += _fit_finding(sensor, calibrated)
             else:
-                finding, mount = _lasers_finding(first, sensor)
+                told = self._beside(first, sensor, calibrated if is_off else None)
+                finding, mount = _lasers_findings(first, sensor, calibrated, told)
                 found += finding
             mounts += mount
         order = ("pose_fit", "mirror", "stamp", "mount", "lasers", "body", "flicker")
         found = sorted([*found, *bodies], key=lambda one: (order.index(one.id), one.topic, one.frame))
         return DeepFindings(tuple(found), masks, tuple(mounts))
+
+    def _beside(self, first: _Sensor, second: _Sensor, found: _Calibrated | None) -> Float64 | None:
+        """Return where the log tells that a laser is in the frame of another, whose mount may have been found."""
+        if self._posing.found is None:
+            return None
+        links = [one for one in self._posing.found.sources.tracks if one.is_link and one.static]
+        steps = FrameTree(links).path(frame_name(second.frame), frame_name(first.frame))
+        if steps is None:
+            return None
+        there = planar(along(steps, np.zeros(1, np.int64)))
+        place = np.column_stack([there.x, there.y, there.yaw])
+        if found is not None and found.settled is not None:
+            place = steps_between(found.settled.values[None, :3], mounted(found.told[None], place))
+        return place[0]
 
     def _by_frame(self) -> list[_Sensor]:
         """Return one sensor for each frame, the first of its topics."""
@@ -245,15 +276,34 @@ class _Sensor:
         self.flicker = _Flicker()
         self._every, self._moves = 1, 0
         self._last: tuple[float, float, float] | None = None
+        self.turned = 0.0
+        """Turn of the sensor in all [rad]."""
         self._begun = 0
-        self._kept: list[tuple[int, int, float, float, Float64, Float64]] = []
-        """Number of the move, stamp [ns], times of the first and last beam [s], bearings and ranges of a sweep."""
+        self._kept: list[tuple[int, int, Float64, Float64]] = []
+        """Number of the move, stamp [ns], bearings and ranges of a sweep."""
+        self._times: tuple[float, float] | None = None
+        self._first_ns = self._last_ns = 0
         self._is_placed = self.path.way is not None or told is not None
 
     @property
     def timing(self) -> Timing:
         """Times at which the beams are sent."""
         return self.path.timing
+
+    @property
+    def times(self) -> tuple[float, float]:
+        """Times of the first and of the last beam after the header stamp [s]."""
+        return self._times or (0.0, 0.0)
+
+    @property
+    def told_delay(self) -> float:
+        """Delay of the poses that the user asked for or the sweeps told [s]."""
+        return 0.0
+
+    @property
+    def period(self) -> float:
+        """Mean time from sweep to sweep [s]."""
+        return max(self._last_ns - self._first_ns, 0) / SECOND_NS / max(self._begun - 1, 1)
 
     @property
     def stood(self) -> bool:
@@ -272,13 +322,14 @@ class _Sensor:
                 rows.append(row)
                 numbers.append(self._moves)
             self._moves += 1
-        firsts, lasts = self.timing.of(batch)
+        if self._times is None:
+            self._times = tuple(float(np.median(times)) for times in self.timing.of(batch))  # type: ignore[assignment]
+            self._first_ns = int(batch.stamp_ns[0])
+        self._last_ns = int(batch.stamp_ns[-1])
         for number, row in zip(numbers, rows, strict=True):
             bearing = batch.angle_min[row] + batch.angle_increment[row] * np.arange(batch.beams[row])
             ranges = batch.ranges[row, : batch.beams[row]].astype(np.float64)
-            self._kept.append(
-                (number, int(batch.stamp_ns[row]), float(firsts[row]), float(lasts[row]), bearing, ranges)
-            )
+            self._kept.append((number, int(batch.stamp_ns[row]), bearing, ranges))
             if len(self._kept) > MOST_SWEEPS:
                 self._every *= 2
                 self._kept = [one for one in self._kept if one[0] < 0 or one[0] % self._every == 0]
@@ -297,46 +348,48 @@ class _Sensor:
                 turn = math.remainder(yaw - self._last[2], TURN)
                 if math.hypot(x - self._last[0], y - self._last[1]) < MOVED and abs(turn) < TURNED:
                     continue
+                self.turned += abs(turn)
                 yield row
             self._last = x, y, yaw
 
     def outlines(self, mirrored: bool = False) -> Outlines:
         """Return the points of the sampled sweeps."""
         kept = sorted({one[1]: one for one in self._kept}.values(), key=lambda one: one[1])
-        points, normals, slots, stamps = [np.zeros((0, 2))], [np.zeros((0, 2))], [np.zeros(0, int)], []
-        count = 0
-        for _, stamp_ns, first, last, bearing, ranges in kept:
+        points, normals, slots = [np.zeros((0, 2))], [np.zeros((0, 2))], [np.zeros(0, np.int64)]
+        for number, (_, _, bearing, ranges) in enumerate(kept):
             where, normal, beam = surfaces(bearing, ranges)
             if len(beam) > MOST_POINTS:
                 some = np.linspace(0, len(beam) - 1, MOST_POINTS).astype(int)
                 where, normal, beam = where[some], normal[some], beam[some]
-            parts = SLOTS if abs(last - first) >= SHORTEST_SWEEP else 1
-            part = (beam * parts) // max(len(ranges), 1)
-            middle = first + (last - first) * (np.arange(parts) + 0.5) / parts
             points.append(where)
             normals.append(normal)
-            slots.append(count + part)
-            stamps.append(stamp_ns + np.rint(middle * SECOND_NS).astype(np.int64))
-            count += parts
-        stamp = np.concatenate(stamps) if stamps else np.zeros(0, np.int64)
-        # In time order, also where the last beam is sent first.
-        order = np.argsort(stamp, kind="stable")
-        number = np.empty(len(order), np.int64)
-        number[order] = np.arange(len(order))
-        found = Outlines(np.vstack(points), np.vstack(normals), number[np.concatenate(slots)], stamp[order])
+            slots.append(number * SLOTS + (beam * SLOTS) // max(len(ranges), 1))
+        stamp = np.repeat(np.array([one[1] for one in kept], np.int64), SLOTS)
+        share = np.tile((np.arange(SLOTS) + 0.5) / SLOTS, len(kept))
+        found = Outlines(np.vstack(points), np.vstack(normals), np.concatenate(slots), stamp, share)
         return _mirror(found) if mirrored else found
 
     def unchanging(self) -> int:
         """Return the number of beams below `NEAR` that never change in the first sweeps."""
         first = [one for one in self._kept if one[0] < 0]
-        if len(first) < LEAST_STEPS // 2 or len({len(one[5]) for one in first}) != 1:
+        if len(first) < LEAST_STEPS // 2 or len({len(one[3]) for one in first}) != 1:
             return 0
-        ranges = np.stack([one[5] for one in first])
+        ranges = np.stack([one[3] for one in first])
         known = np.isfinite(ranges)
         with np.errstate(invalid="ignore"):
             near = (ranges < NEAR).mean(axis=0) >= OFTEN
-        low = np.array([np.quantile(column[seen], 0.1) if seen.any() else np.nan for column, seen in zip(ranges.T, known.T, strict=True)])
-        high = np.array([np.quantile(column[seen], 0.9) if seen.any() else np.nan for column, seen in zip(ranges.T, known.T, strict=True)])
+        low = np.array(
+            [
+                np.quantile(column[seen], 0.1) if seen.any() else np.nan
+                for column, seen in zip(ranges.T, known.T, strict=True)
+            ]
+        )
+        high = np.array(
+            [
+                np.quantile(column[seen], 0.9) if seen.any() else np.nan
+                for column, seen in zip(ranges.T, known.T, strict=True)
+            ]
+        )
         with np.errstate(invalid="ignore"):
             return int(np.count_nonzero(near & (high - low < SAME)))
 
@@ -406,18 +459,22 @@ class _Calibrated:
     turned: float
     """Turning of the poses in all [rad]."""
     outlines: Outlines
-    reached: Bool
-    base: Callable[[float], Float64]
-    """Poses (K, 3) of what carries the sensor, by their delay [s]."""
+    base: Callable[[float, float], Float64]
+    """Poses (K, 3) of what carries the sensor, by the times of the first beam and from it to the last [s]."""
+    start: Float64
+    """(7,) unknowns of `settled` by the log alone."""
+    trusted: Float64
+    """(7,) their deviations."""
     stretch: Int64
     settled: Settled | None = None
-    """x, y, yaw, delay, scales of lengths and turns."""
+    """x, y, yaw, times of the first beam and from it to the last, scales of lengths and turns."""
     cells: tuple[int, int] = 0, 0
     """Cells that are filled with the mount of the log, and with the one found."""
 
     def placing(self, values: Float64) -> Float64:
         """Return the poses of the sensor by the unknowns of `settled`."""
-        return mounted(scaled_path(self.base(float(values[3])), values[4], values[5]), values[:3])
+        base = self.base(float(values[3]), float(values[4]))
+        return mounted(scaled_path(base, values[5], values[6]), values[:3])
 
 
 def _split(way: Way) -> tuple[tuple[Step, ...], tuple[Step, ...], str]:
@@ -441,8 +498,9 @@ def _based(sensor: _Sensor) -> _Calibrated | None:
         return None
     outlines = outlines.those(reached)
 
-    def poses(delay: float) -> Float64:
-        at_ns = outlines.stamp_ns + round(delay * SECOND_NS)
+    @lru_cache(4)
+    def poses(first: float, lasts: float) -> Float64:
+        at_ns = outlines.stamp_ns + np.rint((first + lasts * outlines.share) * SECOND_NS).astype(np.int64)
         there = planar(along(rest, at_ns, held=True))
         return np.column_stack([there.x, there.y, there.yaw])
 
@@ -450,10 +508,16 @@ def _based(sensor: _Sensor) -> _Calibrated | None:
     if here.upside_down[0] or base.upside_down[reached[0]]:
         return None
     told = np.array([here.x[0], here.y[0], here.yaw[0]])
-    path = poses(0.0)
+    path = poses(0.0, 0.0)
     turned = float(np.abs(wrapped(np.diff(path[:, 2]))).sum())
     stretch = stretches_of(path, STRETCH_TURN, STRETCH_WAY)
-    return _Calibrated(told, parent, turned, outlines, reached >= 0, poses, stretch)
+    delay = 0.0 if sensor.path.fit is None else sensor.path.fit.delay
+    first, last = sensor.times
+    start = np.array([*told, delay + first, last - first, 0.0, 0.0])
+    is_known = sensor.timing.order != AUTO or last != first
+    lasts = (KNOWN_TIME if is_known else 0.5) * sensor.period
+    trusted = np.array([np.inf, np.inf, np.inf, max(DELAYS, 2.0 * abs(delay)), lasts, SCALES, SCALES])
+    return _Calibrated(told, parent, turned, outlines, poses, start, trusted, stretch)
 
 
 def _calibrated(sensor: _Sensor) -> _Calibrated | None:
@@ -464,33 +528,19 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
         return based
     if fit.verdict in ("rejected", "unchecked", "stretches"):
         return based
-    none = np.zeros(3)
-    starts = [np.concatenate([based.told, [fit.delay, 0.0, 0.0]])]
+    starts = [based.start]
     guess = _hand_eye(sensor, fit.delay)
     if guess is not None and (np.abs(guess - based.told) > NEARBY).any():
-        starts.append(np.concatenate([guess, [fit.delay], none[:2]]))
-    found = [
-        settle(based.outlines, based.placing, start, _trusted(fit.delay), based.stretch) for start in starts
-    ]
+        starts.append(np.concatenate([guess, based.start[3:]]))
+    found = [settle(based.outlines, based.placing, start, based.trusted, based.stretch) for start in starts]
     filled = [cells_filled(based.outlines, based.placing(one.values), based.stretch) for one in found]
     best = int(np.argmin(filled))
     if not _differs(found[best].values[:3] - based.told, _floored(found[best].deviations[:3])):
         return replace(based, settled=found[best], cells=(filled[best], filled[best]))
-    fixed = settle(
-        based.outlines,
-        based.placing,
-        starts[0],
-        np.concatenate([none, _trusted(fit.delay)[3:]]),
-        based.stretch,
-    )
+    trusted = np.concatenate([np.zeros(3), based.trusted[3:]])
+    fixed = settle(based.outlines, based.placing, based.start, trusted, based.stretch)
     before = cells_filled(based.outlines, based.placing(fixed.values), based.stretch)
     return replace(based, settled=found[best], cells=(before, filled[best]))
-
-
-def _trusted(delay: float) -> Float64:
-    trusted = TRUSTED.copy()
-    trusted[3] = max(trusted[3], 2.0 * abs(delay))
-    return trusted
 
 
 def _hand_eye(sensor: _Sensor, delay: float) -> Float64 | None:
@@ -528,7 +578,9 @@ def _mount_finding(sensor: _Sensor, found: _Calibrated | None) -> tuple[list[Fin
     if not _differs(off, deviation) or found.cells[1] >= found.cells[0]:
         return [], []
     mount = Mount(
-        sensor.frame, found.parent, *(round(float(one), 4) for one in [*found.settled.values[:2], wrapped(found.settled.values[2:3])[0]])
+        sensor.frame,
+        found.parent,
+        *(round(float(one), 4) for one in [*found.settled.values[:2], wrapped(found.settled.values[2:3])[0]]),
     )
     says = "tf says" if _split(sensor.told)[0] else "without a mount it is taken to be at"  # type: ignore[arg-type]
     return [
@@ -607,31 +659,300 @@ def _fix(mount: Mount) -> Fix:
 
 
 def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
-    return []
+    """Return the finding that header stamps are those of the middle or of the last beam, where the sweeps tell."""
+    first, last = sensor.times
+    duration = abs(last - first)
+    if found is None or found.settled is None or not _is_known(found.settled.deviations[:3]) or not duration:
+        return []
+    values, covariance = found.settled.values, found.settled.covariance
+    # The beam that is sent first is the last one of the sweep where they run backwards.
+    both = np.zeros(len(values))
+    both[3] = 1.0
+    both[4] = float(last < first)
+    begin, deviation = float(both @ values), math.sqrt(max(float(both @ covariance @ both), 0.0))
+    begin -= min(first, last)
+    share = -begin / duration
+    name = min(_STAMPED, key=lambda one: abs(_STAMPED[one] - share))
+    off = abs(_STAMPED[name] - share)
+    unsure = max(deviation / duration, LEAST_TIME)
+    if name == "first" or DEVIATIONS * unsure > 0.5 or off > max(STAMP_OFF, 2.0 * unsure):
+        return []
+    delay = sensor.told_delay - _STAMPED[name] * duration
+    return [
+        Finding(
+            "stamp",
+            "warning",
+            sensor.topic,
+            sensor.frame,
+            f"{sensor.topic}: header stamps are those of the {name} beam, not of the first one: the first is sent "
+            f"{-begin:.3f} +- {deviation:.3f} s earlier, and a sweep takes {duration:.3f} s",
+            {"delay": round(begin, 4), "sd_delay": round(deviation, 4), "duration": round(duration, 4)},
+            {"share": STAMP_OFF, "deviations": DEVIATIONS},
+            Fix("option", f"--pose-delay {delay:.3f}"),
+        )
+    ]
 
 
 def _fit_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
-    return []
+    """Return the finding that the matched path fills far fewer cells than the told one."""
+    path = sensor.path
+    if found is None or path.fit is None or path.fit.verdict == "unchecked" or sensor.stood:
+        return []
+    values = found.start if found.settled is None else found.settled.values
+    told = mounted(found.base(float(values[3]), float(values[4])), values[:3])
+    first, last = sensor.times
+    at_ns = found.outlines.stamp_ns + np.rint((first + (last - first) * found.outlines.share) * SECOND_NS)
+    matched = _matched_at(path, at_ns)
+    known = np.flatnonzero(np.isfinite(matched[:, 0]))
+    if len(known) < LEAST_STEPS * SLOTS:
+        return []
+    outlines = found.outlines.those(known)
+    cells, fewer = cells_filled(outlines, told[known]), cells_filled(outlines, matched[known])
+    if fewer > (1.0 - FEWER) * cells:
+        return []
+    return [
+        Finding(
+            "pose_fit",
+            "warning",
+            sensor.topic,
+            sensor.frame,
+            f"{sensor.topic}: the path that is matched from the sweeps fills {1.0 - fewer / cells:.0%} fewer cells than that "
+            f"of {sensor.told.topics[0] if sensor.told else 'its poses'}: the told path drifts or is wrong",
+            {"cells_told": cells, "cells_matched": fewer, "fewer": round(1.0 - fewer / cells, 3)},
+            {"fewer": FEWER},
+            Fix("option", "--pose match"),
+        )
+    ]
 
 
-def _lasers_finding(first: _Sensor, second: _Sensor) -> tuple[list[Finding], list[Mount]]:
-    return [], []
+def _matched_at(path: CheckedPath, at_ns: Float64) -> Float64:
+    """Return the matched poses (K, 3) at stamps (K,), NaN away from sweeps that have one, in the longest piece."""
+    known = np.isfinite(path.matched[:, 0])
+    if not known.any():
+        return np.full((len(at_ns), 3), np.nan)
+    pieces, counts = np.unique(path.pieces[known], return_counts=True)
+    mine = known & (path.pieces == pieces[counts.argmax()])
+    stamps, poses = path.stamp_ns[mine].astype(np.float64), path.matched[mine]
+    poses = np.column_stack([poses[:, :2], np.unwrap(poses[:, 2])])
+    found = np.column_stack([np.interp(at_ns, stamps, one) for one in poses.T])
+    after = np.clip(np.searchsorted(stamps, at_ns), 1, max(len(stamps) - 1, 1))
+    wide = (
+        np.full(len(at_ns), True)
+        if len(stamps) < 2
+        else stamps[after] - stamps[after - 1] > LONGEST_STEP * SECOND_NS
+    )
+    found[wide | (at_ns < stamps[0]) | (at_ns > stamps[-1])] = np.nan
+    return found
+
+
+# --- a second laser -----------------------------------------------------------------------------------------
+
+
+def _lasers_findings(
+    first: _Sensor, second: _Sensor, found: _Calibrated | None, told: Float64 | None
+) -> tuple[list[Finding], list[Mount]]:
+    """Return what is told of the place of a second laser beside the first one.
+
+    Parameters
+    ----------
+    found : the mount of the first one, where it was found
+    told : (3,) x, y [m], yaw [rad] of the second in the frame of the first that the log tells; None for nothing
+    """
+    beside = (
+        _standing(first, second) if first.stood and second.stood else _driving(first, second, found, told)
+    )
+    if isinstance(beside, str):
+        return [_no_lasers(first, second, beside)], []
+    floor = np.array([LEAST_DEVIATION, LEAST_DEVIATION, LEAST_UNSURE]) * (3.0 if first.stood else 1.0)
+    deviation = np.maximum(beside.deviations[:3], floor)
+    if not _is_known(deviation):
+        return [_no_lasers(first, second, "they see too little alike")], []
+    place = np.array([*beside.values[:2], wrapped(beside.values[2:3])[0]])
+    if told is not None and not _differs(place - told, deviation):
+        return [], []
+    mount = Mount(second.frame, first.frame, *(round(float(one), 4) for one in place))
+    says = "nothing in the log tells so" if told is None else f"tf says {_place(told)}"
+    return [
+        Finding(
+            "lasers",
+            "hint" if told is None else "warning",
+            second.topic,
+            second.frame,
+            f"{_sits(mount, deviation)}; {says}",
+            _mount_evidence(mount, deviation, told),
+            {"distance": LEAST_OFF, "yaw": round(float(LEAST_ASKEW), 4), "deviations": DEVIATIONS},
+            _fix(mount),
+        )
+    ], [mount]
+
+
+def _no_lasers(first: _Sensor, second: _Sensor, why: str) -> Finding:
+    return Finding(
+        "lasers",
+        "hint",
+        second.topic,
+        second.frame,
+        f"{second.topic} beside {first.topic}: cannot be told: {why}",
+    )
+
+
+def _driving(
+    first: _Sensor, second: _Sensor, found: _Calibrated | None, told: Float64 | None
+) -> Settled | str:
+    """Place both lasers by the path of the first, and find where the second is by the map of both."""
+    way = first.path.way
+    if way is None or (found is not None and found.settled is None and found.turned < LEAST_TURN):
+        return "the robot turns too little" if way is not None else "nothing tells how the robot drove"
+    parts = [first.outlines(), second.outlines()]
+    paths = [_way_at(way, part.stamp_ns, 0.0) for part in parts]
+    known = [np.flatnonzero(np.isfinite(path[:, 0])) for path in paths]
+    parts = [part.those(one) for part, one in zip(parts, known, strict=True)]
+    if min(len(part.stamp_ns) for part in parts) < LEAST_STEPS * SLOTS:
+        return "too few of their sweeps have a pose"
+    outlines = joined_outlines(parts)
+    here, count = paths[0][known[0]], len(known[0])
+
+    def placing(values: Float64) -> Float64:
+        there = _way_at(way, parts[1].stamp_ns, float(values[3]), held=True)
+        return np.vstack([here, mounted(there, values[:3])])
+
+    both = np.vstack([here, paths[1][known[1]]])
+    order = np.argsort(outlines.stamp_ns, kind="stable")
+    turned = float(np.abs(wrapped(np.diff(here[:, 2]))).sum())
+    if turned < LEAST_TURN:
+        return f"the robot turns by {math.degrees(turned):.0f} degrees, and {math.degrees(LEAST_TURN):.0f} are needed"
+    stretch = np.empty(len(both), np.int64)
+    stretch[order] = stretches_of(both[order], STRETCH_TURN, STRETCH_WAY)
+    starts = [] if told is None else [told]
+    if len(second.path.stamp_ns):
+        guess = _mount_by_steps(second.path, _way_at(way, second.path.stamp_ns, 0.0))
+        starts += [] if guess is None else [guess]
+    if not starts:
+        return "their paths cannot be matched"
+    trusted = np.array([np.inf, np.inf, np.inf, LASER_DELAYS])
+    tried = [settle(outlines, placing, np.array([*start, 0.0]), trusted, stretch) for start in starts]
+    return min(tried, key=lambda one: cells_filled(outlines, placing(one.values), stretch))
+
+
+def _way_at(way: Way, stamp_ns: Int64, delay: float, *, held: bool = False) -> Float64:
+    at_ns = stamp_ns + round(delay * SECOND_NS)
+    if held and (span := way.span_ns) is not None:
+        at_ns = np.clip(at_ns, *span)
+    there = planar(way.at(at_ns))
+    return np.column_stack([there.x, there.y, there.yaw])
+
+
+def _standing(first: _Sensor, second: _Sensor) -> Settled | str:
+    """Lay what the second laser sees on what the first one sees, while both stand."""
+    parts = [first.outlines(), second.outlines()]
+    if not all(len(part) for part in parts):
+        return "they see nothing"
+    start = place_beside(*(part.points for part in parts))
+    outlines = joined_outlines(parts)
+    counts = [len(part.stamp_ns) for part in parts]
+
+    def placing(values: Float64) -> Float64:
+        return np.vstack([np.zeros((counts[0], 3)), np.tile(values, (counts[1], 1))])
+
+    found = settle(outlines, placing, start, np.full(3, np.inf), np.zeros(sum(counts), np.int64))
+    share = overlap(parts[0].points, mounted_points(parts[1].points, found.values))
+    if share < LEAST_OVERLAP:
+        return f"{share:.0%} of what it sees is on what the other sees, and {LEAST_OVERLAP:.0%} are needed"
+    return found
 
 
 # --- beams that flicker -------------------------------------------------------------------------------------
 
 
 class _Flicker:
-    """Counts of changes of status by sector."""
+    """Counts of beams and of their changes between valid and no return, by sectors of 30 degrees."""
 
     def __init__(self) -> None:
         self.sectors = round(TURN / SECTOR)
         self.steps, self.changes, self.valid, self.beams = (np.zeros(self.sectors) for _ in range(4))
+        self.sweeps = 0
         self._last: SweepBatch | None = None
 
     def add(self, batch: SweepBatch) -> None:
         """Take sweeps."""
+        bearing = batch.angle_min[0] + batch.angle_increment[0] * np.arange(batch.width)
+        if (batch.angle_min != batch.angle_min[0]).any() or (batch.beams != batch.width).any():
+            # Beams of other sweeps look elsewhere.
+            same = (batch.angle_min == batch.angle_min[0]) & (batch.beams == batch.width)
+            batch = batch.rows(np.flatnonzero(same))
+            if not len(batch):
+                return
+        sector = np.floor((bearing + 0.5 * SECTOR) % TURN / SECTOR).astype(np.int64) % self.sectors
+        status = batch.status
+        last = self._last
+        if last is not None and last.width == batch.width and last.angle_min[0] == batch.angle_min[0]:
+            status = np.vstack([last.status[-1:], status])
+        is_valid, is_lost = status == Status.VALID, status == Status.NO_RETURN
+        either = is_valid | is_lost
+        steps = either[1:] & either[:-1]
+        changes = steps & (is_valid[1:] != is_valid[:-1])
+        counts = (steps, changes, batch.status == Status.VALID, np.isin(batch.status, _SEEING))
+        for sums, one in zip((self.steps, self.changes, self.valid, self.beams), counts, strict=True):
+            sums += np.bincount(sector, one.sum(axis=0), self.sectors)
+        self.sweeps += len(batch)
+        self._last = batch.rows(np.array([len(batch) - 1]))
+
+
+_SEEING = (Status.VALID, Status.NO_RETURN, Status.TOO_CLOSE, Status.INVALID)
 
 
 def _flickering(sensor: _Sensor) -> list[Finding]:
-    return []
+    """Return the findings on sectors that flicker, and on those that are always lost though the sensor turned."""
+    counts = sensor.flicker
+    if counts.sweeps <= LEAST_STEPS:
+        return []
+    found = []
+    enough = counts.steps >= LEAST_STEPS * LEAST_BEAMS
+    share = counts.changes / np.maximum(counts.steps, 1.0)
+    if (flickers := np.flatnonzero(enough & (share > FLICKERS))).size:
+        worst = float(share[flickers].max())
+        found.append(
+            _sectors(
+                sensor,
+                flickers,
+                f"change between valid and no return in up to {worst:.0%} of the steps from sweep to sweep",
+                {"changes": round(worst, 3)},
+                {"changes": FLICKERS},
+            )
+        )
+    valid = counts.valid / np.maximum(counts.beams, 1.0)
+    sees = counts.beams >= LEAST_BEAMS * counts.sweeps
+    lost = np.flatnonzero(sees & (counts.valid == 0))
+    others = valid[sees & (counts.valid > 0)]
+    if len(lost) and len(others) and np.median(others) >= OTHERS_VALID and sensor.turned >= LEAST_TURN:
+        found.append(
+            _sectors(
+                sensor,
+                lost,
+                f"never have a range, though the sensor turned by {math.degrees(sensor.turned):.0f} degrees and others have",
+                {"valid": 0.0, "others": round(float(np.median(others)), 3)},
+                {"others": OTHERS_VALID},
+            )
+        )
+    return found
+
+
+def _sectors(
+    sensor: _Sensor,
+    sectors: Int64,
+    words: str,
+    evidence: dict[str, float],
+    threshold: dict[str, float],
+) -> Finding:
+    middles = [round(math.degrees(math.remainder(one * SECTOR, TURN))) for one in sectors.tolist()]
+    half = math.degrees(SECTOR) / 2.0
+    places = ", ".join(f"{one - half:.0f} to {one + half:.0f}" for one in sorted(middles))
+    return Finding(
+        "flicker",
+        "warning",
+        sensor.topic,
+        sensor.frame,
+        f"{sensor.topic}: beams from {places} degrees {words}",
+        {"sectors": sorted(middles), **evidence},
+        threshold,
+    )
