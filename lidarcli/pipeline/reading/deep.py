@@ -18,7 +18,7 @@ from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector
 from lidarcli.pipeline.inputs.masks import mask_text, mount_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.reading.masking import MOST_SENSORS, Masking, masking_of
+from lidarcli.pipeline.reading.masking import MOST_SENSORS, REACH, Masking, masking_of
 from lidarcli.pipeline.reading.path_check import CheckedPath
 from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
@@ -43,7 +43,7 @@ from lidarcli.poses.sources import Way
 from lidarcli.poses.tracks import SECOND_NS, planar
 from lidarcli.poses.tree import FrameTree, Step, along
 from lidarcli.range_rules import RangeRules
-from lidarcli.sweeps import TURN, Float64, Int64, Status, SweepBatch
+from lidarcli.sweeps import TURN, Float64, Int64, Status, SweepBatch, UInt8
 
 MOST_SWEEPS, STANDING_SWEEPS = 400, 20
 """Most sweeps of a sensor that are aligned, and the first ones, which are taken though it stands."""
@@ -53,7 +53,7 @@ MOST_POINTS = 120
 """Points of a sweep that are aligned."""
 SLOTS = 8
 """Parts of a sweep that takes time; each is placed by a pose of its own."""
-STRETCH_TURN, STRETCH_WAY = np.pi, 15.0
+STRETCH_TURN, STRETCH_WAY = 0.5 * np.pi, 5.0
 """Turn [rad] and way [m] of a stretch in which poses may not drift."""
 LEAST_TURN = np.deg2rad(120.0)
 """Turning of the poses from which on they tell a mount [rad]: of the path that is told, also to and fro."""
@@ -66,8 +66,8 @@ MOST_DEVIATION, MOST_UNSURE = 0.05, np.deg2rad(2.0)
 LEAST_DEVIATION, LEAST_UNSURE = 0.003, np.deg2rad(0.1)
 """No mount is known better: grids and ranges err, too [m, rad]."""
 DELAYS, KNOWN_TIME, SCALES = 0.2, 0.1, 0.02
-"""Deviations before the sweeps are seen of a delay [s], of the time of a sweep that is told, as a share of the period, and of
-the scales of told lengths and turns."""
+"""Deviations before the sweeps are seen of a delay [s], of the time of a sweep that is told, as a share of the period,
+and of the scales of told lengths and turns."""
 FEWER = 0.3
 """Share of cells that the matched path fills less."""
 MIRRORED = -0.5
@@ -84,10 +84,8 @@ LASER_DELAYS = 0.02
 """Deviation of the clocks of two lasers [s]."""
 STAMP_OFF = 0.15
 """Greatest distance of the delay from half or all of the time of a sweep, as a share of this."""
-NEAR, SAME, OFTEN, FAR_CHANGES = 1.0, 0.06, 0.8, 0.5
-"""A beam that ends nearer than this [m], within such a spread [m], in such a share of the sweeps never changes."""
 SECTOR = np.deg2rad(30.0)
-FLICKERS = 0.15
+FLICKERS = 0.2
 """Share of the steps from sweep to sweep in which a beam changes between valid and no return."""
 LEAST_STEPS = 20
 """Fewest steps that tell of a flicker."""
@@ -196,7 +194,8 @@ class _Deep:
         place = np.column_stack([there.x, there.y, there.yaw])
         if found is not None and found.settled is not None:
             place = steps_between(found.settled.values[None, :3], mounted(found.told[None], place))
-        return place[0]
+        found_at: Float64 = place[0]
+        return found_at
 
     def _by_frame(self) -> list[_Sensor]:
         """Return one sensor for each frame, the first of its topics."""
@@ -208,25 +207,16 @@ class _Deep:
     def _bodies(self) -> tuple[list[Finding], Masks]:
         """Return what is told of beams that end on the robot itself, and their mask."""
         found = []
-        topics = {mask.topic for mask in self._masking.learned.masks}
-        for key, sensor in sorted(self._sensors.items()):
-            topic, frame = key
+        for topic, frame in sorted(self._sensors):
             mine = [mask for mask in self._masking.learned.masks if mask.topic == topic]
-            if topic in topics and mine:
-                topics.discard(topic)
-                found.append(_body(topic, frame, mine, sensor.step))
-            elif not mine and (beams := sensor.unchanging()) and sensor.stood:
-                found.append(
-                    Finding(
-                        "body",
-                        "hint",
-                        topic,
-                        frame,
-                        f"{topic}: cannot be told: nothing moves ({counted(beams, 'beam')} below {NEAR:g} m)",
-                        {"beams": beams},
-                        {"beams": 1, "range": NEAR},
-                    )
-                )
+            beams = self._masking.unclear.get((topic, frame), 0)
+            if mine:
+                found.append(_body(topic, frame, mine, self._sensors[topic, frame].step))
+            elif beams:
+                why = "nothing moves" if self._sensors[topic, frame].stood else "the sensor moves too little"
+                words = f"{topic}: cannot be told: {why} ({counted(beams, 'beam')} below {REACH:g} m)"
+                evidence, threshold = {"beams": beams}, {"beams": 1, "range": REACH}
+                found.append(Finding("body", "hint", topic, frame, words, evidence, threshold))
         return found, self._masking.learned
 
 
@@ -291,14 +281,14 @@ class _Sensor:
         return self.path.timing
 
     @property
+    def assumes(self) -> bool:
+        """True where the log does not tell of a mount."""
+        return self.told is not None and bool(self.told.assumption)
+
+    @property
     def times(self) -> tuple[float, float]:
         """Times of the first and of the last beam after the header stamp [s]."""
         return self._times or (0.0, 0.0)
-
-    @property
-    def told_delay(self) -> float:
-        """Delay of the poses that the user asked for or the sweeps told [s]."""
-        return 0.0
 
     @property
     def period(self) -> float:
@@ -368,30 +358,6 @@ class _Sensor:
         share = np.tile((np.arange(SLOTS) + 0.5) / SLOTS, len(kept))
         found = Outlines(np.vstack(points), np.vstack(normals), np.concatenate(slots), stamp, share)
         return _mirror(found) if mirrored else found
-
-    def unchanging(self) -> int:
-        """Return the number of beams below `NEAR` that never change in the first sweeps."""
-        first = [one for one in self._kept if one[0] < 0]
-        if len(first) < LEAST_STEPS // 2 or len({len(one[3]) for one in first}) != 1:
-            return 0
-        ranges = np.stack([one[3] for one in first])
-        known = np.isfinite(ranges)
-        with np.errstate(invalid="ignore"):
-            near = (ranges < NEAR).mean(axis=0) >= OFTEN
-        low = np.array(
-            [
-                np.quantile(column[seen], 0.1) if seen.any() else np.nan
-                for column, seen in zip(ranges.T, known.T, strict=True)
-            ]
-        )
-        high = np.array(
-            [
-                np.quantile(column[seen], 0.9) if seen.any() else np.nan
-                for column, seen in zip(ranges.T, known.T, strict=True)
-            ]
-        )
-        with np.errstate(invalid="ignore"):
-            return int(np.count_nonzero(near & (high - low < SAME)))
 
     def turns(self) -> tuple[Float64, Float64]:
         """Return turns of the told poses and those seen, of steps that turn enough (K,) [rad]."""
@@ -470,6 +436,14 @@ class _Calibrated:
     """x, y, yaw, times of the first beam and from it to the last, scales of lengths and turns."""
     cells: tuple[int, int] = 0, 0
     """Cells that are filled with the mount of the log, and with the one found."""
+
+    @property
+    def differs(self) -> bool:
+        """True where the mount is known, and not the one that the log tells."""
+        if self.settled is None or self.cells[1] >= self.cells[0]:
+            return False
+        deviation = _floored(self.settled.deviations[:3])
+        return _is_known(deviation) and _differs(self.settled.values[:3] - self.told, deviation)
 
     def placing(self, values: Float64) -> Float64:
         """Return the poses of the sensor by the unknowns of `settled`."""
@@ -570,19 +544,11 @@ def _mount_by_steps(path: CheckedPath, carrier: Float64) -> Float64 | None:
 def _mount_finding(sensor: _Sensor, found: _Calibrated | None) -> tuple[list[Finding], list[Mount]]:
     if found is None or found.settled is None:
         return _untold(sensor, found), []
+    if not found.differs:
+        return [], []
     deviation = _floored(found.settled.deviations[:3])
-    off = found.settled.values[:3] - found.told
-    if not _is_known(deviation):
-        # Only who sees that it differs wants to know that it is not known.
-        return [], []
-    if not _differs(off, deviation) or found.cells[1] >= found.cells[0]:
-        return [], []
-    mount = Mount(
-        sensor.frame,
-        found.parent,
-        *(round(float(one), 4) for one in [*found.settled.values[:2], wrapped(found.settled.values[2:3])[0]]),
-    )
-    says = "tf says" if _split(sensor.told)[0] else "without a mount it is taken to be at"  # type: ignore[arg-type]
+    mount = _mount(sensor.frame, found.parent, found.settled.values)
+    says = "without a mount it is taken to be at" if sensor.assumes else "tf says"
     return [
         Finding(
             "mount",
@@ -596,6 +562,11 @@ def _mount_finding(sensor: _Sensor, found: _Calibrated | None) -> tuple[list[Fin
             _fix(mount),
         )
     ], [mount]
+
+
+def _mount(frame: str, parent: str, values: Float64) -> Mount:
+    x, y = (round(float(one), 4) for one in values[:2])
+    return Mount(frame, parent, x, y, round(math.remainder(float(values[2]), TURN), 4))
 
 
 def _untold(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
@@ -677,7 +648,7 @@ def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
     unsure = max(deviation / duration, LEAST_TIME)
     if name == "first" or DEVIATIONS * unsure > 0.5 or off > max(STAMP_OFF, 2.0 * unsure):
         return []
-    delay = sensor.told_delay - _STAMPED[name] * duration
+    delay = -_STAMPED[name] * duration
     return [
         Finding(
             "stamp",
@@ -694,14 +665,20 @@ def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
 
 
 def _fit_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
-    """Return the finding that the matched path fills far fewer cells than the told one."""
+    """Return the finding that the matched path fills far fewer cells than the told one, whose steps do not agree."""
     path = sensor.path
-    if found is None or path.fit is None or path.fit.verdict == "unchecked" or sensor.stood:
+    if (
+        found is None
+        or path.fit is None
+        or path.fit.verdict == "unchecked"
+        or path.follows_told
+        or sensor.stood
+    ):
         return []
-    values = found.start if found.settled is None else found.settled.values
+    values = found.settled.values if found.differs and found.settled is not None else found.start
     told = mounted(found.base(float(values[3]), float(values[4])), values[:3])
     first, last = sensor.times
-    at_ns = found.outlines.stamp_ns + np.rint((first + (last - first) * found.outlines.share) * SECOND_NS)
+    at_ns = found.outlines.stamp_ns + (first + (last - first) * found.outlines.share) * SECOND_NS
     matched = _matched_at(path, at_ns)
     known = np.flatnonzero(np.isfinite(matched[:, 0]))
     if len(known) < LEAST_STEPS * SLOTS:
@@ -716,8 +693,8 @@ def _fit_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
             "warning",
             sensor.topic,
             sensor.frame,
-            f"{sensor.topic}: the path that is matched from the sweeps fills {1.0 - fewer / cells:.0%} fewer cells than that "
-            f"of {sensor.told.topics[0] if sensor.told else 'its poses'}: the told path drifts or is wrong",
+            f"{sensor.topic}: the path that is matched from the sweeps fills {1.0 - fewer / cells:.0%} fewer cells than "
+            f"that of {sensor.told.topics[0] if sensor.told else 'its poses'}: its poses are wrong",
             {"cells_told": cells, "cells_matched": fewer, "fewer": round(1.0 - fewer / cells, 3)},
             {"fewer": FEWER},
             Fix("option", "--pose match"),
@@ -767,10 +744,9 @@ def _lasers_findings(
     deviation = np.maximum(beside.deviations[:3], floor)
     if not _is_known(deviation):
         return [_no_lasers(first, second, "they see too little alike")], []
-    place = np.array([*beside.values[:2], wrapped(beside.values[2:3])[0]])
-    if told is not None and not _differs(place - told, deviation):
+    if told is not None and not _differs(beside.values[:3] - told, deviation):
         return [], []
-    mount = Mount(second.frame, first.frame, *(round(float(one), 4) for one in place))
+    mount = _mount(second.frame, first.frame, beside.values)
     says = "nothing in the log tells so" if told is None else f"tf says {_place(told)}"
     return [
         Finding(
@@ -810,7 +786,7 @@ def _driving(
     if min(len(part.stamp_ns) for part in parts) < LEAST_STEPS * SLOTS:
         return "too few of their sweeps have a pose"
     outlines = joined_outlines(parts)
-    here, count = paths[0][known[0]], len(known[0])
+    here = paths[0][known[0]]
 
     def placing(values: Float64) -> Float64:
         there = _way_at(way, parts[1].stamp_ns, float(values[3]), held=True)
@@ -871,7 +847,7 @@ class _Flicker:
         self.sectors = round(TURN / SECTOR)
         self.steps, self.changes, self.valid, self.beams = (np.zeros(self.sectors) for _ in range(4))
         self.sweeps = 0
-        self._last: SweepBatch | None = None
+        self._last: UInt8 | None = None
 
     def add(self, batch: SweepBatch) -> None:
         """Take sweeps."""
@@ -884,18 +860,18 @@ class _Flicker:
                 return
         sector = np.floor((bearing + 0.5 * SECTOR) % TURN / SECTOR).astype(np.int64) % self.sectors
         status = batch.status
-        last = self._last
-        if last is not None and last.width == batch.width and last.angle_min[0] == batch.angle_min[0]:
-            status = np.vstack([last.status[-1:], status])
+        if self._last is not None and self._last.shape[1] == batch.width:
+            status = np.vstack([self._last, status])
+        self._last = status[-2:]
         is_valid, is_lost = status == Status.VALID, status == Status.NO_RETURN
         either = is_valid | is_lost
-        steps = either[1:] & either[:-1]
-        changes = steps & (is_valid[1:] != is_valid[:-1])
+        steps = either[2:] & either[1:-1] & either[:-2]
+        # What passes by changes once; what flickers changes back at once.
+        changes = steps & (is_valid[1:-1] != is_valid[:-2]) & (is_valid[2:] == is_valid[:-2])
         counts = (steps, changes, batch.status == Status.VALID, np.isin(batch.status, _SEEING))
         for sums, one in zip((self.steps, self.changes, self.valid, self.beams), counts, strict=True):
             sums += np.bincount(sector, one.sum(axis=0), self.sectors)
         self.sweeps += len(batch)
-        self._last = batch.rows(np.array([len(batch) - 1]))
 
 
 _SEEING = (Status.VALID, Status.NO_RETURN, Status.TOO_CLOSE, Status.INVALID)
@@ -908,7 +884,8 @@ def _flickering(sensor: _Sensor) -> list[Finding]:
         return []
     found = []
     enough = counts.steps >= LEAST_STEPS * LEAST_BEAMS
-    share = counts.changes / np.maximum(counts.steps, 1.0)
+    # Of each two changes of a beam that flickers one is back.
+    share = 2.0 * counts.changes / np.maximum(counts.steps, 1.0)
     if (flickers := np.flatnonzero(enough & (share > FLICKERS))).size:
         worst = float(share[flickers].max())
         found.append(
@@ -929,7 +906,7 @@ def _flickering(sensor: _Sensor) -> list[Finding]:
             _sectors(
                 sensor,
                 lost,
-                f"never have a range, though the sensor turned by {math.degrees(sensor.turned):.0f} degrees and others have",
+                f"never have a range, though the sensor turned by {math.degrees(sensor.turned):.0f} degrees",
                 {"valid": 0.0, "others": round(float(np.median(others)), 3)},
                 {"others": OTHERS_VALID},
             )

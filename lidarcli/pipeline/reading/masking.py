@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -61,6 +61,8 @@ class Masking:
     """Mask that the log itself tells."""
     proposed: Masks = field(default_factory=Masks)
     """Mask of what looks like the robot itself before sensors that stood; it is not used."""
+    unclear: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    """Topic and frame → beams that mostly end within one window, where nobody can tell whether on the robot itself."""
     posing: Posing | None = None
     """The poses by which the mask was learned; None where it was not."""
 
@@ -128,12 +130,15 @@ def _learned(log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection
     bodies, posing = _watch(log, rules, poses, topics)
     masks: list[Mask] = []
     proposed: list[Mask] = []
+    unclear: dict[tuple[str, str], int] = {}
     seen: list[str] = []
     doubts: list[str] = []
     sensors = Counter(topic for topic, _ in bodies)
-    for (topic, _), body in sorted(bodies.items()):
+    for (topic, frame), body in sorted(bodies.items()):
         doubt = body.doubt() if sensors[topic] == 1 else "several sensors share the topic"
         runs = body.proposals() if doubt else body.own()
+        if doubt and (beams := body.unchanging()):
+            unclear[topic, frame] = beams
         into = proposed if doubt else masks
         into += [body.mask(topic, run) for run in runs]
         if doubt:
@@ -147,6 +152,7 @@ def _learned(log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection
         tuple(doubts),
         learned,
         Masks(tuple(proposed)),
+        unclear,
         posing,
     )
 
@@ -296,6 +302,10 @@ class _Body:
     def own(self) -> list[Run]:
         """Return the beams that end on the robot itself, of a sensor that drove."""
         return _runs(self._driving, GRAZED)
+
+    def unchanging(self) -> int:
+        """Return the number of beams that mostly end within one window."""
+        return 0 if self._always.sweeps < LEAST_SWEEPS else sum(map(len, _runs(self._always, SHARE)))
 
     def proposals(self) -> list[Run]:
         """Return the beams that look like that, of one that stood."""
