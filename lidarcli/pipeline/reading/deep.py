@@ -18,7 +18,7 @@ from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector
 from lidarcli.pipeline.inputs.masks import mask_text, mount_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.reading.masking import MOST_SENSORS, REACH, Masking, masking_of
+from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, Masking, masking_of
 from lidarcli.pipeline.reading.path_check import CheckedPath
 from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
@@ -214,8 +214,8 @@ class _Deep:
                 found.append(_body(topic, frame, mine, self._sensors[topic, frame].step))
             elif beams:
                 why = "nothing moves" if self._sensors[topic, frame].stood else "the sensor moves too little"
-                words = f"{topic}: cannot be told: {why} ({counted(beams, 'beam')} below {REACH:g} m)"
-                evidence, threshold = {"beams": beams}, {"beams": 1, "range": REACH}
+                words = f"{topic}: cannot be told: {why} ({counted(beams, 'beam')} below {STOOD_REACH:g} m)"
+                evidence, threshold = {"beams": beams}, {"beams": 1, "range": STOOD_REACH}
                 found.append(Finding("body", "hint", topic, frame, words, evidence, threshold))
         return found, self._masking.learned
 

@@ -62,7 +62,7 @@ class Masking:
     proposed: Masks = field(default_factory=Masks)
     """Mask of what looks like the robot itself before sensors that stood; it is not used."""
     unclear: Mapping[tuple[str, str], int] = field(default_factory=dict)
-    """Topic and frame → beams that mostly end within one window, where nobody can tell whether on the robot itself."""
+    """Topic and frame → beams that mostly end within one window below `STOOD_REACH`, where nobody can tell on what."""
     posing: Posing | None = None
     """The poses by which the mask was learned; None where it was not."""
 
@@ -304,8 +304,10 @@ class _Body:
         return _runs(self._driving, GRAZED)
 
     def unchanging(self) -> int:
-        """Return the number of beams that mostly end within one window."""
-        return 0 if self._always.sweeps < LEAST_SWEEPS else sum(map(len, _runs(self._always, SHARE)))
+        """Return the number of beams that mostly end within one window below `STOOD_REACH`."""
+        if self._always.sweeps < LEAST_SWEEPS:
+            return 0
+        return sum(low + WINDOW <= STOOD_REACH for run in _runs(self._always, SHARE) for _, low in run)
 
     def proposals(self) -> list[Run]:
         """Return the beams that look like that, of one that stood."""
