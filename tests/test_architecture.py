@@ -25,6 +25,7 @@ MAY_IMPORT = {
     "newfiles": {"errors", "machine", "stores"},
     "stores": {"errors", "machine"},
     "foxglove": set[str](),
+    "findings": set[str](),
     "tomlfiles": {"errors"},
     "compiled": set[str](),
     "machine": set[str](),
@@ -47,7 +48,7 @@ MAY_IMPORT = {
     "pipeline": CORE
     | OPTIONS
     | {"logs", "poses", "formalism", "tabular", "reports", "maps", "overlays", "ros"}
-    | {"compiled", "machine", "newfiles", "stores", "tomlfiles"},
+    | {"compiled", "findings", "machine", "newfiles", "stores", "tomlfiles"},
     "cli": CORE
     | OPTIONS
     | {
