@@ -8,16 +8,17 @@ mount; the deviations of what is found are those between stretches (cluster-robu
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lidarcli.poses.fit import poses_after, steps_between, wrapped
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
-CELL = 0.05
-"""Side of the cells that are counted [m]."""
+CELL, GRID_TURNS = 0.05, tuple(np.deg2rad([7.0, 31.0, 53.0, 76.0]).tolist())
+"""Side of the cells that are counted [m], and the directions of their grids [rad]."""
 HALF_CHORD, MOST_BESIDE, MOST_CHORD, MOST_OFF = 0.12, 12, 0.6, 0.03
 """The normal at a point is that of the chord between beams so far beside it [m], so many at most; the chord is no longer
 than this and the point no farther off it [m]."""
@@ -38,6 +39,10 @@ TOGETHER = 50.0
 """Points that count as one beside what is trusted: those near each other err together."""
 FEW_CLUSTERS = 1.5
 """Deviations by K clusters are too small by such a share over K: 95 % of a t distribution are within two of them."""
+BESIDE_APART, BESIDE_TRIED = np.deg2rad(15.0), 4
+"""Turns that are apart from each other [rad], and the most that are looked at closely."""
+SEEN_STEP, SEEN_OFF = np.deg2rad(4.0), 0.2
+"""Directions that are told apart [rad], and how far something is seen through [m]."""
 CLUSTERS = 12
 """Least number of parts of a run between which deviations are measured."""
 
@@ -148,12 +153,18 @@ def _seen_at(points: Float64, poses: Float64, slot: Int64) -> Float64:
 
 
 def cells_filled(outlines: Outlines, poses: Float64, stretch: Int64 | None = None) -> int:
-    """Return the number of cells of `CELL` that the points fill, each stretch (K,) of slots for itself."""
-    column, row = np.floor(placed(outlines, poses) / CELL).astype(np.int64).T
-    key = (column << 24) + row
-    if stretch is not None:
-        key += stretch[outlines.slot] << 50
-    return len(np.unique(key))
+    """Return the number of cells of `CELL` that the points fill, each stretch (K,) of slots for itself.
+
+    It is the mean over some directions of the grid: walls along it fill fewer cells than others.
+    """
+    points, counts = placed(outlines, poses), []
+    for turn in GRID_TURNS:
+        column, row = np.floor(mounted_points(points, np.array([0.0, 0.0, turn])) / CELL).astype(np.int64).T
+        key = (column << 24) + row
+        if stretch is not None:
+            key += stretch[outlines.slot] << 50
+        counts.append(len(np.unique(key)))
+    return round(float(np.mean(counts)))
 
 
 def settle(
@@ -312,34 +323,84 @@ def mounted_points(points: Float64, mount: Float64) -> Float64:
     return _seen_at(points, mount[None], np.zeros(len(points), np.int64))
 
 
-def place_beside(points: Float64, other: Float64) -> Float64:
-    """Return x, y [m] and yaw [rad] by which other points (M, 2) lie best on points (N, 2): all turns, and places near."""
-    side = BESIDE_CELLS
-    mine = _raster(points, side)
+def places_beside(points: Float64, other: Float64) -> Float64:
+    """Return x, y [m] and yaw [rad] (P, 3) by which other points (M, 2) lie well on points (N, 2), the best first.
+
+    All turns are tried, and places that are near.
+    """
+    mine = _raster(points)
     # What is near counts too: turns are tried in steps.
-    near = sum(np.roll(mine, (dx, dy), (0, 1)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)) > 0
-    there = np.conj(np.fft.rfft2(mine * 1.0 + near))
+    there = np.conj(np.fft.rfft2(mine * 1.0 + _widened(mine)))
     reach = round(BESIDE_REACH / BESIDE_CELL)
-    best, most = np.zeros(3), -1.0
+    tried = []
     for yaw in np.arange(-np.pi, np.pi, BESIDE_TURN):
         turned = mounted_points(other, np.array([0.0, 0.0, yaw]))
-        found = np.fft.irfft2(np.conj(there * np.fft.rfft2(_raster(turned, side) * 1.0)), (side, side))
+        found = np.fft.irfft2(np.conj(there * np.fft.rfft2(_raster(turned) * 1.0)), mine.shape)
         found = np.roll(found, (reach, reach), (0, 1))[: 2 * reach + 1, : 2 * reach + 1]
-        at = np.unravel_index(found.argmax(), found.shape)
-        if found[at] > most:
-            most = float(found[at])
-            best = np.array([(at[0] - reach) * BESIDE_CELL, (at[1] - reach) * BESIDE_CELL, yaw])
-    return best
+        at = divmod(int(found.argmax()), found.shape[1])
+        x, y = ((one - reach) * BESIDE_CELL for one in at)
+        tried.append((float(found[at]), x, y, float(yaw)))
+    best: list[Float64] = []
+    for _, x, y, yaw in sorted(tried, reverse=True):
+        if all(abs(math.remainder(yaw - one[2], TURN)) > BESIDE_APART for one in best):
+            best.append(np.array([x, y, yaw]))
+        if len(best) == BESIDE_TRIED:
+            break
+    return np.array(best)
 
 
-def overlap(points: Float64, other: Float64) -> float:
-    """Return the share of the cells of other points (M, 2) that are on points (N, 2) or beside them."""
-    mine, its = _raster(points, BESIDE_CELLS), _raster(other, BESIDE_CELLS)
-    near = sum(np.roll(mine, (dx, dy), (0, 1)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)) > 0
-    return float(np.count_nonzero(its & near) / max(np.count_nonzero(its), 1))
+@dataclass(frozen=True, slots=True)
+class Overlap:
+    """What two sensors see alike that stand beside each other."""
+
+    share: float
+    """Share of the cells of the second that are on cells of the first, or beside them."""
+    against: float
+    """Share of the points of each, the larger one, through which the other sees."""
+    width: float
+    """Directions in which the first sees what both see [rad]."""
 
 
-def _raster(points: Float64, side: int) -> Bool:
+def overlap(points: Float64, other: Float64, place: Float64) -> Overlap:
+    """Return what points (N, 2) of a sensor and other ones (M, 2) of one that stands at `place` (3,) beside it share."""
+    there = mounted_points(other, place)
+    mine, its = _raster(points), _raster(there)
+    both = its & _widened(mine)
+    back = steps_between(place[None], np.zeros((1, 3)))[0]
+    against = max(_seen_through(points, there), _seen_through(other, mounted_points(points, back)))
+    column, row = np.nonzero(both)
+    side = mine.shape[0] // 2
+    directions = np.unique(np.floor(np.arctan2(row - side, column - side) / SEEN_STEP))
+    share = np.count_nonzero(both) / max(np.count_nonzero(its), 1)
+    return Overlap(float(share), against, float(len(directions) * SEEN_STEP))
+
+
+def _seen_through(points: Float64, other: Float64) -> float:
+    """Return the share of other points (M, 2) that are nearer than all that a sensor at 0 sees in their directions."""
+    steps = round(2.0 * np.pi / SEEN_STEP)
+    nearest = np.full(steps, np.inf)
+
+    def polar(of: Float64) -> tuple[Int64, Float64]:
+        step = np.floor(np.arctan2(of[:, 1], of[:, 0]) / SEEN_STEP).astype(np.int64) % steps
+        return step, np.hypot(of[:, 0], of[:, 1])
+
+    step, reach = polar(points)
+    np.minimum.at(nearest, step, reach)
+    # Things at the edge of a step may be seen in the next one.
+    nearest = np.minimum(nearest, np.minimum(np.roll(nearest, 1), np.roll(nearest, -1)))
+    step, reach = polar(other)
+    seen = np.isfinite(nearest[step])
+    return float((reach[seen] < nearest[step[seen]] - SEEN_OFF).sum() / max(len(other), 1))
+
+
+def _widened(cells: Bool) -> Bool:
+    """Return the cells and those beside them."""
+    found: Bool = np.any([np.roll(cells, (dx, dy), (0, 1)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)], axis=0)
+    return found
+
+
+def _raster(points: Float64) -> Bool:
+    side = BESIDE_CELLS
     found = np.zeros((side, side), bool)
     at = np.floor(points / BESIDE_CELL).astype(np.int64) + side // 2
     at = at[((at >= 0) & (at < side)).all(axis=1)]

@@ -25,6 +25,7 @@ from lidarcli.simulate.messages import ROS1_BYTES
 from lidarcli.simulate.scene import Entity, Mount, Odometry, Scene, Sensor
 from lidarcli.simulate.writers import outgoing, write_log
 from lidarcli.sweeps import TURN, Float64, RawSweeps
+from tests.fake_log import FakeLog
 from tests.pipeline.drawn import ROOM, SENSOR, Drive, round_about, scene_of, standing, straight, sweeps_of
 from tests.poses.pose_messages import SECOND
 
@@ -245,14 +246,37 @@ def test_a_second_laser_whose_transform_is_wrong_is_told(tmp_path: Path) -> None
     finding = only(found, "lasers")
     assert_mounted(finding, tuple(relative(np.array([BEHIND]), np.array([[0.2, 0.0, 0.0]]))[0].tolist()))
     assert "tf says x -0.70 m, y 0.00 m, yaw 180.0 degrees" in finding.message
+    (mount,) = found.mounts
+    assert (mount.frame, mount.parent) == ("rear", "base_link")
+    assert mount.x == pytest.approx(BEHIND[0], abs=0.02)
+    assert mount.y == pytest.approx(BEHIND[1], abs=0.02)
+    assert mount.yaw == pytest.approx(BEHIND[2], abs=0.02)
+
+
+CORNER = (
+    make.wall([[-4.0, -3.0], [5.0, -3.0], [5.0, 1.0], [1.5, 1.0], [1.5, 3.0], [-4.0, 3.0], [-4.0, -3.0]]),
+    make.box(-2.0, 2.0, 0.8, 0.4, 0.5),
+    make.cylinder(2.5, -1.5, 0.25),
+    make.box(-1.5, -2.2, 0.6, 0.6),
+)
+"""A room with a corner, that looks like itself from no other side."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("second", [BEHIND, (-0.6, 0.3, -2.0), (0.0, 0.4, 0.02)])
 def test_a_second_laser_that_stands_is_found_where_both_see_alike(tmp_path: Path, second: Place) -> None:
-    scene = replace(scene_of(standing, sensor=WIDE), sweeps=40)
-    found = deep(two_lasers(tmp_path / "run.bag", scene, second, sensor=WIDE))
+    scene = replace(scene_of(standing, sensor=SENSOR), entities=CORNER, sweeps=40)
+    found = deep(two_lasers(tmp_path / "run.bag", scene, second))
     assert_mounted(only(found, "lasers", "hint"), second)
+
+
+@pytest.mark.slow
+def test_in_a_room_that_looks_alike_from_two_sides_a_laser_that_stands_is_not_found(tmp_path: Path) -> None:
+    scene = replace(scene_of(standing, sensor=WIDE), sweeps=40)
+    found = deep(two_lasers(tmp_path / "run.bag", scene, BEHIND, sensor=WIDE))
+    assert only(found, "lasers", "hint").message == (
+        "/scan_rear beside /scan: cannot be told: what they see fits in two places"
+    )
 
 
 @pytest.mark.slow
@@ -300,6 +324,7 @@ def test_stamps_of_another_beam_are_told(tmp_path: Path, beam: str, share: float
     assert finding.evidence["delay"] == pytest.approx(-0.09 * share, abs=0.01)
     assert finding.fix is not None
     assert finding.fix.text == f"--pose-delay {-0.09 * share:.3f}"
+    assert ids(deep(tmp_path / "run.mcap", delay=-0.09 * share)) == []
 
 
 @pytest.mark.slow
@@ -423,7 +448,8 @@ def test_a_log_without_sweeps_has_no_finding(tmp_path: Path) -> None:
     assert deep(log) == DeepFindings()
 
 
-def test_a_pipe_is_refused() -> None:
+def test_a_pipe_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidarcli.pipeline.reading.deep.open_source", lambda *_: FakeLog(size=None))
     with pytest.raises(OptionError, match="--deep reads a log twice"):
         deep_findings(Source("-", "run"))
 

@@ -28,9 +28,8 @@ from lidarcli.poses.calibration import (
     cells_filled,
     joined_outlines,
     mounted,
-    mounted_points,
     overlap,
-    place_beside,
+    places_beside,
     scaled_path,
     settle,
     stretches_of,
@@ -93,8 +92,11 @@ LEAST_BEAMS = 3
 """Fewest beams of a sector that tell of it."""
 OTHERS_VALID = 0.5
 """Median share of valid beams of other sectors, where one has none."""
-LEAST_OVERLAP = 0.5
-"""Share of what the second sensor sees that has to be on what the first one sees, where both stand."""
+AGAINST = 2.0
+"""What speaks against a place counts so much more than what speaks for it."""
+LEAST_OVERLAP, LEAST_WIDTH, MOST_AGAINST, CLEARLY = 0.6, np.deg2rad(120.0), 0.05, 0.25
+"""Of what a second laser sees while both stand: the least share that is on what the first one sees, the least width of this
+[rad], the greatest share that speaks against it; and by how much the next best place is worse."""
 
 Key = tuple[str, str]
 """Topic and frame."""
@@ -135,7 +137,7 @@ class _Deep:
 
     def __init__(self, log: Log, rules: RangeRules, poses: PoseOptions) -> None:
         self._masking, self._posing = _masking(log, rules, poses)
-        self._sees_poses = poses.source != NONE
+        self._sees_poses, self._delay = poses.source != NONE, poses.delay or 0.0
         self._sensors: dict[Key, _Sensor] = {}
         for batch in read_batches(
             log, ReadOptions(rules=self._masking.rules), ReadReport(), TopicChoice(None, log.topics())
@@ -145,7 +147,9 @@ class _Deep:
                 if key not in self._sensors:
                     if len(self._sensors) == MOST_SENSORS:
                         continue
-                    self._sensors[key] = _Sensor(*key, self._posing.paths.get(key), self._told(frame))
+                    self._sensors[key] = _Sensor(
+                        *key, self._posing.paths.get(key), self._told(frame), self._delay
+                    )
                 self._sensors[key].add(mine)
 
     def _told(self, frame: str) -> Way | None:
@@ -259,9 +263,13 @@ def _body(topic: str, frame: str, masks: list[Mask], step: float) -> Finding:
 class _Sensor:
     """Samples and counts of one topic and frame."""
 
-    def __init__(self, topic: str, frame: str, path: CheckedPath | None, told: Way | None) -> None:
-        self.topic, self.frame, self.told = topic, frame, told
+    def __init__(
+        self, topic: str, frame: str, path: CheckedPath | None, told: Way | None, delay: float
+    ) -> None:
+        self.topic, self.frame, self.told, self.asked_delay = topic, frame, told, delay
         self.path = path or CheckedPath("none")
+        self.delay = delay + (0.0 if self.path.fit is None else self.path.fit.delay)
+        """Time after the header stamp at which poses fit the sweeps by their steps [s]."""
         self.step = 0.0
         self.flicker = _Flicker()
         self._every, self._moves = 1, 0
@@ -485,12 +493,11 @@ def _based(sensor: _Sensor) -> _Calibrated | None:
     path = poses(0.0, 0.0)
     turned = float(np.abs(wrapped(np.diff(path[:, 2]))).sum())
     stretch = stretches_of(path, STRETCH_TURN, STRETCH_WAY)
-    delay = 0.0 if sensor.path.fit is None else sensor.path.fit.delay
     first, last = sensor.times
-    start = np.array([*told, delay + first, last - first, 0.0, 0.0])
+    start = np.array([*told, sensor.delay + first, last - first, 0.0, 0.0])
     is_known = sensor.timing.order != AUTO or last != first
     lasts = (KNOWN_TIME if is_known else 0.5) * sensor.period
-    trusted = np.array([np.inf, np.inf, np.inf, max(DELAYS, 2.0 * abs(delay)), lasts, SCALES, SCALES])
+    trusted = np.array([np.inf, np.inf, np.inf, max(DELAYS, 2.0 * abs(sensor.delay)), lasts, SCALES, SCALES])
     return _Calibrated(told, parent, turned, outlines, poses, start, trusted, stretch)
 
 
@@ -503,7 +510,7 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
     if fit.verdict in ("rejected", "unchecked", "stretches"):
         return based
     starts = [based.start]
-    guess = _hand_eye(sensor, fit.delay)
+    guess = _hand_eye(sensor)
     if guess is not None and (np.abs(guess - based.told) > NEARBY).any():
         starts.append(np.concatenate([guess, based.start[3:]]))
     found = [settle(based.outlines, based.placing, start, based.trusted, based.stretch) for start in starts]
@@ -517,11 +524,11 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
     return replace(based, settled=found[best], cells=(before, filled[best]))
 
 
-def _hand_eye(sensor: _Sensor, delay: float) -> Float64 | None:
+def _hand_eye(sensor: _Sensor) -> Float64 | None:
     """Return the mount by the steps of the matched path beside those of the poses; None where there are too few."""
     assert sensor.told is not None
     rest = _split(sensor.told)[1]
-    at_ns = sensor.path.stamp_ns + round(delay * SECOND_NS)
+    at_ns = sensor.path.stamp_ns + round(sensor.delay * SECOND_NS)
     there = planar(along(rest, at_ns))
     told = np.column_stack([there.x, there.y, there.yaw])
     return _mount_by_steps(sensor.path, told)
@@ -624,7 +631,9 @@ def _mount_evidence(mount: Mount, deviation: Float64, told: Float64 | None) -> d
     return found
 
 
-def _fix(mount: Mount) -> Fix:
+def _fix(mount: Mount) -> Fix | None:
+    if not mount.frame or not mount.parent:
+        return None
     lines = transform_lines(mount.parent, mount.frame, mount.x, mount.y, mount.yaw)
     return Fix("transform", f"{lines}\n{mount_text(mount)}")
 
@@ -641,14 +650,14 @@ def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
     both[3] = 1.0
     both[4] = float(last < first)
     begin, deviation = float(both @ values), math.sqrt(max(float(both @ covariance @ both), 0.0))
-    begin -= min(first, last)
+    begin -= sensor.asked_delay + min(first, last)
     share = -begin / duration
     name = min(_STAMPED, key=lambda one: abs(_STAMPED[one] - share))
     off = abs(_STAMPED[name] - share)
     unsure = max(deviation / duration, LEAST_TIME)
     if name == "first" or DEVIATIONS * unsure > 0.5 or off > max(STAMP_OFF, 2.0 * unsure):
         return []
-    delay = -_STAMPED[name] * duration
+    delay = sensor.asked_delay - _STAMPED[name] * duration
     return [
         Finding(
             "stamp",
@@ -746,7 +755,14 @@ def _lasers_findings(
         return [_no_lasers(first, second, "they see too little alike")], []
     if told is not None and not _differs(beside.values[:3] - told, deviation):
         return [], []
-    mount = _mount(second.frame, first.frame, beside.values)
+    parent, carrier = first.frame, np.zeros(3)
+    if first.told is not None and second.told is not None and found is not None:
+        if not second.assumes and _split(second.told)[2] == found.parent:
+            # The transform to mend is that to the robot.
+            parent = found.parent
+            carrier = found.settled.values[:3] if found.differs and found.settled is not None else found.told
+    mount = _mount(second.frame, parent, mounted(carrier[None], beside.values[:3])[0])
+    place = _mount(second.frame, first.frame, beside.values)
     says = "nothing in the log tells so" if told is None else f"tf says {_place(told)}"
     return [
         Finding(
@@ -754,8 +770,8 @@ def _lasers_findings(
             "hint" if told is None else "warning",
             second.topic,
             second.frame,
-            f"{_sits(mount, deviation)}; {says}",
-            _mount_evidence(mount, deviation, told),
+            f"{_sits(place, deviation)}; {says}",
+            _mount_evidence(place, deviation, told),
             {"distance": LEAST_OFF, "yaw": round(float(LEAST_ASKEW), 4), "deviations": DEVIATIONS},
             _fix(mount),
         )
@@ -789,7 +805,9 @@ def _driving(
     here = paths[0][known[0]]
 
     def placing(values: Float64) -> Float64:
-        there = _way_at(way, parts[1].stamp_ns, float(values[3]), held=True)
+        there = _way_at(way, parts[1].stamp_ns, float(values[3]))
+        # Nothing is known beyond the ends of the path, nor in its gaps.
+        there = np.where(np.isnan(there), paths[1][known[1]], there)
         return np.vstack([here, mounted(there, values[:3])])
 
     both = np.vstack([here, paths[1][known[1]]])
@@ -810,11 +828,8 @@ def _driving(
     return min(tried, key=lambda one: cells_filled(outlines, placing(one.values), stretch))
 
 
-def _way_at(way: Way, stamp_ns: Int64, delay: float, *, held: bool = False) -> Float64:
-    at_ns = stamp_ns + round(delay * SECOND_NS)
-    if held and (span := way.span_ns) is not None:
-        at_ns = np.clip(at_ns, *span)
-    there = planar(way.at(at_ns))
+def _way_at(way: Way, stamp_ns: Int64, delay: float) -> Float64:
+    there = planar(way.at(stamp_ns + round(delay * SECOND_NS)))
     return np.column_stack([there.x, there.y, there.yaw])
 
 
@@ -823,18 +838,30 @@ def _standing(first: _Sensor, second: _Sensor) -> Settled | str:
     parts = [first.outlines(), second.outlines()]
     if not all(len(part) for part in parts):
         return "they see nothing"
-    start = place_beside(*(part.points for part in parts))
     outlines = joined_outlines(parts)
     counts = [len(part.stamp_ns) for part in parts]
 
     def placing(values: Float64) -> Float64:
         return np.vstack([np.zeros((counts[0], 3)), np.tile(values, (counts[1], 1))])
 
-    found = settle(outlines, placing, start, np.full(3, np.inf), np.zeros(sum(counts), np.int64))
-    share = overlap(parts[0].points, mounted_points(parts[1].points, found.values))
-    if share < LEAST_OVERLAP:
-        return f"{share:.0%} of what it sees is on what the other sees, and {LEAST_OVERLAP:.0%} are needed"
+    stretch = np.zeros(sum(counts), np.int64)
+    tried = []
+    for start in places_beside(parts[0].points, parts[1].points):
+        found = settle(outlines, placing, start, np.full(3, np.inf), stretch)
+        alike = overlap(parts[0].points, parts[1].points, found.values)
+        tried.append((alike.share - AGAINST * alike.against, alike, found))
+    tried.sort(key=lambda one: -one[0])
+    best, alike, found = tried[0]
+    if alike.share < LEAST_OVERLAP or alike.against > MOST_AGAINST or alike.width < LEAST_WIDTH:
+        return "they see too little alike while they stand"
+    if any(one[0] > best - CLEARLY for one in tried[1:] if not _is_near(one[2], found)):
+        return "what they see fits in two places"
     return found
+
+
+def _is_near(one: Settled, other: Settled) -> bool:
+    off = one.values[:3] - other.values[:3]
+    return bool(math.hypot(off[0], off[1]) < 0.2 and abs(math.remainder(off[2], TURN)) < NEARBY)
 
 
 # --- beams that flicker -------------------------------------------------------------------------------------
