@@ -371,7 +371,7 @@ def overlap(points: Float64, other: Float64, place: Float64) -> Overlap:
     column, row = np.nonzero(both)
     side = mine.shape[0] // 2
     directions = np.unique(np.floor(np.arctan2(row - side, column - side) / SEEN_STEP))
-    share = np.count_nonzero(both) / max(np.count_nonzero(its), 1)
+    share = both.sum() / max(int(its.sum()), 1)
     return Overlap(float(share), against, float(len(directions) * SEEN_STEP))
 
 

@@ -20,7 +20,7 @@ from lidarcli.pipeline.inputs.masks import mask_text, mount_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, Masking, masking_of
 from lidarcli.pipeline.reading.path_check import CheckedPath
-from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions
+from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions, of_one_run
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.poses.calibration import (
     Outlines,
@@ -52,8 +52,8 @@ MOST_POINTS = 120
 """Points of a sweep that are aligned."""
 SLOTS = 8
 """Parts of a sweep that takes time; each is placed by a pose of its own."""
-STRETCH_TURN, STRETCH_WAY = 0.5 * np.pi, 5.0
-"""Turn [rad] and way [m] of a stretch in which poses may not drift."""
+DRIFTING, FIXED = (0.5 * np.pi, 5.0), (TURN, 50.0)
+"""Turn [rad] and way [m] of a stretch in which poses do not drift much: of odometry, and of poses in a map."""
 LEAST_TURN = np.deg2rad(120.0)
 """Turning of the poses from which on they tell a mount [rad]: of the path that is told, also to and fro."""
 NEARBY = 0.1
@@ -492,7 +492,7 @@ def _based(sensor: _Sensor) -> _Calibrated | None:
     told = np.array([here.x[0], here.y[0], here.yaw[0]])
     path = poses(0.0, 0.0)
     turned = float(np.abs(wrapped(np.diff(path[:, 2]))).sum())
-    stretch = stretches_of(path, STRETCH_TURN, STRETCH_WAY)
+    stretch = stretches_of(path, *(DRIFTING if of_one_run(sensor.told.world) else FIXED))
     first, last = sensor.times
     start = np.array([*told, sensor.delay + first, last - first, 0.0, 0.0])
     is_known = sensor.timing.order != AUTO or last != first
@@ -507,7 +507,8 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
     fit = sensor.path.fit
     if based is None or based.turned < LEAST_TURN or sensor.stood or fit is None:
         return based
-    if fit.verdict in ("rejected", "unchecked", "stretches"):
+    # Where steps disagree, more than a mount is wrong.
+    if fit.verdict == "unchecked" or not sensor.path.follows_told:
         return based
     starts = [based.start]
     guess = _hand_eye(sensor)
@@ -756,11 +757,11 @@ def _lasers_findings(
     if told is not None and not _differs(beside.values[:3] - told, deviation):
         return [], []
     parent, carrier = first.frame, np.zeros(3)
-    if first.told is not None and second.told is not None and found is not None:
-        if not second.assumes and _split(second.told)[2] == found.parent:
-            # The transform to mend is that to the robot.
-            parent = found.parent
-            carrier = found.settled.values[:3] if found.differs and found.settled is not None else found.told
+    carried = None if second.told is None or second.assumes else _split(second.told)[2]
+    if found is not None and carried == found.parent:
+        # The transform to mend is that to the robot.
+        parent = found.parent
+        carrier = found.settled.values[:3] if found.differs and found.settled is not None else found.told
     mount = _mount(second.frame, parent, mounted(carrier[None], beside.values[:3])[0])
     place = _mount(second.frame, first.frame, beside.values)
     says = "nothing in the log tells so" if told is None else f"tf says {_place(told)}"
@@ -816,7 +817,7 @@ def _driving(
     if turned < LEAST_TURN:
         return f"the robot turns by {math.degrees(turned):.0f} degrees, and {math.degrees(LEAST_TURN):.0f} are needed"
     stretch = np.empty(len(both), np.int64)
-    stretch[order] = stretches_of(both[order], STRETCH_TURN, STRETCH_WAY)
+    stretch[order] = stretches_of(both[order], *(DRIFTING if of_one_run(way.world) else FIXED))
     starts = [] if told is None else [told]
     if len(second.path.stamp_ns):
         guess = _mount_by_steps(second.path, _way_at(way, second.path.stamp_ns, 0.0))
