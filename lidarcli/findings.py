@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import math
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 Level = Literal["error", "warning", "hint"]
 """`error`: tables of this log would be wrong; `warning`: they may be; `hint`: good to know."""
 FixKind = Literal["option", "transform", "mask", "mount"]
+
+RULES = (
+    *("geometry", "units", "limits", "no_return", "too_close", "gaps", "clock", "rolling", "duplicate"),
+    *("frames", "steps", "delay", "pose_fit", "mirror", "stamp", "mount", "lasers", "body", "flicker"),
+)
+"""Names of the rules, in the order of docs/info.md."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,30 +39,59 @@ class Finding:
     message: str
     """One line for people; notes print the same line."""
     evidence: Mapping[str, Any] = field(default_factory=dict)
-    """Measured quantity → its value. Metres, radians, seconds, shares."""
+    """Measured quantity → its value, NaN where there was nothing to measure. Metres, radians, seconds, shares."""
     threshold: Mapping[str, Any] = field(default_factory=dict)
     """Quantity → the value from which on it is a fault."""
     fix: Fix | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return plain values for JSON, which has no NaN."""
         return {
             "id": self.id,
             "level": self.level,
             "topic": self.topic,
             "frame": self.frame,
             "message": self.message,
-            "evidence": dict(self.evidence),
+            "evidence": {
+                name: None if isinstance(value, float) and not math.isfinite(value) else value
+                for name, value in self.evidence.items()
+            },
             "threshold": dict(self.threshold),
             "fix": None if self.fix is None else {"kind": self.fix.kind, "text": self.fix.text},
         }
 
 
+class Sensor(NamedTuple):
+    """Sweeps of one topic and frame, of which findings are told."""
+
+    topic: str
+    frame: str
+    name: str
+    """Words for it in messages."""
+
+    def finding(
+        self,
+        rule: str,
+        level: Level,
+        message: str,
+        evidence: Mapping[str, Any] | None = None,
+        threshold: Mapping[str, Any] | None = None,
+        option: str = "",
+    ) -> Finding:
+        """Return a finding of this sensor; `option` mends it on the command line."""
+        fix = Fix("option", option) if option else None
+        return Finding(rule, level, self.topic, self.frame, message, evidence or {}, threshold or {}, fix)
+
+
 def transform_lines(parent: str, child: str, x: float, y: float, yaw: float) -> str:
-    """Return the two commands, of ROS 2 and of ROS 1, that tell where a frame is mounted [m, rad]."""
-    place = [f"{round(one, 4) + 0.0:g}" for one in (x, y, yaw)]
-    return (
-        "ros2 run tf2_ros static_transform_publisher "
-        f"--x {place[0]} --y {place[1]} --z 0 --yaw {place[2]} --frame-id {parent} --child-frame-id {child}\n"
-        f"rosrun tf2_ros static_transform_publisher {place[0]} {place[1]} 0 {place[2]} 0 0 {parent} {child}"
-    )
+    """Return two commands that publish where `child` is in `parent` [m, rad]: that of ROS 2, and that of ROS 1.
+
+    >>> print(transform_lines("base_link", "laser", -0.13, 0.0, 0.0))
+    ros2 run tf2_ros static_transform_publisher --x -0.13 --y 0 --z 0 --yaw 0 --frame-id base_link --child-frame-id laser
+    rosrun tf2_ros static_transform_publisher -0.13 0 0 0 0 0 base_link laser
+    """
+    east, north, turn = (f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".") for value in (x, y, yaw))
+    outer, inner = shlex.quote(parent), shlex.quote(child)
+    program = "tf2_ros static_transform_publisher"
+    named = f"--x {east} --y {north} --z 0 --yaw {turn} --frame-id {outer} --child-frame-id {inner}"
+    return f"ros2 run {program} {named}\nrosrun {program} {east} {north} 0 {turn} 0 0 {outer} {inner}"

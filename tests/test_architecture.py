@@ -13,7 +13,7 @@ MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if 
 
 GROUND = {"_version", "choices", "columns", "errors", "native"}
 OPTIONS = {"option_forms", "options"}
-CORE = GROUND | {"display", "masks", "range_rules", "sweeps", "times"}
+CORE = GROUND | {"display", "findings", "masks", "range_rules", "sweeps", "times"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
@@ -25,7 +25,6 @@ MAY_IMPORT = {
     "newfiles": {"errors", "machine", "stores"},
     "stores": {"errors", "machine"},
     "foxglove": set[str](),
-    "findings": set[str](),
     "tomlfiles": {"errors"},
     "compiled": set[str](),
     "machine": set[str](),
@@ -33,6 +32,7 @@ MAY_IMPORT = {
     "native": set[str](),
     "ranges": {"native"},
     "display": set[str](),
+    "findings": set[str](),
     "sweeps": {"columns", "display"},
     "masks": {"errors", "sweeps"},
     "range_rules": {"errors", "masks", "ranges", "sweeps"},
@@ -48,7 +48,7 @@ MAY_IMPORT = {
     "pipeline": CORE
     | OPTIONS
     | {"logs", "poses", "formalism", "tabular", "reports", "maps", "overlays", "ros"}
-    | {"compiled", "findings", "machine", "newfiles", "stores", "tomlfiles"},
+    | {"compiled", "machine", "newfiles", "stores", "tomlfiles"},
     "cli": CORE
     | OPTIONS
     | {

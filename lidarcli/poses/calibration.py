@@ -43,6 +43,8 @@ BESIDE_APART, BESIDE_TRIED = np.deg2rad(15.0), 4
 """Turns that are apart from each other [rad], and the most that are looked at closely."""
 SEEN_STEP, SEEN_OFF = np.deg2rad(4.0), 0.2
 """Directions that are told apart [rad], and how far something is seen through [m]."""
+LEAST_DEGREES = 2.0
+"""Degrees of freedom of clusters that are no more than the unknowns."""
 CLUSTERS = 12
 """Least number of parts of a run between which deviations are measured."""
 
@@ -288,7 +290,7 @@ def _covariance(sums: _Sums, ridge: Float64, free: Int64, unknowns: int) -> Floa
             continue
         slopes = slopes - slopes.mean(axis=0)
         # The slopes of the clusters sum up to about nothing, and what was fitted to them makes them smaller yet.
-        degrees = max(len(slopes) - 1 - len(free) / 2.0, 1.0)
+        degrees = max(float(len(slopes) - len(free)), LEAST_DEGREES)
         share = len(slopes) / degrees * (1.0 + FEW_CLUSTERS / degrees) ** 2
         mine = inverse @ (slopes.T @ slopes * share + ridge) @ inverse
         if np.trace(mine) > np.trace(found):

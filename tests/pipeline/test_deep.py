@@ -27,6 +27,7 @@ from lidarcli.simulate.writers import outgoing, write_log
 from lidarcli.sweeps import TURN, Float64, RawSweeps
 from tests.fake_log import FakeLog
 from tests.pipeline.drawn import ROOM, SENSOR, Drive, round_about, scene_of, standing, straight, sweeps_of
+from tests.places import REAL_LOGS, needs_real_logs
 from tests.poses.pose_messages import SECOND
 
 WHEELS = Odometry(noise=0.01, yaw_noise=np.deg2rad(0.3))
@@ -454,10 +455,48 @@ def test_a_pipe_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         deep_findings(Source("-", "run"))
 
 
-def test_a_mount_is_pasted_as_it_was_found() -> None:
-    lines = transform_lines("base_link", "laser", -0.13, 0.0, 0.0)
-    assert lines.splitlines() == [
-        "ros2 run tf2_ros static_transform_publisher --x -0.13 --y 0 --z 0 --yaw 0 --frame-id base_link "
-        "--child-frame-id laser",
-        "rosrun tf2_ros static_transform_publisher -0.13 0 0 0 0 0 base_link laser",
-    ]
+# --- real logs ------------------------------------------------------------------------------------------------
+
+
+@needs_real_logs
+@pytest.mark.slow
+def test_the_mount_of_a_real_car_is_found() -> None:
+    """Its launch file says 0.12 m behind the markers of the motion capture."""
+    found = deep(REAL_LOGS / "datmo" / "overtake_ego.bag")
+    (finding,) = [one for one in found.findings if one.id == "mount"]
+    assert finding.evidence["x"] == pytest.approx(-0.12, abs=0.02)
+    assert finding.evidence["sd_x"] < 0.02
+    assert finding.message.endswith(
+        "without a mount it is taken to be at x 0.00 m, y 0.00 m, yaw 0.0 degrees"
+    )
+
+
+@needs_real_logs
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        "comprobo24/test-bag",
+        "comprobo24/drive_square",
+        "my_gazebo_tutorials/20_53_49",
+        "hrp_mpc_lidar/mylaserdata2.bag",
+    ],
+)
+def test_real_logs_without_a_fault_of_these_have_none(name: str) -> None:
+    assert deep(REAL_LOGS / name) == DeepFindings()
+
+
+@needs_real_logs
+@pytest.mark.slow
+def test_three_lasers_and_the_body_of_a_real_robot_are_told() -> None:
+    found = deep(REAL_LOGS / "leg_tracker" / "negative_2.bag")
+    assert ids(found) == [("lasers", "hint"), ("lasers", "hint"), *(("body", "warning") for _ in range(3))]
+    beams = [one.evidence["beams"] for one in found.findings if one.id == "body"]
+    assert beams == pytest.approx([29, 57, 27], abs=2)
+
+
+@needs_real_logs
+@pytest.mark.slow
+def test_a_real_sensor_that_stood_has_a_hint() -> None:
+    finding = only(deep(REAL_LOGS / "sick" / "rms_1xxx_lms_1xx_movement_off.bag"), "body", "hint")
+    assert finding.message == "/sick_lms_1xx/scan: cannot be told: nothing moves (108 beams below 0.45 m)"

@@ -105,20 +105,19 @@ def plain(masks: Masks) -> dict[str, list[dict[str, Any]]]:
     """Return the tables of a file that tells these masks, for the metadata of tables."""
     tables = {
         "mask": [_mask_table(mask) for mask in masks.masks],
-        "mount": [_mount_table(mount) for mount in masks.mounts],
+        "mount": [
+            {
+                "frame": mount.frame,
+                "parent": mount.parent,
+                "x": _short(mount.x),
+                "y": _short(mount.y),
+                "yaw": _short(math.degrees(mount.yaw)),
+                **({"upside_down": True} if mount.upside_down else {}),
+            }
+            for mount in masks.mounts
+        ],
     }
     return {kind: told for kind, told in tables.items() if told}
-
-
-def _mount_table(mount: Mount) -> dict[str, Any]:
-    return {
-        "frame": mount.frame,
-        "parent": mount.parent,
-        "x": _short(mount.x),
-        "y": _short(mount.y),
-        "yaw": _short(math.degrees(mount.yaw)),
-        **({"upside_down": True} if mount.upside_down else {}),
-    }
 
 
 def _mask_table(mask: Mask) -> dict[str, Any]:
@@ -139,25 +138,19 @@ def _mask_table(mask: Mask) -> dict[str, Any]:
 
 
 def mask_text(masks: Masks, proposed: Masks) -> str:
-    """Return the text of a mask file; proposed ones are comments in it."""
-    blocks = [_block(mask, "") for mask in masks.masks] + [_block(mask, "# ") for mask in proposed.masks]
+    """Return the text of a mask file, empty without a mask and a mount; proposed masks are comments in it."""
+    tables = plain(masks)
+    blocks = [_block("mask", table, "") for table in tables.get("mask", [])]
     if proposed.masks:
         head = "# The sensor stood: what follows looks like the robot itself. Remove the # where it is.\n"
-        blocks.insert(len(masks.masks), head)
-    return "\n".join(blocks) or "# No beam was found to see the robot itself.\n"
+        blocks += [head, *(_block("mask", table, "# ") for table in plain(proposed)["mask"])]
+    blocks += [_block("mount", table, "") for table in tables.get("mount", [])]
+    return "\n".join(blocks)
 
 
-def _block(mask: Mask, comment: str) -> str:
-    return "".join(f"{comment}{line}\n" for line in _lines("mask", _mask_table(mask)))
-
-
-def mount_text(mount: Mount) -> str:
-    """Return the table of a mask file that tells a mount."""
-    return "".join(f"{line}\n" for line in _lines("mount", _mount_table(mount)))
-
-
-def _lines(kind: str, table: Mapping[str, Any]) -> list[str]:
-    return [f"[[{kind}]]", *(f"{key} = {_value(value)}" for key, value in table.items())]
+def _block(kind: str, table: Mapping[str, Any], comment: str) -> str:
+    lines = [f"[[{kind}]]", *(f"{key} = {_value(value)}" for key, value in table.items())]
+    return "".join(f"{comment}{line}\n" for line in lines)
 
 
 def _value(value: Any) -> str:

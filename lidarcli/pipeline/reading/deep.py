@@ -16,7 +16,7 @@ from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector
-from lidarcli.pipeline.inputs.masks import mask_text, mount_text
+from lidarcli.pipeline.inputs.masks import mask_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, Masking, masking_of
 from lidarcli.pipeline.reading.path_check import CheckedPath
@@ -636,7 +636,7 @@ def _fix(mount: Mount) -> Fix | None:
     if not mount.frame or not mount.parent:
         return None
     lines = transform_lines(mount.parent, mount.frame, mount.x, mount.y, mount.yaw)
-    return Fix("transform", f"{lines}\n{mount_text(mount)}")
+    return Fix("transform", f"{lines}\n{mask_text(Masks(mounts=(mount,)), Masks())}")
 
 
 def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
