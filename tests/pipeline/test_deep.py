@@ -172,7 +172,7 @@ def test_stated_deviations_cover_the_truth(tmp_path: Path) -> None:
             Drive(oval(rng, room)),  # type: ignore[arg-type]
             odometry,
             sweeps=int(rng.uniform(200, 400)),
-            mount=Mount(mount, told=False),  # type: ignore[arg-type]
+            mount=Mount(mount, told=False),
         )
         log = drive(tmp_path / f"{number}.mcap", scene)
         for finding in deep(log).findings:

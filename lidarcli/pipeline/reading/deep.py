@@ -35,7 +35,7 @@ from lidarcli.poses.calibration import (
     stretches_of,
     surfaces,
 )
-from lidarcli.poses.fit import mount_between, pairs_of, steps_between, wrapped
+from lidarcli.poses.fit import ACCEPTED, mount_between, pairs_of, steps_between, wrapped
 from lidarcli.poses.matched import AUTO, Timing
 from lidarcli.poses.messages import frame_name
 from lidarcli.poses.sources import Way
@@ -508,7 +508,7 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
     if based is None or based.turned < LEAST_TURN or sensor.stood or fit is None:
         return based
     # Where steps disagree, more than a mount is wrong.
-    if fit.verdict == "unchecked" or not sensor.path.follows_told:
+    if fit.verdict not in ("accepted", "corrected") or fit.share < ACCEPTED:
         return based
     starts = [based.start]
     guess = _hand_eye(sensor)
