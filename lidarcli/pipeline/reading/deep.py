@@ -36,7 +36,7 @@ from lidarcli.poses.calibration import (
     surfaces,
 )
 from lidarcli.poses.fit import ACCEPTED, mount_between, pairs_of, steps_between, wrapped
-from lidarcli.poses.matched import AUTO, Timing
+from lidarcli.poses.matched import AUTO
 from lidarcli.poses.messages import frame_name
 from lidarcli.poses.sources import Way
 from lidarcli.poses.tracks import SECOND_NS, planar
@@ -167,8 +167,8 @@ class _Deep:
         first: _Sensor | None = None
         calibrated, is_off = None, False
         for sensor in self._by_frame():
-            if sensor.mirrors():
-                found.append(_mirrored(sensor))
+            if mirrored := _mirrored(sensor):
+                found += mirrored
                 continue
             if first is None:
                 first, calibrated = sensor, _calibrated(sensor)
@@ -281,12 +281,6 @@ class _Sensor:
         """Number of the move, stamp [ns], bearings and ranges of a sweep."""
         self._times: tuple[float, float] | None = None
         self._first_ns = self._last_ns = 0
-        self._is_placed = self.path.way is not None or told is not None
-
-    @property
-    def timing(self) -> Timing:
-        """Times at which the beams are sent."""
-        return self.path.timing
 
     @property
     def assumes(self) -> bool:
@@ -321,7 +315,7 @@ class _Sensor:
                 numbers.append(self._moves)
             self._moves += 1
         if self._times is None:
-            self._times = tuple(float(np.median(times)) for times in self.timing.of(batch))  # type: ignore[assignment]
+            self._times = tuple(float(np.median(times)) for times in self.path.timing.of(batch))  # type: ignore[assignment]
             self._first_ns = int(batch.stamp_ns[0])
         self._last_ns = int(batch.stamp_ns[-1])
         for number, row in zip(numbers, rows, strict=True):
@@ -350,7 +344,7 @@ class _Sensor:
                 yield row
             self._last = x, y, yaw
 
-    def outlines(self, mirrored: bool = False) -> Outlines:
+    def outlines(self) -> Outlines:
         """Return the points of the sampled sweeps."""
         kept = sorted({one[1]: one for one in self._kept}.values(), key=lambda one: one[1])
         points, normals, slots = [np.zeros((0, 2))], [np.zeros((0, 2))], [np.zeros(0, np.int64)]
@@ -364,8 +358,7 @@ class _Sensor:
             slots.append(number * SLOTS + (beam * SLOTS) // max(len(ranges), 1))
         stamp = np.repeat(np.array([one[1] for one in kept], np.int64), SLOTS)
         share = np.tile((np.arange(SLOTS) + 0.5) / SLOTS, len(kept))
-        found = Outlines(np.vstack(points), np.vstack(normals), np.concatenate(slots), stamp, share)
-        return _mirror(found) if mirrored else found
+        return Outlines(np.vstack(points), np.vstack(normals), np.concatenate(slots), stamp, share)
 
     def turns(self) -> tuple[Float64, Float64]:
         """Return turns of the told poses and those seen, of steps that turn enough (K,) [rad]."""
@@ -382,19 +375,13 @@ class _Sensor:
         large = np.maximum(np.abs(seen), np.abs(turn)) > LARGE_TURN
         return turn[large], seen[large]
 
-    def mirrors(self) -> bool:
-        """True where the sensor sees turns the other way round than poses tell."""
+    def related(self) -> tuple[float, int]:
+        """Return the correlation of turns that poses tell with those seen, NaN of too few, and the number of turns."""
         turn, seen = self.turns()
         if len(turn) < LEAST_TURNS:
-            return False
+            return math.nan, len(turn)
         # About 0, not about the mean: a robot may turn to one side only.
-        related = float((turn * seen).sum() / math.sqrt(float((turn**2).sum() * (seen**2).sum())))
-        return related < MIRRORED
-
-
-def _mirror(outlines: Outlines) -> Outlines:
-    flip = np.array([1.0, -1.0])
-    return replace(outlines, points=outlines.points * flip, normals=outlines.normals * flip)
+        return float((turn * seen).sum() / np.sqrt((turn**2).sum() * (seen**2).sum())), len(turn)
 
 
 def _told_at(way: Way, stamp_ns: Int64) -> tuple[Float64, bool]:
@@ -405,19 +392,23 @@ def _told_at(way: Way, stamp_ns: Int64) -> tuple[Float64, bool]:
     return np.column_stack([there.x, there.y, there.yaw]), bool(hangs)
 
 
-def _mirrored(sensor: _Sensor) -> Finding:
-    turn, seen = sensor.turns()
-    related = float((turn * seen).sum() / math.sqrt(float((turn**2).sum() * (seen**2).sum())))
-    return Finding(
-        "mirror",
-        "error",
-        sensor.topic,
-        sensor.frame,
-        f"{sensor.topic} turns the other way than its poses ({counted(len(turn), 'turn')}): its beams run the wrong way "
-        "round, or the sensor hangs head down and tf does not say so",
-        {"correlation": round(related, 3), "turns": len(turn)},
-        {"correlation": MIRRORED},
-    )
+def _mirrored(sensor: _Sensor) -> list[Finding]:
+    """Return the finding that a sensor sees turns the other way round than poses tell."""
+    related, turns = sensor.related()
+    if not related < MIRRORED:
+        return []
+    return [
+        Finding(
+            "mirror",
+            "error",
+            sensor.topic,
+            sensor.frame,
+            f"{sensor.topic} turns the other way than its poses ({counted(turns, 'turn')}): its beams run the wrong way "
+            "round, or the sensor hangs head down and tf does not say so",
+            {"correlation": round(related, 3), "turns": turns},
+            {"correlation": MIRRORED},
+        )
+    ]
 
 
 # --- the mount, and the time of the poses -------------------------------------------------------------------
@@ -495,7 +486,7 @@ def _based(sensor: _Sensor) -> _Calibrated | None:
     stretch = stretches_of(path, *(DRIFTING if of_one_run(sensor.told.world) else FIXED))
     first, last = sensor.times
     start = np.array([*told, sensor.delay + first, last - first, 0.0, 0.0])
-    is_known = sensor.timing.order != AUTO or last != first
+    is_known = sensor.path.timing.order != AUTO or last != first
     lasts = (KNOWN_TIME if is_known else 0.5) * sensor.period
     trusted = np.array([np.inf, np.inf, np.inf, max(DELAYS, 2.0 * abs(sensor.delay)), lasts, SCALES, SCALES])
     return _Calibrated(told, parent, turned, outlines, poses, start, trusted, stretch)
@@ -635,8 +626,7 @@ def _mount_evidence(mount: Mount, deviation: Float64, told: Float64 | None) -> d
 def _fix(mount: Mount) -> Fix | None:
     if not mount.frame or not mount.parent:
         return None
-    lines = transform_lines(mount.parent, mount.frame, mount.x, mount.y, mount.yaw)
-    return Fix("transform", f"{lines}\n{mask_text(Masks(mounts=(mount,)), Masks())}")
+    return Fix("transform", transform_lines(mount.parent, mount.frame, mount.x, mount.y, mount.yaw))
 
 
 def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
