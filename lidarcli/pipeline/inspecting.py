@@ -181,7 +181,7 @@ def inspect_log(
             # A closer look counts.
             findings = [each for each in findings if (each.id, each.topic, each.frame) not in known]
             findings += more.findings
-            learned = Masks((*learned.masks, *more.masks.masks), more.mounts)
+            learned = Masks(more.masks.masks or learned.masks, more.mounts)
         return LogInfo(
             path=source.label,
             format=log.format,

@@ -167,7 +167,7 @@ def judge_poses(
     if jumps is not None and len(jumps.gaps_ns) and jumps.share < MOST_JUMPS:
         cuts = tuple((int(before), int(after)) for before, after in jumps.gaps_ns)
         sizes = tuple(jumps.lengths.tolist())
-    begin, end = _pairs(seconds, matched, told)
+    begin, end = pairs_of(seconds, matched, told)
     ends = np.array([after for _, after in cuts], np.int64)
     cut = np.searchsorted(ends, stamp_ns[begin], "right") != np.searchsorted(ends, stamp_ns[end], "right")
     if pieces is not None:
@@ -212,7 +212,7 @@ def judge_poses(
     return fit
 
 
-def _pairs(seconds: Float64, matched: Float64, told: Float64) -> tuple[Int64, Int64]:
+def pairs_of(seconds: Float64, matched: Float64, told: Float64) -> tuple[Int64, Int64]:
     """Return the sweeps where pairs begin and end: a pair is a short way of the sensor."""
     known = np.flatnonzero(np.isfinite(matched[:, 0]) & np.isfinite(told[:, 0]))
     pairs = []
@@ -303,7 +303,7 @@ def _corrected(
         known = np.isfinite(told[:, 0])
         if known.mean() < LEAST_TOLD:
             return None
-        mount = _mount(step[known], told[known])
+        mount = mount_between(step[known], told[known])
         off, turn = _off(step[known], _mounted(told[known], mount))
         cost = float(np.mean(np.minimum(off, MOST_OFF) + np.minimum(turn, MOST_OFF)))
         return _Tried(cost, delay, mount, told)
@@ -324,7 +324,7 @@ def _corrected(
     return round(best.delay, 3), best.mount, best.told
 
 
-def _mount(step: Steps, told: Steps) -> tuple[float, float, float]:
+def mount_between(step: Steps, told: Steps) -> tuple[float, float, float]:
     """Find where a sensor that makes `step` is mounted on what makes `told`: robust hand-eye calibration in the plane."""
     straight = (
         (np.abs(step[:, 2]) < 0.1) & (np.hypot(*step[:, :2].T) > 0.1) & (np.hypot(*told[:, :2].T) > 0.1)

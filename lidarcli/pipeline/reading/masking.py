@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -61,6 +61,10 @@ class Masking:
     """Mask that the log itself tells."""
     proposed: Masks = field(default_factory=Masks)
     """Mask of what looks like the robot itself before sensors that stood; it is not used."""
+    unclear: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    """Topic and frame → beams that mostly end within one window below `STOOD_REACH`, where nobody can tell on what."""
+    posing: Posing | None = None
+    """The poses by which the mask was learned; None where it was not."""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -123,15 +127,18 @@ def _learned(log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection
         raise OptionError(_PIPE)
     rules = replace(rules, masks=None)
     poses = replace(poses, source=None) if poses.source == NONE else poses
-    bodies = _watch(log, rules, poses, topics)
+    bodies, posing = _watch(log, rules, poses, topics)
     masks: list[Mask] = []
     proposed: list[Mask] = []
+    unclear: dict[tuple[str, str], int] = {}
     seen: list[str] = []
     doubts: list[str] = []
     sensors = Counter(topic for topic, _ in bodies)
-    for (topic, _), body in sorted(bodies.items()):
+    for (topic, frame), body in sorted(bodies.items()):
         doubt = body.doubt() if sensors[topic] == 1 else "several sensors share the topic"
         runs = body.proposals() if doubt else body.own()
+        if doubt and (beams := body.unchanging()):
+            unclear[topic, frame] = beams
         into = proposed if doubt else masks
         into += [body.mask(topic, run) for run in runs]
         if doubt:
@@ -145,13 +152,15 @@ def _learned(log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection
         tuple(doubts),
         learned,
         Masks(tuple(proposed)),
+        unclear,
+        posing,
     )
 
 
 def _watch(
     log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[str] | None
-) -> dict[tuple[str, str], _Body]:
-    """Count the ranges of each topic and frame of a log."""
+) -> tuple[dict[tuple[str, str], _Body], Posing]:
+    """Count the ranges of each topic and frame of a log; return the counts and the poses by which it was done."""
     choice = TopicChoice(topics, log.topics())
     posing = Posing.of(log, poses, choice, rules, need=Need.ALL)
     bodies: dict[tuple[str, str], _Body] = {}
@@ -166,7 +175,7 @@ def _watch(
                     )
                 bodies[key] = _Body(mine)
             bodies[key].add(mine)
-    return bodies
+    return bodies, posing
 
 
 class _Counts:
@@ -293,6 +302,12 @@ class _Body:
     def own(self) -> list[Run]:
         """Return the beams that end on the robot itself, of a sensor that drove."""
         return _runs(self._driving, GRAZED)
+
+    def unchanging(self) -> int:
+        """Return the number of beams that mostly end within one window below `STOOD_REACH`."""
+        if self._always.sweeps < LEAST_SWEEPS:
+            return 0
+        return sum(low + WINDOW <= STOOD_REACH for run in _runs(self._always, SHARE) for _, low in run)
 
     def proposals(self) -> list[Run]:
         """Return the beams that look like that, of one that stood."""

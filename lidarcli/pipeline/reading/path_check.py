@@ -81,6 +81,10 @@ class CheckedPath:
     """Times at which the beams are sent."""
     stamp_ns: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
     """(S,) stamps of sweeps [ns], increasing."""
+    matched: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+    """(S, 3) x, y [m] and yaw [rad] of the path that was matched from these sweeps, NaN without a pose."""
+    pieces: Float64 = field(default_factory=lambda: np.zeros(0))
+    """(S,) number of the piece of that path: one does not lie to the next as it should."""
     still: Bool = field(default_factory=lambda: np.zeros(0, bool))
     """(S,) True where the sensor stands at that sweep; empty where the sweeps do not tell."""
     notes: tuple[str | Finding, ...] = ()
@@ -332,6 +336,8 @@ def _checked(key: Key, look: _Look, named: bool, match: bool) -> CheckedPath:
         way,
         timing=path.timing,
         stamp_ns=stamp_ns,
+        matched=poses,
+        pieces=pieces,
         still=still_at(stamp_ns, poses, path.slides[order]),
     )
     if way is None or not np.isfinite(_told_at(way, stamp_ns)).any():
