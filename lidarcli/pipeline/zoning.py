@@ -533,6 +533,7 @@ class _Watching:
                     self._pair is not None,
                     (min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
                     min(each.first_ns for each in topics),
+                    self._read.every,
                 )
             )
 

@@ -239,7 +239,7 @@ def test_a_log_that_is_cut(lidarcli: Run, log: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGKILL])
 @pytest.mark.parametrize("options", [("--no-objects",), ()])
 def test_a_run_that_is_ended_leaves_nothing(
     tmp_path: Path, ending: signal.Signals, options: tuple[str, ...]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pytest
 
 import lidarcli
 from lidarcli.pipeline.zoning import ZoneTables
@@ -20,6 +22,7 @@ from lidarcli.simulate.route import Waypoint, plan_route
 from lidarcli.simulate.scene import Course, Entity, Motion, Scene, Sensor
 from lidarcli.simulate.writers import outgoing
 from lidarcli.sweeps import TURN, Float64, Int64, RawSweeps
+from lidarcli.tabular.schemas import SCHEMAS
 from tests.poses.pose_messages import Maker
 from tests.zones.test_velocities import polygon, twist
 
@@ -118,7 +121,40 @@ def zone_file(folder: Path, text: str, name: str = "zones.toml") -> Path:
 
 def watched(log: Path, zones: str, **options: Any) -> ZoneTables:
     """The tables of zones (TOML) over a log."""
-    return lidarcli.zones(log, zones=str(zone_file(log.parent, zones)), **options)
+    return sound(lidarcli.zones(log, zones=str(zone_file(log.parent, zones)), **options))
+
+
+PLACE = ("nearest", "bearing", "x", "y")
+
+
+def sound(tables: ZoneTables) -> ZoneTables:
+    """Assert what is so in all tables of a log."""
+    for name, table in tables._asdict().items():
+        assert table.schema.equals(SCHEMAS[name])
+        table.validate(full=True)
+        for field in SCHEMAS[name]:
+            assert field.nullable or not table[field.name].null_count, field.name
+    events = tables.events.to_pylist()
+    assert [event["event"] for event in events] == [*range(1, len(events) + 1)]
+    assert [event["start"] for event in events] == sorted(event["start"] for event in events)
+    active: Counter[str] = Counter()
+    for event in events:
+        assert event["start"] <= event["end"]
+        lasts = (event["end"] - event["start"]).total_seconds()
+        assert event["duration"] == pytest.approx(lasts, abs=1e-6)
+        known = {event[name] is not None for name in PLACE}
+        assert known == {event["kind"] != "stale"}
+        assert (event["direction"] is not None) == (event["kind"] == "crossing")
+        assert (event["points"] is not None) == (event["kind"] in ("occupied", "approach"))
+        assert (event["ttc"] is not None) <= (event["kind"] == "approach")
+        assert (event["track"] is not None) <= (event["set"] in ("A", "O"))
+    for row in tables.zones.to_pylist():
+        assert (row["nearest"] is None) == (row["points"] == 0)
+        assert 0.0 <= row["seen"] <= 1.0
+        active[row["zone"]] += row["active"]
+    occupied = {event["zone"] for event in events if event["kind"] in ("occupied", "approach")}
+    assert {zone for zone, count in active.items() if count} == occupied
+    return tables
 
 
 def rows(table: pa.Table, **chosen: Any) -> list[dict[str, Any]]:

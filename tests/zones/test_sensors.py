@@ -429,6 +429,21 @@ def test_a_shape_that_a_topic_tells(tmp_path: Path) -> None:
 # Odd logs.
 
 
+def test_sweeps_that_are_left_out_are_not_missed(tmp_path: Path) -> None:
+    """Of every 30 sweeps of a sensor at 10 Hz one is taken: they are 3 s apart."""
+    ranges = np.full((600, 90), 4.0, np.float32)
+    ranges[100:400, 40:50] = 1.0
+    stamps = START_NS + STEP * np.concatenate([np.arange(500), 600 + np.arange(100)])
+    log = write_bag(tmp_path / "a.bag", scans([raw_sweeps(ranges, stamp_ns=stamps)]))
+    zone = STOP.replace("0.5", "1.5")
+    for every in (1, 30):
+        events = watched(log, zone, no_objects=True, every=every).events
+        (occupied,) = rows(events, kind="occupied")
+        assert occupied["duration"] == pytest.approx(30.0, abs=0.11 if every == 1 else 3.01)
+        (stale,) = rows(events, kind="stale")
+        assert stale["t"] + stale["duration"] == pytest.approx(60.0, abs=0.01 if every == 1 else 1.01)
+
+
 def test_a_clock_that_is_set_back(tmp_path: Path) -> None:
     ranges = np.full((60, 360), 4.0, np.float32)
     ranges[20:30, 175:185] = 1.0

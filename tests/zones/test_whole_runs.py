@@ -14,7 +14,6 @@ from lidarcli.cli import run
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.scene import Course, Odometry
 from lidarcli.sweeps import Float64
-from lidarcli.tabular.schemas import SCHEMAS
 from tests.zones.runs import (
     column,
     odometry_of,
@@ -225,10 +224,3 @@ def test_a_zone_in_the_world_while_the_robot_drives(tmp_path: Path) -> None:
         column(matched.events, "first_sweep", zone="bulge")[:1]
         == column(told.events, "first_sweep", zone="bulge")[:1]
     )
-
-
-def test_columns_are_declared(passed: tuple[Path, Float64]) -> None:
-    tables = watched(passed[0], CIRCLE, no_objects=True)
-    for name, table in tables._asdict().items():
-        assert table.schema.equals(SCHEMAS[name])
-        table.validate(full=True)

@@ -57,6 +57,8 @@ class Counted:
     """Stamps of the first and the last sweep that counts in any zone [ns]."""
     first_ns: int
     """Stamp of the first sweep of the topics that count in any zone, whether or not it is among these [ns]."""
+    every: int = 1
+    """Only one of so many sweeps is among these."""
 
 
 @dataclass(slots=True)
@@ -89,8 +91,9 @@ class _Settling:
 
     def __init__(self, counted: Counted) -> None:
         self.counted, self.zone = counted, counted.zone
-        self._timeout_ns = self.zone.timeout * SECOND_NS if self.zone.timeout else np.inf
         stamps = [topic.column("stamp_ns") for topic in counted.topics]
+        self._timeout_ns = [self._timeout(each) for each in stamps]
+        """Age from which on a sweep of each topic tells nothing [ns]."""
         self.topic = np.repeat(np.arange(len(stamps)), [len(each) for each in stamps])
         self.own = np.concatenate([np.arange(len(each)) for each in stamps])
         time_ns = np.concatenate(stamps)
@@ -105,12 +108,20 @@ class _Settling:
         self.points = self._sum("points")
         self.numbers = self._number_agents()
 
+    def _timeout(self, stamps: Int64) -> int:
+        if not self.zone.timeout:
+            return 1 << 62
+        # A sweep that is left out could be as new as the next one is old.
+        left_out = 1.0 - 1.0 / self.counted.every
+        step = float(np.median(np.diff(np.sort(stamps)))) if len(stamps) > 1 else 0.0
+        return round(self.zone.timeout * SECOND_NS + left_out * step)
+
     def _latest(self, index: int, stamps: Int64) -> Int64:
         if len(self.counted.topics) == 1:
             return self.own
         order = np.argsort(stamps, kind="stable")
         at = np.searchsorted(stamps[order], self.time_ns, side="right") - 1
-        there = (at >= 0) & (self.time_ns - stamps[order][np.maximum(at, 0)] <= self._timeout_ns)
+        there = (at >= 0) & (self.time_ns - stamps[order][np.maximum(at, 0)] <= self._timeout_ns[index])
         latest: Int64 = np.where(there, order[np.maximum(at, 0)], -1)
         return np.where(self.topic == index, self.own, latest)
 
@@ -174,7 +185,6 @@ class _Settling:
         ttc = np.stack([each[4] for each in by_topic])
         self.ttc = np.where(np.isnan(ttc).all(axis=0), np.nan, np.fmin.reduce(ttc, axis=0))
         enough = ~np.isnan(self.ttc) if zone.action == "approach" else self.points >= zone.min_points
-        longest = min(self._timeout_ns, 2.0**62)
         found = (
             []
             if is_line
@@ -184,7 +194,7 @@ class _Settling:
                 trigger=zone.trigger,
                 release=zone.release,
                 hold_ns=round(zone.hold * SECOND_NS),
-                longest_gap_ns=int(longest),
+                longest_gap_ns=max(self._timeout_ns),
             )
         )
         active = np.zeros(len(self.own), np.bool_)
@@ -481,10 +491,10 @@ class _Settling:
         """Return the times in which a topic told nothing that still counts."""
         if not self.zone.timeout:
             return []
-        timeout = int(self._timeout_ns)
         begin, end = self.counted.span_ns
         events = []
         for index, topic in enumerate(self.counted.topics):
+            timeout = self._timeout_ns[index]
             order = np.argsort(topic.column("stamp_ns"), kind="stable")
             stamps, sweeps = (topic.column(name)[order] for name in ("stamp_ns", "sweep"))
             times = np.concatenate([[begin], stamps, [end]])
