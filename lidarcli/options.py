@@ -518,9 +518,7 @@ class Mapping(Reading, total=False):
     path: Annotated[bool, Option(OUTPUT, None, False), "Draw the path of the sensor into the .png."]
 
 
-class Zoning(Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, total=False):
-    """Keywords of `zones`."""
-
+class _Zones(TypedDict, total=False):
     zones: Annotated[
         Paths,
         Option(ZONES, File("FILE"), (), required=True, several=True, python="Python takes a list."),
@@ -541,6 +539,10 @@ class Zoning(Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, 
         Option(ZONES, Text("POINTS", has_blanks=True), shown="what the log tells"),
         "Shape '[[x, y], ...]' [m] of zones whose shape a topic tells that is not in the log.",
     ]
+
+
+class Zoning(_Zones, Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, total=False):
+    """Keywords of `zones`."""
 
 
 class Inspecting(Joining, Poses, Ranges, total=False):
