@@ -338,6 +338,7 @@ class _Watching:
         # Beams under a mask are counted here, and left out.
         self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
         self._topics: set[str] = set()
+        self._agents: dict[str, Tracked | None] = {}
         self._worlds: dict[tuple[str, str], str] = {}
         """Topic and frame of a sensor → the fixed frame of its poses."""
         self._counting: dict[str, Counting] = {}
@@ -519,6 +520,9 @@ class _Watching:
         """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
         counted_in = self._counted_in(zone)
         groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
+        for topic, found in counted_in:
+            if topic not in self._agents:
+                self._agents[topic] = self._tracked(found)
         for group in groups:
             series = [next(one for one in each.zones if one.zone.name == zone.name) for _, each in group]
             topics = [each.series for each in self._counting.values()]
@@ -529,7 +533,7 @@ class _Watching:
                     tuple(each for _, each in group),
                     tuple(series),
                     tuple(case.name for case in zone.cases),
-                    tuple(self._tracked(each) for _, each in group),
+                    tuple(self._agents[topic] for topic, _ in group),
                     self._pair is not None,
                     (min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
                     min(each.first_ns for each in topics),

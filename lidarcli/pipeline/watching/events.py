@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones.episodes import episodes
 from lidarcli.formalism.zones.paths import Path, crossings, same_agents, visits
+from lidarcli.pipeline.reading.masking import REACH
 from lidarcli.pipeline.watching.counting import TopicSeries, ZoneSeries
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
@@ -236,6 +237,8 @@ class _Settling:
         if np.count_nonzero(active) < max(SAME_SHARE * len(active), 10):
             return False
         low, high = np.nanpercentile(self.nearest[active], (5, 95))
+        if high > REACH:
+            return False
         middle = np.nanmedian(self.bearing[active])
         off = np.abs((self.bearing[active] - middle + 0.5 * TURN) % TURN - 0.5 * TURN)
         return bool(high - low < SAME_SPREAD and np.mean(off < SAME_TURN) >= SAME_SHARE)
@@ -392,7 +395,7 @@ class _Settling:
         )
         assert tracked is not None
         series = self.counted.series[index]
-        rows = np.flatnonzero(tracked.track == track)[first : last + 1]
+        rows = int(np.searchsorted(tracked.track, track)) + np.arange(first, last + 1)
         away, bearing = _from_sensor(
             topic, series, self.zone, tracked, rows, path.x[first : last + 1], path.y[first : last + 1]
         )
