@@ -104,8 +104,8 @@ class _Settling:
         self.time_ns: Int64 = time_ns[order]
         self.latest = [self._latest(index, each) for index, each in enumerate(stamps)]
         """(N,) for each topic: number of its newest sweep that is not too old; -1 for none."""
+        self.velocity = self._joined([each.column("velocity") for each in counted.series])
         self.part = self._part()
-        self.velocity = self._own("velocity")
         self.points = self._sum("points")
         self.numbers = self._number_agents()
 
@@ -128,7 +128,10 @@ class _Settling:
 
     def _own(self, name: str) -> NDArray[Any]:
         """Return a quantity of the sweep itself."""
-        columns = [topic.column(name) for topic in self.counted.topics]
+        return self._joined([topic.column(name) for topic in self.counted.topics])
+
+    def _joined(self, columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Return (N, ...) what each topic has at its own sweeps."""
         found = np.empty((len(self.own), *columns[0].shape[1:]), columns[0].dtype)
         for index, values in enumerate(columns):
             mine = self.topic == index
@@ -141,10 +144,9 @@ class _Settling:
         if not self.zone.cases:
             return np.zeros(count, np.int64)
         found = np.full(count, -1)
-        velocity = self._own("velocity")
         for number in reversed(range(len(self.zone.cases))):
             with np.errstate(invalid="ignore"):
-                found[self.zone.cases[number].covers(velocity)] = number
+                found[self.zone.cases[number].covers(self.velocity)] = number
         # Where none covers the velocity, the one before stays.
         last = np.maximum.accumulate(np.where(found >= 0, np.arange(count), -1))
         return np.where(last >= 0, found[np.maximum(last, 0)], -1)
@@ -402,7 +404,7 @@ class _Settling:
         known = np.flatnonzero(np.isfinite(away))
         nearest = int(known[away[known].argmin()]) if len(known) else None
         sweeps = topic.column("sweep")
-        velocity = topic.column("velocity")[tracked.number[rows]]
+        velocity = series.column("velocity")[tracked.number[rows]]
         return self._event(
             index,
             kind,
