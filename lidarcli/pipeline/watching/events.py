@@ -380,12 +380,13 @@ class _Settling:
         else:
             for index, track, first, last, cut in self._visits():
                 event = self._of_path(index, track, first, last, VISIT)
-                event["cut"] = cut and self._is_at_end(event)
+                event["cut"] = cut and self._is_at_end(index, event)
                 events.append((self.numbers[index, track], event))
         return _once(events), one_sided
 
-    def _is_at_end(self, event: Mapping[str, Any]) -> bool:
-        return bool(event["start"] == self.time_ns[0] or event["end"] == self.time_ns[-1])
+    def _is_at_end(self, index: int, event: Mapping[str, Any]) -> bool:
+        stamps = self.counted.topics[index].column("stamp_ns")
+        return bool(event["start"] == stamps.min() or event["end"] == stamps.max())
 
     def _of_path(self, index: int, track: int, first: int, last: int, kind: str) -> dict[str, Any]:
         """Return the event of a piece of the path of an agent."""
