@@ -338,6 +338,7 @@ class _Watching:
         # Beams under a mask are counted here, and left out.
         self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
         self._topics: set[str] = set()
+        self._agents: dict[str, Tracked | None] = {}
         self._worlds: dict[tuple[str, str], str] = {}
         """Topic and frame of a sensor → the fixed frame of its poses."""
         self._counting: dict[str, Counting] = {}
@@ -350,7 +351,7 @@ class _Watching:
 
     def _velocities(self, zone: Zone) -> Told | None:
         found = velocities(self._log, zone.velocity_topic, self._report)
-        if found is None:
+        if found is None or not len(found[0]):
             return None
         types = {
             topic.type for topic in self._log.topics() or () if same_name(topic.name, zone.velocity_topic)
@@ -398,7 +399,7 @@ class _Watching:
             described = reading.describe(source)
         self._refuse_contradiction(described)
         read.damage += [
-            f"topic {topic}: {count:,} messages left out: {cause}"
+            f"topic {topic}: {counted(count, 'message')} left out: {cause}"
             for (topic, cause), count in sorted(self._report.refused.items())
         ]
         summary = ZoneSummary(**{name: getattr(read, name) for name in RunSummary.__dataclass_fields__})
@@ -489,7 +490,8 @@ class _Watching:
             self._refuse_several_worlds(zone, [topic for topic, _ in counted_in])
         if zone.action != "approach" and not zone.cases:
             return
-        unknown = sum(int(np.isnan(each.column("velocity")[:, 0]).sum()) for _, each in counted_in)
+        series = [one for _, each in counted_in for one in each.zones if one.zone.name == zone.name]
+        unknown = sum(int(np.isnan(each.column("velocity")[:, 0]).sum()) for each in series)
         sweeps = sum(each.count for _, each in counted_in)
         if unknown == sweeps:
             topic = (
@@ -519,6 +521,9 @@ class _Watching:
         """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
         counted_in = self._counted_in(zone)
         groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
+        for topic, found in counted_in:
+            if topic not in self._agents:
+                self._agents[topic] = self._tracked(found)
         for group in groups:
             series = [next(one for one in each.zones if one.zone.name == zone.name) for _, each in group]
             topics = [each.series for each in self._counting.values()]
@@ -529,7 +534,7 @@ class _Watching:
                     tuple(each for _, each in group),
                     tuple(series),
                     tuple(case.name for case in zone.cases),
-                    tuple(self._tracked(each) for _, each in group),
+                    tuple(self._agents[topic] for topic, _ in group),
                     self._pair is not None,
                     (min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
                     min(each.first_ns for each in topics),
@@ -550,9 +555,11 @@ class _Watching:
         rows = read_columns(pair.trajectories, "trajectories", SCHEMAS["trajectories"], columns)
         here = are(rows["topic"], series.topic)
         track = np.asarray(rows["track"])
+        # Sweeps of several frames are not in their order.
         sweeps = series.column("sweep")
+        in_order = np.argsort(sweeps)
         sweep = np.asarray(rows["sweep"])
-        at = np.minimum(np.searchsorted(sweeps, sweep), len(sweeps) - 1)
+        at = in_order[np.minimum(np.searchsorted(sweeps, sweep, sorter=in_order), len(sweeps) - 1)]
         some = np.flatnonzero(here & np.isin(track, agents) & (sweeps[at] == sweep))
         order = some[np.lexsort((series.column("stamp_ns")[at[some]], track[some]))]
         world = are(rows["frame"], WORLD)

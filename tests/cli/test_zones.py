@@ -159,6 +159,7 @@ def test_batches_and_processes_change_no_byte(lidarcli: Run, tmp_path: Path) -> 
     assert written[0] == written[1] == written[2]
 
 
+@pytest.mark.slow
 def test_batches_of_any_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     path = Course(np.array([[-2.0, 0.0], [2.0, 0.0], [2.0, 2.0], [-2.0, 2.0]]), speed=1.0)
     scene = scene_of(

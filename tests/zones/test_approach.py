@@ -12,8 +12,9 @@ import pytest
 import lidarcli
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.pipeline.zoning import ZoneTables
+from lidarcli.ros.messages import Outgoing
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Course, Odometry, Scene
+from lidarcli.simulate.scene import Course, Mount, Odometry, Scene
 from lidarcli.sweeps import Float64
 from tests.zones.runs import (
     SENSOR,
@@ -22,9 +23,9 @@ from tests.zones.runs import (
     rows,
     scans,
     scene_of,
+    sound,
     sweeps_of,
     times_of,
-    transform_at,
     twists,
     walker,
     watched,
@@ -124,25 +125,45 @@ def test_velocities_have_the_clock_of_the_recording(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_sensor_that_looks_to_the_left(tmp_path: Path) -> None:
-    """Velocities are those of the robot, also in the frame of a sensor that is mounted at its left and turned."""
-    scene, way = straight()
+    """A zone in the frame of a sensor that is mounted ahead, at the left, and turned moves with that sensor."""
     mount = (0.1, 0.3, np.pi / 2)
-    # Its x axis is the left of the robot, which drives to its left.
+    scene, way = straight()
+    scene = replace(scene, mount=Mount(mount))
+    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)))
+    own = APPROACH.replace('"ahead"', '"own"').replace('"robot"', '"sensor"')
+    # x of the sensor is the left of the robot, y of the sensor is behind.
+    corners = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
+    own = own.replace(corners, "[[-0.1, -0.2], [-0.5, -0.2], [-0.5, 0.4], [-0.1, 0.4]]")
+    tables = watched(log, APPROACH + own, no_objects=True)
+    assert column(tables.zones, "ttc", zone="own") == column(tables.zones, "ttc", zone="ahead")
+    alone = watched(log, APPROACH, no_objects=True)
+    is_right(alone, way, SPEED)
+
+
+def test_each_zone_has_the_velocity_of_its_own_topic(tmp_path: Path) -> None:
+    """One is told that the robot drives, one that it stands, and of a third topic no message can be read."""
+    scene, way = straight()
+    times = times_of(scene) - 1000
+    bad = [Outgoing("/bad", "geometry_msgs/msg/Twist", int(times[0]), int(times[0]), b"\0")]
     log = write_bag(
         tmp_path / "a.bag",
-        scans(sweeps_of(scene)),
-        [transform_at(int(times_of(scene)[0]), "base_link", "laser", mount)],
-        twists(times_of(scene) - 1000, (0.0, SPEED, 0.0)),
+        scans(sweeps_of(scene), odometry_of(scene)),
+        twists(times, (SPEED, 0.0, 0.0)),
+        twists(times, (0.0, 0.0, 0.0), "/other"),
+        bad,
     )
-    text = NAV2.replace('"laser"', '"base_link"').replace(
-        "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]",
-        "[[-0.1, 0.6], [0.3, 0.6], [0.3, 0.0], [-0.1, 0.0]]",
-    )
-    by_robot = lidarcli.zones(log, zones=str(zone_file(tmp_path, text, "robot.yaml")), no_objects=True)
-    is_right(by_robot, way, SPEED)
-    both = zone_file(tmp_path, APPROACH.replace('"ahead"', '"own"').replace('"robot"', '"sensor"'))
-    by_sensor = lidarcli.zones(log, zones=[str(tmp_path / "robot.yaml"), str(both)], no_objects=True).zones
-    assert column(by_sensor, "ttc", zone="own") == column(by_sensor, "ttc", zone="ahead")
+    files = []
+    for topic in ("cmd_vel", "other", "bad"):
+        text = (
+            NAV2.replace('"cmd_vel"', f'"{topic}"').replace("ahead", topic).replace('"laser"', '"base_link"')
+        )
+        files.append(str(zone_file(tmp_path, text, f"{topic}.yaml")))
+    with pytest.warns(UserWarning, match="topic /bad: 1 message left out"):
+        tables = sound(lidarcli.zones(log, zones=files, no_objects=True))
+    ttc = {topic: column(tables.zones, "ttc", zone=topic) for topic in ("cmd_vel", "other", "bad")}
+    assert ttc["cmd_vel"][60] == pytest.approx(way[60] / SPEED, abs=0.12)
+    assert set(ttc["other"]) == {None}
+    assert ttc["bad"][60] == pytest.approx(way[60] / SPEED, abs=0.12), "by the poses"
 
 
 @pytest.mark.parametrize("hangs", [False, True])
@@ -176,29 +197,19 @@ def test_turning_on_the_spot(hangs: bool, tmp_path: Path) -> None:
     mount = f'[[mount]]\nframe = "laser"\nparent = "base_link"\nupside_down = {str(hangs).lower()}\n'
     text = NAV2.replace("[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]", shape)
     text = text.replace('"laser"', '"base_link"').replace("min_points: 2", "min_points: 1")
-    tables = lidarcli.zones(
-        log,
-        zones=[
-            str(zone_file(tmp_path, text, "nav2.yaml")),
-            str(
-                zone_file(
-                    tmp_path,
-                    mount
-                    + f'[[zone]]\nname = "own"\naction = "approach"\nmin_points = 1\npolygon = {shape}\n',
-                )
-            ),
-        ],
-        no_objects=True,
-    )
+    files = [zone_file(tmp_path, text, "nav2.yaml"), zone_file(tmp_path, mount + OTHER)]
+    tables = lidarcli.zones(log, zones=[str(file) for file in files], no_objects=True)
     # The side at 0.1 m to the left of the axis meets the pole (0.98 m ahead) at this angle.
     meets = np.pi / 2 - np.arcsin(0.1 / 0.98)
     true = (meets - yaw) / turning
-    for name in ("ahead", "own"):
-        ttc = np.array([np.nan if one is None else one for one in column(tables.zones, "ttc", zone=name)])
-        soon = np.flatnonzero((true < 1.95) & (true > 0.0))
-        assert len(soon) >= 10
-        assert np.abs(ttc[soon] - true[soon]).max() <= STEP + 0.03, name
-        assert np.isnan(ttc[true > 2.2]).all()
+    ttc = np.array([np.nan if one is None else one for one in column(tables.zones, "ttc", zone="ahead")])
+    soon = np.flatnonzero((true < 1.95) & (true > 0.0))
+    assert len(soon) >= 10
+    assert np.abs(ttc[soon] - true[soon]).max() <= STEP + 0.03
+    assert np.isnan(ttc[true > 2.2]).all()
+
+
+OTHER = '[[zone]]\nname = "other"\ncircle = { x = 5, y = 5, radius = 0.1 }\n'
 
 
 @pytest.mark.slow

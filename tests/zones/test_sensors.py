@@ -180,6 +180,8 @@ line = [[0.0, 1.0], [0.0, 4.0]]
     (crossing,) = rows(tables.events, kind="crossing")
     # He goes towards -x, and the left of the way from (0, 1) to (0, 4) is -x.
     assert crossing["direction"] == "in"
+    assert {event["cut"] for event in rows(tables.events, zone="all", kind="visit")} == {True}
+    assert not visit["cut"]
     assert max(column(tables.zones, "agents", zone="left")) == 1
     assert max(column(tables.zones, "agents", zone="all")) == 2
     assert len(rows(tables.events, zone="all", kind="visit")) == 2

@@ -224,3 +224,65 @@ def test_a_zone_in_the_world_while_the_robot_drives(tmp_path: Path) -> None:
         column(matched.events, "first_sweep", zone="bulge")[:1]
         == column(told.events, "first_sweep", zone="bulge")[:1]
     )
+
+
+@pytest.mark.slow
+def test_visits_of_several_people(tmp_path: Path) -> None:
+    """12 people on drawn ways through a circle, three at a time: they enter and leave by their exact paths."""
+    rng = np.random.default_rng(8)
+    wrong = []
+    for number in range(4):
+        people = []
+        for side in range(3):
+            # Each crosses a circle of his own.
+            turn = rng.uniform(-0.6, 0.6)
+            across = np.array([np.cos(turn), np.sin(turn)])
+            middle = np.array([[3.5, 0.0], [-1.8, 3.0], [-1.8, -3.0]][side]) + rng.uniform(-0.3, 0.3, 2)
+            away = np.array([-across[1], across[0]]) if side == 0 else across
+            begin, end = middle - 2.2 * away, middle + 2.2 * away
+            people.append(walker(tuple(begin), tuple(end), speed=float(rng.uniform(0.6, 1.3))))
+        scene = scene_of(*people, sweeps=90)
+        log = write_bag(tmp_path / f"{number}.bag", scans(sweeps_of(scene, number)))
+        centres = [[3.5, 0.0], [-1.8, 3.0], [-1.8, -3.0]]
+        zones = "".join(
+            f'[[zone]]\nname = "{side}"\ncircle = {{ x = {x}, y = {y}, radius = 1.1 }}\n'
+            for side, (x, y) in enumerate(centres)
+        )
+        tables = watched(log, zones)
+        for side, (person, centre) in enumerate(zip(people, centres, strict=True)):
+            away_from = np.hypot(*(where(person, scene) - centre).T) - 1.1
+            begins, ends = np.flatnonzero(away_from < 0.0)[0], np.flatnonzero(away_from <= 0.1)[-1]
+            found = [
+                (event["first_sweep"], event["last_sweep"])
+                for event in rows(tables.events, zone=str(side), kind="visit")
+            ]
+            if len(found) != 1 or max(abs(found[0][0] - begins), abs(found[0][1] - ends)) > 1:
+                wrong.append((number, side, found, (int(begins), int(ends))))
+    assert wrong == []
+
+
+@pytest.mark.slow
+def test_a_visit_goes_on_while_its_agent_is_hidden(tmp_path: Path) -> None:
+    person = walker((4.0, -3.0), (4.0, 3.0))
+    scene = scene_of(person, make.box(2.0, 0.0, 0.1, 0.3), sweeps=65)
+    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene)))
+    zone = CIRCLE.replace("x = 3.0", "x = 4.0").replace("radius = 1.0", "radius = 1.2") + 'count = "agents"\n'
+    tables = watched(log, zone)
+    (visit,) = rows(tables.events, kind="visit")
+    away = np.abs(where(person, scene)[:, 1]) - 1.2
+    assert abs(visit["first_sweep"] - np.flatnonzero(away < 0.0)[0]) <= 1
+    assert abs(visit["last_sweep"] - np.flatnonzero(away <= 0.1)[-1]) <= 1
+    points, agents = (np.array(column(tables.zones, name)) for name in ("points", "agents"))
+    during = slice(visit["first_sweep"], visit["last_sweep"] + 1)
+    assert np.count_nonzero(points[during] == 0) >= 2, "behind the box"
+    assert set(agents[during]) == {1}
+    assert 0.5 < column(tables.zones, "seen")[0] < 0.9
+
+
+@pytest.mark.slow
+def test_a_visit_that_the_end_of_the_log_cuts(tmp_path: Path) -> None:
+    scene = scene_of(walker((3.0, -3.0), (3.0, 3.0)), sweeps=33)
+    tables = watched(write_bag(tmp_path / "a.bag", scans(sweeps_of(scene))), CIRCLE)
+    for kind in ("visit", "occupied"):
+        (event,) = rows(tables.events, kind=kind)
+        assert (event["cut"], event["last_sweep"]) == (True, 32)

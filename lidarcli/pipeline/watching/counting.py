@@ -130,6 +130,8 @@ class ZoneSeries:
     hits: list[Hits] = field(default_factory=list)
     placed: list[Float64] = field(default_factory=list)
     """(S, 4) place of the sensor in the frame of the zone: x, y [m], yaw [rad], 1 where it hangs head down."""
+    velocity: list[Float64] = field(default_factory=list)
+    """(S, 3) of the robot: ahead, left [m/s], turning [rad/s]; NaN where it is not known."""
 
     @staticmethod
     def of(zone: Zone, shapes: Shapes) -> ZoneSeries:
@@ -164,8 +166,6 @@ class TopicSeries:
     seconds: list[Float64] = field(default_factory=list)
     pose: list[Float64] = field(default_factory=list)
     """(S, 4) pose of the sensor in the world, as `ZoneSeries.placed`; NaN where it is not known."""
-    velocity: list[Float64] = field(default_factory=list)
-    """(S, 3) of the robot: ahead, left [m/s], turning [rad/s]; NaN where it is not known."""
     count: int = 0
 
     def column(self, name: str) -> NDArray[Any]:
@@ -187,6 +187,13 @@ class Told(NamedTuple):
     velocity: Float64
     recorded: bool
     """True where the stamps are those of the recording."""
+
+    def at(self, batch: SweepBatch) -> Float64:
+        """Return the newest velocity (S, 3) before each sweep; NaN before the first."""
+        times = batch.record_ns if self.recorded else batch.stamp_ns
+        index = np.searchsorted(self.stamp_ns, times, side="right") - 1
+        newest: Float64 = np.where(index[:, None] < 0, np.nan, self.velocity[np.maximum(index, 0)])
+        return newest
 
 
 class Counting:
@@ -226,15 +233,16 @@ class Counting:
                 else:
                     places[name] = self._frames.sensor_in(name, sensor, batch.stamp_ns)
         carried = self._carried(batch, sensor)
-        velocity = self._velocity(batch, carried)
+        velocities = self._velocities(batch, carried)
         series.sweep.append(batch.sweep)
         series.stamp_ns.append(batch.stamp_ns)
         series.seconds.append(batch.seconds())
         series.pose.append(_four(posed.at_stamp()) if posed is not None else np.full((len(batch), 4), np.nan))
-        series.velocity.append(velocity)
         for each in series.zones:
             place = places[each.zone.frame]
             each.placed.append(_four(place.at_stamp()))
+            velocity = velocities[each.zone.velocity_topic]
+            each.velocity.append(velocity)
             own = velocity if each.zone.frame == WORLD else _velocity_of(velocity, place, carried)
             look = _Look(batch, ranges, place, objects, owners, own, series.count)
             self._look(
@@ -296,15 +304,16 @@ class Counting:
                 pass
         return self._frames.sensor_in(SENSOR, sensor, batch.stamp_ns)
 
-    def _velocity(self, batch: SweepBatch, carried: SweepPoses) -> Float64:
-        """Return the velocity of the robot (S, 3): as the log tells it, or else by the poses before each sweep."""
-        topics = dict.fromkeys(each.zone.velocity_topic for each in self.series.zones)
-        told = next((found for topic in topics if (found := self._told.get(topic)) is not None), None)
-        if told is not None:
-            at = batch.record_ns if told.recorded else batch.stamp_ns
-            index = np.searchsorted(told.stamp_ns, at, side="right") - 1
-            before: Float64 = np.where(index[:, None] < 0, np.nan, told.velocity[np.maximum(index, 0)])
-            return before
+    def _velocities(self, batch: SweepBatch, carried: SweepPoses) -> dict[str, Float64]:
+        """Return the velocity of the robot (S, 3) as each topic tells it; of one that does not, by the poses."""
+        topics = {each.zone.velocity_topic for each in self.series.zones}
+        found = {topic: told.at(batch) for topic in topics if (told := self._told.get(topic)) is not None}
+        if len(found) < len(topics):
+            found = dict.fromkeys(topics, self._by_poses(batch, carried)) | found
+        return found
+
+    def _by_poses(self, batch: SweepBatch, carried: SweepPoses) -> Float64:
+        """Return the velocity of the robot (S, 3) by the poses before each sweep."""
         velocities = np.full((len(batch), 3), np.nan)
         if batch.poses is None:
             return velocities

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones.episodes import episodes
 from lidarcli.formalism.zones.paths import Path, crossings, same_agents, visits
+from lidarcli.pipeline.reading.masking import REACH
 from lidarcli.pipeline.watching.counting import TopicSeries, ZoneSeries
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
@@ -103,8 +104,8 @@ class _Settling:
         self.time_ns: Int64 = time_ns[order]
         self.latest = [self._latest(index, each) for index, each in enumerate(stamps)]
         """(N,) for each topic: number of its newest sweep that is not too old; -1 for none."""
+        self.velocity = self._joined([each.column("velocity") for each in counted.series])
         self.part = self._part()
-        self.velocity = self._own("velocity")
         self.points = self._sum("points")
         self.numbers = self._number_agents()
 
@@ -127,7 +128,10 @@ class _Settling:
 
     def _own(self, name: str) -> NDArray[Any]:
         """Return a quantity of the sweep itself."""
-        columns = [topic.column(name) for topic in self.counted.topics]
+        return self._joined([topic.column(name) for topic in self.counted.topics])
+
+    def _joined(self, columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Return (N, ...) what each topic has at its own sweeps."""
         found = np.empty((len(self.own), *columns[0].shape[1:]), columns[0].dtype)
         for index, values in enumerate(columns):
             mine = self.topic == index
@@ -140,10 +144,9 @@ class _Settling:
         if not self.zone.cases:
             return np.zeros(count, np.int64)
         found = np.full(count, -1)
-        velocity = self._own("velocity")
         for number in reversed(range(len(self.zone.cases))):
             with np.errstate(invalid="ignore"):
-                found[self.zone.cases[number].covers(velocity)] = number
+                found[self.zone.cases[number].covers(self.velocity)] = number
         # Where none covers the velocity, the one before stays.
         last = np.maximum.accumulate(np.where(found >= 0, np.arange(count), -1))
         return np.where(last >= 0, found[np.maximum(last, 0)], -1)
@@ -236,6 +239,8 @@ class _Settling:
         if np.count_nonzero(active) < max(SAME_SHARE * len(active), 10):
             return False
         low, high = np.nanpercentile(self.nearest[active], (5, 95))
+        if high > REACH:
+            return False
         middle = np.nanmedian(self.bearing[active])
         off = np.abs((self.bearing[active] - middle + 0.5 * TURN) % TURN - 0.5 * TURN)
         return bool(high - low < SAME_SPREAD and np.mean(off < SAME_TURN) >= SAME_SHARE)
@@ -375,12 +380,13 @@ class _Settling:
         else:
             for index, track, first, last, cut in self._visits():
                 event = self._of_path(index, track, first, last, VISIT)
-                event["cut"] = cut and self._is_at_end(event)
+                event["cut"] = cut and self._is_at_end(index, event)
                 events.append((self.numbers[index, track], event))
         return _once(events), one_sided
 
-    def _is_at_end(self, event: Mapping[str, Any]) -> bool:
-        return bool(event["start"] == self.time_ns[0] or event["end"] == self.time_ns[-1])
+    def _is_at_end(self, index: int, event: Mapping[str, Any]) -> bool:
+        stamps = self.counted.topics[index].column("stamp_ns")
+        return bool(event["start"] == stamps.min() or event["end"] == stamps.max())
 
     def _of_path(self, index: int, track: int, first: int, last: int, kind: str) -> dict[str, Any]:
         """Return the event of a piece of the path of an agent."""
@@ -392,14 +398,14 @@ class _Settling:
         )
         assert tracked is not None
         series = self.counted.series[index]
-        rows = np.flatnonzero(tracked.track == track)[first : last + 1]
+        rows = int(np.searchsorted(tracked.track, track)) + np.arange(first, last + 1)
         away, bearing = _from_sensor(
             topic, series, self.zone, tracked, rows, path.x[first : last + 1], path.y[first : last + 1]
         )
         known = np.flatnonzero(np.isfinite(away))
         nearest = int(known[away[known].argmin()]) if len(known) else None
         sweeps = topic.column("sweep")
-        velocity = topic.column("velocity")[tracked.number[rows]]
+        velocity = series.column("velocity")[tracked.number[rows]]
         return self._event(
             index,
             kind,
