@@ -14,7 +14,7 @@ from lidarcli.options import BACKGROUND, GATES, OBJECTS, THINGS, ManyLogs, Overw
 from lidarcli.stores.url import place
 
 
-class ZonesCommand(ManyLogs, Overwrite, Zoning, total=False):
+class ZonesCommand(Zoning, ManyLogs, Overwrite, total=False):
     """Options of `zones`."""
 
     output: Annotated[
