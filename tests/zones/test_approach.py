@@ -11,11 +11,12 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import NoScanError, OptionError
+from lidarcli.pipeline.watching.counting import velocity_of
 from lidarcli.pipeline.zoning import ZoneTables
 from lidarcli.ros.messages import Outgoing
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.scene import Course, Mount, Odometry, Scene
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps import Float64, SweepPoses
 from tests.zones.runs import (
     SENSOR,
     column,
@@ -207,6 +208,27 @@ def test_turning_on_the_spot(hangs: bool, tmp_path: Path) -> None:
     assert len(soon) >= 10
     assert np.abs(ttc[soon] - true[soon]).max() <= STEP + 0.03
     assert np.isnan(ttc[true > 2.2]).all()
+
+
+def test_a_frame_moves_as_the_robot_that_carries_it() -> None:
+    """Velocities of frames on the robot, also of those that hang head down, against a small step of it."""
+    rng = np.random.default_rng(0)
+
+    def drawn() -> SweepPoses:
+        return SweepPoses(*rng.normal(size=(3, 1)), rng.random(1) < 0.5)
+
+    def matrix(pose: SweepPoses) -> Float64:
+        cos, sin = np.cos(pose.yaw[0]), np.sin(pose.yaw[0])
+        side = -1.0 if pose.upside_down[0] else 1.0
+        return np.array([[cos, -side * sin, pose.x[0]], [sin, side * cos, pose.y[0]], [0.0, 0.0, 1.0]])
+
+    for _ in range(50):
+        place, carried, velocity = drawn(), drawn(), rng.normal(size=3)
+        frame = matrix(carried) @ np.linalg.inv(matrix(place))
+        step = matrix(SweepPoses(*(velocity[:, None] * 1e-6), np.zeros(1, np.bool_)))
+        moved = np.linalg.inv(frame) @ step @ frame
+        expected = np.array([moved[0, 2], moved[1, 2], np.arctan2(moved[1, 0], moved[0, 0])]) / 1e-6
+        assert velocity_of(velocity[None], place, carried)[0] == pytest.approx(expected, abs=1e-4)
 
 
 OTHER = '[[zone]]\nname = "other"\ncircle = { x = 5, y = 5, radius = 0.1 }\n'

@@ -243,7 +243,7 @@ class Counting:
             each.placed.append(_four(place.at_stamp()))
             velocity = velocities[each.zone.velocity_topic]
             each.velocity.append(velocity)
-            own = velocity if each.zone.frame == WORLD else _velocity_of(velocity, place, carried)
+            own = velocity if each.zone.frame == WORLD else velocity_of(velocity, place, carried)
             look = _Look(batch, ranges, place, objects, owners, own, series.count)
             self._look(
                 each, look, None if under is None else np.where(under, batch.ranges, np.float32(np.nan))
@@ -318,7 +318,7 @@ class Counting:
         if batch.poses is None:
             return velocities
         known = np.flatnonzero(np.isfinite(batch.poses.x))
-        robot = _robot(batch.poses.at_stamp(), carried)
+        robot = _carrier(batch.poses.at_stamp(), carried)
         here = np.column_stack([robot.x, robot.y, robot.yaw])[known]
         stamps = np.maximum.accumulate(np.concatenate([self._stamps, batch.stamp_ns[known]]))
         poses = np.concatenate([self._robots, here])
@@ -331,7 +331,10 @@ class Counting:
         cos, sin = np.cos(heading), np.sin(heading)
         with np.errstate(divide="ignore", invalid="ignore"):
             dx, dy = (poses[now, :2] - poses[then, :2]).T / seconds
-            velocity = np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, turn / seconds])
+            # A path that is matched from the sweeps of a sensor that hangs head down is the mirror image.
+            side = np.where(robot.upside_down[known], -1.0, 1.0)
+            left = side * (cos * dy - sin * dx)
+            velocity = np.column_stack([cos * dx + sin * dy, left, side * turn / seconds])
         velocities[known] = np.where(seconds[:, None] > 0.0, velocity, np.nan)
         kept = int(then[-1]) if len(known) else 0
         self._stamps, self._robots = stamps[kept:], poses[kept:]
@@ -442,27 +445,30 @@ def _around(shape: Circle | Polygon, way: float) -> Circle:
     return Circle(0.0, 0.0, float(np.hypot(*np.array(shape.corners).T).max()) + way)
 
 
-def _robot(poses: SweepPoses, carried: SweepPoses) -> SweepPoses:
-    """Return the poses of the robot in the world, from those of the sensor and its places on the robot."""
-    yaw = poses.yaw - carried.yaw
+def _carrier(sensor: SweepPoses, carried: SweepPoses) -> SweepPoses:
+    """Return the poses of what carries a sensor, from those of the sensor and its places on what carries it."""
+    turned_over = sensor.upside_down != carried.upside_down
+    side = np.where(turned_over, -1.0, 1.0)
+    yaw = sensor.yaw - side * carried.yaw
     cos, sin = np.cos(yaw), np.sin(yaw)
-    x, y = poses.x - cos * carried.x + sin * carried.y, poses.y - sin * carried.x - cos * carried.y
-    return SweepPoses(x, y, yaw, np.zeros(len(yaw), np.bool_))
+    x = sensor.x - cos * carried.x + side * sin * carried.y
+    y = sensor.y - sin * carried.x - side * cos * carried.y
+    return SweepPoses(x, y, yaw, turned_over)
 
 
-def _velocity_of(velocity: Float64, place: SweepPoses, carried: SweepPoses) -> Float64:
+def velocity_of(velocity: Float64, place: SweepPoses, carried: SweepPoses) -> Float64:
     """Return the velocity (S, 3) of a frame in its own axes, from that of the robot that carries it.
 
     Parameters
     ----------
     place, carried : where the sensor is in the frame, and on the robot
     """
-    frame = _robot(carried, place)
+    frame = _carrier(carried, place)
     turning = velocity[:, 2]
     dx, dy = velocity[:, 0] - turning * frame.y, velocity[:, 1] + turning * frame.x
     cos, sin = np.cos(frame.yaw), np.sin(frame.yaw)
-    # In the frame of a sensor that hangs head down left is right.
-    side = np.where(place.upside_down == carried.upside_down, 1.0, -1.0)
+    # In a frame that hangs head down left is right.
+    side = np.where(frame.upside_down, -1.0, 1.0)
     return np.column_stack([cos * dx + sin * dy, side * (cos * dy - sin * dx), side * turning])
 
 
