@@ -128,7 +128,7 @@ def module_of(path: Path) -> str:
 
 
 def test_every_constant_is_documented_with_its_value() -> None:
-    titles = ("Constants", "Constants of tracking", "Constants of scan matching")
+    titles = ("Constants", "Constants of tracking", "Constants of scan matching", "Constants of zones")
     rows = [row for title in titles for row in table(title)]
     documented = {row[0].strip("`"): [float(value) for value in row[1].split(",")] for row in rows}
     assert len(documented) == len(rows)
