@@ -25,7 +25,8 @@ from lidarcli.pipeline.api.options import (
 )
 from lidarcli.pipeline.detecting import Failed
 from lidarcli.pipeline.inputs.zones import read_zones
-from lidarcli.pipeline.zoning import ZoneOptions, ZoneTables, refuse_options, watch
+from lidarcli.pipeline.watching.options import ZoneOptions, refuse_options
+from lidarcli.pipeline.zoning import ZoneTables, watch
 from lidarcli.zone import crossing_edges
 
 

@@ -28,7 +28,7 @@ class Frames:
     """Name of the frame of the robot; empty: the one at the end of the mounts, or by the transforms of the log."""
     _log: Log
     _tree: FrameTree | None = None
-    _found: dict[tuple[str, str], Mount | None] = field(default_factory=dict)
+    _found: dict[tuple[str, str], Mount] = field(default_factory=dict)
 
     @classmethod
     def of(cls, log: Log, zones: Zones, mounts: Sequence[Mount] = ()) -> Frames:
@@ -119,9 +119,7 @@ class Frames:
             here = self.sensor_in(frame, sensor, stamp_ns)
             x, y, yaw = (float(each[0]) for each in (here.x, here.y, here.yaw))
             self._found[key] = Mount(sensor, frame, x, y, yaw, bool(here.upside_down[0]))
-        found = self._found[key]
-        assert found is not None
-        return found
+        return self._found[key]
 
     def _lost(self, sensor: str, target: str) -> NoScanError:
         name = sensor or "without a name"
