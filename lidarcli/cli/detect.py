@@ -1,4 +1,4 @@
-"""`lidarcli detect`: objects of every sweep as tables, or as a stream on stdout; `track` and `subtract` use its parts."""
+"""`lidarcli detect`: objects of every sweep as tables, or as a stream on stdout; `track` uses its parts."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -84,11 +84,6 @@ def detect(say: Messages, told: DetectCommand) -> int:
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
     DIR/<log>.sweeps.parquet. Sub-folders of LOG are mirrored below DIR.
     """
-    return find_to_tables(say, told)
-
-
-def find_to_tables(say: Messages, told: Mapping[str, Any]) -> int:
-    """Find objects without tracking; return the exit code."""
 
     def tracking() -> "TrackOptions | None":
         from lidarcli.pipeline.api.options import memory_of
