@@ -147,11 +147,12 @@ def background_lines(learned: "Learned") -> list[str]:
 
 def background_line(learned: "Learned") -> str:
     """One line: the table, and each sensor with its stations, beams and sweeps."""
-    sensors = (
-        f"{each.topic} {counted(len(each), 'station')} of {each.grid.beams} beams, {counted(int(each.sweeps.sum()), 'sweep')}"
+    sensors = ", ".join(
+        f"{each.topic} {counted(len(each), 'station')} of {each.grid.beams} beams, "
+        f"{counted(int(each.sweeps.sum()), 'sweep')}"
         for each in learned.sensors
     )
-    return f"{learned.path}: background, {', '.join(sensors)}"
+    return f"{learned.path}: background, {sensors}"
 
 
 def background_dict(learned: "Learned") -> dict[str, Any]:

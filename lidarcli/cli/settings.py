@@ -91,7 +91,7 @@ def _use(ctx: click.Context, tree: dict[str, Any]) -> None:
     """Let the values of a file be the defaults of all commands."""
     ctx.find_root().default_map = tree
     if ctx.parent is not None:
-        ctx.default_map = tree.get(ctx.info_name, {})
+        ctx.default_map = tree.get(str(ctx.info_name), {})
 
 
 def commands(ctx: click.Context) -> Iterator[tuple[str, click.Command, click.Context]]:
