@@ -26,7 +26,9 @@ class BackgroundCommand(ManyLogs, Overwrite, Learning, total=False):
 
     output: Annotated[str, output("FILE"), "Background table to write (Parquet)."]
     plot: Annotated[
-        str | None, Option(OUTPUT, File("FIG", is_output=True)), "Also draw it: .png, .svg or .pdf."
+        str | None,
+        Option(OUTPUT, File("FIG", is_output=True), shown="none"),
+        "Also draw it: .png, .svg or .pdf.",
     ]
 
 

@@ -69,6 +69,7 @@ class DetectCommand(Tables, Detecting, total=False):
   lidarcli detect run.mcap --profile paper --range 0.1 12 -o -
   lidarcli detect run.mcap --pose /amcl_pose
   lidarcli detect run.mcap --background empty.background.parquet --removed
+  lidarcli detect run.bag --background hall.parquet --any-frame
   lidarcli detect run.mcap --catalogue things.toml
   lidarcli detect run.mcap --memory --min-thing 0.5 --explain
   lidarcli detect scan.csv --angle-min -135 --fov 270 --degrees
