@@ -209,6 +209,18 @@ def test_verbose_and_quiet_are_taken_before_and_after_the_command(
     assert "exclude each other" in lidarcli("-q", "info", "-v", "x").err
 
 
+def test_a_variable_of_a_command_that_is_gone_is_told(
+    lidarcli: Run, lab: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIDARCLI_BACKGROUND_BUILD_STATION_DISTANCE", "0.5")
+    ran = lidarcli("background", str(logs / "run.mcap"), "-o", "b.parquet")
+    assert ran.code == 0
+    assert ran.err.splitlines()[0] == (
+        "lidarcli: LIDARCLI_BACKGROUND_BUILD_STATION_DISTANCE: background has no such option; did you mean "
+        "LIDARCLI_BACKGROUND_STATION_DISTANCE?"
+    )
+
+
 def test_a_mistyped_command_has_a_suggestion(lidarcli: Run) -> None:
     ran = lidarcli("detetc", "run.mcap")
     assert ran.code == 2
