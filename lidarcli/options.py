@@ -87,6 +87,13 @@ def _threshold(text: str) -> str | float:
     return WIDTH.parse(text)
 
 
+def parse_without(text: str) -> str:
+    """`agents`."""
+    if text != "agents":
+        raise OptionError(f"'{text}' is not agents, which is all that a map leaves out")
+    return text
+
+
 def _share(text: str) -> tuple[int, int]:
     """(I, N): the I-th of N shares."""
     number, _, count = text.partition("/")
@@ -502,8 +509,10 @@ class Mapping(Reading, total=False):
         Option(GRID, LENGTH, 0.0, shown="0, they say nothing"),
         "Take beams without a return as free up to here. Glass and black things return nothing either.",
     ]
-    without_agents: Annotated[
-        bool, Option(GRID, None, False), "Leave out what moves, by following it as `lidarcli track` does."
+    without: Annotated[
+        Literal["agents"] | None,
+        Option(GRID, Text("agents", parse_without), shown="nothing"),
+        "Leave out agents: what moves, by following it as `lidarcli track` does.",
     ]
     max_size: Annotated[
         float,
@@ -515,7 +524,6 @@ class Mapping(Reading, total=False):
         Option(CLOUD, LENGTH, 0.0, shown="0, all points"),
         "Keep one point for each square of this side.",
     ]
-    path: Annotated[bool, Option(OUTPUT, None, False), "Draw the path of the sensor into the .png."]
 
 
 class _Zones(TypedDict, total=False):

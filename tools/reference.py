@@ -80,14 +80,12 @@ def _root() -> click.Context:
 
 
 def commands() -> Iterator[tuple[str, click.Command]]:
-    """Every command with its name, those of a group after it (`background`, `background build`, …)."""
+    """Every command with its name."""
     context = _root()
     for name in cli.list_commands(context):
         command = cli.get_command(context, name)
         assert command is not None  # the group lists it
         yield name, command
-        if isinstance(command, click.Group):
-            yield from ((f"{name} {part}", command.commands[part]) for part in sorted(command.commands))
 
 
 def exit_codes() -> dict[int, str]:
@@ -154,7 +152,7 @@ def tables_page() -> str:
     lines += [
         "## background",
         "",
-        "Written by `background build`. One row per station and beam, by topic, frame and station; the metadata also",
+        "Written by `background`. One row per station and beam, by topic, frame and station; the metadata also",
         f"holds `{GEOMETRY}`, the bearings of every sensor and the reach of its stations as JSON.",
         "[background.md](background.md) says what the figures mean.",
         "",
@@ -235,8 +233,6 @@ def _command(command: click.Command, context: click.Context) -> list[str]:
         if isinstance(parameter, click.Argument)
     )
     lines = [f"## lidarcli {context.info_name}", "", _prose(command.help or ""), ""]
-    if isinstance(command, click.Group):
-        return [*lines, "Its commands follow.", ""]
     lines += ["```", f"lidarcli {context.info_name} [OPTIONS] {arguments}", "```", ""]
     lines += _options(command, context)
     if command.epilog:

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.maps.scoring import Score
 
-OURS, WITHOUT_AGENTS = "lidarcli", "lidarcli --without-agents"
+OURS, WITHOUT_AGENTS = "lidarcli", "lidarcli --without agents"
 EVERY, MOVED = "every sweep", "motion filter"
 TOLD = "told steps"
 """Stands after the name of a drive whose path was guided by odometry."""

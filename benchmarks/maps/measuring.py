@@ -65,7 +65,7 @@ def measure_way(kind: Kind, seed: int, folder: Path) -> tuple[Way, list[Made], M
         every = ("--min-move", "0") if name == EVERY else ()
         maps = {
             OURS: make_map(log, *every),
-            WITHOUT_AGENTS: make_map(log, "--without-agents", *every),
+            WITHOUT_AGENTS: make_map(log, "--without", "agents", *every),
             **maps_by_rules(driven.beams, rows, RESOLUTION),
             **maps_once(driven.beams, rows, RESOLUTION),
         }

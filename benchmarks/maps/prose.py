@@ -115,7 +115,7 @@ time, is the measure.
 
 AGENTS = """## Without what moves
 
-`--without-agents` follows things as `lidarcli track` does and leaves out the hits on what moved. The detection takes
+`--without agents` follows things as `lidarcli track` does and leaves out the hits on what moved. The detection takes
 fewer than three beams for noise, and at one degree from beam to beam a leg has three of them up to about 2 m: what
 leaves ghosts is mostly farther away, where nothing is there to be followed. Cells that people have left, in all drives:
 """

@@ -57,6 +57,6 @@ def draw_recordings(folder: Path, images: Path) -> list[Path]:
     drawn = []
     for log in PICTURES:
         target = images / picture_name(log)
-        run("map", str(folder / log), "-o", str(target), "--path", "--overwrite")
+        run("plot", str(folder / log), "--view", "map", "-o", str(target), "--overwrite")
         drawn.append(target)
     return drawn

@@ -39,8 +39,8 @@ TRACKED: tuple[tuple[str, ...], ...] = (
 )
 MAPPED: tuple[tuple[str, ...], ...] = (
     (),
-    ("--min-move", "0", "--path"),
-    ("--without-agents", "--voxel", "0.1", "--free-no-return", "3"),
+    ("--min-move", "0"),
+    ("--without", "agents", "--voxel", "0.1", "--free-no-return", "3"),
     ("--pose", "match"),
 )
 MAPS = tuple(f"{OUT}/map.{suffix}" for suffix in ("yaml", "png", "ply", "pcd", "parquet", "mcap"))
@@ -97,7 +97,7 @@ def _subtract(log: NamedLog) -> Case:
     empty = log
     if log.group == "samples" and log.name in BACKGROUNDS:
         empty = NamedLog(log.group, SAMPLES / BACKGROUNDS[log.name])
-    learn = ("-q", "background", "build", str(empty.path), "-o", BACKGROUND, "--overwrite")
+    learn = ("-q", "background", str(empty.path), "-o", BACKGROUND, "--overwrite")
     label = f"--background of {empty.name}"
     return _case(log, label, [learn, _command(log, *SUBTRACTED)], empty)
 

@@ -71,15 +71,15 @@ class Setting:
 class ConfigCommand(TextOrJson, total=False):
     """Options of `config`."""
 
-    words: Annotated[tuple[str, ...], Argument("[COMMAND]...", Text("COMMAND"), several=True, required=False)]
+    command: Annotated[str | None, Argument("[COMMAND]", Text("COMMAND"), required=False)]
 
 
 @command(
     ConfigCommand,
     examples="""\
   lidarcli config
-  lidarcli config detect
-  lidarcli config background build --format json
+  lidarcli config background
+  lidarcli config detect --format json
   lidarcli --config lab.toml config detect""",
 )
 def config(say: Messages, told: ConfigCommand) -> int:
@@ -92,18 +92,18 @@ def config(say: Messages, told: ConfigCommand) -> int:
     (LIDARCLI_DETECT_JOBS=2), else from lidarcli.toml, else it has its default.
     """
     ctx = click.get_current_context()
-    parts = tuple(part for word in told["words"] for part in word.split())
-    there = [each for each in commands(ctx) if each[0][: len(parts)] == parts]
+    asked = told["command"]
+    there = [each for each in commands(ctx) if asked in (None, each[0])]
     if not there:
-        raise click.UsageError(f"there is no command '{' '.join(parts)}'")
+        raise click.UsageError(f"there is no command '{asked}'")
     settings = []
     for line in strange_variables(ctx):
         say.error(line)
-    for names, one, below in there:
-        settings += [_setting(" ".join(names), each, below) for each in options(one)]
+    for name, one, below in there:
+        settings += [_setting(name, each, below) for each in options(one)]
         for line in unknown_variables(below):
             say.error(line)
-    shown = [each for each in settings if parts or each.origin != "default"]
+    shown = [each for each in settings if asked or each.origin != "default"]
     file = ctx.find_root().meta.get(ORIGINS)
     if told["format"] == "json":
         click.echo(json.dumps([_row(each) for each in shown], indent=2, ensure_ascii=False))

@@ -1,6 +1,5 @@
-"""`lidarcli background`: learn a scene, show what was learned, find what differs from it."""
+"""`lidarcli background`: learn a scene; its words for `lidarcli info`, too."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,51 +7,51 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from lidarcli.choices import IMAGES
-from lidarcli.cli.commands import Commands, command
-from lidarcli.cli.detect import DetectCommand, find_to_tables
-from lidarcli.cli.messages import Messages, one_line, progress_bar, show_reading
+from lidarcli.cli.commands import command
+from lidarcli.cli.messages import Messages, progress_bar, show_reading
 from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
-from lidarcli.option_forms import Argument, File, Option
-from lidarcli.options import OUTPUT, Learning, ManyLogs, Overwrite, TextOrJson, output
+from lidarcli.option_forms import File, Option
+from lidarcli.options import OUTPUT, Learning, ManyLogs, Overwrite, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.formalism.background.model import Background
+    from lidarcli.pipeline.building import Learned
 
 
-@click.group(cls=Commands)
-def background() -> None:
-    """Learn a scene without objects of interest, and find what differs from it.
-
-    docs/background.md shows it at work.
-    """
-
-
-class BuildCommand(ManyLogs, Overwrite, Learning, total=False):
-    """Options of `background build`."""
+class BackgroundCommand(ManyLogs, Overwrite, Learning, total=False):
+    """Options of `background`."""
 
     output: Annotated[str, output("FILE"), "Background table to write (Parquet)."]
     plot: Annotated[
-        str | None, Option(OUTPUT, File("FIG", is_output=True)), "Also draw it: .png, .svg or .pdf."
+        str | None,
+        Option(OUTPUT, File("FIG", is_output=True), shown="none"),
+        "Also draw it: .png, .svg or .pdf.",
     ]
 
 
 @command(
-    BuildCommand,
+    BackgroundCommand,
+    superseded={
+        "build": "lidarcli background LOG... -o FILE",
+        "info": "lidarcli info FILE",
+        "subtract": "lidarcli detect LOG... --background FILE",
+    },
     examples="""\
-  lidarcli background build empty.mcap -o empty.background.parquet
-  lidarcli background build mon.bag tue.bag -o hall.parquet --plot hall.png
-  lidarcli background build lap.mcap -o route.parquet --pose /odom \\
+  lidarcli background empty.mcap -o empty.background.parquet
+  lidarcli background mon.bag tue.bag -o hall.parquet --plot hall.png
+  lidarcli background lap.mcap -o route.parquet --pose /odom \\
     --station-distance 0.5 --station-angle 10""",
 )
-def build(say: Messages, told: BuildCommand) -> int:
-    """Learn r_e, the range of the background, from logs of the scene.
+def background(say: Messages, told: BackgroundCommand) -> int:
+    """Learn r_e, the range of the background, from logs of a scene without objects.
 
     For every beam this is the farthest surface that enough sweeps agree on: people may
     walk through the scene in up to 30 % of the sweeps. Several logs make one background.
-    Where a log has poses, every viewpoint gets a background of its own.
+    Where a log has poses, every viewpoint gets a background of its own. detect and
+    others find what differs from it (--background FILE); info shows what it knows.
     """
     refuse_no_logs(told)
     figure, overwrite = told["plot"], told["overwrite"]
@@ -100,57 +99,6 @@ def build(say: Messages, told: BuildCommand) -> int:
     return exit_code(codes)
 
 
-class InfoCommand(TextOrJson, total=False):
-    """Options of `background info`."""
-
-    file: Annotated[str, Argument("FILE", File("FILE"))]
-
-
-@command(
-    InfoCommand,
-    examples="""\
-  lidarcli background info empty.background.parquet
-  lidarcli background info lap.parquet --format json | jq .sensors""",
-)
-def info(say: Messages, told: InfoCommand) -> int:
-    """Show what a background knows: sensors, stations, beams, where it comes from."""
-    from lidarcli.pipeline.building import load
-
-    file = told["file"]
-    sensors, metadata = load(place(file))
-    if told["format"] == "json":
-        words = as_json(file, sensors, metadata)
-    else:
-        # Names come from a log and may hold anything.
-        words = "\n".join(map(one_line, as_text(file, sensors, metadata).split("\n")))
-    click.echo(words.encode("utf-8", "backslashreplace"))
-    return 0
-
-
-@command(
-    DetectCommand,
-    changed={"background": {"required": True, "shown": ""}},
-    examples="""\
-  lidarcli background subtract run.mcap --background empty.background.parquet
-  lidarcli background subtract run.mcap --background empty.parquet --removed
-  lidarcli background subtract lap2.mcap --background lap.parquet \\
-    --station-distance 0.4
-  lidarcli background subtract run.bag --background hall.parquet --any-frame \\
-    --threshold 0.3""",
-)
-def subtract(say: Messages, told: DetectCommand) -> int:
-    """Find what differs from a background: r_w - r_e, sweep by sweep.
-
-    The same as `lidarcli detect --background FILE`, and the same tables, with `difference` and
-    `change` filled in. Everything else counts as walls and rest (set S).
-    """
-    return find_to_tables(say, told)
-
-
-for each in (build, info, subtract):
-    background.add_command(each)
-
-
 def learned_lines(sensors: Sequence["Background"]) -> list[str]:
     """Two lines per sensor, after it was learned."""
     from lidarcli.pipeline.building import figures_of
@@ -166,11 +114,12 @@ def learned_lines(sensors: Sequence["Background"]) -> list[str]:
     return lines
 
 
-def as_text(file: str, sensors: Sequence["Background"], metadata: Mapping[str, Any]) -> str:
-    """Everything for people."""
+def background_lines(learned: "Learned") -> list[str]:
+    """Lines on a background table for people."""
     from lidarcli.pipeline.building import figures_of, scene_notes
 
-    lines = [file, _line("version", metadata.get("lidarcli.version", ""))]
+    sensors, metadata = learned.sensors, learned.metadata
+    lines = [learned.path, _line("version", metadata.get("lidarcli.version", ""))]
     for origin in _origins(metadata):
         lines.append(_line("from", f"{origin.get('name', '')} ({origin.get('format', 'unknown format')})"))
     for damage in metadata.get("lidarcli.damage", []):
@@ -195,20 +144,31 @@ def as_text(file: str, sensors: Sequence["Background"], metadata: Mapping[str, A
                     "support", f"{figures['support']:.1%} (median), least {figures['least_support']:.1%}", 4
                 ),
             ]
-    return "\n".join(lines)
+    return lines
 
 
-def as_json(file: str, sensors: Sequence["Background"], metadata: Mapping[str, Any]) -> str:
-    """One object; angles in radians, ranges in metres."""
-    found = {
-        "path": file,
+def background_line(learned: "Learned") -> str:
+    """One line: the table, and each sensor with its stations, beams and sweeps."""
+    sensors = ", ".join(
+        f"{each.topic} {counted(len(each), 'station')} of {each.grid.beams} beams, "
+        f"{counted(int(each.sweeps.sum()), 'sweep')}"
+        for each in learned.sensors
+    )
+    return f"{learned.path}: background, {sensors}"
+
+
+def background_dict(learned: "Learned") -> dict[str, Any]:
+    """Plain values of a background table; angles in radians, ranges in metres."""
+    metadata = learned.metadata
+    return {
+        "path": learned.path,
+        "format": "background",
         "version": metadata.get("lidarcli.version"),
         "source": _origins(metadata),
         "parameters": metadata.get("lidarcli.parameters"),
         "damage": metadata.get("lidarcli.damage", []),
-        "sensors": [_sensor_json(sensor) for sensor in sensors],
+        "sensors": [_sensor_json(sensor) for sensor in learned.sensors],
     }
-    return json.dumps(found, indent=2, ensure_ascii=False)
 
 
 def _sensor_json(sensor: "Background") -> dict[str, Any]:

@@ -41,7 +41,7 @@ def command(
     group : arguments and options of the command
     examples : lines for the end of the help
     changed : field -> what its option has in this command otherwise than declared
-    superseded : option that the command had -> words for what does its work now
+    superseded : option that the command had, or command of a group of its name -> words for what does its work now
     """
 
     def decorate(work: Work) -> DeclaredCommand:
@@ -168,7 +168,9 @@ class DeclaredCommand(_Shared):
         )
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse; an option that the command no longer has is refused with what does its work now."""
+        """Parse; what the command no longer has is refused with what does its work now."""
+        if any(not name.startswith("-") for name in self.superseded) and not ctx.resilient_parsing:
+            self._refuse_first(ctx, args)
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as err:
@@ -177,6 +179,16 @@ class DeclaredCommand(_Shared):
             raise click.UsageError(
                 f"{err.option_name} is gone: {self.superseded[err.option_name]}", ctx
             ) from None
+
+    def _refuse_first(self, ctx: click.Context, args: list[str]) -> None:
+        """Refuse a first argument that was a command, whatever options stand about it; a file of that name is ./NAME."""
+        parser = self.make_parser(ctx)
+        parser.ignore_unknown_options = True
+        given = parser.parse_args([*args])[0]
+        first = next(given[one.name] for one in self.params if isinstance(one, click.Argument))
+        first = first[0] if isinstance(first, tuple) and first else ""
+        if first in self.superseded:
+            raise click.UsageError(f"'{ctx.info_name} {first}' is gone: {self.superseded[first]}", ctx)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Tell of the settings, then do the work."""

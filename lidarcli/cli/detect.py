@@ -1,4 +1,4 @@
-"""`lidarcli detect`: objects of every sweep as tables, or as a stream on stdout; `track` and `subtract` use its parts."""
+"""`lidarcli detect`: objects of every sweep as tables, or as a stream on stdout; `track` uses its parts."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -69,6 +69,7 @@ class DetectCommand(Tables, Detecting, total=False):
   lidarcli detect run.mcap --profile paper --range 0.1 12 -o -
   lidarcli detect run.mcap --pose /amcl_pose
   lidarcli detect run.mcap --background empty.background.parquet --removed
+  lidarcli detect run.bag --background hall.parquet --any-frame
   lidarcli detect run.mcap --catalogue things.toml
   lidarcli detect run.mcap --memory --min-thing 0.5 --explain
   lidarcli detect scan.csv --angle-min -135 --fov 270 --degrees
@@ -84,11 +85,6 @@ def detect(say: Messages, told: DetectCommand) -> int:
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
     DIR/<log>.sweeps.parquet. Sub-folders of LOG are mirrored below DIR.
     """
-    return find_to_tables(say, told)
-
-
-def find_to_tables(say: Messages, told: Mapping[str, Any]) -> int:
-    """Find objects without tracking; return the exit code."""
 
     def tracking() -> "TrackOptions | None":
         from lidarcli.pipeline.api.options import memory_of

@@ -1,4 +1,4 @@
-"""`lidarcli info`: what is in a log, as text for people, and as the JSON that programs read."""
+"""`lidarcli info`: what is in a log or a background, as text for people, and as the JSON that programs read."""
 
 import json
 import math
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
+from lidarcli.cli.background import background_dict, background_line, background_lines
 from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, one_line, progress_bar
 from lidarcli.cli.options import log_options
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from lidarcli.findings import Finding
     from lidarcli.logs.base import Topic
     from lidarcli.logs.clock import ClockInfo
+    from lidarcli.pipeline.building import Learned
     from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
 
 
@@ -53,12 +55,14 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
   lidarcli info run.bag --mask auto -o robot.toml
   lidarcli info run.bag --deep -o robot.toml -o filter.yaml
   lidarcli info bags/ --check "findings.errors == 0"
+  lidarcli info empty.background.parquet
   lidarcli info --help-all""",
 )
 def info(say: Messages, told: InfoCommand) -> int:
     """Show what is in a log: topics, sweeps, geometry, time, poses, damage, findings.
 
-    Reads every log from end to end. JSON is a list with one object per log.
+    Reads every log from end to end. LOG may also be a background (docs/background.md):
+    its sensors, stations, beams and origin. JSON is a list with one object per LOG.
     """
     refuse_no_logs(told)
     kind, brief = told["format"], told["brief"]
@@ -94,22 +98,24 @@ def info(say: Messages, told: InfoCommand) -> int:
         return print_reads(sources, [str(path) for path in paths])
     if paths:
         refuse(paths, told["overwrite"], files_of(sources))
-    found: list[LogInfo] = []
+    found: list[LogInfo | Learned] = []
     codes = []
     failed = False
     with progress_bar(sources, say) as report:
         for source, result in inspect_logs(sources, opening, read.rules, poses, report, deep):
-            codes.append(result.exit_code)
             if isinstance(result, Failure):
+                codes.append(result.exit_code)
                 failed = True
                 if result.trace:
                     say.bug(result.trace)
                 say.error(source.label, result.error)
                 continue
-            for line in result.damage:
-                say.error(source.label, line)
-            if result.exit_code == NoScanError.exit_code:
-                say.error(source.label, no_scan_topic() + clouds_hint(result.topics))
+            if isinstance(result, LogInfo):
+                codes.append(result.exit_code)
+                for line in result.damage:
+                    say.error(source.label, line)
+                if result.exit_code == NoScanError.exit_code:
+                    say.error(source.label, no_scan_topic() + clouds_hint(result.topics))
             found.append(result)
             if kind == "text":
                 with say.paused():
@@ -117,13 +123,14 @@ def info(say: Messages, told: InfoCommand) -> int:
                     click.echo(as_line(result) if brief else between + as_text(result))
     if kind == "json":
         click.echo(as_json(found))
+    logs = [each for each in found if isinstance(each, LogInfo)]
     for path in paths if found else ():
-        if text := fix_text(found[0], path.suffix):
+        if logs and (text := fix_text(logs[0], path.suffix)):
             say.notes(write_whole(path, text.encode(), told["overwrite"]))
             say.wrote([path])
         else:
             say.info(f"{path} is not written: there is nothing to fix")
-    verdicts = judge_checks(checks, found)
+    verdicts = judge_checks(checks, logs)
     for verdict in verdicts:
         if not verdict.holds:
             say.error(f"check failed: {verdict.failure}")
@@ -146,8 +153,16 @@ _CLOSURES = {
 }
 
 
-def as_text(info: "LogInfo") -> str:
+def as_text(info: "LogInfo | Learned") -> str:
     """Lines of at most 80 columns, but for names that are longer."""
+    from lidarcli.pipeline.inspecting import LogInfo
+
+    # Names come from a log and may hold anything.
+    lines = _log_lines(info) if isinstance(info, LogInfo) else background_lines(info)
+    return "\n".join(_no_command(one_line(line)) for line in lines)
+
+
+def _log_lines(info: "LogInfo") -> list[str]:
     lines = [
         info.path,
         _line("format", f"{info.format}, compression {info.compression}"),
@@ -167,11 +182,18 @@ def as_text(info: "LogInfo") -> str:
         lines.append("  findings")
     for found in info.findings:
         lines += _finding_lines(found)
-    return "\n".join(_no_command(one_line(line)) for line in lines)
+    return lines
 
 
-def as_line(info: "LogInfo") -> str:
-    """One line: the log, its format, how long it takes, the sweeps of its topics, and what else there is to read."""
+def as_line(info: "LogInfo | Learned") -> str:
+    """One line on a log or a background."""
+    from lidarcli.pipeline.inspecting import LogInfo
+
+    return _no_command(one_line(_log_line(info) if isinstance(info, LogInfo) else background_line(info)))
+
+
+def _log_line(info: "LogInfo") -> str:
+    """The log, its format, how long it takes, the sweeps of its topics, and what else there is to read."""
     parts = [info.format]
     if info.scans:
         parts.append(f"{max(scan.clock.span for scan in info.scans):.1f} s")
@@ -190,7 +212,7 @@ def as_line(info: "LogInfo") -> str:
         parts.append(counted(len(info.findings), "finding"))
     if info.damage:
         parts.append("damaged")
-    return _no_command(one_line(f"{info.path}: {', '.join(parts)}"))
+    return f"{info.path}: {', '.join(parts)}"
 
 
 def _no_command(line: str) -> str:
@@ -220,11 +242,12 @@ def _topics(topics: Sequence["Topic"]) -> list[str]:
     return lines or ["none"]
 
 
-def as_json(infos: Sequence["LogInfo"]) -> str:
-    """A list with one object per log; angles in radians, ranges in metres, times in seconds."""
-    from lidarcli.pipeline.inspecting import info_dict
+def as_json(infos: Sequence["LogInfo | Learned"]) -> str:
+    """A list with one object per log or background; angles in radians, ranges in metres, times in seconds."""
+    from lidarcli.pipeline.inspecting import LogInfo, info_dict
 
-    text = json.dumps([info_dict(info) for info in infos], indent=2, ensure_ascii=False)
+    values = [info_dict(info) if isinstance(info, LogInfo) else background_dict(info) for info in infos]
+    text = json.dumps(values, indent=2, ensure_ascii=False)
     # File names need not be UTF-8; what is not has its escape in JSON too.
     return text.encode(errors="backslashreplace").decode()
 

@@ -47,13 +47,17 @@ class MapCommand(ManyLogs, Overwrite, Jobs, Mapping, total=False):
 
 @command(
     MapCommand,
+    superseded={
+        "--path": "lidarcli plot LOG --view map draws it",
+        "--without-agents": "give --without agents",
+    },
     examples="""\
   lidarcli map run.mcap -o room.yaml
-  lidarcli map run.mcap -o room.yaml -o room.png --path -o cloud.ply
+  lidarcli map run.mcap -o room.yaml -o room.png -o cloud.ply
   lidarcli map monday.bag tuesday.bag -o site.yaml --pose /amcl_pose --jobs 2
   lidarcli map scans.csv -o scans.png --pose match
   lidarcli map run.mcap -o cloud.parquet --voxel 0.05 --min-move 0
-  lidarcli map run.mcap -o room.yaml --without-agents --free-no-return 3
+  lidarcli map run.mcap -o room.yaml --without agents --free-no-return 3
   lidarcli map run.mcap --compare truth.map.yaml --format json""",
 )
 def map(say: Messages, told: MapCommand) -> int:
@@ -68,8 +72,6 @@ def map(say: Messages, told: MapCommand) -> int:
     if not outputs and compare is None:
         raise click.UsageError("nothing to write: give -o FILE, or --compare TRUTH.yaml")
     suffixes = {place(output).suffix.lower() for output in outputs}
-    if told["path"] and ".png" not in suffixes:
-        raise click.UsageError("--path is drawn into a picture: give -o FILE.png")
     if told["voxel"] and suffixes.isdisjoint(CLOUDS):
         raise click.UsageError(f"--voxel is for a point cloud: give -o with {', '.join(CLOUDS)}")
     if told["format"] is not None and compare is None:

@@ -87,18 +87,21 @@ def _use_found(root: click.Context) -> None:
         root.meta[FOUND] = found, None
 
 
-def _use(ctx: click.Context, tree: Any) -> None:
+def _use(ctx: click.Context, tree: dict[str, Any]) -> None:
     """Let the values of a file be the defaults of all commands."""
     ctx.find_root().default_map = tree
-    for word in _words(ctx):
-        tree = tree.get(word, {})
-    ctx.default_map = tree
+    if ctx.parent is not None:
+        ctx.default_map = tree.get(str(ctx.info_name), {})
 
 
-def commands(ctx: click.Context) -> Iterator[tuple[tuple[str, ...], click.Command, click.Context]]:
-    """Every command with the words that call it and a context of its own; groups are left out."""
+def commands(ctx: click.Context) -> Iterator[tuple[str, click.Command, click.Context]]:
+    """Every command with its name and a context of its own."""
     root = ctx.find_root()
-    yield from _commands(root.command, root, ())
+    assert isinstance(root.command, click.Group)
+    for name in root.command.list_commands(root):
+        command = root.command.get_command(root, name)
+        assert command is not None, "it is listed"
+        yield name, command, click.Context(command, root, name)
 
 
 def options(command: click.Command) -> list[DeclaredOption]:
@@ -110,7 +113,7 @@ def unknown_variables(ctx: click.Context) -> list[str]:
     """Words for the variables of the environment that look like an option of this command and are none."""
     prefix = f"{ctx.auto_envvar_prefix}_"
     known = [name.removeprefix(prefix) for each in options(ctx.command) if (name := each.variable(ctx))]
-    command = " ".join(_words(ctx))
+    command = ctx.info_name
     words = []
     for variable in sorted(os.environ):
         name = variable.removeprefix(prefix)
@@ -124,7 +127,7 @@ def unknown_variables(ctx: click.Context) -> list[str]:
 def strange_variables(ctx: click.Context) -> list[str]:
     """Words for the variables of the environment that look like an option of some command, and of which there is none."""
     root = ctx.find_root()
-    known = [PREFIX + "".join(f"_{word.upper()}" for word in words) for words, _, _ in commands(ctx)]
+    known = [f"{PREFIX}_{name.upper()}" for name, _, _ in commands(ctx)]
     own = [name for each in options(root.command) if (name := each.variable(root))]
     strange = [
         name
@@ -175,24 +178,8 @@ def _asked_to_be_quiet(ctx: click.Context) -> bool:
     return False
 
 
-def _words(ctx: click.Context) -> list[str]:
-    return ctx.command_path.split()[1:]
-
-
-def _commands(
-    command: click.Command, ctx: click.Context, words: tuple[str, ...]
-) -> Iterator[tuple[tuple[str, ...], click.Command, click.Context]]:
-    if not isinstance(command, click.Group):
-        yield words, command, ctx
-        return
-    for name in command.list_commands(ctx):
-        below = command.get_command(ctx, name)
-        if below is not None:
-            yield from _commands(below, click.Context(below, ctx, name), (*words, name))
-
-
 def _default_maps(ctx: click.Context, file: str, found_in: Path | None = None) -> dict[str, Any]:
-    """The file's values as the default maps of all commands, as a tree; all of the file is checked.
+    """The file's values as the default maps of all commands by their names; all of the file is checked.
 
     A file that was `found_in` a folder may not set everything: values that it may not set stand there as `Refused`.
     """
@@ -201,85 +188,52 @@ def _default_maps(ctx: click.Context, file: str, found_in: Path | None = None) -
     judge = None if found_in is None else partial(refuse_owner, Path(file))
     settings = read_toml(file, "settings file", judge)
     shared = {key: value for key, value in settings.items() if not isinstance(value, Mapping)}
-    for_all = _by_option(file, (), shared)
+    for_all = _by_option(file, "", shared)
     for key in sorted(NOT_SHARED & for_all.keys()):
         raise OptionError(
             f"{file}: '{key}' is not the same in every command: set it below [detect] or another one"
         )
-    found: dict[tuple[str, ...], dict[str, Any]] = {}
+    found: dict[str, dict[str, Any]] = {}
     every: set[str] = set()
-    for words, command, _ in commands(ctx):
-        table = _table(file, settings, words)
+    for name, command, _ in commands(ctx):
+        # A key such as `background = "room.parquet"` is an option, not the table of the command.
+        table = {} if name in shared else settings.get(name, {})
         known = {each.key: each for each in options(command)}
         every |= known.keys()
         for key in table:
-            if _spelled(key) not in known and not isinstance(table[key], Mapping):
-                gone = getattr(command, "superseded", {}).get(f"--{_spelled(key)}")
-                _refuse(file, f"[{'.'.join(words)}]", key, known, gone)
-        own = _by_option(file, words, table)
+            if _spelled(key) not in known:
+                superseded = getattr(command, "superseded", {})
+                if isinstance(table[key], Mapping):
+                    gone = f" any more: {superseded[key]}" if key in superseded else ""
+                    raise OptionError(f"{file}: [{name}.{key}]: no such command{gone}")
+                _refuse(file, f"[{name}]", key, known, superseded.get(f"--{_spelled(key)}"))
+        own = _by_option(file, name, table)
         common = {
             key: value
             for key, value in for_all.items()
             if key in known and not (isinstance(value, list) and takes_one(known[key]))
         }
         values = {
-            str(known[key].name): _typed(file, words if key in own else (), known[key], value)
+            str(known[key].name): _typed(file, name if key in own else "", known[key], value)
             for key, value in (common | own).items()
             if key in known
         }
         if found_in is not None:
             for key, value in (common | own).items():
                 if key in known and (cause := why_refused(found_in, known[key], value)) is not None:
-                    where = _place(file, words if key in own else (), key)
+                    where = _place(file, name if key in own else "", key)
                     values[str(known[key].name)] = refusal(file, where, known[key], value, cause)
-        found[words] = values
+        found[name] = values
     for key in shared:
         if _spelled(key) not in every:
-            if any(words[0] == key for words in found):
+            if key in found:
                 raise OptionError(f"{file}: '{key}' is a command: its options stand below a line [{key}]")
             _refuse(file, "", key, every)
-    _refuse_tables(file, settings, set(found))
-    tree: dict[str, Any] = {}
-    for words, values in found.items():
-        place = tree
-        for word in words:
-            place = place.setdefault(word, {})
-        place.update(values)
-    return tree
-
-
-def _table(file: str, settings: Mapping[str, Any], words: tuple[str, ...]) -> Mapping[str, Any]:
-    """The table of a command; an empty one where the file has none."""
-    table: Any = settings
-    for word in words:
-        table = table.get(word, {})
-        # A key such as `background = "room.parquet"` is an option, not the table of the command.
-        if not isinstance(table, Mapping):
-            return {}
-    return dict(table)
-
-
-def _refuse_tables(file: str, settings: Mapping[str, Any], known: set[tuple[str, ...]]) -> None:
-    """Refuse tables that are no command's."""
-    groups = {words[:length] for words in known for length in range(1, len(words))}
-    names = [".".join(words) for words in sorted(known)]
-
-    def check(table: Mapping[str, Any], words: tuple[str, ...]) -> None:
-        for key, value in table.items():
-            here = (*words, key)
-            if here in groups and isinstance(value, Mapping):
-                check(value, here)
-            elif not isinstance(value, Mapping):
-                below = ", ".join(f"[{name}]" for name in names if name.startswith(f"{'.'.join(words)}."))
-                raise OptionError(
-                    f"{file}: [{'.'.join(words)}]: no option '{key}'; options stand below {below}"
-                )
-            elif here not in known:
-                near = get_close_matches(".".join(here), names, 1)
-                hint = f"; did you mean [{near[0]}]?" if near else ""
-                raise OptionError(f"{file}: [{'.'.join(here)}]: no such command{hint}")
-
-    check({key: value for key, value in settings.items() if isinstance(value, Mapping)}, ())
+    for key in (each for each in settings if each not in shared and each not in found):
+        near = get_close_matches(key, found, 1)
+        hint = f"; did you mean [{near[0]}]?" if near else ""
+        raise OptionError(f"{file}: [{key}]: no such command{hint}")
+    return found
 
 
 def _refuse(file: str, place: str, key: str, known: Any, gone: str | None = None) -> None:
@@ -302,24 +256,24 @@ def takes_one(option: DeclaredOption) -> bool:
     return not is_list
 
 
-def _by_option(file: str, words: tuple[str, ...], table: Mapping[str, Any]) -> dict[str, Any]:
+def _by_option(file: str, command: str, table: Mapping[str, Any]) -> dict[str, Any]:
     """The values of a table by the names of their options, each of which is set once."""
     found: dict[str, Any] = {}
     for key, value in table.items():
         if _spelled(key) in found:
-            raise OptionError(f"{_place(file, words, key)} is set twice, with - and with _")
+            raise OptionError(f"{_place(file, command, key)} is set twice, with - and with _")
         found[_spelled(key)] = value
     return found
 
 
-def _place(file: str, words: tuple[str, ...], key: str) -> str:
-    """The place of a value, for messages."""
-    return f"{file}: {f'[{chr(46).join(words)}]: ' if words else ''}'{key}'"
+def _place(file: str, command: str, key: str) -> str:
+    """The place of a value, for messages; no command where it is set for all."""
+    return f"{file}: {f'[{command}]: ' if command else ''}'{key}'"
 
 
-def _typed(file: str, words: tuple[str, ...], option: DeclaredOption, value: Any) -> Any:
+def _typed(file: str, command: str, option: DeclaredOption, value: Any) -> Any:
     """A value of the file as click takes it: texts as they would be typed, lists of them, or true and false."""
-    place = _place(file, words, option.key)
+    place = _place(file, command, option.key)
     if option.is_flag:
         if not isinstance(value, bool):
             raise OptionError(f"{place} must be true or false")

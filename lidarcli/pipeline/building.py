@@ -22,7 +22,7 @@ from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, re
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, over_logs
-from lidarcli.stores.url import Place
+from lidarcli.stores.url import Place, place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.background import read_background, write_background
 from lidarcli.tabular.writing import table_metadata
@@ -30,7 +30,7 @@ from lidarcli.tabular.writing import table_metadata
 
 @dataclass(frozen=True, slots=True)
 class BuildOptions:
-    """Options of `background build`, apart from inputs and outputs."""
+    """Options of `background`, apart from inputs and outputs."""
 
     read: ReadOptions = field(default_factory=ReadOptions)
     opening: OpenOptions = field(default_factory=OpenOptions)
@@ -124,9 +124,19 @@ def refuse_output(
     refuse([path, *others], overwrite, files_of(sources))
 
 
-def load(path: Place) -> tuple[list[Background], dict[str, Any]]:
-    """Read the sensors of a background table, and its metadata (`UnreadableError` where it is none)."""
-    return read_background(path)
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """A background table that was read."""
+
+    path: str
+    """As the user wrote it."""
+    sensors: Sequence[Background]
+    metadata: dict[str, Any]
+
+
+def load(source: Source) -> Learned:
+    """Read a background table (`UnreadableError` where it is none)."""
+    return Learned(source.label, *read_background(place(source.path)))
 
 
 def scene_notes(sensors: Sequence[Background]) -> list[str]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,10 +36,14 @@ from lidarcli.range_rules import RangeRules, closure, normalise
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
 
 if TYPE_CHECKING:
+    from lidarcli.pipeline.building import Learned
     from lidarcli.reports.checks import Check, Verdict
 
 FACTS = ("pose_verdict", "pose_fit", "pose_delay", "pose_cuts", "beam_order")
 """Keys of the verdict on told poses; null where there is none."""
+
+_PARQUET = b"PAR1"
+"""Beginning of a Parquet file."""
 
 FIXES = (".toml", ".yaml")
 """Suffixes of files that mend a log: masks and mounts, and filters for a running robot."""
@@ -354,15 +360,40 @@ def inspect_logs(
     poses: PoseOptions,
     report: LogProgress | None = None,
     deep: bool = False,
-) -> Iterator[tuple[Source | Nothing, LogInfo | Failure]]:
-    """Yield the contents of each log, or its failure, log after log."""
+) -> Iterator[tuple[Source | Nothing, LogInfo | Learned | Failure]]:
+    """Yield the contents of each log or background table, or its failure, one after the other."""
     for source in sources:
         yield (
             source,
             attempt(
-                source, lambda log: inspect_log(log, opening, rules, poses, progress_of(log, report), deep)
+                source,
+                lambda log: (
+                    _learned(log)
+                    if _is_table(log)
+                    else inspect_log(log, opening, rules, poses, progress_of(log, report), deep)
+                ),
             ),
         )
+
+
+def _is_table(source: Source) -> bool:
+    """Tell whether a source begins as a Parquet file, which no log does; in a store its name tells."""
+    if source.url is not None:
+        return source.url.suffix == ".parquet"
+    path = Path(source.path)
+    # A pipe would lose what is read of it here.
+    with suppress(OSError):
+        if not source.parts and path.is_file():
+            with path.open("rb") as file:
+                return file.read(len(_PARQUET)) == _PARQUET
+    return False
+
+
+def _learned(source: Source) -> Learned:
+    # Logs should not wait for this import.
+    from lidarcli.pipeline.building import load
+
+    return load(source)
 
 
 FIGURES = (

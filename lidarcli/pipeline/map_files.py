@@ -85,7 +85,7 @@ class MapRun:
         inputs = [*files_of(sources), *read]
         refuse(self._files, options.overwrite, inputs)
         self._true = None if true is None else _true_map(true, options.resolution)
-        needs_sets = options.without_agents or any(path.suffix.lower() == ".parquet" for path in outputs)
+        needs_sets = options.without is not None or any(path.suffix.lower() == ".parquet" for path in outputs)
         # Paths that are matched lie each in a world of its own.
         self._options = options = replace(options, need=Need.ALL if len(sources) == 1 else Need.TOLD)
         self._mapping = Mapping(options, needs_sets)
@@ -187,8 +187,7 @@ class MapRun:
             elif suffix == ".png":
                 from lidarcli.reports.map_picture import MapPicture, draw_map
 
-                paths = [(path.x, path.y) for path in self._mapping.paths] if self._options.path else []
-                part.write_bytes(draw_map(MapPicture(grid, paths), ".png"))
+                part.write_bytes(draw_map(MapPicture(grid), ".png"))
         except OSError as err:
             raise unwritable(path, err) from err
 

@@ -50,16 +50,14 @@ class MapOptions:
     """Free space that a beam without a return tells of [m]."""
     voxel: float = 0.0
     """The cloud has one point in each square cell of this side [m]; 0: all points."""
-    without_agents: bool = False
-    """Leave out what moves (set A): such a beam tells only that it got so far."""
+    without: str | None = None
+    """`agents` to leave out what moves (set A): such a beam tells only that it got so far."""
     parameters: Parameters = field(default_factory=Parameters)
     """Parameters of the detection, where sets matter."""
     max_size: float = MAX_MAP_KM2
     """Largest ground that is mapped [km²]."""
     need: Need = Need.ALL
     """Sensors whose path is matched where the log tells none."""
-    path: bool = False
-    """Draw the path of the sensor into the picture."""
     overwrite: bool = False
     jobs: int = 0
     """Processes for several logs at most, 0 for as many as there are processors; the result does not depend on it."""
@@ -72,7 +70,7 @@ class MapOptions:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all options that the result depends on, as plain values, for the cloud's metadata."""
-        names = ("resolution", "min_move", "occupied_ratio", "free_no_return", "voxel", "without_agents")
+        names = ("resolution", "min_move", "occupied_ratio", "free_no_return", "voxel", "without")
         told = {name: getattr(self, name) for name in names}
         return reading_as_dict(self.read, self.opening, self.poses) | told | {"min_hits": self.min_hits}
 
@@ -241,7 +239,7 @@ class Mapping:
         """Return the use of each beam and its range [m], (S, B) each."""
         use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
         ranges = batch.ranges
-        if self.options.without_agents and sets is not None:
+        if self.options.without is not None and sets is not None:
             use[(sets == AGENT) & (use == HIT)] = CLEAR
         if self.options.free_no_return > 0:
             nothing = batch.status == Status.NO_RETURN

@@ -107,11 +107,9 @@ def _refuse_others(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> None:
     """Refuse another recording: its sweeps have other stamps, or other numbers of beams, or none is in both runs."""
     if not len(run.sweeps) or not len(base_run.sweeps):
         return
-    where = (
-        "; --baseline compares one recording under two versions or settings, lidarcli match different ones"
-    )
     if not len(mine):
-        raise OptionError(f"--baseline: no sweep is in both runs: no log and topic of the two agree{where}")
+        why = "no sweep is in both: no log and topic of the two agree"
+        raise _different(run.sources[0], base_run.sources[0], why)
     stamp, before = (one.sweeps.integers("stamp") for one in (run, base_run))
     beams, beams_before = (one.sweeps.integers("beams") for one in (run, base_run))
     later = np.abs(stamp[mine] - before[theirs]) > SAME_STAMP
@@ -130,10 +128,15 @@ def _refuse_others(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> None:
                 f"--baseline: the clouds of {log.log} were read with other numbers of beams (--bins): "
                 f"{beams[mine[first]]:,} here, {beams_before[theirs[first]]:,} in the baseline; read both alike"
             )
-        raise OptionError(
-            f"--baseline: {log.log} is another recording: {others[at]:,} of {compared[at]:,} sweeps have "
-            f"other stamps or beams{where}"
-        )
+        why = f"{others[at]:,} of {compared[at]:,} sweeps have other stamps or beams"
+        raise _different(log, other, why)
+
+
+def _different(here: Origin, there: Origin, why: str) -> OptionError:
+    """Return the error on tables of which no report can compare the figures."""
+    return OptionError(
+        f"--baseline: {here.label} and {there.label} are of different recordings: use lidarcli diff ({why})"
+    )
 
 
 def _identities(run: Run, base_run: Run) -> tuple[Int64, Int64]:

@@ -29,7 +29,7 @@ DEEPEST_METADATA = 20
 ANY = "any"
 """Kind of a table whose columns are not checked."""
 MAKERS = {
-    "background": "background build",
+    "background": "background",
     "tracks": "track",
     "trajectories": "track",
     "matches": "match",
@@ -173,9 +173,7 @@ def _opened(path: Place, kind: str) -> Iterator[pq.ParquetFile]:
             yield file
     except (OSError, pa.ArrowException, UnicodeDecodeError) as err:
         if kind == "background" and not _begins_as_parquet(path):
-            raise UnreadableError(
-                f"{path}: no Parquet file; give the table of lidarcli background build"
-            ) from err
+            raise UnreadableError(f"{path}: no Parquet file; give the table of lidarcli background") from err
         raise UnreadableError(f"{path}: {refused}: {_first_line(err)}") from err
 
 

@@ -170,8 +170,8 @@ def test_rules_are_means_of_the_drives_of_a_kind_and_ghosts_sums() -> None:
         ["**lidarcli**", *["1.000", "0.500", "0.995", "0"] * 2],
     ]
     assert len(lines(text, "Karto")) == 2
-    assert lines(text, "lidarcli --without-agents, every") == [
-        ["lidarcli --without-agents, every sweep", "1", "0", "1.000", "0.500"]
+    assert lines(text, "lidarcli --without agents, every") == [
+        ["lidarcli --without agents, every sweep", "1", "0", "1.000", "0.500"]
     ]
     # 100 cells where half of 100 true ones are there: two for each, and each metre has 20.
     assert [row[3] for row in lines(text, "rooms 1, sweeps")] == ["40.0"] * 3

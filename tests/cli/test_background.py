@@ -1,4 +1,4 @@
-"""`lidarcli background`: build, info, subtract; `detect --background` is the same as subtract."""
+"""`lidarcli background`, `info` of what it writes, and `detect --background`."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def notes(text: str) -> list[str]:
 
 def test_build_says_what_it_learned(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     file = tmp_path / "new" / "b.parquet"
-    ran = lidarcli("background", "build", scene / "empty.mcap", "-o", file)
+    ran = lidarcli("background", scene / "empty.mcap", "-o", file)
     assert (ran.code, ran.out) == (0, "")
     lines = ran.err.splitlines()
     assert lines[0].startswith(f"{scene / 'empty.mcap'}: 20 sweeps")
@@ -71,7 +71,7 @@ def test_build_says_what_it_learned(scene: Path, tmp_path: Path, lidarcli: Run) 
 def test_build_refuses_to_overwrite(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     file, figure = tmp_path / "b.parquet", tmp_path / "b.png"
     figure.write_bytes(b"mine")
-    build = ("background", "build", scene / "empty.mcap", "-o", file, "--plot", figure)
+    build = ("background", scene / "empty.mcap", "-o", file, "--plot", figure)
     ran = lidarcli(*build)
     assert ran.code == 5
     assert ran.err == f"lidarcli: {figure} exists; use --overwrite to replace it, or -o to write elsewhere\n"
@@ -86,18 +86,13 @@ def test_pictures(scene: Path, tmp_path: Path, lidarcli: Run, suffix: str, magic
     figures = [tmp_path / f"{name}{suffix}" for name in "ab"]
     for figure in figures:
         output = figure.with_suffix(".parquet")
-        assert (
-            lidarcli("-q", "background", "build", scene / "empty.mcap", "-o", output, "--plot", figure).code
-            == 0
-        )
+        assert lidarcli("-q", "background", scene / "empty.mcap", "-o", output, "--plot", figure).code == 0
     assert figures[0].read_bytes().startswith(magic)
     assert figures[0].read_bytes() == figures[1].read_bytes()
 
 
 def test_a_picture_of_an_unknown_kind_is_a_usage_error(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli(
-        "background", "build", scene / "empty.mcap", "-o", tmp_path / "b.parquet", "--plot", "b.txt"
-    )
+    ran = lidarcli("background", scene / "empty.mcap", "-o", tmp_path / "b.parquet", "--plot", "b.txt")
     assert ran.code == 2
     assert "Invalid value for '--plot': 'b.txt' is none of .png, .svg, .pdf." in ran.err
 
@@ -106,7 +101,7 @@ def test_several_logs_make_one_background(scene: Path, logs: Path, tmp_path: Pat
     """The boxes are in 20 and 10 of 60 sweeps: fewer than a background needs."""
     write_log(tmp_path / "more.mcap", [empty_room(count=20)])
     inputs = (scene / "empty.mcap", tmp_path / "more.mcap", logs / "run.mcap")
-    ran = lidarcli("background", "build", *inputs, "-o", tmp_path / "b.parquet")
+    ran = lidarcli("background", *inputs, "-o", tmp_path / "b.parquet")
     assert ran.code == 0
     assert "  /scan (frame laser): 1 station of 360 beams, 60 sweeps" in ran.err.splitlines()
     table = pq.read_table(tmp_path / "b.parquet")
@@ -117,19 +112,19 @@ def test_several_logs_make_one_background(scene: Path, logs: Path, tmp_path: Pat
 
 
 def test_a_damaged_log_teaches_what_is_whole(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("background", "build", logs / "cut.mcap", "-o", tmp_path / "b.parquet")
+    ran = lidarcli("background", logs / "cut.mcap", "-o", tmp_path / "b.parquet")
     assert ran.code == 3
     assert ran.err.splitlines()[0].startswith(f"lidarcli: {logs / 'cut.mcap'}: ")
     metadata = pq.read_schema(tmp_path / "b.parquet").metadata
     assert json.loads(metadata[b"lidarcli.damage"])[0].startswith("cut.mcap: ")
-    shown = lidarcli("background", "info", tmp_path / "b.parquet")
+    shown = lidarcli("info", tmp_path / "b.parquet")
     assert "  damage        cut.mcap: " in shown.out
 
 
 def test_a_bad_log_does_not_stop_the_others(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     (tmp_path / "bad.mcap").write_bytes(b"nonsense")
     inputs = (tmp_path / "bad.mcap", scene / "empty.mcap")
-    ran = lidarcli("background", "build", *inputs, "-o", tmp_path / "b.parquet")
+    ran = lidarcli("background", *inputs, "-o", tmp_path / "b.parquet")
     assert ran.code == 3
     assert pq.read_table(tmp_path / "b.parquet").num_rows == 360
 
@@ -153,7 +148,7 @@ def drifting(count: int = 60) -> RawSweeps:
 def test_weak_support_is_told(tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "crowd.mcap", [crowd()])
     file = tmp_path / "b.parquet"
-    ran = lidarcli("background", "build", tmp_path / "crowd.mcap", "-o", file, "--pose", "none")
+    ran = lidarcli("background", tmp_path / "crowd.mcap", "-o", file, "--pose", "none")
     told = (
         "support below 50%: 40 of 360 beams of /scan (laser): most sweeps saw something else there (--plot "
         "shows where)"
@@ -162,15 +157,16 @@ def test_weak_support_is_told(tmp_path: Path, lidarcli: Run) -> None:
     assert ran.err.splitlines()[1] == f"note: {told}"
     r_e = np.array(pq.read_table(file)["r_e"].to_pylist())
     assert r_e[100:140] == pytest.approx(4.0)
-    assert f"  note          {told}" in lidarcli("background", "info", file).out.splitlines()
-    (sensor,) = json.loads(lidarcli("background", "info", file, "--format", "json").out)["sensors"]
+    assert f"  note          {told}" in lidarcli("info", file).out.splitlines()
+    (told_of,) = json.loads(lidarcli("info", file, "--format", "json").out)
+    (sensor,) = told_of["sensors"]
     assert (sensor["weak"], sensor["seems_moved"]) == (40, False)
 
 
 def test_a_sensor_that_moved_without_poses_is_told(tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "moved.mcap", [drifting()])
     file = tmp_path / "b.parquet"
-    ran = lidarcli("background", "build", tmp_path / "moved.mcap", "-o", file, "--pose", "none")
+    ran = lidarcli("background", tmp_path / "moved.mcap", "-o", file, "--pose", "none")
     (note,) = [line for line in ran.err.splitlines() if line.startswith("note: ")]
     assert ran.code == 0
     assert note.startswith(
@@ -180,11 +176,9 @@ def test_a_sensor_that_moved_without_poses_is_told(tmp_path: Path, lidarcli: Run
         " of 360 beams do not see the same range in 80% of the sweeps; poses are needed (--pose TOPIC, docs/poses.md), "
         "or logs of a sensor parked in one place (--start, --end)"
     )
-    assert (
-        f"  note          {note.removeprefix('note: ')}"
-        in lidarcli("background", "info", file).out.splitlines()
-    )
-    (sensor,) = json.loads(lidarcli("background", "info", file, "--format", "json").out)["sensors"]
+    assert f"  note          {note.removeprefix('note: ')}" in lidarcli("info", file).out.splitlines()
+    (told_of,) = json.loads(lidarcli("info", file, "--format", "json").out)
+    (sensor,) = told_of["sensors"]
     assert sensor["seems_moved"] is True
 
 
@@ -208,13 +202,13 @@ def test_one_background_of_two_places_is_told(x: float, turned: float, tmp_path:
     write_log(tmp_path / "a.mcap", [standing(0.0)])
     write_log(tmp_path / "b.mcap", [standing(x, turned)])
     file = tmp_path / "bg.parquet"
-    ran = lidarcli("background", "build", tmp_path / "a.mcap", tmp_path / "b.mcap", "-o", file)
+    ran = lidarcli("background", tmp_path / "a.mcap", tmp_path / "b.mcap", "-o", file)
     assert ran.code == 0
     assert (
         "note: the sensor of /scan (laser) seems to have moved, or to have stood in several places: "
         in ran.err
     )
-    alone = lidarcli("background", "build", tmp_path / "a.mcap", "-o", tmp_path / "alone.parquet")
+    alone = lidarcli("background", tmp_path / "a.mcap", "-o", tmp_path / "alone.parquet")
     assert alone.code == 0
     assert "seems to have moved" not in alone.err
 
@@ -223,27 +217,23 @@ def test_a_sensor_that_is_moved_on_the_way_is_told(tmp_path: Path, lidarcli: Run
     """Half of the sweeps are far from the background, and all of them together less than half."""
     file = tmp_path / "bg.parquet"
     write_log(tmp_path / "a.mcap", [standing(0.0)])
-    assert lidarcli("background", "build", tmp_path / "a.mcap", "-o", file).code == 0
+    assert lidarcli("background", tmp_path / "a.mcap", "-o", file).code == 0
     both = np.concatenate([standing(0.0).ranges, standing(1.0).ranges])
     write_log(tmp_path / "bumped.mcap", [raw_sweeps(both, angle_increment=np.float32(2 * np.pi / 360))])
-    ran = lidarcli(
-        "background", "subtract", tmp_path / "bumped.mcap", "--background", file, "-o", tmp_path / "out"
-    )
+    ran = lidarcli("detect", tmp_path / "bumped.mcap", "--background", file, "-o", tmp_path / "out")
     assert ran.code == 0
     assert (
         "60 of 120 sweeps of frame laser, from sweep 60 on, differ from bg.parquet in more than 40% of their ranges: "
         "the sensor seems to have moved; compare what comes after it with a background of its own (--start, --end)"
     ) in ran.err
-    ran = lidarcli(
-        "background", "subtract", tmp_path / "a.mcap", "--background", file, "-o", tmp_path / "out"
-    )
+    ran = lidarcli("detect", tmp_path / "a.mcap", "--background", file, "-o", tmp_path / "out")
     assert "seems to have moved" not in ran.err
 
 
 def test_a_log_of_which_nothing_is_known_makes_no_background(tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "blind.mcap", [raw_sweeps(np.full((30, 90), np.nan))])
     file = tmp_path / "bg.parquet"
-    ran = lidarcli("background", "build", tmp_path / "blind.mcap", "-o", file)
+    ran = lidarcli("background", tmp_path / "blind.mcap", "-o", file)
     assert ran.code == 3
     assert "no background: no beam of any sweep has a range or says that nothing returned" in ran.err
     assert not file.exists()
@@ -270,7 +260,7 @@ def test_a_background_of_another_place_is_told(scene: Path, tmp_path: Path, lida
 
 
 def test_nothing_to_learn_from_writes_nothing(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    build = ("background", "build", scene / "empty.mcap", "-o", tmp_path / "b.parquet")
+    build = ("background", scene / "empty.mcap", "-o", tmp_path / "b.parquet")
     assert lidarcli(*build, "--topic", "/other").code == 4
     ran = lidarcli(*build, "--start", "60")
     assert (ran.code, ran.err.splitlines()[-1]) == (4, "lidarcli: no sweep to learn a background from")
@@ -278,7 +268,7 @@ def test_nothing_to_learn_from_writes_nothing(scene: Path, tmp_path: Path, lidar
 
 
 def test_info_for_people(scene: Path, lidarcli: Run) -> None:
-    ran = lidarcli("background", "info", scene / "empty.parquet")
+    ran = lidarcli("info", scene / "empty.parquet")
     assert (ran.code, ran.err) == (0, "")
     assert ran.out.splitlines() == [
         str(scene / "empty.parquet"),
@@ -296,7 +286,9 @@ def test_info_for_people(scene: Path, lidarcli: Run) -> None:
 
 
 def test_info_for_programs(scene: Path, lidarcli: Run) -> None:
-    told = json.loads(lidarcli("background", "info", scene / "empty.parquet", "--format", "json").out)
+    (told,) = json.loads(lidarcli("info", scene / "empty.parquet", "--format", "json").out)
+    assert [*told] == ["path", "format", "version", "source", "parameters", "damage", "sensors"]
+    assert (told["path"], told["format"]) == (str(scene / "empty.parquet"), "background")
     (source,) = told["source"]
     assert (source["format"], source["name"]) == ("mcap", "empty.mcap")
     assert source["poses"] == {"laser": {"pose_verdict": {"/scan": "none"}}}
@@ -306,23 +298,98 @@ def test_info_for_programs(scene: Path, lidarcli: Run) -> None:
     assert (sensor["range_max"], sensor["r_e_min"]) == (12.0, 4.0)
 
 
-@pytest.mark.parametrize("command", ["info", "subtract"])
-def test_what_is_no_background_is_refused(scene: Path, logs: Path, lidarcli: Run, command: str) -> None:
+def test_info_of_logs_and_backgrounds_in_turn(scene: Path, logs: Path, lidarcli: Run) -> None:
+    files = (logs / "run.mcap", scene / "empty.parquet", scene / "empty.mcap")
+    alone = [lidarcli("info", file).out for file in files]
+    ran = lidarcli("info", *files)
+    assert (ran.code, ran.err, ran.out) == (0, "", "\n".join(alone))
+    told = json.loads(lidarcli("info", *files, "--format", "json").out)
+    assert [(each["path"], "sensors" in each, "scans" in each) for each in told] == [
+        (str(file), is_background, not is_background)
+        for file, is_background in zip(files, (False, True, False), strict=True)
+    ]
+    ran = lidarcli("info", *files, "--brief", "--check", "findings == 2")
+    assert ran.code == 0
+    assert ran.out.splitlines()[1] == f"{files[1]}: background, /scan 1 station of 360 beams, 20 sweeps"
+
+
+def test_info_knows_a_background_by_its_content(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
+    (tmp_path / "empty.table").write_bytes((scene / "empty.parquet").read_bytes())
+    assert "  /scan (frame laser)\n    beams       360" in lidarcli("info", tmp_path / "empty.table").out
+    # One that is cut off, and another table.
+    (tmp_path / "cut.parquet").write_bytes((scene / "empty.parquet").read_bytes()[:500])
+    pq.write_table(pq.read_table(scene / "empty.parquet", columns=["r_e"]), tmp_path / "part.parquet")
+    for name, cause in (
+        ("cut", "no background: "),
+        ("part", "not a table of lidarcli background: no column "),
+    ):
+        ran = lidarcli("info", tmp_path / f"{name}.parquet", scene / "empty.parquet")
+        assert (ran.code, len(ran.err.splitlines())) == (3, 1)
+        assert ran.err.startswith(f"lidarcli: {tmp_path / name}.parquet: {cause}")
+        assert ran.out == lidarcli("info", scene / "empty.parquet").out
+
+
+def test_info_mends_no_background(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli("info", scene / "empty.parquet", "--deep", "-o", tmp_path / "robot.toml")
+    assert (ran.code, [*tmp_path.iterdir()]) == (0, [])
+    assert ran.err == f"{tmp_path / 'robot.toml'} is not written: there is nothing to fix\n"
+
+
+def test_what_is_no_background_is_refused(scene: Path, logs: Path, lidarcli: Run) -> None:
     for file, cause in (
         (logs / "none.parquet", "no such file"),
-        (scene / "empty.mcap", "no Parquet file; give the table of lidarcli background build"),
+        (scene / "empty.mcap", "no Parquet file; give the table of lidarcli background"),
     ):
-        arguments = (file,) if command == "info" else (logs / "run.mcap", "--background", file, "-o", "-")
-        ran = lidarcli("background", command, *arguments)
+        ran = lidarcli("detect", logs / "run.mcap", "--background", file, "-o", "-")
         assert ran.code == 3
         assert ran.err.startswith(f"lidarcli: {file}: {cause}")
         assert len(ran.err.splitlines()) == 1
 
 
-def test_subtract_finds_what_is_new(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+BUILD = "'background build' is gone: lidarcli background LOG... -o FILE"
+INFO = "'background info' is gone: lidarcli info FILE"
+SUBTRACT = "'background subtract' is gone: lidarcli detect LOG... --background FILE"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("build empty.mcap -o b.parquet", BUILD),
+        ("build", BUILD),
+        ("build --help", BUILD),
+        ("-q build empty.mcap -o b.parquet", BUILD),
+        ("--config none build empty.mcap --plot b.png -o b.parquet", BUILD),
+        ("build --nonsense", BUILD),
+        ("info empty.parquet", INFO),
+        ("info empty.parquet --format json", INFO),
+        ("subtract run.mcap --background empty.parquet -o out", SUBTRACT),
+        ("subtract --background empty.parquet --removed run.mcap", SUBTRACT),
+    ],
+)
+def test_the_commands_of_the_group_are_gone(
+    tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch, words: str, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ran = lidarcli("background", *words.split())
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.splitlines()[-1] == f"Error: {message}"
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_a_log_may_have_the_name_of_a_command_that_is_gone(
+    scene: Path, tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "build").write_bytes((scene / "empty.mcap").read_bytes())
+    assert lidarcli("background", "./build", "-o", "info").code == 0
+    assert lidarcli("background", "-o", "subtract", scene / "empty.mcap", "build").code == 0
+    assert pq.read_table("info")["sweeps"].to_pylist()[0] == 20
+    assert pq.read_table("subtract")["sweeps"].to_pylist()[0] == 40
+
+
+def test_detect_finds_what_is_new(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     ran = lidarcli(
-        "background",
-        "subtract",
+        "detect",
         logs / "run.mcap",
         "--background",
         scene / "empty.parquet",
@@ -351,10 +418,9 @@ def test_subtract_finds_what_is_new(scene: Path, logs: Path, tmp_path: Path, lid
 def test_what_has_gone_is_there_when_it_is_asked_for(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     """The background of the first second, in which the second box had not left."""
     early = tmp_path / "early.parquet"
-    assert lidarcli("-q", "background", "build", logs / "run.mcap", "-o", early, "--end", "0.95").code == 0
+    assert lidarcli("-q", "background", logs / "run.mcap", "-o", early, "--end", "0.95").code == 0
     common = (
-        "background",
-        "subtract",
+        "detect",
         logs / "run.mcap",
         "--background",
         early,
@@ -380,15 +446,6 @@ def test_what_has_gone_is_there_when_it_is_asked_for(logs: Path, tmp_path: Path,
     assert objects["difference"].to_pylist() == pytest.approx([2.5] * 10)
 
 
-def test_detect_with_a_background_is_the_same(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    for name, command in (("a", ("detect",)), ("b", ("background", "subtract"))):
-        options = ("--background", scene / "empty.parquet", "--removed", "-o", tmp_path / name)
-        assert lidarcli("-q", *command, logs / "run.mcap", *options).code == 0
-    for table in ("objects", "sweeps"):
-        first, second = (tmp_path / name / f"run.{table}.parquet" for name in "ab")
-        assert first.read_bytes() == second.read_bytes()
-
-
 def test_the_number_of_processes_makes_no_difference(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     for number in (1, 2):
         write_log(tmp_path / f"{number}.mcap", [room_sweeps(count=30)])
@@ -402,7 +459,7 @@ def test_the_number_of_processes_makes_no_difference(scene: Path, tmp_path: Path
 
 def test_a_stream(scene: Path, logs: Path, lidarcli: Run) -> None:
     options = ("--background", scene / "empty.parquet", "-o", "-", "--end", "0.05")
-    ran = lidarcli("-q", "background", "subtract", logs / "run.mcap", *options)
+    ran = lidarcli("-q", "detect", logs / "run.mcap", *options)
     rows = [json.loads(line) for line in ran.out.splitlines()]
     assert [(row["change"], round(row["difference"], 3)) for row in rows] == [
         ("appeared", -2.0),
@@ -412,13 +469,13 @@ def test_a_stream(scene: Path, logs: Path, lidarcli: Run) -> None:
 
 def test_a_threshold_in_metres_is_one_of_the_difference(scene: Path, logs: Path, lidarcli: Run) -> None:
     options = ("--background", scene / "empty.parquet", "-o", "-", "--end", "0.05", "--threshold")
-    ran = lidarcli("-q", "background", "subtract", logs / "run.mcap", *options, "2.2")
+    ran = lidarcli("-q", "detect", logs / "run.mcap", *options, "2.2")
     assert [json.loads(line)["beam_i"] for line in ran.out.splitlines()] == [200]
 
 
 def test_walls_may_be_asked_for(scene: Path, logs: Path, lidarcli: Run) -> None:
     options = ("--background", scene / "empty.parquet", "-o", "-", "--end", "0.05", "--walls")
-    ran = lidarcli("-q", "background", "subtract", logs / "run.mcap", *options)
+    ran = lidarcli("-q", "detect", logs / "run.mcap", *options)
     rows = [json.loads(line) for line in ran.out.splitlines()]
     assert [row["set"] for row in rows[:2]] == ["O", "O"]
     assert {(row["set"], row["change"], row["difference"]) for row in rows[2:]} == {("S", None, None)}
@@ -439,15 +496,9 @@ def test_options_of_a_background_need_one(
     assert message in ran.err
 
 
-def test_subtract_needs_a_background(logs: Path, lidarcli: Run) -> None:
-    ran = lidarcli("background", "subtract", logs / "run.mcap")
-    assert ran.code == 2
-    assert "Missing option '--background'" in ran.err
-
-
 def test_another_frame_is_refused_unless_told(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "rear.mcap", [empty_room(frame="rear")])
-    subtract = ("background", "subtract", tmp_path / "rear.mcap", "--background", scene / "empty.parquet")
+    subtract = ("detect", tmp_path / "rear.mcap", "--background", scene / "empty.parquet")
     ran = lidarcli(*subtract, "-o", tmp_path)
     assert ran.code == 2
     assert ran.err == (
@@ -461,7 +512,7 @@ def test_another_frame_is_refused_unless_told(scene: Path, tmp_path: Path, lidar
 def test_a_leading_slash_makes_no_other_frame(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "old.mcap", [empty_room(frame="/laser")])
     options = ("--background", scene / "empty.parquet", "-o", tmp_path)
-    assert lidarcli("background", "subtract", tmp_path / "old.mcap", *options).code == 0
+    assert lidarcli("detect", tmp_path / "old.mcap", *options).code == 0
 
 
 def test_views_that_do_not_overlap_are_refused(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
@@ -469,7 +520,7 @@ def test_views_that_do_not_overlap_are_refused(scene: Path, tmp_path: Path, lida
     write_log(tmp_path / "right.mcap", [empty_room(beams=90, first=-1.8)])
     write_log(tmp_path / "some.mcap", [empty_room(beams=90, first=-0.4)])
     left = tmp_path / "left.parquet"
-    assert lidarcli("-q", "background", "build", tmp_path / "left.mcap", "-o", left).code == 0
+    assert lidarcli("-q", "background", tmp_path / "left.mcap", "-o", left).code == 0
     ran = lidarcli("detect", tmp_path / "right.mcap", "--background", left, "-o", tmp_path)
     assert ran.code == 2
     assert ran.err == (
@@ -485,7 +536,7 @@ def test_views_that_do_not_overlap_are_refused(scene: Path, tmp_path: Path, lida
 
 def test_a_log_with_several_sensors(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     both = tmp_path / "two.parquet"
-    assert lidarcli("-q", "background", "build", logs / "two.mcap", "-o", both).code == 0
+    assert lidarcli("-q", "background", logs / "two.mcap", "-o", both).code == 0
     assert pq.read_table(both)["topic"].unique().to_pylist() == ["/front", "/rear"]
     ran = lidarcli("detect", logs / "two.mcap", "--background", both, "-o", tmp_path)
     assert ran.code == 0
@@ -525,16 +576,14 @@ closed = true
 
 def test_a_moving_sensor_has_stations(tmp_path: Path, lidarcli: Run) -> None:
     log, route = lap(tmp_path, "lap"), tmp_path / "route.parquet"
-    ran = lidarcli(
-        "background", "build", log, "-o", route, "--station-distance", "0.35", "--station-angle", "10"
-    )
+    ran = lidarcli("background", log, "-o", route, "--station-distance", "0.35", "--station-angle", "10")
     assert ran.code == 0
     table = pq.read_table(route).to_pandas()
     stations = table.groupby("station").first()
     assert 9 < len(stations) < 20
     assert stations.sweeps.sum() == 40
     assert stations.pose_x.between(0, 2).all()
-    shown = lidarcli("background", "info", route).out
+    shown = lidarcli("info", route).out
     assert "sweeps within 0.35 m and 10 deg" in shown
     ran = lidarcli("detect", log, "--background", route, "-o", tmp_path, "--removed")
     assert notes(ran.err)[1:] == [
@@ -545,7 +594,7 @@ def test_a_moving_sensor_has_stations(tmp_path: Path, lidarcli: Run) -> None:
 
 def test_sweeps_without_a_station_are_counted(tmp_path: Path, lidarcli: Run) -> None:
     route = tmp_path / "route.parquet"
-    assert lidarcli("-q", "background", "build", lap(tmp_path, "lap"), "-o", route).code == 0
+    assert lidarcli("-q", "background", lap(tmp_path, "lap"), "-o", route).code == 0
     away = lap(tmp_path, "away", 5.0)
     ran = lidarcli("detect", away, "--background", route, "-o", tmp_path)
     assert ran.code == 0
@@ -590,7 +639,7 @@ def test_the_signature_shows_plain_numbers_in_the_units_of_the_options() -> None
 def test_the_samples(tmp_path: Path, lidarcli: Run) -> None:
     """Empty room, then the same room with five things in it: each is found in every sweep, and nothing else."""
     file = tmp_path / "empty.parquet"
-    assert lidarcli("-q", "background", "build", EMPTY, "-o", file).code == 0
+    assert lidarcli("-q", "background", EMPTY, "-o", file).code == 0
     assert lidarcli("-q", "detect", EMPTY, "--background", file, "-o", tmp_path, "--removed").code == 0
     assert pq.read_table(tmp_path / "room_empty.objects.parquet").num_rows == 0
     ran = lidarcli("detect", ROOM, "--background", file, "-o", tmp_path, "--removed")

@@ -133,7 +133,8 @@ def test_agents(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
     words = ("-q", "map", walk / "walk.mcap", "--min-move", 0, "-o")
     assert lidarcli(*words, tmp_path / "with.yaml", "-o", tmp_path / "with.parquet").code == 0
     assert (
-        lidarcli(*words, tmp_path / "out.yaml", "-o", tmp_path / "out.parquet", "--without-agents").code == 0
+        lidarcli(*words, tmp_path / "out.yaml", "-o", tmp_path / "out.parquet", "--without", "agents").code
+        == 0
     )
     ghost, gone = occupied(tmp_path / "with.yaml"), occupied(tmp_path / "out.yaml")
     assert (near(ghost, *GHOST) > 8, near(gone, *GHOST)) == (True, 0)

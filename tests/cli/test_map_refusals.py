@@ -138,7 +138,12 @@ def test_a_true_map_of_another_resolution(lidarcli: Run, walk: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("words", "cause"),
     [
-        (("--path", "-o", "m.yaml"), "--path is drawn into a picture: give -o FILE.png"),
+        (("--path", "-o", "m.png"), "--path is gone: lidarcli plot LOG --view map draws it"),
+        (("--without-agents", "-o", "m.png"), "--without-agents is gone: give --without agents"),
+        (
+            ("--without", "temporary", "-o", "m.png"),
+            "Invalid value for '--without': 'temporary' is not agents, which is all that a map leaves out.",
+        ),
         (
             ("--voxel", "0.1", "-o", "m.png"),
             "--voxel is for a point cloud: give -o with .ply, .pcd, .parquet",

@@ -586,22 +586,20 @@ def test_clouds_in_other_numbers_of_beams_are_no_other_recording(
 
 
 def test_a_baseline_of_another_recording_is_refused(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    way_out = (
-        "--baseline compares one recording under two versions or settings, lidarcli match different ones"
-    )
+    way_out = "are of different recordings: use lidarcli diff"
     later = [sweep(k, 1, stamp=START + 7 * TENTH * k + 5) for k in range(20)]
     other = write_run(tmp_path / "other", later, [thing(k, 1) for k in range(20)])
     ran = lidarcli("report", run, "--baseline", other)
     assert (ran.code, ran.out) == (2, "")
     assert ran.err == (
-        f"lidarcli: --baseline: run is another recording: 19 of 20 sweeps have other stamps or beams; {way_out}\n"
+        f"lidarcli: --baseline: {run} and {other} {way_out} (19 of 20 sweeps have other stamps or beams)\n"
     )
     beams = write_run(tmp_path / "beams", [sweep(k, 1, beams=200, noise_beams=195) for k in range(20)])
     assert "20 of 20 sweeps have other stamps or beams" in lidarcli("report", run, "--baseline", beams).err
     topic = write_run(tmp_path / "topic", [sweep(k, 1, topic="/front") for k in range(20)])
     ran = lidarcli("report", run, "--baseline", topic)
     assert ran.err == (
-        f"lidarcli: --baseline: no sweep is in both runs: no log and topic of the two agree; {way_out}\n"
+        f"lidarcli: --baseline: {run} and {topic} {way_out} (no sweep is in both: no log and topic of the two agree)\n"
     )
     # Other programs write stamps in microseconds, and a mended log may have a few others.
     rewritten = [sweep(k, 2, stamp=START + TENTH * k + 999 + 10**9 * (k in (3, 4))) for k in range(20)]

@@ -70,11 +70,11 @@ def test_the_environment_names_a_file(lidarcli: Run, lab: Path, monkeypatch: pyt
 def test_what_stands_before_the_tables_is_for_every_command_that_has_it(lidarcli: Run, lab: Path) -> None:
     (lab / "lidarcli.toml").write_text(
         'range = [0.1, 20]\nno_return = ["inf", 81.91]\nverbose = false\n'
-        '[background.build]\nrange = [0.2, 30]\nplot = "scene.png"\n[detect]\ntopic = "/front"\n'
+        '[background]\nrange = [0.2, 30]\nplot = "scene.png"\n[detect]\ntopic = "/front"\n'
     )
     found = {name: value for name, (value, _) in origins(lidarcli).items()}
     assert found["detect range"] == found["track range"] == found["map range"] == "0.1 20"
-    assert found["background build range"] == "0.2 30"
+    assert found["background range"] == "0.2 30"
     assert found["detect no-return"] == "inf,81.91"
     assert found["detect topic"] == "/front"
     assert "report range" not in found
@@ -97,15 +97,24 @@ def test_paths_of_inputs_are_meant_from_the_folder_of_the_file(lidarcli: Run, la
         ("jbos = 1\n", "no option 'jbos'; did you mean 'jobs'?"),
         ("[plot]\nmap = true\n", "[plot]: no option 'map' any more: give --view map"),
         ("[detekt]\njobs = 1\n", "[detekt]: no such command; did you mean [detect]?"),
+        ("[background]\njobs = 1\n", "[background]: no option 'jobs'"),
         (
-            "[background]\njobs = 1\n",
-            "[background]: no option 'jobs'; options stand below [background.build], ",
+            "[background.build]\njoin = true\n",
+            "[background.build]: no such command any more: lidarcli background LOG... -o FILE",
+        ),
+        (
+            "[background.subtract]\n",
+            "[background.subtract]: no such command any more: lidarcli detect LOG... --background FILE",
+        ),
+        (
+            "[map]\nwithout_agents = true\n",
+            "[map]: no option 'without_agents' any more: give --without agents",
         ),
         ("detect = 3\n", "'detect' is a command: its options stand below a line [detect]"),
         ("[[detect]]\njobs = 1\n", "'detect' is a command: its options stand below a line [detect]"),
         ("[detect]\nmax_width = 1\nmax-width = 2\n", "[detect]: 'max-width' is set twice, with - and with _"),
         ("no-return = 'inf'\nno_return = 'zero'\n", "'no_return' is set twice, with - and with _"),
-        ("[background.biuld]\n", "[background.biuld]: no such command; did you mean [background.build]?"),
+        ("[background.biuld]\n", "[background.biuld]: no such command"),
         ("[detect]\nbeams = 1\n", "[detect]: 'beams' must be true or false"),
         ("[detect]\njobs = [1, 2]\n", "[detect]: 'jobs' takes one value, not a list"),
         ("[detect]\njobs = true\n", "[detect]: 'jobs' must be a text, a number or a list of them"),
@@ -181,7 +190,7 @@ def test_config_of_a_command_shows_every_option_of_it(lidarcli: Run, lab: Path) 
     assert all(line.endswith("default") for line in lines.values())
     assert "robust" in lines["--profile"]
     assert "0.3" in lines["--min-thing"]
-    assert "required" in lidarcli("config", "background", "build").out
+    assert "required" in lidarcli("config", "background").out
     assert lidarcli("config", "nothing").code == 2
     assert lidarcli("config").err.splitlines()[0].startswith("settings file: none")
 
@@ -196,15 +205,26 @@ def test_verbose_and_quiet_are_taken_before_and_after_the_command(
 
     assert run("-q").err == ""
     assert run("-v").err.startswith("1 log; profile=robust")
-    assert lidarcli("-q", "background", "-v", "build", "x", "-o", "y").code == 2
+    assert lidarcli("-q", "background", "-v", "x", "-o", "y").code == 2
     assert "exclude each other" in lidarcli("-q", "info", "-v", "x").err
+
+
+def test_a_variable_of_a_command_that_is_gone_is_told(
+    lidarcli: Run, lab: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIDARCLI_BACKGROUND_BUILD_STATION_DISTANCE", "0.5")
+    ran = lidarcli("background", str(logs / "run.mcap"), "-o", "b.parquet")
+    assert ran.code == 0
+    assert ran.err.splitlines()[0] == (
+        "lidarcli: LIDARCLI_BACKGROUND_BUILD_STATION_DISTANCE: background has no such option; did you mean "
+        "LIDARCLI_BACKGROUND_STATION_DISTANCE?"
+    )
 
 
 def test_a_mistyped_command_has_a_suggestion(lidarcli: Run) -> None:
     ran = lidarcli("detetc", "run.mcap")
     assert ran.code == 2
     assert "No such command 'detetc'. Did you mean 'detect'?" in ran.err
-    assert "Did you mean 'subtract'?" in lidarcli("background", "substract").err
     assert "There are info, detect," in lidarcli("xyzzy").err
 
 

@@ -19,7 +19,7 @@ from tools.reference import commands
 
 FUNCTIONS = ("read", "learn", "detect", "track", "tables", "map", "zones", "plot", "info", "report")
 COMMANDS = {
-    "learn": "background build",
+    "learn": "background",
     "detect": "detect",
     "track": "track",
     "map": "map",

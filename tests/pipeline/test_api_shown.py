@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+import pytest
 
 import lidarcli
+from lidarcli.errors import OptionError
 from lidarcli.sweeps import STATUSES
 from tests.places import SAMPLES
 
@@ -61,6 +63,15 @@ def test_they_print_what_they_are() -> None:
     grid = lidarcli.map(SAMPLES / "drive.db3")
     assert str(grid) == GRID
     assert (grid.occupied, grid.free, grid.cells.shape) == (1407, 24467, (149, 188))
+
+
+def test_a_map_leaves_out_agents_and_nothing_else() -> None:
+    with pytest.raises(OptionError, match=r"^'temporary' is not agents, which is all that a map leaves out$"):
+        lidarcli.map(SAMPLES / "drive.db3", without="temporary")
+    with pytest.raises(TypeError, match=r"no option 'without_agents'; did you mean 'without'\?$"):
+        lidarcli.map(SAMPLES / "drive.db3", without_agents=True)
+    # Nothing moves there.
+    assert str(lidarcli.map(SAMPLES / "drive.db3", without="agents")) == GRID
 
 
 def test_poses_print_where_the_sensor_was() -> None:

@@ -38,7 +38,6 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     background = [
         "-q",
         "background",
-        "build",
         str(folder / "room_empty.mcap"),
         "-o",
         str(folder / "b.parquet"),
@@ -147,7 +146,7 @@ def test_single_precision_is_read(tables: Path, capfd: pytest.CaptureFixture[str
                 table = replaced(table, field.name, table[field.name].cast(pa.float32(), safe=False))
         pq.write_table(table, path)
     assert run(["report", str(tables / "room.objects.parquet"), "--check", "width.max > 0.5"]) == 0
-    assert run(["background", "info", str(tables / "b.parquet")]) == 0
+    assert run(["info", str(tables / "b.parquet")]) == 0
     assert "/scan" in capfd.readouterr().out
 
 
@@ -157,13 +156,13 @@ def test_a_background_by_another_program_needs_its_metadata(
     path = file_of(tables, "background")
     table = pq.read_table(path)
     narrow(path)
-    assert run(["-q", "background", "info", str(path)]) == 0
+    assert run(["-q", "info", str(path)]) == 0
     pq.write_table(table.replace_schema_metadata(None), path)
     capfd.readouterr()
-    assert run(["background", "info", str(path)]) == 3
+    assert run(["info", str(path)]) == 3
     assert capfd.readouterr().err == (
         f"lidarcli: {path}: no {GEOMETRY} in its metadata, which other programs leave out when they write a table; "
-        "build it again with lidarcli background build\n"
+        "build it again with lidarcli background\n"
     )
 
 
@@ -354,8 +353,8 @@ COMMANDS: dict[str, Callable[[Path, Path], list[list[str]]]] = {
         ["report", str(folder / "base"), "--baseline", str(folder / "room.objects.parquet")],
     ],
     "background": lambda folder, logs: [
-        ["background", "info", str(folder / "b.parquet")],
-        ["background", "info", str(folder / "b.parquet"), "--format", "json"],
+        ["info", str(folder / "b.parquet")],
+        ["info", str(folder / "b.parquet"), "--format", "json"],
         ["detect", str(logs / "room.mcap"), "--background", str(folder / "b.parquet"), "-o", "-"],
     ],
 }
@@ -530,7 +529,7 @@ def test_bad_names_of_tables(
         assert line in plain, form
     background = tmp_path / "b\udcff\x1b.parquet"
     background.write_bytes((original / "b.parquet").read_bytes())
-    assert run(["background", "info", str(background)]) == 0
+    assert run(["info", str(background)]) == 0
     assert capfdbinary.readouterr().out.startswith(f"{tmp_path}/b\\udcff\\x1b.parquet\n".encode())
-    assert run(["background", "info", str(background), "--format", "json"]) == 0
+    assert run(["info", str(background), "--format", "json"]) == 0
     assert json.loads(capfdbinary.readouterr().out)["path"] == str(background)

@@ -19,7 +19,6 @@ TABLES = (
     "track",
     "plot",
     "info",
-    "background.build",
     "background",
     "simulate",
     "odd",

@@ -1,4 +1,4 @@
-"""Tables of `track` and `background build`, changed as pandas, other programs and hostile people change them."""
+"""Tables of `track` and `background`, changed as pandas, other programs and hostile people change them."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def tables() -> dict[str, bytes]:
         for command in (
             ["simulate", str(scene), "-o", path],
             ["track", path, "-o", folder, "--beams"],
-            ["background", "build", path, "-o", background],
+            ["background", path, "-o", background],
         ):
             if (ran := run(["-q", *command])).code:
                 raise RuntimeError(ran.err)
@@ -107,8 +107,8 @@ def _reading(name: str, formats: tuple[str, ...]) -> list[list[str]]:
     """Commands that read the table."""
     if name == BACKGROUND:
         return [
-            ["background", "info", f"in/{name}", "--format", "json"],
-            ["background", "info", f"in/{name}"],
+            ["info", f"in/{name}", "--format", "json"],
+            ["info", f"in/{name}"],
             ["detect", f"in/{LOG}", "-o", "out", "--removed", "--background", f"in/{name}", "--overwrite"],
         ]
     reports = [["report", "in/run.objects.parquet", "--format", form] for form in formats]

@@ -15,7 +15,7 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import read_batches
 from lidarcli.logs.options import TopicChoice, clouds_hint, no_scan_topic
 from lidarcli.option_forms import options_of
-from lidarcli.options import AnyPath, Inspecting, Learning, Mapping, Paths, Reading
+from lidarcli.options import AnyPath, Inspecting, Learning, Mapping, Paths, Reading, parse_without
 from lidarcli.pipeline.api.options import LogOptions, log_options, several, sources_of, with_keywords
 from lidarcli.pipeline.building import Building, BuildOptions, refuse_nothing, refuse_output
 from lidarcli.pipeline.detecting import Failed
@@ -175,6 +175,8 @@ def map(log: Paths, output: Paths = (), **options: Unpack[Mapping]) -> Occupancy
     OutputError
         A file cannot be written.
     """
+    if options["without"] is not None:
+        parse_without(options["without"])
     made_with = MapOptions(
         *log_options(options),
         overwrite=True,
