@@ -23,6 +23,8 @@ RUN_PLACE_SD = 0.1
 """[m] Standard deviation of the place of a standing thing in a run."""
 RUN_SIZE_SD = 0.01
 """[m] Standard deviation between two sizes of the same thing, beside their own."""
+WRONG_SIZE = 0.05
+"""Share of sizes that are wrong, as of a thing of which a part was never seen."""
 SIZE_RANGE = LARGEST_SIZE - SMALLEST_SIZE
 """[m] Range of the sizes of different things."""
 STAYS = 0.9
@@ -95,6 +97,12 @@ class Motion:
         """Return places in the coordinates of the first run [m]."""
         cos, sin = math.cos(self.angle), math.sin(self.angle)
         return self.x + cos * x - sin * y, self.y + sin * x + cos * y
+
+    @property
+    def inverse(self) -> Motion:
+        """The motion back."""
+        cos, sin = math.cos(self.angle), math.sin(self.angle)
+        return Motion(-self.angle, -cos * self.x - sin * self.y, sin * self.x - cos * self.y)
 
 
 HERE = Motion()
@@ -221,7 +229,8 @@ def alike(known: Standing, run: Standing) -> Float64:
         apart = getattr(known, size)[:, None] - getattr(run, size)
         sd = np.hypot(getattr(known, f"{size}_sd")[:, None], getattr(run, f"{size}_sd"))
         sd = np.hypot(np.nan_to_num(sd), RUN_SIZE_SD)
-        ratio = math.log(SIZE_RANGE / math.sqrt(2.0 * math.pi)) - np.log(sd) - 0.5 * (apart / sd) ** 2
+        right = SIZE_RANGE / (math.sqrt(2.0 * math.pi) * sd) * np.exp(-0.5 * (apart / sd) ** 2)
+        ratio = np.log((1.0 - WRONG_SIZE) * right + WRONG_SIZE)
         total += np.where(np.isfinite(apart), ratio, 0.0)
     total += _codes(known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE)
     return total + _codes(known.label, run.label, SAME_LABEL, OTHER_LABEL)
@@ -341,7 +350,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
     if not len(known) or not len(run):
         return None, 0.0
     found: dict[bytes, tuple[float, Motion]] = {}
-    for motion in [HERE, *_best(known, run)]:
+    for motion in [HERE, *proposals(known, run)]:
         refined = motion if motion == HERE else _refine(known, run, motion)
         placed = placed_at(run, *refined.of(run.x, run.y))
         gain = gains(known, placed)
@@ -365,7 +374,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
     return motion, 1.0 / sum(math.exp(total - best) for total, _ in found.values())
 
 
-def _best(known: Standing, run: Standing) -> list[Motion]:
+def proposals(known: Standing, run: Standing) -> list[Motion]:
     """Return the proposals under which most things fall into place."""
     ours, theirs = _chosen(known), _chosen(run)
     like = alike(known, run)[np.ix_(ours, theirs)]
