@@ -69,6 +69,8 @@ MOST_THINGS = 2000
 """Most standing things of a run: each is compared with all of another one."""
 LEAST_SWEEPS, LEAST_SECONDS = 10, 2.0
 """Fewest sweeps, and shortest time [s], in which a standing thing was seen."""
+LEAST_WAY = 0.5
+"""Shortest way of an agent [m], whose place is not that of a standing thing."""
 LEAST_CHANCE = 0.6
 """Least probability of an alignment by things alone."""
 ALIGNMENT = "lidarcli.alignment"
@@ -340,7 +342,7 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
         pair, found = detect_beside(source, Path(private), options.detect, progress)
         table = read_tracks_table(pair.tracks)
         grounds, places, summary, described = _survey(
-            source, pair, options.detect, second_of_two(progress, source.size)
+            source, pair, table, options.detect, second_of_two(progress, source.size)
         )
     seen = _of_tracks(source.name, table, grounds, places)
     seen.source = described
@@ -350,13 +352,14 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
 
 
 def _survey(
-    source: Source, pair: Pair, detect: DetectOptions, progress: Progress | None
+    source: Source, pair: Pair, tracks: TracksTable, detect: DetectOptions, progress: Progress | None
 ) -> tuple[dict[str, Ground], dict[str, Float64], RunSummary, dict[str, Any]]:
     """Return the ground and the places of the sensors by the frame of their world, of a second pass over a log."""
     most = int(MAX_MAP_KM2 * KM2 / MAP_RESOLUTION**2)
     surveys: dict[str, Surveying] = {}
     places: dict[str, list[Float64]] = {}
     cursors: dict[str, Cursor] = {}
+    went = _gone_their_ways(tracks)
     with read_log(source, detect, Need.MOVING) as reading:
         for batch in reading.batches(progress):
             if not len(batch):
@@ -366,7 +369,7 @@ def _survey(
             rows = cursors[batch.topic].until(int(batch.sweep[-1]) + 1)
             objects = Objects.of(rows, batch)
             owner = objects.owners(batch)
-            agents = np.append(objects.set == SETS.index("A"), False)[owner]
+            agents = np.append(np.isin(objects.track, went.get(batch.topic, [])), False)[owner]
             use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
             use[agents & (use == HIT)] = CLEAR
             for frame, at, mine in batch.by_frame():
@@ -393,6 +396,19 @@ def _survey(
         if survey.counts.sweeps
     }
     return grounds, {world: np.concatenate(parts) for world, parts in places.items()}, summary, described
+
+
+def _gone_their_ways(table: TracksTable) -> dict[str, Int64]:
+    """Return the tracks of each topic that went some way: what only turned on the spot stands, for all that others know."""
+    rows = table.rows.to_pydict()
+    moved: dict[str, list[int]] = {}
+    for topic, track, kind, distance in zip(
+        *(rows[name] for name in ("topic", "track", "set", "distance")), strict=True
+    ):
+        moved.setdefault(topic, [])
+        if kind == "A" and distance >= LEAST_WAY:
+            moved[topic].append(track)
+    return {topic: np.array(each, np.int64) for topic, each in moved.items()}
 
 
 def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places: dict[str, Float64]) -> Seen:

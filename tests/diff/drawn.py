@@ -11,7 +11,7 @@ import numpy as np
 
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulate.scene import Course, Entity, Odometry, Scene, Sensor
+from lidarcli.simulate.scene import Course, Entity, Odometry, Scene, Sensor, super_ellipse
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import TURN, Bool, Float64
 
@@ -89,7 +89,7 @@ class Pair:
         segments = np.concatenate([_placed(each) for each in others])
         points = _corners(box, 0.9)
         course = self.courses[run]
-        eyes = course.points if len(course.points) > 1 else course.points[:1]
+        eyes = course.points[:: max(1, len(course.points) // 16)]
         shares = []
         for eye in eyes:
             way = points - eye
@@ -175,8 +175,7 @@ def draw(seed: int) -> Pair:
     if kind == 2:
         # Driving around the middle, in one world.
         courses = tuple(
-            Course(np.array([[-0.5, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.5, 0.3]]) * chance.uniform(0.8, 1.2), 0.4)
-            for _ in range(2)
+            Course(super_ellipse(0.7 * size, 0.5 * size, 2.0), 0.4) for size in chance.uniform(0.8, 1.2, 2)
         )
         odometry: Odometry | None = ODOMETRY
     else:
