@@ -31,6 +31,7 @@ from lidarcli.formalism.mapping.counts import Beams, Counts, TooLargeError, plac
 from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy, UnlikeError, compare
 from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, Fit, fit, search
 from lidarcli.formalism.matching.changes import (
+    BESIDE,
     GONE,
     NEW,
     SAME_PLACE,
@@ -38,6 +39,7 @@ from lidarcli.formalism.matching.changes import (
     Changes,
     Compared,
     Run,
+    within,
 )
 from lidarcli.formalism.matching.ground import SEEN_FREE, Ground, Nearest, Surveying, of_map
 from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, proposals
@@ -435,7 +437,7 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
             f"{', '.join(each.strip() for each in others)} (--topic)"
         )
     at = np.flatnonzero(chosen & (worlds == key))
-    at = at[_distinct(number["x"][at], number["y"][at], sweeps[at])]
+    at = at[_distinct({name: values[at] for name, values in number.items()}, sweeps[at])]
     if len(at) > MOST_THINGS:
         raise OptionError(
             f"{name}: {len(at):,} standing things are more than can be compared ({MOST_THINGS:,}); take a part with --end"
@@ -471,13 +473,23 @@ def _code(known: dict[str, int], word: str | None) -> int:
     return -1 if word in (None, "unknown") else known.setdefault(str(word), len(known))
 
 
-def _distinct(x: Float64, y: Float64, sweeps: Int64) -> Int64:
-    """Return the things that stand in places of their own: one that was lost and found again is one, the longer seen."""
+def _distinct(number: dict[str, Float64], sweeps: Int64) -> Int64:
+    """Return the things that stand in places of their own.
+
+    One that was lost and found again, or of which a part was taken for another thing, is the one that was seen longest.
+    """
     kept: list[int] = []
+    places = np.column_stack([number["x"], number["y"]])
     for k in np.argsort(-sweeps, kind="stable").tolist():
-        if all(math.hypot(x[k] - x[other], y[k] - y[other]) > SAME_PLACE for other in kept):
+        if not any(within(places[k : k + 1], _box(number, other), BESIDE)[0] for other in kept):
             kept.append(k)
     return np.array(sorted(kept), np.int64)
+
+
+def _box(number: dict[str, Float64], k: int) -> Float64:
+    """Return x, y, yaw, length and width of a thing, the sizes no less than those of one place."""
+    sizes = [np.fmax(number[name][k], 2.0 * (SAME_PLACE - BESIDE)) for name in ("length", "width")]
+    return np.array([number["x"][k], number["y"][k], np.nan_to_num(number["yaw"][k]), *sizes])
 
 
 # Comparing.

@@ -75,6 +75,7 @@ class Pair:
                 told = there and here
                 if status == "moved":
                     told &= self._in_view(1, old, self.after) and self._in_view(0, new, self.before)
+                    told &= self._sized(0, old) and self._sized(1, new)
             else:
                 status = "gone" if new is None else "new"
                 told = there and self._in_view(1, old, self.after) if new is None else (
@@ -82,6 +83,17 @@ class Pair:
                 )
             found.append((status, old, new, bool(told)))
         return found
+
+    def _sized(self, run: int, box: Entity) -> bool:
+        """Whether a run sees two sides of a box well enough to measure both."""
+        course = self.courses[run]
+        for eye in course.points[:: max(1, len(course.points) // 16)]:
+            angle = math.atan2(eye[1] - box.y, eye[0] - box.x) - box.yaw
+            away = math.hypot(eye[0] - box.x, eye[1] - box.y)
+            across = box.length * abs(math.sin(angle)), box.width * abs(math.cos(angle))
+            if min(across) / away >= 6 * abs(self.sensor.angle_increment):
+                return True
+        return False
 
     def _in_view(self, run: int, box: Entity, scene: Sequence[Entity], own: bool = False) -> bool:
         """Whether a run sees most of where a box stands, or, of its own, all of its face."""
@@ -156,9 +168,16 @@ def draw(seed: int) -> Pair:
     boxes: list[tuple[Entity | None, Entity | None]] = []
     whats = ["stay"] * int(chance.integers(4, 7)) + ["moved"] * int(chance.integers(0, 3))
     whats += ["gone"] * int(chance.integers(0, 3)) + ["new"] * int(chance.integers(0, 3))
+    sizes: list[tuple[float, float]] = []
     for what in whats:
-        length = chance.uniform(0.3, 0.9)
-        breadth = chance.uniform(0.5, 1.0) * length
+        # Of two like boxes that are moved nobody can tell which is which.
+        for _ in range(100):
+            length = chance.uniform(0.3, 0.9)
+            breadth = chance.uniform(0.5, 1.0) * length
+            if what == "stay" or all(max(abs(length - a), abs(breadth - b)) > 0.12 for a, b in sizes):
+                break
+        if what != "stay":
+            sizes.append((length, breadth))
         where = place(length, breadth)
         if where is None:
             continue

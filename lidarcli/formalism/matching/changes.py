@@ -28,7 +28,9 @@ SAME_PLACE = 0.2
 """[m] A thing is in its place up to this distance, …"""
 PLACE_SD, UNSIZED_SD = 0.03, 0.1
 """[m] … or three standard deviations: of a thing whose sizes are known, and of others."""
-REPLACED = 0.05
+VIEW_SIZE_SD = 0.03
+"""[m] Standard deviation between two sizes of one thing that is seen from other sides."""
+REPLACED = 0.02
 """Odds of another thing having taken the place of one, against it being the same."""
 MOVES = 2.0
 """Odds of a thing having been moved, against one having gone and another one having come, …"""
@@ -140,7 +142,6 @@ class Compared:
         """Return all changes, things first."""
         spots = tuple([self._spot(side, k) for k in range(len(self._things[side]))] for side in (0, 1))
         chance = self._pairs(spots)
-        mine = (chance.sum(axis=1), chance.sum(axis=0))
         taken: tuple[set[int], set[int]] = set(), set()
         order = np.argsort(-chance, axis=None, kind="stable").tolist() if chance.size else []
         known = self._in_place()
@@ -157,8 +158,8 @@ class Compared:
         for side in (0, 1):
             for k in range(len(self._things[side])):
                 if k not in taken[side]:
-                    paired = chance[k] if side == 0 else chance[:, k]
-                    self._alone(side, k, paired, float(mine[side][k]), spots, taken)
+                    each, near = (chance[k], known[k]) if side == 0 else (chance[:, k], known[:, k])
+                    self._alone(side, k, each, near, spots, taken)
         for side in (0, 1):
             self._structure(side)
         return self._done()
@@ -187,7 +188,7 @@ class Compared:
         if ground is None:
             return np.empty((0, 2))
         points = np.column_stack(self._motions[side].of(ground.points[:, 0], ground.points[:, 1]))
-        return points[_within(points, box, BESIDE)]
+        return points[within(points, box, BESIDE)]
 
     def _seen(self, side: int, points: Float64) -> Spot:
         """Return what a run saw of some points."""
@@ -240,52 +241,64 @@ class Compared:
         )
         left, came = (np.array([spot.is_free for spot in each], np.bool_) for each in spots)
         may = (sized | named) & ((left[:, None] & came) | (away <= size))
-        moves = np.where(may, MOVES * np.exp(like) * (1.0 + away) ** -NEARNESS, 0.0)
+        views = alike(a, b, VIEW_SIZE_SD)
+        moves = np.where(may, MOVES * np.exp(views) * (1.0 + away) ** -NEARNESS, 0.0)
         return _marginals(np.where(self._in_place(), stays, moves))
 
     def _alone(
         self,
         side: int,
         k: int,
-        paired: Float64,
-        some: float,
+        chance: Float64,
+        near: Bool,
         spots: tuple[list[Spot], ...],
         taken: tuple[set[int], set[int]],
     ) -> None:
-        """Tell of a thing of one run that has no partner."""
+        """Tell of a thing of one run that is certainly one with none of the other run, whose `chance` (M,) is given."""
         spot = spots[side][k]
-        best = float(paired.max(initial=0.0))
-        alone = max(0.0, 1.0 - some)
-        pair = (k, -1) if side == 0 else (-1, k)
-        status, why, score = UNCERTAIN, AMBIGUOUS, max(best, alone) * self._chance
-        if some > 1.0 - self._least:
-            # Nobody knows which one it is.
+        best, there = float(chance.max(initial=0.0)), float(chance[near].sum())
+        alone = max(0.0, 1.0 - float(chance.sum()))
+        partner = -1
+        status, why, score = UNCERTAIN, AMBIGUOUS, max(best, alone)
+        if there >= self._least:
+            # It is in its place, whichever of several it is.
+            status, score = KNOWN, there
+        elif alone < 1.0 - self._least and not there:
+            # It was moved, but nobody knows which one it is.
             pass
         elif spot.is_free:
-            score = alone * spot.certainty * self._chance
-            status, why = (GONE if side == 0 else NEW), CERTAIN
+            status, score = (GONE if side == 0 else NEW), alone * spot.certainty
         elif np.isnan(spot.free):
             why, score = NO_FREE_SPACE, 0.0
-        elif spot.near >= FREE_SHARE and not self._is_covered(side, k, taken):
-            # The other run takes it for a part of the building, or saw it only for a moment.
-            status, why = KNOWN, CERTAIN
-            score = alone * spot.near / (spot.near + spot.free) * self._chance
+        elif spot.near >= FREE_SHARE and not self._is_covered(side, k, near, taken):
+            # The other run takes it for a part of the building, or saw something else of it.
+            status, score = KNOWN, spot.near / (spot.near + spot.free)
+            left = [j for j in np.flatnonzero(near).tolist() if j not in taken[1 - side]]
+            partner = max(left, key=lambda j: float(chance[j]), default=-1)
         elif spot.passed >= FREE_SHARE:
             why, score = SHORT, 0.0
         else:
             why, score = self._out_of_sight(side, spot), 0.0
-        if score < self._least and status != UNCERTAIN:
-            status, why = UNCERTAIN, SHORT if spot.is_free and alone >= self._least else AMBIGUOUS
+        score *= self._chance
+        if status != UNCERTAIN:
+            why = CERTAIN
+            if score < self._least:
+                status, why = UNCERTAIN, SHORT if spot.is_free and alone >= self._least else AMBIGUOUS
+                partner = -1
+        taken[side].add(k)
+        if partner >= 0:
+            taken[1 - side].add(partner)
+        pair = (k, partner) if side == 0 else (partner, k)
         self._add(status, why, score, *pair, spots)
 
-    def _is_covered(self, side: int, k: int, taken: tuple[set[int], set[int]]) -> bool:
+    def _is_covered(self, side: int, k: int, near: Bool, taken: tuple[set[int], set[int]]) -> bool:
         """Tell whether a thing that has another partner stands in the place of this one in the other run."""
         other = self._things[1 - side]
-        mine = sorted(taken[1 - side])
+        mine = [j for j in sorted(taken[1 - side]) if not near[j]]
         if not mine:
             return False
         points = np.column_stack([other.x[mine], other.y[mine]])
-        return bool(_within(points, self._box(side, k), BESIDE).any())
+        return bool(within(points, self._box(side, k), BESIDE).any())
 
     def _out_of_sight(self, side: int, spot: Spot) -> int:
         """Tell why the other run did not see a place: what hides it was not there, or parts around it were seen."""
@@ -359,7 +372,7 @@ class Compared:
         for each in (0, 1):
             for k in range(len(self._things[each])):
                 if changed.any():
-                    changed[changed] &= ~_within(points[changed], self._box(each, k), EXPLAINED)
+                    changed[changed] &= ~within(points[changed], self._box(each, k), EXPLAINED)
         at = np.flatnonzero(changed)
         looks = here.seen(*self._motions[side].inverse.of(points[at, 0], points[at, 1]))
         others = there.seen(x[at], y[at])
@@ -459,7 +472,7 @@ def _marginals(weight: Float64) -> Float64:
     return result
 
 
-def _within(points: Float64, box: Float64, around: float) -> Bool:
+def within(points: Float64, box: Float64, around: float) -> Bool:
     """Return (K,) whether points are in a box (x, y, yaw, length, width), or this far around it [m]."""
     x, y = points[:, 0] - box[0], points[:, 1] - box[1]
     cos, sin = math.cos(box[2]), math.sin(box[2])

@@ -23,7 +23,7 @@ RUN_PLACE_SD = 0.1
 """[m] Standard deviation of the place of a standing thing in a run."""
 RUN_SIZE_SD = 0.01
 """[m] Standard deviation between two sizes of the same thing, beside their own."""
-WRONG_SIZE = 0.05
+WRONG_SIZE = 0.1
 """Share of sizes that are wrong, as of a thing of which a part was never seen."""
 SIZE_RANGE = LARGEST_SIZE - SMALLEST_SIZE
 """[m] Range of the sizes of different things."""
@@ -222,13 +222,18 @@ def area(known: Standing, run: Standing) -> float:
     return max(sides[0] * sides[1], LEAST_AREA)
 
 
-def alike(known: Standing, run: Standing) -> Float64:
-    """Return (T, N) the log-likelihood ratio of being one thing by size, shape and label; 0 if these are unknown."""
+def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD) -> Float64:
+    """Return (T, N) the log-likelihood ratio of being one thing by size, shape and label; 0 if these are unknown.
+
+    Parameters
+    ----------
+    size_sd : standard deviation between two sizes of the same thing, beside their own [m]
+    """
     total = np.zeros((len(known), len(run)))
     for size in ("length", "width"):
         apart = getattr(known, size)[:, None] - getattr(run, size)
         sd = np.hypot(getattr(known, f"{size}_sd")[:, None], getattr(run, f"{size}_sd"))
-        sd = np.hypot(np.nan_to_num(sd), RUN_SIZE_SD)
+        sd = np.hypot(np.nan_to_num(sd), size_sd)
         right = SIZE_RANGE / (math.sqrt(2.0 * math.pi) * sd) * np.exp(-0.5 * (apart / sd) ** 2)
         ratio = np.log((1.0 - WRONG_SIZE) * right + WRONG_SIZE)
         total += np.where(np.isfinite(apart), ratio, 0.0)
