@@ -373,7 +373,6 @@ def _survey(
             owner = objects.owners(batch)
             agents = np.append(np.isin(objects.track, went.get(batch.topic, [])), False)[owner]
             use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
-            use[agents & (use == HIT)] = CLEAR
             for frame, at, mine in batch.by_frame():
                 world = reading.world_of(batch.topic, frame).strip("/")
                 poses = mine.poses
@@ -383,7 +382,7 @@ def _survey(
                 known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
                 survey = surveys.setdefault(world, Surveying(Counts(MAP_RESOLUTION, most)))
                 try:
-                    survey.add(placed(mine.rows(known), poses.rows(known), use[at][known]))
+                    survey.add(placed(mine.rows(known), poses.rows(known), use[at][known]), agents[at][known])
                 except TooLargeError as err:
                     raise OptionError(
                         f"{source.label}: the ground would reach over {err}, more than {MAX_MAP_KM2:g} km²: a pose or a "

@@ -18,7 +18,12 @@ from lidarcli.sweeps import TURN, Bool, Float64
 SENSORS = (
     Sensor(beams=720, angle_increment=TURN / 720, noise=0.01, range_max=20.0),
     Sensor(
-        beams=1081, angle_min=-0.375 * TURN, angle_increment=TURN / 1440, noise=0.005, range_max=30.0, flicker=0.05
+        beams=1081,
+        angle_min=-0.375 * TURN,
+        angle_increment=TURN / 1440,
+        noise=0.005,
+        range_max=30.0,
+        flicker=0.05,
     ),
     Sensor(beams=360, angle_increment=TURN / 360, noise=0.015, range_max=12.0, lost=0.02, mixed_pixels=0.2),
 )
@@ -49,7 +54,11 @@ def write_run(
     scene = Scene(
         path.stem, sensor, tuple(entities), sweeps=sweeps, path=course or parked(), odometry=odometry
     )
-    write_log(path, (block.raw for block in simulate_blocks(scene, sweeps, seed)), poses=simulate_odometry(scene, sweeps, seed))
+    write_log(
+        path,
+        (block.raw for block in simulate_blocks(scene, sweeps, seed)),
+        poses=simulate_odometry(scene, sweeps, seed),
+    )
     return str(path)
 
 
@@ -78,8 +87,10 @@ class Pair:
                     told &= self._sized(0, old) and self._sized(1, new)
             else:
                 status = "gone" if new is None else "new"
-                told = there and self._in_view(1, old, self.after) if new is None else (
-                    here and self._in_view(0, new, self.before)
+                told = (
+                    there and self._in_view(1, old, self.after)
+                    if new is None
+                    else (here and self._in_view(0, new, self.before))
                 )
             found.append((status, old, new, bool(told)))
         return found
@@ -151,9 +162,19 @@ def draw(seed: int) -> Pair:
     cut_x, cut_y = chance.uniform(0.2, 0.45) * width, chance.uniform(0.2, 0.45) * height
     right, top = width / 2, height / 2
     walls = closed(
-        [(-right, -top), (right, -top), (right, top - cut_y), (right - cut_x, top - cut_y), (right - cut_x, top), (-right, top)]
+        [
+            (-right, -top),
+            (right, -top),
+            (right, top - cut_y),
+            (right - cut_x, top - cut_y),
+            (right - cut_x, top),
+            (-right, top),
+        ]
     )
-    placed: list[tuple[float, float, float]] = [(0.0, 0.0, 0.9), (right - cut_x / 2, top - cut_y / 2, max(cut_x, cut_y) * 0.75)]
+    placed: list[tuple[float, float, float]] = [
+        (0.0, 0.0, 0.9),
+        (right - cut_x / 2, top - cut_y / 2, max(cut_x, cut_y) * 0.75),
+    ]
 
     def place(length: float, width_: float) -> tuple[float, float] | None:
         radius = 0.5 * math.hypot(length, width_)

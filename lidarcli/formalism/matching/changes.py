@@ -28,8 +28,8 @@ SAME_PLACE = 0.2
 """[m] A thing is in its place up to this distance, …"""
 PLACE_SD, UNSIZED_SD = 0.03, 0.1
 """[m] … or three standard deviations: of a thing whose sizes are known, and of others."""
-VIEW_SIZE_SD = 0.03
-"""[m] Standard deviation between two sizes of one thing that is seen from other sides."""
+VIEW_SIZE_SD, WRONG_VIEW = 0.03, 0.02
+"""[m] Standard deviation between two sizes of one thing that is seen from other sides, and the share of wrong ones."""
 REPLACED = 0.02
 """Odds of another thing having taken the place of one, against it being the same."""
 MOVES = 2.0
@@ -38,6 +38,8 @@ NEARNESS = 3.0
 """… which fall with this power of 1 m and the distance."""
 FREE_SHARE = 0.5
 """Least share of where a thing was hit that has been seen free."""
+ANY_FREE = 0.25
+"""Least share of where a thing was hit that becomes free where it is moved by less than its size."""
 BESIDE = 0.05
 """[m] Points this far around a box belong to its thing."""
 EXPLAINED = 0.15
@@ -144,7 +146,7 @@ class Compared:
         chance = self._pairs(spots)
         taken: tuple[set[int], set[int]] = set(), set()
         order = np.argsort(-chance, axis=None, kind="stable").tolist() if chance.size else []
-        known = self._in_place()
+        known = self._in_place(spots)
         for at in order:
             i, j = divmod(at, chance.shape[1])
             score = float(chance[i, j]) * self._chance
@@ -211,11 +213,23 @@ class Compared:
 
     # Pairs.
 
-    def _in_place(self) -> Bool:
-        """Return (N, M) whether the things of each pair are in one place."""
+    def _in_place(self, spots: tuple[list[Spot], ...]) -> Bool:
+        """Return (N, M) whether the things of each pair are in one place, as far as is known.
+
+        Middles of things that are seen from elsewhere may be farther apart; then neither place has become free.
+        """
         away, sd = self._away()
-        near: Bool = away <= np.maximum(SAME_PLACE, 3.0 * sd)
+        left, came = (np.array([spot.free < ANY_FREE for spot in each], np.bool_) for each in spots)
+        size = self._least_size()
+        near: Bool = (away <= np.maximum(SAME_PLACE, 3.0 * sd)) | (
+            (away <= 0.5 * size) & left[:, None] & came
+        )
         return near
+
+    def _least_size(self) -> Float64:
+        """Return (N, M) the longer side of the smaller one of each pair, no less than `SAME_PLACE` [m]."""
+        a, b = (np.fmax(np.nan_to_num(each.length), SAME_PLACE) for each in self._things)
+        return np.fmin(a[:, None], b)
 
     def _away(self) -> tuple[Float64, Float64]:
         """Return (N, M) the distance of each pair, and its standard deviation [m]."""
@@ -232,18 +246,16 @@ class Compared:
         away, sd = self._away()
         like = alike(a, b)
         sd = np.maximum(sd, SAME_PLACE / 3.0)
-        stays = np.exp(like - 0.5 * (away / sd) ** 2) / REPLACED
+        off = np.minimum(away / sd, 3.0)
+        stays = np.exp(like - 0.5 * off**2) / REPLACED
         sized = np.isfinite(a.length + a.width)[:, None] & np.isfinite(b.length + b.width)
         named = (a.label >= 0)[:, None] & (a.label[:, None] == b.label)
-        size = np.fmin(
-            np.fmax(np.nan_to_num(a.length), SAME_PLACE)[:, None],
-            np.fmax(np.nan_to_num(b.length), SAME_PLACE),
-        )
+        size = self._least_size()
         left, came = (np.array([spot.is_free for spot in each], np.bool_) for each in spots)
         may = (sized | named) & ((left[:, None] & came) | (away <= size))
-        views = alike(a, b, VIEW_SIZE_SD)
+        views = alike(a, b, VIEW_SIZE_SD, WRONG_VIEW)
         moves = np.where(may, MOVES * np.exp(views) * (1.0 + away) ** -NEARNESS, 0.0)
-        return _marginals(np.where(self._in_place(), stays, moves))
+        return _marginals(np.where(self._in_place(spots), stays, moves))
 
     def _alone(
         self,

@@ -152,16 +152,17 @@ class Surveying:
 
     counts: Counts
     _keys: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
-    _sums: Float64 = field(default_factory=lambda: np.empty((0, 3)))
-    """(C, 3) x, y and number of the hits of each cell."""
+    _sums: Float64 = field(default_factory=lambda: np.empty((0, 4)))
+    """(C, 4) x, y, number of the hits of each cell, and number of those of agents."""
     _waiting: list[tuple[Int64, Float64]] = field(default_factory=list)
 
-    def add(self, beams: Beams) -> None:
-        """Count some sweeps; `TooLargeError` as of `Counts.add`."""
+    def add(self, beams: Beams, agents: Bool | None = None) -> None:
+        """Count some sweeps, of which (S, B) beams are on agents; `TooLargeError` as of `Counts.add`."""
         self.counts.add(beams)
         hit = (beams.use == HIT) & np.isfinite(beams.end[0])
         x, y = beams.end[0][hit], beams.end[1][hit]
-        key, sums = _summed(self._key(x, y), np.column_stack([x, y, np.ones(len(x))]))
+        mine = np.zeros(len(x)) if agents is None else agents[hit]
+        key, sums = _summed(self._key(x, y), np.column_stack([x, y, np.ones(len(x)), mine]))
         self._waiting.append((key, sums))
         if sum(len(part) for part, _ in self._waiting) > len(self._keys) + (1 << 16):
             self._gather()
@@ -184,14 +185,15 @@ class Surveying:
             part[first - low : top - low, start - left : right - left] = layer[first:top, start:right]
             layers.append(part)
         row, column = np.nonzero(grid.cells == OCCUPIED)
+        if not len(row):
+            return Ground(side, grid.x, grid.y, grid.cells, layers[0], layers[1], np.empty((0, 2)))
         middle = np.column_stack([column + 0.5, row + 0.5]) * side + [grid.x, grid.y]
-        points = middle
-        if len(self._keys) and len(middle):
-            key = self._key(middle[:, 0], middle[:, 1])
-            at = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
-            found = self._keys[at] == key
-            mean = self._sums[at, :2] / self._sums[at, 2:]
-            points = np.where(found[:, None], mean, middle)
+        at = np.searchsorted(self._keys, self._key(middle[:, 0], middle[:, 1]))
+        sums = self._sums[np.minimum(at, len(self._keys) - 1)]
+        # Where an agent stood long, nobody knows what is there without it.
+        stands = sums[:, 3] <= 0.5 * sums[:, 2]
+        grid.cells[row[~stands], column[~stands]] = UNKNOWN
+        points = sums[stands, :2] / sums[stands, 2:3]
         return Ground(side, grid.x, grid.y, grid.cells, layers[0], layers[1], points)
 
     def _key(self, x: Float64, y: Float64) -> Int64:

@@ -222,12 +222,13 @@ def area(known: Standing, run: Standing) -> float:
     return max(sides[0] * sides[1], LEAST_AREA)
 
 
-def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD) -> Float64:
+def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD, wrong: float = WRONG_SIZE) -> Float64:
     """Return (T, N) the log-likelihood ratio of being one thing by size, shape and label; 0 if these are unknown.
 
     Parameters
     ----------
     size_sd : standard deviation between two sizes of the same thing, beside their own [m]
+    wrong : share of sizes that are wrong
     """
     total = np.zeros((len(known), len(run)))
     for size in ("length", "width"):
@@ -235,7 +236,7 @@ def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD) -> Float
         sd = np.hypot(getattr(known, f"{size}_sd")[:, None], getattr(run, f"{size}_sd"))
         sd = np.hypot(np.nan_to_num(sd), size_sd)
         right = SIZE_RANGE / (math.sqrt(2.0 * math.pi) * sd) * np.exp(-0.5 * (apart / sd) ** 2)
-        ratio = np.log((1.0 - WRONG_SIZE) * right + WRONG_SIZE)
+        ratio = np.log((1.0 - wrong) * right + wrong)
         total += np.where(np.isfinite(apart), ratio, 0.0)
     total += _codes(known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE)
     return total + _codes(known.label, run.label, SAME_LABEL, OTHER_LABEL)
