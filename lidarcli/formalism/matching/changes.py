@@ -32,9 +32,9 @@ VIEW_SIZE_SD, WRONG_VIEW = 0.03, 0.02
 """[m] Standard deviation between two sizes of one thing that is seen from other sides, and the share of wrong ones."""
 REPLACED = 0.02
 """Odds of another thing having taken the place of one, against it being the same."""
-MOVES = 2.0
+MOVES = 1.0
 """Odds of a thing having been moved, against one having gone and another one having come, …"""
-NEARNESS = 3.0
+NEARNESS = 2.0
 """… which fall with this power of 1 m and the distance."""
 FREE_SHARE = 0.5
 """Least share of where a thing was hit that has been seen free."""
