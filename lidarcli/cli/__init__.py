@@ -27,11 +27,16 @@ COMMANDS = (
 """Names of the commands; each has a file of its name, unless `HOMES` tells another."""
 HOMES = {"config": "about", "completion": "about"}
 
+SUPERSEDED = {"match": "give lidarcli diff RUN RUN..., which takes the same tables, and logs"}
+"""Command that there was → words for what does its work now."""
+
 INTERRUPTED = 130
 
 
 class LazyCommands(Commands):
     """A group that imports a command only when somebody asks for it."""
+
+    superseded = SUPERSEDED
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order of the work."""

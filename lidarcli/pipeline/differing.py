@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import zlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -26,7 +27,6 @@ from lidarcli.choices import (
 )
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.counts import Beams, Counts, TooLargeError, placed
 from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy, UnlikeError, compare
 from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, Fit, fit, search
@@ -286,7 +286,7 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
 
 
 _NOTHING = (
-    Standing(*(np.empty(0) for _ in range(6)), *(np.empty(0, np.int32) for _ in range(2))),
+    Standing(*[np.empty(0)] * 6, shape=np.empty(0, np.int32), label=np.empty(0, np.int32)),
     np.empty(0),
 )
 
@@ -441,10 +441,7 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
         raise OptionError(
             f"{name}: {len(at):,} standing things are more than can be compared ({MOST_THINGS:,}); take a part with --end"
         )
-    shapes, labels = (
-        [_code(known, each) for each in rows[column]]
-        for column, known in (("shape", _SHAPES), ("label", _LABELS))
-    )
+    shapes, labels = ([_code(each) for each in rows[column]] for column in ("shape", "label"))
     things = Standing(
         **{each: number[each][at] for each in _MEASURED if each != "yaw"},
         shape=np.array(shapes, np.int32)[at],
@@ -463,13 +460,11 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
 
 
 _MEASURED = ("x", "y", "yaw", "length", "width", "length_sd", "width_sd")
-_SHAPES: dict[str, int] = {}
-_LABELS: dict[str, int] = {}
 
 
-def _code(known: dict[str, int], word: str | None) -> int:
+def _code(word: str | None) -> int:
     """Return the code of a word, the same in all runs; -1 for none."""
-    return -1 if word in (None, "unknown") else known.setdefault(str(word), len(known))
+    return -1 if word in (None, "unknown") else zlib.crc32(str(word).encode()) >> 1
 
 
 def _distinct(number: dict[str, Float64], sweeps: Int64) -> Int64:
@@ -532,9 +527,7 @@ def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions)
     seers = [(seen[0].name, seen[0].run.ground)]
     before = None
     for number, now in enumerate(seen[1:], 1):
-        nearest = tuple(
-            None if each.run.ground is None else Nearest(each.run.ground) for each in (reference, now)
-        )
+        nearest = _nearest(reference), _nearest(now)
         label = labels[0] if number == 1 else "the runs before"
         step, chance = _align(reference, now, nearest, options.align, label, labels[number])
         steps.append(step)
@@ -571,7 +564,7 @@ def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions)
 def _align(
     reference: Seen,
     now: Seen,
-    nearest: tuple[Nearest | None, ...],
+    nearest: tuple[Nearest | None, Nearest | None],
     how: str,
     label: str,
     other: str,
@@ -581,11 +574,11 @@ def _align(
     common = reference.is_common and reference.world == now.world
     as_is = how == AS_IS or (how == AUTO and common)
     if as_is:
-        found = None if first is None or second is None else fit(first, second, HERE)
-        if found is not None and not found.lies:
-            raise UnreadableError(_lies_not(label, other, found) + "; as they are, that is (--align search)")
+        here = None if first is None or second is None else fit(first, second, HERE)
+        if here is not None and not here.lies:
+            raise UnreadableError(_lies_not(label, other, here) + "; as they are, that is (--align search)")
         words = f"as they are, in the frame {reference.world}" if common else "as they are"
-        return _step(reference, now, HERE, found, words), 1.0
+        return _step(reference, now, HERE, here, words), 1.0
     if first is None or second is None:
         motion, chance = align(reference.run.things, now.run.things)
         if motion is None:
@@ -602,6 +595,10 @@ def _align(
     if found.rival is not None:
         raise UnreadableError(_in_two_ways(label, other))
     return _step(reference, now, found.best.motion, found.best, "aligned by structure"), 1.0
+
+
+def _nearest(seen: Seen) -> Nearest | None:
+    return None if seen.run.ground is None else Nearest(seen.run.ground)
 
 
 def _lies_not(label: str, other: str, found: Fit) -> str:

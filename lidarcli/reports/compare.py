@@ -107,9 +107,7 @@ def _refuse_others(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> None:
     """Refuse another recording: its sweeps have other stamps, or other numbers of beams, or none is in both runs."""
     if not len(run.sweeps) or not len(base_run.sweeps):
         return
-    where = (
-        "; --baseline compares one recording under two versions or settings, lidarcli match different ones"
-    )
+    where = "; --baseline compares one recording under two versions or settings, lidarcli diff different ones"
     if not len(mine):
         raise OptionError(f"--baseline: no sweep is in both runs: no log and topic of the two agree{where}")
     stamp, before = (one.sweeps.integers("stamp") for one in (run, base_run))

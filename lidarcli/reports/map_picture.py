@@ -113,14 +113,14 @@ class MapPicture:
     """x and y of each sensor."""
     boxes: Sequence[Box] = ()
     """Boxes of tracks that stand."""
-    others: Sequence[Box] = ()
-    """Boxes that are drawn elsewhere, and have their place here."""
     agents: Sequence[tuple[int, Float64, Float64]] = ()
     """Number, x and y of what moved."""
     snapshot: Snapshot | None = None
     title: str = ""
     walls: Walls | None = None
     """Walls, drawn where there is no grid."""
+    others: Sequence[Box] = ()
+    """Boxes that are drawn elsewhere, and have their place here."""
 
 
 def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:

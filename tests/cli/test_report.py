@@ -586,9 +586,7 @@ def test_clouds_in_other_numbers_of_beams_are_no_other_recording(
 
 
 def test_a_baseline_of_another_recording_is_refused(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    way_out = (
-        "--baseline compares one recording under two versions or settings, lidarcli match different ones"
-    )
+    way_out = "--baseline compares one recording under two versions or settings, lidarcli diff different ones"
     later = [sweep(k, 1, stamp=START + 7 * TENTH * k + 5) for k in range(20)]
     other = write_run(tmp_path / "other", later, [thing(k, 1) for k in range(20)])
     ran = lidarcli("report", run, "--baseline", other)

@@ -47,7 +47,8 @@ ONLY_SHELL = {
     "learn": {"plot"},
     "detect": {"output", "beams"},
     "track": {"output", "beams", "trajectories"},
-    "map": {"jobs", "compare"},
+    "map": {"jobs"},
+    "diff": {"output", "check", "overwrite"},
     "info": {"output", "check"},
     "plot": {"sweeps", "map", "animate", "fps", "start", "end"},
 }

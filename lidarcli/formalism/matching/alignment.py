@@ -203,7 +203,7 @@ def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:
         dx, dy, turn = np.linalg.solve(square, (matrix * weight[:, None]).T @ value).tolist()
         angle = motion.angle + turn
         cos, sin = math.cos(angle), math.sin(angle)
-        to = centre + [dx, dy]
+        to = centre + np.array([dx, dy])
         motion = Motion(
             angle,
             float(to[0] - cos * middle[0] + sin * middle[1]),
@@ -222,7 +222,7 @@ def _tried(first: Ground, second: Ground) -> list[Motion]:
     left, low = first.points.min(axis=0) - COARSE
     extent = first.points.max(axis=0) - [left, low]
     side = max(COARSE, (float(extent.max()) + 2.0 * radius) / MOST_COARSE)
-    wide, high = (int(math.ceil((length + 2.0 * radius) / side)) + 4 for length in extent)
+    wide, high = (math.ceil((float(length) + 2.0 * radius) / side) + 4 for length in extent)
     shape = _even(high), _even(wide)
     ours = _counted(first.points, left, low, side, shape)
     near = _widened(ours > 0)

@@ -316,7 +316,8 @@ class Compared:
         """Tell why the other run did not see a place: what hides it was not there, or parts around it were seen."""
         run, old = self._runs[1 - side], self._nearest[side]
         nearest = self._nearest[1 - side]
-        assert run.ground is not None and nearest is not None
+        assert run.ground is not None
+        assert nearest is not None
         x, y = spot.points.mean(axis=0).tolist()
         back, to_old = self._motions[1 - side].inverse, self._motions[side].inverse
         (there_x,), (there_y,) = back.of(np.array([x]), np.array([y]))

@@ -1,9 +1,9 @@
-"""The ground as a run saw it (§3, matching): free, occupied or unseen cells, and the nearest occupied point of any place."""
+"""The ground as a run saw it (§3, matching): free, occupied or unseen, and the occupied point nearest to any place."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -76,65 +76,51 @@ class Ground:
     def moved(self, motion: Motion) -> Ground:
         """Return the ground in other coordinates, each new cell as the old one at its middle."""
         height, width = self.cells.shape
-        side = self.resolution
-        corners = np.array([[0, 0], [width, 0], [0, height], [width, height]]) * side + [self.x, self.y]
-        x, y = motion.of(corners[:, 0], corners[:, 1])
-        left, low = math.floor(x.min() / side), math.floor(y.min() / side)
-        shape = math.ceil(y.max() / side) - low, math.ceil(x.max() / side) - left
-        row, column = np.indices(shape)
-        back = motion.inverse
-        old = back.of((column.ravel() + left + 0.5) * side, (row.ravel() + low + 0.5) * side)
-        at, across, inside = self.index(*old)
+        corners = np.array([[0, 0], [width, 0], [0, height], [width, height]]) * self.resolution
+        x, y = motion.of(corners[:, 0] + self.x, corners[:, 1] + self.y)
         points = np.column_stack(motion.of(self.points[:, 0], self.points[:, 1]))
-        layers = {
-            name: np.where(inside, getattr(self, name)[at, across], empty).reshape(shape).astype(kind)
-            for name, empty, kind in (
-                ("cells", UNKNOWN, np.int8),
-                ("passes", 0, np.int32),
-                ("looks", 0, np.int32),
-            )
-        }
-        # Turned cells may miss a point; the points are what counts.
-        layers["cells"][layers["cells"] == OCCUPIED] = FREE
-        moved = replace(self, x=left * side, y=low * side, points=points, **layers)
-        line, place, there = moved.index(points[:, 0], points[:, 1])
-        moved.cells[line[there], place[there]] = OCCUPIED
+        left, low, middle_x, middle_y = _cells_of(self.resolution, x, y)
+        inverse = motion.inverse
+        cells, passes, looks = self._at(*inverse.of(middle_x, middle_y))
+        # Turned cells may miss a point, and the points are what counts.
+        cells[cells == OCCUPIED] = FREE
+        moved = Ground(self.resolution, left, low, cells, passes, looks, points, self.counted)
+        row, column, inside = moved.index(points[:, 0], points[:, 1])
+        cells[row[inside], column[inside]] = OCCUPIED
         return moved
 
     def over(self, older: Ground) -> Ground:
-        """Return this ground, and where it saw nothing an older one in the same coordinates; cells are of its size."""
-        side = self.resolution
-        low = [math.floor(min(getattr(one, axis) for one in (self, older)) / side) for axis in "xy"]
-        high = [
-            math.ceil(
-                max(getattr(one, axis) + one.resolution * one.cells.shape[k] for one in (self, older)) / side
-            )
-            for axis, k in (("x", 1), ("y", 0))
+        """Return this ground, and where it saw nothing an older one in the same coordinates."""
+        corners = [
+            (one.x + across * one.resolution, one.y + up * one.resolution)
+            for one in (self, older)
+            for up, across in ((0, 0), one.cells.shape)
         ]
-        shape = high[1] - low[1], high[0] - low[0]
-        row, column = np.indices(shape)
-        x, y = (column.ravel() + low[0] + 0.5) * side, (row.ravel() + low[1] + 0.5) * side
-        at, across, inside = self.index(x, y)
-        mine = inside & (self.cells[at, across] != UNKNOWN)
-        old_at, old_across, old_inside = older.index(x, y)
-        layers = {
-            name: np.where(
-                mine,
-                getattr(self, name)[at, across],
-                np.where(old_inside, getattr(older, name)[old_at, old_across], empty),
-            )
-            .reshape(shape)
-            .astype(kind)
-            for name, empty, kind in (
-                ("cells", UNKNOWN, np.int8),
-                ("passes", 0, np.int32),
-                ("looks", 0, np.int32),
-            )
-        }
+        left, low, x, y = _cells_of(self.resolution, *np.array(corners).T)
+        mine, before = self._at(x, y), older._at(x, y)
+        seen = mine[0] != UNKNOWN
+        cells, passes, looks = (np.where(seen, *both) for both in zip(mine, before, strict=True))
         kept = older.points[self.state(older.points[:, 0], older.points[:, 1]) == UNKNOWN]
+        points = np.concatenate([self.points, kept])
         return Ground(
-            side, low[0] * side, low[1] * side, points=np.concatenate([self.points, kept]), **layers
+            self.resolution, left, low, cells, passes, looks, points, self.counted and older.counted
         )
+
+    def _at(self, x: Float64, y: Float64) -> tuple[Int8, Int32, Int32]:
+        """Return cells, passes and looks at places (H, W)."""
+        row, column, inside = self.index(x, y)
+        cells, passes, looks = (
+            np.where(inside, layer[row, column], empty).astype(layer.dtype)
+            for layer, empty in ((self.cells, UNKNOWN), (self.passes, 0), (self.looks, 0))
+        )
+        return cells, passes, looks
+
+
+def _cells_of(side: float, x: Float64, y: Float64) -> tuple[float, float, Float64, Float64]:
+    """Return the lower left corner of cells that hold some places, and (H, W) x and y of their middles."""
+    left, low = math.floor(x.min() / side), math.floor(y.min() / side)
+    row, column = np.indices((math.ceil(y.max() / side) - low, math.ceil(x.max() / side) - left))
+    return left * side, low * side, (column + left + 0.5) * side, (row + low + 0.5) * side
 
 
 def of_map(grid: Occupancy) -> Ground:
@@ -212,8 +198,8 @@ class Surveying:
 def _summed(key: Int64, values: Float64) -> tuple[Int64, Float64]:
     """Return the different keys, ascending, and the sums of the values of each."""
     keys, which = np.unique(key, return_inverse=True)
-    sums = np.column_stack([np.bincount(which, column, len(keys)) for column in values.T])
-    return keys, sums.reshape(len(keys), values.shape[1])
+    sums = [np.bincount(which, column, len(keys)) for column in values.T]
+    return keys, np.column_stack(sums).astype(np.float64).reshape(len(keys), values.shape[1])
 
 
 class Nearest:
