@@ -285,10 +285,12 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
     return _of_log(one.source, options, progress)
 
 
+_NO_VALUE, _NO_CODE = np.empty(0), np.empty(0, np.int32)
 _NOTHING = (
-    Standing(*[np.empty(0)] * 6, shape=np.empty(0, np.int32), label=np.empty(0, np.int32)),
-    np.empty(0),
+    Standing(_NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_CODE, _NO_CODE),
+    _NO_VALUE,
 )
+"""No things, and no direction of any."""
 
 
 def _of_background(text: str) -> Seen:

@@ -99,7 +99,8 @@ class Ground:
         left, low, x, y = _cells_of(self.resolution, *np.array(corners).T)
         mine, before = self._at(x, y), older._at(x, y)
         seen = mine[0] != UNKNOWN
-        cells, passes, looks = (np.where(seen, *both) for both in zip(mine, before, strict=True))
+        cells = np.where(seen, mine[0], before[0]).astype(np.int8)
+        passes, looks = (np.where(seen, mine[k], before[k]).astype(np.int32) for k in (1, 2))
         kept = older.points[self.state(older.points[:, 0], older.points[:, 1]) == UNKNOWN]
         points = np.concatenate([self.points, kept])
         return Ground(
@@ -109,11 +110,11 @@ class Ground:
     def _at(self, x: Float64, y: Float64) -> tuple[Int8, Int32, Int32]:
         """Return cells, passes and looks at places (H, W)."""
         row, column, inside = self.index(x, y)
-        cells, passes, looks = (
-            np.where(inside, layer[row, column], empty).astype(layer.dtype)
-            for layer, empty in ((self.cells, UNKNOWN), (self.passes, 0), (self.looks, 0))
+        return (
+            np.where(inside, self.cells[row, column], UNKNOWN).astype(np.int8),
+            np.where(inside, self.passes[row, column], 0).astype(np.int32),
+            np.where(inside, self.looks[row, column], 0).astype(np.int32),
         )
-        return cells, passes, looks
 
 
 def _cells_of(side: float, x: Float64, y: Float64) -> tuple[float, float, Float64, Float64]:
