@@ -20,7 +20,8 @@ from lidarcli.sweeps import TURN, Bool, Float64
 IN_PLACE = 0.1
 """[m] Greatest distance of structure in place from that of the other run."""
 LEAST_COMMON = 0.2
-"""Least share of the smaller structure that both runs have in common."""
+"""Least share of the smaller structure, and of the smaller free ground, that both runs have in common: rooms on both sides
+of a wall do not lie on each other."""
 LEAST_POINTS = 20
 """Least number of occupied points that both runs have in common."""
 LEAST_OVERLAP = 0.6
@@ -82,7 +83,9 @@ class Fit:
 
 def fit(first: Nearest, second: Nearest, motion: Motion) -> Fit:
     """Return how well a run lies on the first one, moved to its coordinates."""
-    shares, explained, against, squares, common = [], 0, 0, 0.0, True
+    shares, explained, against, squares = [], 0, 0, 0.0
+    both_free = float(np.mean(first.ground.state(*motion.of(*second.free.T)) == FREE)) * second.area
+    common = both_free >= LEAST_COMMON * min(first.area, second.area)
     for here, there, way in ((first, second, motion), (second, first, motion.inverse)):
         x, y = way.of(there.ground.points[:, 0], there.ground.points[:, 1])
         _, away = here.of(x, y)
@@ -118,7 +121,7 @@ def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Found:
     if not len(first.ground.points) or not len(second.ground.points):
         return Found(nothing, None)
     here = _fitted(first, second, HERE)
-    candidates = _different([*proposed, *_tried(first.ground, second.ground)], second.ground)
+    candidates = _different([*proposed, *_tried(first, second)], second.ground)
     fits = [here, *(_fitted(first, second, motion) for motion in candidates)]
     fits.sort(key=lambda each: -each.gain)
     whole = [each for each in fits if each.common] or [max(fits, key=lambda each: each.explained)]
@@ -214,9 +217,9 @@ def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:
     return motion
 
 
-def _tried(first: Ground, second: Ground) -> list[Motion]:
+def _tried(one: Nearest, other: Nearest) -> list[Motion]:
     """Return proposals by trying all turns and shifts on coarse cells, the best first."""
-    free = _free(second)
+    first, second, free = one.ground, other.ground, other.free
     middle = second.points.mean(axis=0)
     radius = float(np.hypot(*(second.points - middle).T).max())
     left, low = first.points.min(axis=0) - COARSE
@@ -226,7 +229,7 @@ def _tried(first: Ground, second: Ground) -> list[Motion]:
     shape = _even(high), _even(wide)
     ours = _counted(first.points, left, low, side, shape)
     near = _widened(ours > 0)
-    our_free = _counted(_free(first), left, low, side, shape) > 0
+    our_free = _counted(one.free, left, low, side, shape) > 0
     worth = np.where(near, np.where(ours > 0, 1.0, 0.5), np.where(our_free, -1.0, 0.0))
     for_points, for_free = np.fft.rfft2(worth), np.fft.rfft2(ours)
     step = min(MOST_TURN, max(side / max(radius, side), math.radians(0.5)))
@@ -261,13 +264,6 @@ def _tried(first: Ground, second: Ground) -> list[Motion]:
             found.append((worth_it, motion))
     found.sort(key=lambda each: -each[0])
     return [motion for _, motion in found]
-
-
-def _free(ground: Ground) -> Float64:
-    """Return (K, 2) places that were seen free, every other cell of every other row."""
-    row, column = np.nonzero(ground.cells[::2, ::2] == FREE)
-    places: Float64 = (np.column_stack([column, row]) * 2 + 0.5) * ground.resolution + [ground.x, ground.y]
-    return places
 
 
 def _counted(points: Float64, left: float, low: float, side: float, shape: tuple[int, int]) -> Float64:

@@ -204,10 +204,18 @@ def _summed(key: Int64, values: Float64) -> tuple[Int64, Float64]:
 
 
 class Nearest:
-    """The nearest occupied point of any place, up to `REACH`."""
+    """The occupied point nearest to any place, up to `REACH`, and the places that were seen free."""
 
     def __init__(self, ground: Ground) -> None:
         self.ground = ground
+        row, column = np.nonzero(ground.cells[::2, ::2] == FREE)
+        self.free: Float64 = (np.column_stack([column, row]) * 2 + 0.5) * ground.resolution + [
+            ground.x,
+            ground.y,
+        ]
+        """(F, 2) places that were seen free: every other cell of every other row [m]."""
+        self.area = 4.0 * len(row) * ground.resolution**2
+        """Ground that was seen free [m²]."""
         side = ground.resolution
         reach = max(1, math.ceil(REACH / side))
         height, width = ground.cells.shape
