@@ -9,7 +9,7 @@ from tests.docs.constants import constants
 from tests.places import ROOT, SAMPLES
 
 PAGE = (ROOT / "docs" / "catalogue.md").read_text(encoding="utf-8")
-MODULES = ("matching.catalogue", "matching.evidence", "tracking.naming", "matching.runs")
+MODULES = ("matching.catalogue", "matching.evidence", "tracking.naming")
 
 
 def test_every_constant_is_documented_with_its_value() -> None:
@@ -22,7 +22,6 @@ def test_every_constant_is_documented_with_its_value() -> None:
 NUMERICAL = {
     "evidence.LEAST_LENGTH",
     "catalogue.LEAST_DENSITY",
-    "runs.PROPOSALS_AT_ONCE",
     "naming.SIZES",
 }
 """These keep numbers finite and arrays small, and decide nothing."""
