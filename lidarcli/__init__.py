@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.api.showing import RunReport, plot, report
     from lidarcli.pipeline.api.zoning import zones
     from lidarcli.pipeline.detecting import TrackTables
+    from lidarcli.pipeline.differing import Difference
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
     from lidarcli.pipeline.zoning import ZoneTables
     from lidarcli.sweeps import Status, SweepBatch, SweepPoses
@@ -57,6 +58,7 @@ _HOMES = {
     "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
     "lidarcli.pipeline.api.zoning": ("zones",),
     "lidarcli.pipeline.detecting": ("TrackTables",),
+    "lidarcli.pipeline.differing": ("Difference",),
     "lidarcli.pipeline.inputs.catalogue": ("read_catalogue",),
     "lidarcli.pipeline.zoning": ("ZoneTables",),
     "lidarcli.sweeps": ("Status", "SweepBatch", "SweepPoses"),
@@ -67,6 +69,7 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 __all__ = [
     "Background",
     "Catalogue",
+    "Difference",
     "LidarcliError",
     "NoScanError",
     "Occupancy",

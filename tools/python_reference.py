@@ -23,6 +23,7 @@ FUNCTIONS: dict[str, Any] = {
     "tables": options.Tabling,
     "learn": options.Learning,
     "map": options.Mapping,
+    "diff": options.Diffing,
     "plot": options.Plotting,
     "info": options.Inspecting,
     "report": options.Reporting,
@@ -43,6 +44,7 @@ CLASSES = (
     "Occupancy",
     "TrackTables",
     "Tables",
+    "Difference",
     "RunReport",
     "Parameters",
 )

@@ -36,6 +36,7 @@ class DiffCommand(Overwrite, TextOrJson, Diffing, total=False):
   lidarcli diff site.yaml today.mcap --check "gone == 0" --check "new <= 2"
   lidarcli diff monday.tracks.parquet tuesday.tracks.parquet -o changes.csv
   lidarcli diff empty.background.parquet today.bag --align as-is
+  lidarcli diff monday.bag tuesday.bag wednesday.bag --min-score 0.95
   lidarcli diff truth.map.yaml room.yaml --format json""",
 )
 def diff(say: Messages, told: DiffCommand) -> int:

@@ -81,6 +81,7 @@ _POSE = (
 )
 EVENT_KINDS = ("occupied", "approach", "visit", "crossing", "stale")
 DIRECTIONS = ("in", "out")
+_NAME = Column("label", "text", "", "its name in the catalogue; null without one", nullable=True)
 _ZONE = Column("zone", "text", "", "name of the zone")
 _LABEL, _LABEL_SCORE = COLUMNS["label"], COLUMNS["label_score"]
 _STATUSES = {
@@ -208,7 +209,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
             nullable=True,
         ),
         Column("track", "int64", "1", "track of most points at that moment; null without one", nullable=True),
-        Column("label", "text", "", "its name in the catalogue; null without one", nullable=True),
+        _NAME,
         Column(
             "direction",
             "text",
@@ -316,7 +317,13 @@ TABLES: dict[str, tuple[Column, ...]] = {
                     )
                     for axis in "xy"
                 ),
-                Column(f"yaw_{run}", "float64", "rad", "direction of its longer side there", nullable=True),
+                Column(
+                    f"yaw_{run}",
+                    "float64",
+                    "rad",
+                    f"direction of its longer side in log_{run}",
+                    nullable=True,
+                ),
             )
         ),
         Column("moved", "float64", "m", "distance between both places; null without both", nullable=True),
@@ -342,7 +349,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
             )
             for run in "ab"
         ),
-        Column("label", "text", "", "its name in the catalogue; null without one", nullable=True),
+        _NAME,
         *(
             Column(
                 f"sweeps_{run}",

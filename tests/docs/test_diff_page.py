@@ -13,7 +13,10 @@ MODULES = ("matching.changes", "matching.ground", "matching.alignment", "matchin
 NUMERICAL = {
     *("changes.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "runs.PROPOSALS_AT_ONCE"),
     *(f"changes.{name}" for name in ("THING", "STRUCTURE", "KNOWN", "MOVED", "NEW", "GONE", "UNCERTAIN")),
-    *(f"changes.{name}" for name in ("HIDDEN", "OUT_OF_VIEW", "NO_FREE_SPACE", "SHORT", "AMBIGUOUS", "CERTAIN")),
+    *(
+        f"changes.{name}"
+        for name in ("HIDDEN", "OUT_OF_VIEW", "NO_FREE_SPACE", "SHORT", "AMBIGUOUS", "CERTAIN")
+    ),
 }
 """These number words, keep numbers finite and arrays small, and decide nothing."""
 

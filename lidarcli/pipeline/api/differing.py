@@ -37,7 +37,8 @@ def diff(
 
     Parameters
     ----------
-    before, after : runs, each a log, a tracks table of `track`, a background, or a map (.yaml of map_server)
+    before : a run: a log, a tracks table of `track`, a background, or a map (.yaml of map_server)
+    after : one or more later runs, like this
     output : files to write: .parquet or .csv (table of changes), .png (picture)
     overwrite : replace files that exist
 
