@@ -29,11 +29,13 @@ if TYPE_CHECKING:
     from lidarcli.formalism.mapping.occupancy import Occupancy
     from lidarcli.formalism.matching.catalogue import Catalogue
     from lidarcli.formalism.parameters import Parameters
+    from lidarcli.pipeline.api.differing import diff
     from lidarcli.pipeline.api.finding import Tables, detect, tables, track
     from lidarcli.pipeline.api.logs import info, learn, map, read
     from lidarcli.pipeline.api.showing import RunReport, plot, report
     from lidarcli.pipeline.api.zoning import zones
     from lidarcli.pipeline.detecting import TrackTables
+    from lidarcli.pipeline.differing import Difference
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
     from lidarcli.pipeline.zoning import ZoneTables
     from lidarcli.sweeps import Status, SweepBatch, SweepPoses
@@ -50,11 +52,13 @@ _HOMES = {
     "lidarcli.formalism.matching.catalogue": ("Catalogue",),
     "lidarcli.formalism.mapping.occupancy": ("Occupancy",),
     "lidarcli.formalism.parameters": ("Parameters",),
+    "lidarcli.pipeline.api.differing": ("diff",),
     "lidarcli.pipeline.api.finding": ("Tables", "detect", "tables", "track"),
     "lidarcli.pipeline.api.logs": ("info", "learn", "map", "read"),
     "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
     "lidarcli.pipeline.api.zoning": ("zones",),
     "lidarcli.pipeline.detecting": ("TrackTables",),
+    "lidarcli.pipeline.differing": ("Difference",),
     "lidarcli.pipeline.inputs.catalogue": ("read_catalogue",),
     "lidarcli.pipeline.zoning": ("ZoneTables",),
     "lidarcli.sweeps": ("Status", "SweepBatch", "SweepPoses"),
@@ -65,6 +69,7 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 __all__ = [
     "Background",
     "Catalogue",
+    "Difference",
     "LidarcliError",
     "NoScanError",
     "Occupancy",
@@ -81,6 +86,7 @@ __all__ = [
     "ZoneTables",
     "__version__",
     "detect",
+    "diff",
     "formalism",
     "info",
     "learn",

@@ -41,8 +41,14 @@ ECHOES = ("first", "last", "strongest")
 """Echoes to take of a beam that has several; the first by default."""
 BINS = 720
 """Beams of a sweep that is made of a point cloud: half a degree each in a full turn."""
-MATCH_BY = ("position", "constellation", "auto")
-"""Ways to match the things of several runs."""
+ALIGN = ("auto", "as-is", "search")
+"""Ways to lay one run on another; the first by default."""
+CHANGE_KINDS = ("thing", "structure")
+CHANGE_STATUSES = ("known", "moved", "new", "gone", "uncertain")
+CHANGE_WHYS = ("hidden", "out of view", "no free space", "short", "ambiguous")
+"""What changed from run to run, what became of it, and why nobody can tell."""
+LEAST_SCORE = 0.8
+"""Least probability of the status of a change, by default."""
 BEAM_ORDERS = ("auto", "forward", "reverse", "once")
 """Orders in which the beams of a sweep are sent; the first by default."""
 MATCH = "match"

@@ -12,11 +12,13 @@ from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
 from lidarcli.choices import (
+    ALIGN,
     BEAM_ORDERS,
     BINS,
     ECHOES,
     GREATEST_COUNT,
     LAST_SWEEP,
+    LEAST_SCORE,
     MAP_RESOLUTION,
     MAP_RESOLUTIONS,
     MAX_MAP_KM2,
@@ -56,6 +58,7 @@ OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
 BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
 PICTURE, LOOK, GATES, ZONES, FINDINGS = "Picture", "Look", "Gates", "Zones", "Findings"
+PLACES = "Places"
 
 
 def _time(text: str) -> Any:
@@ -551,6 +554,22 @@ class _Zones(TypedDict, total=False):
 
 class Zoning(_Zones, Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, total=False):
     """Keywords of `zones`."""
+
+
+class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
+    """Keywords of `diff`."""
+
+    align: Annotated[
+        Literal["auto", "as-is", "search"],
+        Option(PLACES, ALIGN, ALIGN[0]),
+        "How runs lie on each other: as-is, in their coordinates as they are; search, by what both saw; auto: as-is if all "
+        "are in one frame that is no odometry.",
+    ]
+    min_score: Annotated[
+        float,
+        Option(PLACES, Number("P", 0, 1), LEAST_SCORE),
+        "Least probability of known, moved, new and gone; below it the status is uncertain.",
+    ]
 
 
 class Inspecting(Joining, Poses, Ranges, total=False):

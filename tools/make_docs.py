@@ -28,6 +28,7 @@ WITH_EXAMPLES = (
     "docs/clouds.md",
     "docs/map.md",
     "docs/overlay.md",
+    "docs/diff.md",
     "docs/zones.md",
     "docs/background.md",
     "docs/track.md",

@@ -24,6 +24,7 @@ FUNCTIONS: dict[str, Any] = {
     "learn": options.Learning,
     "map": options.Mapping,
     "zones": options.Zoning,
+    "diff": options.Diffing,
     "plot": options.Plotting,
     "info": options.Inspecting,
     "report": options.Reporting,
@@ -45,6 +46,7 @@ CLASSES = (
     "TrackTables",
     "Tables",
     "ZoneTables",
+    "Difference",
     "RunReport",
     "Parameters",
 )

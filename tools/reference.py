@@ -16,7 +16,7 @@ from lidarcli.reports import figures, runs
 from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tabular import writing
 from lidarcli.tabular.background import GEOMETRY
-from lidarcli.tabular.schemas import BACKGROUND, CLOUD, MATCHES, POSES, RUNS, SCHEMAS
+from lidarcli.tabular.schemas import BACKGROUND, CHANGES, CLOUD, POSES, RUNS, SCHEMAS
 
 NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page is stale. -->"
 
@@ -157,11 +157,11 @@ def tables_page() -> str:
         "[background.md](background.md) says what the figures mean.",
         "",
         *_schema(BACKGROUND),
-        "## matches",
+        "## changes",
         "",
-        "Written by `match`. One row per thing and run that has it, by thing and run ([catalogue.md](catalogue.md)).",
+        "Written by `diff -o FILE`. One row per thing or piece of structure, things first ([diff.md](diff.md)).",
         "",
-        *_schema(MATCHES),
+        *_schema(CHANGES),
         "## cloud",
         "",
         "Written by `map -o FILE.parquet` ([maps.md](maps.md)). One row per point, in the order of the logs.",

@@ -21,17 +21,22 @@ from lidarcli.option_forms import Option
 from lidarcli.stores.url import blotted
 
 COMMANDS = (
-    *("info", "detect", "track", "background", "match", "map", "zones", "overlay"),
+    *("info", "detect", "track", "background", "diff", "map", "zones", "overlay"),
     *("poses", "report", "plot", "export", "simulate", "config", "completion"),
 )
 """Names of the commands; each has a file of its name, unless `HOMES` tells another."""
 HOMES = {"config": "about", "completion": "about"}
+
+SUPERSEDED = {"match": "give lidarcli diff RUN RUN..., which takes the same tables, and logs"}
+"""Command that there was → words for what does its work now."""
 
 INTERRUPTED = 130
 
 
 class LazyCommands(Commands):
     """A group that imports a command only when somebody asks for it."""
+
+    superseded = SUPERSEDED
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order of the work."""

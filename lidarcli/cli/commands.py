@@ -216,6 +216,9 @@ class DeclaredCommand(_Shared):
 class Commands(_Shared, click.Group):
     """A group of commands that knows what a mistyped one was meant to be."""
 
+    superseded: Mapping[str, str] = {}
+    """Command that there was -> words for what does its work now."""
+
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
@@ -231,6 +234,8 @@ class Commands(_Shared, click.Group):
         return super().resolve_command(ctx, args)
 
     def _refuse(self, ctx: click.Context, name: str) -> NoReturn:
+        if name in self.superseded:
+            ctx.fail(f"The command '{name}' is gone: {self.superseded[name]}")
         known = self.list_commands(ctx)
         near = get_close_matches(name, known, 1)
         hint = f"Did you mean '{near[0]}'?" if near else f"There are {', '.join(known)}."

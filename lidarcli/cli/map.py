@@ -1,9 +1,5 @@
 """`lidarcli map`: one map of one or several logs."""
 
-import json
-import math
-from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import click
@@ -14,15 +10,12 @@ from lidarcli.cli.messages import Messages, progress_bar, show_reading
 from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
-from lidarcli.option_forms import File, Option, options_of
+from lidarcli.option_forms import options_of
 from lidarcli.options import Jobs, ManyLogs, Mapping, Overwrite, Reading, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.formalism.mapping.occupancy import Comparison
     from lidarcli.pipeline.map_files import Mapped
-
-TRUTH = "Comparison"
 
 
 class MapCommand(ManyLogs, Overwrite, Jobs, Mapping, total=False):
@@ -30,18 +23,9 @@ class MapCommand(ManyLogs, Overwrite, Jobs, Mapping, total=False):
 
     output: Annotated[
         tuple[str, ...],
-        output("FILE", shown="none, beside --compare", several=True),
+        output("FILE", several=True),
         "File to write; may be repeated: .yaml (map_server, with a .pgm beside it), .png, .mcap "
         "(nav_msgs/OccupancyGrid), .ply, .pcd or .parquet (point cloud).",
-    ]
-    compare: Annotated[
-        str | None,
-        Option(TRUTH, File("TRUTH.yaml"), shown="none"),
-        "Print how right the map is: precision, recall and F1 of its occupied cells (one cell of tolerance), and their "
-        "mean distance.",
-    ]
-    format: Annotated[
-        str | None, Option(TRUTH, ("text", "json"), shown="text"), "Format of what --compare prints."
     ]
 
 
@@ -50,6 +34,10 @@ class MapCommand(ManyLogs, Overwrite, Jobs, Mapping, total=False):
     superseded={
         "--path": "lidarcli plot LOG --view map draws it",
         "--without-agents": "give --without agents",
+        **dict.fromkeys(
+            ("--compare", "--format"),
+            "write the map with -o MAP.yaml, then: lidarcli diff TRUTH.yaml MAP.yaml",
+        ),
     },
     examples="""\
   lidarcli map run.mcap -o room.yaml
@@ -57,8 +45,7 @@ class MapCommand(ManyLogs, Overwrite, Jobs, Mapping, total=False):
   lidarcli map monday.bag tuesday.bag -o site.yaml --pose /amcl_pose --jobs 2
   lidarcli map scans.csv -o scans.png --pose match
   lidarcli map run.mcap -o cloud.parquet --voxel 0.05 --min-move 0
-  lidarcli map run.mcap -o room.yaml --without agents --free-no-return 3
-  lidarcli map run.mcap --compare truth.map.yaml --format json""",
+  lidarcli map run.mcap -o room.yaml --without agents --free-no-return 3""",
 )
 def map(say: Messages, told: MapCommand) -> int:
     """Make one map of one or several logs whose sensors moved.
@@ -68,14 +55,10 @@ def map(say: Messages, told: MapCommand) -> int:
     Several logs are read by as many processes, unless a point cloud is written.
     """
     refuse_no_logs(told)
-    outputs, compare = told["output"], told["compare"]
-    if not outputs and compare is None:
-        raise click.UsageError("nothing to write: give -o FILE, or --compare TRUTH.yaml")
+    outputs = told["output"]
     suffixes = {place(output).suffix.lower() for output in outputs}
     if told["voxel"] and suffixes.isdisjoint(CLOUDS):
         raise click.UsageError(f"--voxel is for a point cloud: give -o with {', '.join(CLOUDS)}")
-    if told["format"] is not None and compare is None:
-        raise click.UsageError("--format is for what --compare prints")
 
     from lidarcli.pipeline.map_files import MapRun
     from lidarcli.pipeline.mapping import MapOptions
@@ -88,9 +71,8 @@ def map(say: Messages, told: MapCommand) -> int:
     options = MapOptions(*logs, overwrite=told["overwrite"], jobs=told["jobs"] or 0, **own)
     if told["dry_run"]:
         return print_reads(sources, outputs)
-    true = None if compare is None else Path(compare)
     codes = []
-    with MapRun(sources, [place(output) for output in outputs], options, true) as run:
+    with MapRun(sources, [place(output) for output in outputs], options) as run:
         with progress_bar(sources, say) as report:
             for outcome in run.outcomes(report):
                 show_reading(outcome, say)
@@ -98,8 +80,6 @@ def map(say: Messages, told: MapCommand) -> int:
         mapped = None if run.is_empty else run.finish()
     if mapped is not None:
         _show(mapped, say)
-        if mapped.comparison is not None:
-            click.echo(_compared(mapped.comparison, told["format"] or "text"))
     return exit_code(codes)
 
 
@@ -114,22 +94,3 @@ def _show(mapped: "Mapped", say: Messages) -> None:
     )
     say.notes(mapped.notes)
     say.wrote(mapped.outputs)
-
-
-def _compared(found: "Comparison", kind: str) -> str:
-    """The comparison with the true map, as text or JSON."""
-    if kind == "json":
-        values = {
-            name: None if isinstance(value, float) and math.isnan(value) else value
-            for name, value in asdict(found).items()
-        }
-        return json.dumps(values, indent=2)
-    rows = (
-        ("occupied cells", f"{found.cells:,}"),
-        ("of the true map", f"{found.true_cells:,}"),
-        ("precision", f"{found.precision:.4f}"),
-        ("recall", f"{found.recall:.4f}"),
-        ("F1", f"{found.f1:.4f}"),
-        ("mean distance", f"{found.mean_distance:.3f} m"),
-    )
-    return "\n".join(f"{name:18}{value}" for name, value in rows)

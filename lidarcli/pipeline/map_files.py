@@ -14,10 +14,10 @@ from typing import BinaryIO
 
 from lidarcli.choices import CLOUDS
 from lidarcli.errors import OptionError, OutputError
-from lidarcli.formalism.mapping.occupancy import Comparison, Occupancy, UnlikeError, compare, refuse_unlike
+from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.machine import cores
 from lidarcli.maps.clouds import CloudWriter, ParquetWriter, PcdWriter, PlyWriter
-from lidarcli.maps.mapserver import image_of, pgm_bytes, read_map, write_occupancy_mcap, yaml_bytes
+from lidarcli.maps.mapserver import pgm_bytes, write_occupancy_mcap, yaml_bytes
 from lidarcli.newfiles import WholeFiles, new_files, refuse, scratch_folder, unwritable
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
@@ -47,7 +47,6 @@ class Mapped:
     """Sweeps that count."""
     outputs: tuple[Place, ...]
     notes: tuple[str, ...]
-    comparison: Comparison | None = None
 
 
 class MapRun:
@@ -56,16 +55,13 @@ class MapRun:
     Parameters
     ----------
     outputs : files, whose suffixes say what they are (`GRIDS`, `CLOUDS`)
-    compare : true map (YAML) to compare with
 
     Raises
     ------
     OptionError
-        A suffix is none of these, two outputs would be one file, or the true map has other cells.
+        A suffix is none of these, or two outputs would be one file.
     OutputError
         A file is there that may not be replaced.
-    UnreadableError
-        The true map is none.
     """
 
     def __init__(
@@ -73,18 +69,12 @@ class MapRun:
         sources: Sequence[Source | Nothing],
         outputs: Sequence[Place],
         options: MapOptions,
-        true: Path | None = None,
     ) -> None:
         self._sources = sources
         self._options = options
         self._outputs = tuple(outputs)
         self._files = _files(outputs)
-        read = named_files(options)
-        if true is not None:
-            read += [str(true), str(image_of(true))]
-        inputs = [*files_of(sources), *read]
-        refuse(self._files, options.overwrite, inputs)
-        self._true = None if true is None else _true_map(true, options.resolution)
+        refuse(self._files, options.overwrite, [*files_of(sources), *named_files(options)])
         needs_sets = options.without is not None or any(path.suffix.lower() == ".parquet" for path in outputs)
         # Paths that are matched lie each in a world of its own.
         self._options = options = replace(options, need=Need.ALL if len(sources) == 1 else Need.TOLD)
@@ -130,7 +120,6 @@ class MapRun:
         mapping = self._mapping
         grid = mapping.occupancy()
         notes = self._notes(grid)
-        comparison = None if self._true is None else compare(grid, self._true)
         metadata = table_metadata(self._options.as_dict(), mapping.described, mapping.damage)
         try:
             for cloud in self._clouds:
@@ -144,7 +133,7 @@ class MapRun:
         for new in self._new.values():
             notes += new.publish()
         worlds = tuple(mapping.worlds)
-        return Mapped(grid, worlds, mapping.counts.sweeps, self._files, tuple(notes), comparison)
+        return Mapped(grid, worlds, mapping.counts.sweeps, self._files, tuple(notes))
 
     def __enter__(self) -> MapRun:
         try:
@@ -237,16 +226,6 @@ def _files(outputs: Sequence[Place]) -> tuple[Place, ...]:
 def _is_text(name: str) -> bool:
     """Tell whether a name of a file is UTF-8."""
     return not any("\ud800" <= char <= "\udfff" for char in name)
-
-
-def _true_map(path: Path, resolution: float) -> Occupancy:
-    """Read a true map that can be compared with one of this resolution [m]."""
-    true = read_map(path)
-    try:
-        refuse_unlike(resolution, true)
-    except UnlikeError as err:
-        raise OptionError(f"--compare: {err}; give --resolution {true.resolution:g}") from err
-    return true
 
 
 def _whole(outcome: Outcome) -> Outcome:

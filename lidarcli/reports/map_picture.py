@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +33,8 @@ from lidarcli.reports.panels import CIRCLE, draw_sensor
 from lidarcli.reports.picture import printable
 from lidarcli.sweeps import Float32, Float64, Int64
 
+Greys = tuple[float, float, float]
+"""Greys of occupied, free and unknown cells, 0 black to 1 white."""
 WALLS = "walls and rest"
 """Entry of legends."""
 LONG, SHORT = 7.2, 2.2
@@ -117,6 +119,8 @@ class MapPicture:
     title: str = ""
     walls: Walls | None = None
     """Walls, drawn where there is no grid."""
+    others: Sequence[Box] = ()
+    """Boxes that are drawn elsewhere, and have their place here."""
 
 
 def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
@@ -125,8 +129,20 @@ def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> byte
         return file_bytes(map_figure(picture, look=look), suffix, look.dpi)
 
 
-def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_COMES) -> Figure:
-    """Return a figure whose map is `longest` [inch] at its longest side; call it within `project_style`."""
+def map_figure(
+    picture: MapPicture,
+    longest: float = LONG,
+    look: Look = AS_IT_COMES,
+    greys: Greys | None = None,
+    draw: Callable[[Axes], None] | None = None,
+) -> Figure:
+    """Return a figure whose map is `longest` [inch] at its longest side; call it within `project_style`.
+
+    Parameters
+    ----------
+    greys : of occupied, free and unknown cells
+    draw : draws more on the ground
+    """
     left, right, low, high = _limits(picture)
     width, height = right - left, high - low
     scale = longest / max(width, height)
@@ -136,9 +152,12 @@ def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_CO
         size = across, across * size[1] / size[0]
     figure = new_figure(look.inches(size[0] + BESIDE), size[1] + 0.9)
     axes = figure.add_subplot()
-    _ground(axes, picture.grid, OCCUPIED_GREY if picture.snapshot is None else BEHIND_GREY)
+    occupied = OCCUPIED_GREY if picture.snapshot is None else BEHIND_GREY
+    _ground(axes, picture.grid, greys or (occupied, FREE_GREY, UNKNOWN_GREY))
     draw_walls(axes, picture.walls)
     _marks(axes, picture)
+    if draw is not None:
+        draw(axes)
     axes.set(aspect="equal", xlim=(left, right), ylim=(low, high), xlabel="x [m]", ylabel="y [m]")
     if picture.title and look.title:
         axes.set_title(printable(picture.title), loc="left")
@@ -161,7 +180,7 @@ def _limits(picture: MapPicture) -> tuple[float, float, float, float]:
     if picture.walls is not None:
         x.append(picture.walls.x)
         y.append(picture.walls.y)
-    for corners in (_corners(box) for box in picture.boxes):
+    for corners in (corners_of(box) for box in (*picture.boxes, *picture.others)):
         x.append(corners[:, 0])
         y.append(corners[:, 1])
     if picture.snapshot is not None:
@@ -179,19 +198,20 @@ def _limits(picture: MapPicture) -> tuple[float, float, float, float]:
     return left - air, right + air, low - 2.0 * air, high + air
 
 
-def _ground(axes: Axes, grid: Occupancy | None, occupied: float) -> None:
-    """Draw the cells: occupied in this dark grey, free white, unknown pale grey."""
+def _ground(axes: Axes, grid: Occupancy | None, greys: Greys) -> None:
+    """Draw the cells in the greys of occupied, free and unknown ones."""
     if grid is None or not grid.cells.size:
         return
-    axes.set_facecolor(str(UNKNOWN_GREY))
-    grey: Float32 = np.full(grid.cells.shape, UNKNOWN_GREY, np.float32)
-    grey[grid.cells == FREE] = FREE_GREY
+    occupied, free, unknown = greys
+    axes.set_facecolor(str(unknown))
+    grey: Float32 = np.full(grid.cells.shape, unknown, np.float32)
+    grey[grid.cells == FREE] = free
     grey[grid.cells == OCCUPIED] = occupied
     step = -(-max(grey.shape) // MOST_PIXELS)
     if step > 1:
         # Thin walls must not vanish between the pixels.
         rows, columns = -(-grey.shape[0] // step) * step, -(-grey.shape[1] // step) * step
-        wide = np.full((rows, columns), UNKNOWN_GREY, np.float32)
+        wide = np.full((rows, columns), unknown, np.float32)
         wide[: grey.shape[0], : grey.shape[1]] = grey
         grey = wide.reshape(rows // step, step, columns // step, step).min(axis=(1, 3))
     side = grid.resolution * step
@@ -229,7 +249,7 @@ def _marks(axes: Axes, picture: MapPicture) -> None:
 
 def _boxes(axes: Axes, boxes: Sequence[Box], name: str) -> None:
     for number, box in enumerate(boxes):
-        corners = _corners(box)
+        corners = corners_of(box)
         axes.plot(
             corners[:, 0], corners[:, 1], color=palette.BLUE, lw=1.3, zorder=6, label="" if number else name
         )
@@ -242,7 +262,7 @@ def _labels(axes: Axes, picture: MapPicture) -> None:
         for box in picture.boxes:
             if box.name:
                 # To the upper right, by what lies beneath on the left.
-                corners = _corners(box)
+                corners = corners_of(box)
                 beneath = float(corners[:, 0].mean()) - 1.0, float(corners[:, 1].mean()) - 1.0
                 labels.append(Label(printable(box.name), corners, palette.BLUE, beneath))
     for track, x, y in picture.agents[:MOST_NUMBERS]:
@@ -251,7 +271,7 @@ def _labels(axes: Axes, picture: MapPicture) -> None:
             labels.append(Label(str(track), np.array([[x[-1], y[-1]]]), palette.VERMILION, before))
     ways = [np.stack([x, y], axis=1) for _, x, y in picture.agents]
     ways += [np.stack(path, axis=1) for path in picture.paths]
-    ways += [along(_corners(box)) for box in picture.boxes]
+    ways += [along(corners_of(box)) for box in picture.boxes]
     grid = picture.grid
     if grid is not None:
         row, column = np.nonzero(grid.cells == OCCUPIED)
@@ -260,7 +280,7 @@ def _labels(axes: Axes, picture: MapPicture) -> None:
     add_labels(axes, labels, ways)
 
 
-def _corners(box: Box) -> Float64:
+def corners_of(box: Box) -> Float64:
     """Return (N, 2) corners of a box, closed, or points of its circle [m]."""
     if box.is_round:
         circle: Float64 = 0.5 * box.length * CIRCLE + np.array([box.x, box.y])

@@ -216,7 +216,7 @@ def true_map(scene: Scene, sweeps: int, resolution: float) -> Occupancy:
     where any beam ends in it, free where beams only pass, else unknown; a beam without a return says nothing.
 
     The frame is the world of the scene. The odometry of a run begins at its true pose, so that without noise its frame is
-    the same; with noise the two part on the way, and `lidarcli map --compare` sees that, too.
+    the same; with noise the two part on the way, and `lidarcli diff` sees that, too.
 
     Parameters
     ----------

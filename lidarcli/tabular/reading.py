@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
 from lidarcli.stores.url import Place, Url
-from lidarcli.tabular.schemas import BACKGROUND, INFINITE, LATER, MATCHES, NULLABLE, SCHEMAS
+from lidarcli.tabular.schemas import BACKGROUND, CHANGES, INFINITE, LATER, NULLABLE, SCHEMAS
 
 T = TypeVar("T")
 
@@ -32,10 +32,10 @@ MAKERS = {
     "background": "background",
     "tracks": "track",
     "trajectories": "track",
-    "matches": "match",
+    "changes": "diff",
 } | dict.fromkeys(("events", "zones"), "zones")
 """Kind of table → the command that writes it, where that is not `detect`."""
-KINDS = {**SCHEMAS, "background": BACKGROUND, "matches": MATCHES}
+KINDS = {**SCHEMAS, "background": BACKGROUND, "changes": CHANGES}
 """Kind of table → the columns by which it is recognised."""
 MOST_WHOLE = 1 << 53
 """Greatest count or index: up to here a double holds every whole number."""

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import pyarrow as pa
 
+from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS
 from lidarcli.columns import Column, columns_of
 from lidarcli.formalism.detection import COLUMNS, SETS, fields_per
 from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
@@ -80,6 +81,7 @@ _POSE = (
 )
 EVENT_KINDS = ("occupied", "approach", "visit", "crossing", "stale")
 DIRECTIONS = ("in", "out")
+_NAME = Column("label", "text", "", "its name in the catalogue; null without one", nullable=True)
 _ZONE = Column("zone", "text", "", "name of the zone")
 _LABEL, _LABEL_SCORE = COLUMNS["label"], COLUMNS["label_score"]
 _STATUSES = {
@@ -207,7 +209,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
             nullable=True,
         ),
         Column("track", "int64", "1", "track of most points at that moment; null without one", nullable=True),
-        Column("label", "text", "", "its name in the catalogue; null without one", nullable=True),
+        _NAME,
         Column(
             "direction",
             "text",
@@ -284,28 +286,89 @@ TABLES: dict[str, tuple[Column, ...]] = {
         *_POSE,
         Column("upside_down", "bool", "", "whether the sensor hangs head down"),
     ),
-    "matches": (
+    "changes": (
+        Column("log_a", "text", "", "run that saw the place before"),
+        Column("log_b", "text", "", "run that is compared with it"),
+        Column("thing", "int64", "1", "number of the row, 1, 2, ..."),
+        Column("kind", "text", "", "thing, or structure: what no thing explains", words=CHANGE_KINDS),
+        Column("status", "text", "", "known, moved, new, gone or uncertain", words=CHANGE_STATUSES),
         Column(
-            "thing", "int64", "1", "number of the thing, 1, 2, ... by first sight in the order of the runs"
-        ),
-        _LOG._replace(meaning="log in which it was seen; its table where several logs have one name"),
-        _TOPIC,
-        Column("track", "int64", "1", "its number in the tracks table of that log"),
-        Column("x", "float64", "m", "where it stands, in the coordinates of the first run that is matched"),
-        Column("y", "float64", "m", "where it stands"),
-        Column(
-            "moved",
-            "float32",
-            "m",
-            "how far from where it was in the run before that has it; null in the first",
+            "why",
+            "text",
+            "",
+            "why nobody can tell: hidden, out of view, no free space, short or ambiguous; null where it can be told",
+            words=CHANGE_WHYS,
             nullable=True,
         ),
         Column(
-            "score",
-            "float32",
-            "1",
-            "how likely it is that thing and no other, 0 to 1; null in the first",
+            "score", "float64", "1", "probability of the status, 0 to 1; 0 where nothing tells", nullable=True
+        ),
+        *(
+            column
+            for run, words in (("a", "where it was in log_a"), ("b", "where it is in log_b"))
+            for column in (
+                *(
+                    Column(
+                        f"{axis}_{run}",
+                        "float64",
+                        "m",
+                        f"{words}, in the coordinates of the first run; null where that run has it not",
+                        nullable=True,
+                    )
+                    for axis in "xy"
+                ),
+                Column(
+                    f"yaw_{run}",
+                    "float64",
+                    "rad",
+                    f"direction of its longer side in log_{run}",
+                    nullable=True,
+                ),
+            )
+        ),
+        Column("moved", "float64", "m", "distance between both places; null without both", nullable=True),
+        Column(
+            "turned", "float64", "rad", "turn between both, -π/2 to π/2; null without both", nullable=True
+        ),
+        Column("length", "float64", "m", "longer side; null where unknown", nullable=True),
+        Column("width", "float64", "m", "shorter side; null where unknown", nullable=True),
+        Column(
+            "area",
+            "float64",
+            "m²",
+            "its area, of structure that of its cells; null where unknown",
             nullable=True,
+        ),
+        *(
+            Column(
+                f"track_{run}",
+                "int64",
+                "1",
+                f"its number in the tracks table of log_{run}; null where that run has it not",
+                nullable=True,
+            )
+            for run in "ab"
+        ),
+        _NAME,
+        *(
+            Column(
+                f"sweeps_{run}",
+                "int64",
+                "1",
+                f"sweeps of log_{run} that could see the place; null where unknown",
+                nullable=True,
+            )
+            for run in "ab"
+        ),
+        *(
+            Column(
+                f"free_{run}",
+                "float64",
+                "1",
+                f"share of it that log_{run} saw free; null where unknown",
+                nullable=True,
+            )
+            for run in "ab"
         ),
     ),
     "cloud": (
@@ -350,7 +413,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 """Table → its columns, in order."""
 
-OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, BACKGROUND, MATCHES, CLOUD, POSES, RUNS = map(
+OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, BACKGROUND, CHANGES, CLOUD, POSES, RUNS = map(
     schema_of, TABLES.values()
 )
 SCHEMAS = {

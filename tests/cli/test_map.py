@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -332,48 +333,27 @@ def slow_compare(found: Occupancy, true: Occupancy) -> dict[str, float]:
     }
 
 
-def test_compare(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
-    words = ("map", walk / "walk.mcap", "--compare", walk / "truth.yaml")
-    ran = lidarcli("-q", *words, "--format", "json", "-o", tmp_path / "m.yaml")
+def test_two_maps_are_compared(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
+    assert lidarcli("-q", "map", walk / "walk.mcap", "-o", tmp_path / "m.yaml").code == 0
+    ran = lidarcli("-q", "diff", walk / "truth.yaml", tmp_path / "m.yaml", "--format", "json")
     assert (ran.code, ran.err) == (0, "")
-    found = json.loads(ran.out)
+    found = json.loads(ran.out)["figures"]
     grid, true = read_map(tmp_path / "m.yaml"), read_map(walk / "truth.yaml")
-    right = compare(grid, true)
-    assert found == {name: getattr(right, name) for name in found}
-    assert found == pytest.approx(slow_compare(grid, true))
-    assert (found["cells"], found["true_cells"]) == (1086, 583)
+    right = slow_compare(grid, true)
+    assert asdict(compare(grid, true)) == pytest.approx(right)
+    assert {name: found[name] for name in ("precision", "recall", "f1")} == pytest.approx(
+        {name: right[name] for name in ("precision", "recall", "f1")}
+    )
+    assert (right["cells"], right["true_cells"]) == (1086, 583)
     assert (found["precision"], found["recall"]) == pytest.approx((0.9862, 0.9931), abs=1e-4)
-    ran = lidarcli(*words)
-    assert ran.code == 0
-    assert ran.out == (
-        "occupied cells    1,086\nof the true map   583\nprecision         0.9862\nrecall            0.9931\n"
-        "F1                0.9897\nmean distance     0.003 m\n"
-    )
-    assert "wrote" not in ran.err
 
 
-def test_compare_of_nothing(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
-    ran = lidarcli(
-        "-q",
-        "map",
-        walk / "walk.mcap",
-        "--compare",
-        walk / "truth.yaml",
-        "--format",
-        "json",
-        "--min-hits",
-        1000,
-    )
-    assert (ran.code, json.loads(ran.out)) == (
-        0,
-        {
-            "cells": 0,
-            "true_cells": 583,
-            "precision": None,
-            "recall": 0.0,
-            "f1": None,
-            "mean_distance": 2.0,
-        },
+def test_the_old_spelling_names_the_new_one(lidarcli: Run, walk: Path) -> None:
+    ran = lidarcli("map", walk / "walk.mcap", "--compare", walk / "truth.yaml")
+    assert (ran.code, ran.out) == (2, "")
+    assert (
+        "--compare is gone: write the map with -o MAP.yaml, then: lidarcli diff TRUTH.yaml MAP.yaml"
+        in ran.err
     )
 
 

@@ -16,8 +16,7 @@ from tests.cli.maps import (
 @pytest.mark.parametrize(
     ("options", "cause"),
     [
-        ((), "nothing to write: give -o FILE, or --compare TRUTH.yaml"),
-        (("-o", "{}/m.yaml", "--format", "json"), "--format is for what --compare prints"),
+        ((), "Missing option '-o' / '--output'"),
         (
             ("-o", "{}/m.xyz"),
             "lidarcli: {}/m.xyz: the suffix of a map has to be one of .yaml, .png, .mcap, .ply, .pcd, .parquet\n",
@@ -88,51 +87,6 @@ def test_an_output_that_is_an_input(lidarcli: Run, logs: Path, walk: Path, tmp_p
         f"lidarcli: {log} is an input of this run ({log}); write elsewhere with -o\n",
     )
     assert log.read_bytes() == before
-    truth = walk / "truth.yaml"
-    ran = lidarcli("map", log, "-o", truth, "--compare", truth, "--overwrite")
-    assert (ran.code, ran.err) == (
-        5,
-        f"lidarcli: {truth} is an input of this run ({truth}); write elsewhere with -o\n",
-    )
-
-
-def test_the_image_of_the_true_map_is_an_input(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
-    truth = tmp_path / "truth.yaml"
-    truth.write_bytes((walk / "truth.yaml").read_bytes().replace(b"truth.pgm", b"m.pgm"))
-    (tmp_path / "m.pgm").write_bytes((walk / "truth.pgm").read_bytes())
-    ran = lidarcli("map", walk / "walk.mcap", "-o", tmp_path / "m.yaml", "--compare", truth, "--overwrite")
-    assert (ran.code, (tmp_path / "m.pgm").read_bytes()) == (5, (walk / "truth.pgm").read_bytes())
-
-
-@pytest.mark.parametrize(
-    ("text", "cause"),
-    [
-        (None, "No such file or directory; name the YAML file of a map"),
-        ("image: none.pgm\n", "no resolution, origin, negate, occupied_thresh, free_thresh"),
-        ("\0", "not YAML: "),
-        ("[1, 2]", "not the YAML of a map: it has no keys"),
-    ],
-)
-def test_a_true_map_that_is_none(lidarcli: Run, tmp_path: Path, text: str | None, cause: str) -> None:
-    truth = tmp_path / "truth.yaml"
-    if text is not None:
-        truth.write_text(text)
-    before = names(tmp_path)
-    ran = lidarcli("map", DRIVE, "--compare", truth, "-o", tmp_path / "m.yaml")
-    assert (ran.code, ran.out, len(ran.err.splitlines())) == (3, "", 1)
-    assert ran.err.startswith(f"lidarcli: {truth}: {cause}")
-    assert names(tmp_path) == before
-
-
-def test_a_true_map_of_another_resolution(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
-    words = ("-q", "map", walk / "walk.mcap", "--compare", walk / "truth.yaml", "-o", tmp_path / "m.ply")
-    ran = lidarcli(*words, "--resolution", "0.1")
-    assert (ran.code, ran.out, ran.err) == (
-        2,
-        "",
-        "lidarcli: --compare: cells of 0.1 m cannot be compared with cells of 0.05 m; give --resolution 0.05\n",
-    )
-    assert names(tmp_path) == []
 
 
 @pytest.mark.parametrize(

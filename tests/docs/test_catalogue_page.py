@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 
 from lidarcli.pipeline.inputs import catalogue
-from lidarcli.tabular.schemas import MATCHES
 from tests.docs.constants import constants
 from tests.places import ROOT, SAMPLES
 
 PAGE = (ROOT / "docs" / "catalogue.md").read_text(encoding="utf-8")
-MODULES = ("matching.catalogue", "matching.evidence", "tracking.naming", "matching.runs")
+MODULES = ("matching.catalogue", "matching.evidence", "tracking.naming")
 
 
 def test_every_constant_is_documented_with_its_value() -> None:
@@ -23,8 +22,6 @@ def test_every_constant_is_documented_with_its_value() -> None:
 NUMERICAL = {
     "evidence.LEAST_LENGTH",
     "catalogue.LEAST_DENSITY",
-    "runs.MOST_EXPONENT",
-    "runs.PROPOSALS_AT_ONCE",
     "naming.SIZES",
 }
 """These keep numbers finite and arrays small, and decide nothing."""
@@ -35,11 +32,6 @@ def test_every_key_is_documented() -> None:
     for key in ("name", "shape", *keys, "tolerance", "moves", "intensity_min", "intensity_max"):
         assert re.search(rf"^\| .*`{key}`", PAGE, re.MULTILINE), key
     assert f"[m] ({catalogue.TOLERANCE})" in PAGE
-
-
-def test_every_column_of_the_matches_is_named() -> None:
-    for column in MATCHES.names:
-        assert f"`{column}`" in PAGE
 
 
 def test_the_catalogues_of_the_page_are_those_of_the_samples() -> None:

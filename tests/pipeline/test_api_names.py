@@ -49,8 +49,9 @@ ONLY_SHELL = {
     "learn": {"plot"},
     "detect": {"output", "beams"},
     "track": {"output", "beams", "trajectories"},
-    "map": {"jobs", "compare"},
+    "map": {"jobs"},
     "zones": {"output", "check"},
+    "diff": {"output", "check", "overwrite"},
     "info": {"output", "check"},
     "plot": {"sweeps", "map", "animate", "fps", "start", "end"},
 }

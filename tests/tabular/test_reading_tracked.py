@@ -134,7 +134,7 @@ def test_tables_in_double_precision_say_the_same(tmp_path: Path) -> None:
             ),
             ["overlay", log, "--objects", objects, "-o", str(folder / "o.mcap")],
             ["plot", log, "--sweep", "15", "--tracks", objects, "-o", str(folder / "p.svg")],
-            ["match", str(other), str(folder / "people.tracks.parquet"), "-o", str(folder / "m.csv")],
+            ["diff", str(other), str(folder / "people.tracks.parquet"), "-o", str(folder / "m.csv")],
             ["export", objects, "-o", str(folder / "e.ndjson")],
         ]
         for command in commands:

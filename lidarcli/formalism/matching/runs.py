@@ -23,6 +23,8 @@ RUN_PLACE_SD = 0.1
 """[m] Standard deviation of the place of a standing thing in a run."""
 RUN_SIZE_SD = 0.01
 """[m] Standard deviation between two sizes of the same thing, beside their own."""
+WRONG_SIZE = 0.1
+"""Share of sizes that are wrong, as of a thing of which a part was never seen."""
 SIZE_RANGE = LARGEST_SIZE - SMALLEST_SIZE
 """[m] Range of the sizes of different things."""
 STAYS = 0.9
@@ -35,7 +37,6 @@ SAME_SHAPE, OTHER_SHAPE = 0.7, -2.0
 """Log-likelihood ratio of two known shapes, the same or another."""
 SAME_LABEL, OTHER_LABEL = 2.0, -20.0
 """Log-likelihood ratio of two labels, the same or another."""
-MOST_EXPONENT = 100.0
 LEAST_AREA = 10.0
 """[m²] Least area in which things stand."""
 MOST_THINGS = 40
@@ -96,94 +97,15 @@ class Motion:
         cos, sin = math.cos(self.angle), math.sin(self.angle)
         return self.x + cos * x - sin * y, self.y + sin * x + cos * y
 
+    @property
+    def inverse(self) -> Motion:
+        """The motion back."""
+        cos, sin = math.cos(self.angle), math.sin(self.angle)
+        return Motion(-self.angle, -cos * self.x - sin * self.y, sin * self.x - cos * self.y)
+
 
 HERE = Motion()
 """Motion of a run in the coordinates of the first one."""
-
-
-@record
-class Matched:
-    """Result for the N things of a run, (N,) each."""
-
-    thing: Int64
-    """Number of the thing, 1, 2, ... by first sight."""
-    x: Float64
-    """Place in the coordinates of the first run [m]."""
-    y: Float64
-    moved: Float64
-    """Distance from its last place [m]; NaN for a new thing."""
-    score: Float64
-    """Probability that it is that thing and no other, 0 to 1; NaN for a new thing."""
-
-
-class Things:
-    """The things of the runs so far."""
-
-    def __init__(self) -> None:
-        nothing, none = np.empty(0), np.empty(0, np.int32)
-        self.known = Standing(nothing, nothing, nothing, nothing, nothing, nothing, none, none)
-        """Last place and all sizes of each thing, without those of runs whose coordinates are unknown."""
-        self._numbers = np.empty(0, np.int64)
-        """Number of each, from 1."""
-        self._count = 0
-
-    def take(self, run: Standing, motion: Motion | None, chance: float = 1.0) -> Matched:
-        """Find the things of a run among those of earlier ones; others are new things.
-
-        Parameters
-        ----------
-        run : things of the next run
-        motion : motion from its coordinates to those of the first run; None if unknown, then all are new
-        chance : probability that the motion is right
-        """
-        x, y = (motion or HERE).of(run.x, run.y)
-        placed = placed_at(run, x, y)
-        count, known = len(run), len(self.known)
-        pair = np.full(count, -1)
-        score, moved = np.full(count, np.nan), np.full(count, np.nan)
-        if motion is not None and known and count:
-            gain = gains(self.known, placed)
-            pair = assign(gain.T - LEAST_GAIN)
-            found = np.flatnonzero(pair >= 0)
-            score[found] = chance * _score(gain, pair[found], found)
-            moved[found] = np.hypot(
-                x[found] - self.known.x[pair[found]], y[found] - self.known.y[pair[found]]
-            )
-        new = pair < 0
-        number = self._count + 1 + np.arange(np.count_nonzero(new))
-        self._count += len(number)
-        thing = np.empty(count, np.int64)
-        thing[new], thing[~new] = number, self._numbers[pair[~new]]
-        if motion is not None or not known:
-            # Things in unknown coordinates cannot be found again.
-            pair[new] = known + np.arange(len(number))
-            self._numbers = np.concatenate([self._numbers, number])
-            self._learn(placed, pair)
-        return Matched(thing=thing, x=x, y=y, moved=moved, score=score)
-
-    def _learn(self, run: Standing, pair: Int64) -> None:
-        """Keep the places of things, and combine their sizes."""
-        old, count = self.known, max(len(self.known), int(pair.max(initial=-1)) + 1)
-        grown = {}
-        for name in ("x", "y", "length", "width", "length_sd", "width_sd", "shape", "label"):
-            before, now = getattr(old, name), getattr(run, name)
-            empty = np.nan if now.dtype.kind == "f" else -1
-            grown[name] = np.full(count, empty, now.dtype)
-            grown[name][: len(before)] = before
-        for size in ("length", "width"):
-            value, sd = _joined(
-                grown[size][pair],
-                grown[f"{size}_sd"][pair],
-                getattr(run, size),
-                getattr(run, f"{size}_sd"),
-            )
-            grown[size][pair], grown[f"{size}_sd"][pair] = value, sd
-        for name in ("x", "y"):
-            grown[name][pair] = getattr(run, name)
-        for name in ("shape", "label"):
-            now = getattr(run, name)
-            grown[name][pair] = np.where(now < 0, grown[name][pair], now)
-        self.known = Standing(**grown)
 
 
 def gains(known: Standing, run: Standing) -> Float64:
@@ -214,14 +136,21 @@ def area(known: Standing, run: Standing) -> float:
     return max(sides[0] * sides[1], LEAST_AREA)
 
 
-def alike(known: Standing, run: Standing) -> Float64:
-    """Return (T, N) the log-likelihood ratio of being one thing by size, shape and label; 0 if these are unknown."""
+def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD, wrong: float = WRONG_SIZE) -> Float64:
+    """Return (T, N) the log-likelihood ratio of being one thing by size, shape and label; 0 if these are unknown.
+
+    Parameters
+    ----------
+    size_sd : standard deviation between two sizes of the same thing, beside their own [m]
+    wrong : share of sizes that are wrong
+    """
     total = np.zeros((len(known), len(run)))
     for size in ("length", "width"):
         apart = getattr(known, size)[:, None] - getattr(run, size)
         sd = np.hypot(getattr(known, f"{size}_sd")[:, None], getattr(run, f"{size}_sd"))
-        sd = np.hypot(np.nan_to_num(sd), RUN_SIZE_SD)
-        ratio = math.log(SIZE_RANGE / math.sqrt(2.0 * math.pi)) - np.log(sd) - 0.5 * (apart / sd) ** 2
+        sd = np.hypot(np.nan_to_num(sd), size_sd)
+        right = SIZE_RANGE / (math.sqrt(2.0 * math.pi) * sd) * np.exp(-0.5 * (apart / sd) ** 2)
+        ratio = np.log((1.0 - wrong) * right + wrong)
         total += np.where(np.isfinite(apart), ratio, 0.0)
     total += _codes(known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE)
     return total + _codes(known.label, run.label, SAME_LABEL, OTHER_LABEL)
@@ -244,29 +173,6 @@ def _distance(known: Standing, run: Standing) -> Float64:
     """Return (T, N) the distances of things [m]."""
     result: Float64 = np.hypot(known.x[:, None] - run.x, known.y[:, None] - run.y)
     return result
-
-
-def _score(gain: Float64, thing: Int64, one: Int64) -> Float64:
-    """Return the probability of pairs beside all other pairs of their two things, and beside none."""
-    chosen = gain[thing, one]
-    rows = np.exp(np.minimum(gain[thing] - chosen[:, None], MOST_EXPONENT)).sum(axis=1)
-    columns = np.exp(np.minimum(gain[:, one] - chosen, MOST_EXPONENT)).sum(axis=0)
-    # Both sums contain the pair itself.
-    result: Float64 = 1.0 / (rows + columns - 1.0 + np.exp(LEAST_GAIN - chosen))
-    return result
-
-
-def _joined(known: Float64, known_sd: Float64, now: Float64, now_sd: Float64) -> tuple[Float64, Float64]:
-    """Return the mean of known and new sizes, weighted by their variances, and its standard deviation; NaN if unknown."""
-    seen, was = np.isfinite(now), np.isfinite(known)
-    weight = np.where(seen, 1.0 / (np.nan_to_num(now_sd) ** 2 + RUN_SIZE_SD**2), 0.0)
-    old = np.where(was, 1.0 / np.where(was, known_sd, 1.0) ** 2, 0.0)
-    total = weight + old
-    some = total > 0.0
-    share = np.divide(weight, total, out=np.zeros(len(total)), where=some)
-    mean = np.where(was, known, 0.0) * (1.0 - share) + np.where(seen, now, 0.0) * share
-    spread = 1.0 / np.sqrt(np.where(some, total, 1.0))
-    return np.where(some, mean, np.nan), np.where(some, spread, np.nan)
 
 
 def placed_at(run: Standing, x: Float64, y: Float64) -> Standing:
@@ -341,7 +247,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
     if not len(known) or not len(run):
         return None, 0.0
     found: dict[bytes, tuple[float, Motion]] = {}
-    for motion in [HERE, *_best(known, run)]:
+    for motion in [HERE, *proposals(known, run)]:
         refined = motion if motion == HERE else _refine(known, run, motion)
         placed = placed_at(run, *refined.of(run.x, run.y))
         gain = gains(known, placed)
@@ -365,7 +271,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
     return motion, 1.0 / sum(math.exp(total - best) for total, _ in found.values())
 
 
-def _best(known: Standing, run: Standing) -> list[Motion]:
+def proposals(known: Standing, run: Standing) -> list[Motion]:
     """Return the proposals under which most things fall into place."""
     ours, theirs = _chosen(known), _chosen(run)
     like = alike(known, run)[np.ix_(ours, theirs)]

@@ -19,10 +19,11 @@ from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, table_
 
 _OBJECTS, _SWEEPS, _TRACKS = map(table_suffix, ("objects", "sweeps", "tracks"))
 TRACK_COLUMNS = (
-    *("log", "topic", "frame_id", "track", "set", "shape", "label"),
-    *("x", "y", "length", "width", "length_sd", "width_sd"),
+    *("log", "topic", "frame_id", "track", "set", "shape", "label", "sweeps", "duration"),
+    *("distance", "end"),
+    *("x", "y", "yaw", "length", "width", "length_sd", "width_sd"),
 )
-"""Columns of the tracks table that are read to match things of several runs."""
+"""Columns of the tracks table that are read to compare runs."""
 
 
 @dataclass(frozen=True, slots=True)

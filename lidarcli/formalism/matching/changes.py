@@ -1,0 +1,551 @@
+"""Differences between two runs (§3, matching): what is known, moved, new or gone, and what nobody can tell.
+
+Every pair of a thing of the first run and one of the second has a weight: the odds of being one thing, in its place or
+moved, against being two. The probabilities of all pairs follow together by belief propagation. A thing without a partner is
+new or gone only where the other run saw its place free.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, LEAST_SCORE
+from lidarcli.formalism.mapping.occupancy import UNKNOWN
+from lidarcli.formalism.matching.ground import SEEN_FREE, Ground, Nearest
+from lidarcli.formalism.matching.runs import HERE, Motion, Standing, alike, placed_at
+from lidarcli.sweeps import Bool, Float64, Int8, Int64, record
+
+THING, STRUCTURE = range(len(CHANGE_KINDS))
+KNOWN, MOVED, NEW, GONE, UNCERTAIN = range(len(CHANGE_STATUSES))
+HIDDEN, OUT_OF_VIEW, NO_FREE_SPACE, SHORT, AMBIGUOUS = range(len(CHANGE_WHYS))
+CERTAIN = -1
+"""In place of a reason, where there is a status."""
+SAME_PLACE = 0.2
+"""[m] A thing is in its place up to this distance, …"""
+PLACE_SD, UNSIZED_SD = 0.03, 0.1
+"""[m] … or three standard deviations: of a thing whose sizes are known, and of others."""
+VIEW_SIZE_SD, WRONG_VIEW = 0.03, 0.02
+"""[m] Standard deviation between two sizes of one thing that is seen from other sides, and the share of wrong ones."""
+REPLACED = 0.02
+"""Odds of another thing having taken the place of one, against it being the same."""
+MOVES = 1.0
+"""Odds of a thing having been moved, against one having gone and another one having come, …"""
+NEARNESS = 2.0
+"""… which fall with this power of 1 m and the distance."""
+FREE_SHARE = 0.5
+"""Least share of where a thing was hit that has been seen free."""
+ANY_FREE = 0.25
+"""Least share of where a thing was hit that becomes free where it is moved by less than its size."""
+BESIDE = 0.05
+"""[m] Points this far around a box belong to its thing."""
+EXPLAINED = 0.15
+"""[m] Changed cells this far around a thing belong to it."""
+CHANGED = 0.15
+"""[m] Structure is in place up to this distance from that of the other run."""
+SMALLEST_CHANGE = 0.3
+"""[m] Least extent of a change of the structure."""
+LEAST_CELLS = 4
+"""Least number of cells of a change of the structure."""
+LINKED = 0.11
+"""[m] Greatest step between changed cells of one cluster, along each axis."""
+AROUND = 0.5
+"""[m] What is this near to a place tells that it was in view."""
+MOST_STATIONS = 40
+"""Greatest number of places of the sensor from which a thing may have been hidden."""
+ROUNDS = 60
+"""Rounds of belief propagation."""
+SMALLEST_SIDE = 0.06
+"""[m] Least side of a box."""
+
+
+@record
+class Run:
+    """What a run tells: N standing things, the ground, and P places of its sensors."""
+
+    things: Standing
+    yaw: Float64
+    """(N,) direction of the longer side [rad]."""
+    ground: Ground | None
+    """None where only things are known."""
+    sensors: Float64
+    """(P, 2) in the coordinates of the run [m]."""
+
+    def moved(self, motion: Motion) -> Run:
+        """Return the run in other coordinates."""
+        if motion == HERE:
+            return self
+        ground = None if self.ground is None else self.ground.moved(motion)
+        things = placed_at(self.things, *motion.of(self.things.x, self.things.y))
+        sensors = np.column_stack(motion.of(self.sensors[:, 0], self.sensors[:, 1]))
+        return Run(things, self.yaw + motion.angle, ground, sensors)
+
+
+@record
+class Changes:
+    """C things and pieces of structure, (C,) each; coordinates of the first run, those of the second are in its own."""
+
+    kind: Int8
+    """Index into `CHANGE_KINDS`."""
+    status: Int8
+    """Index into `CHANGE_STATUSES`."""
+    why: Int8
+    """Index into `CHANGE_WHYS`, `CERTAIN` for none."""
+    score: Float64
+    """Probability of the status."""
+    first: Int64
+    """Index of the thing of the first run; -1 for none."""
+    second: Int64
+    """Index of the thing of the second run; -1 for none."""
+    place: Float64
+    """(C, 5) x, y, yaw, length and width of a piece of structure [m, rad]; NaN for things."""
+    area: Float64
+    """Area [m²]; NaN where unknown."""
+    looks: Int64
+    """(C, 2) sweeps of both runs that could see the place; -1 where unknown."""
+    free: Float64
+    """(C, 2) share of it that both runs saw free; NaN where unknown."""
+
+
+class Compared:
+    """Two runs in the coordinates of the first one."""
+
+    def __init__(
+        self,
+        first: Run,
+        second: Run,
+        motion: Motion,
+        nearest: tuple[Nearest | None, Nearest | None],
+        chance: float = 1.0,
+        least: float = LEAST_SCORE,
+    ) -> None:
+        """
+        Parameters
+        ----------
+        second : in its own coordinates
+        motion : from these to the coordinates of the first run
+        nearest : nearest points of the ground of both runs, each in its own coordinates
+        chance : probability that the motion is right
+        least : least score of a status
+        """
+        self._runs = first, second
+        self._motions = HERE, motion
+        self._nearest = nearest
+        self._chance, self._least = chance, least
+        things = second.things
+        self._things = first.things, placed_at(things, *motion.of(things.x, things.y))
+        self._yaw = first.yaw, second.yaw + motion.angle
+        self._rows: list[tuple[Any, ...]] = []
+
+    def changes(self) -> Changes:
+        """Return all changes, things first."""
+        spots = tuple([self._spot(side, k) for k in range(len(self._things[side]))] for side in (0, 1))
+        chance = self._pairs(spots)
+        taken: tuple[set[int], set[int]] = set(), set()
+        order = np.argsort(-chance, axis=None, kind="stable").tolist() if chance.size else []
+        known = self._in_place(spots)
+        for at in order:
+            i, j = divmod(at, chance.shape[1])
+            score = float(chance[i, j]) * self._chance
+            if score < self._least:
+                break
+            if i in taken[0] or j in taken[1]:
+                continue
+            taken[0].add(i)
+            taken[1].add(j)
+            self._add(KNOWN if known[i, j] else MOVED, CERTAIN, score, i, j, spots)
+        for side in (0, 1):
+            for k in range(len(self._things[side])):
+                if k not in taken[side]:
+                    each, near = (chance[k], known[k]) if side == 0 else (chance[:, k], known[:, k])
+                    self._alone(side, k, each, near, spots, taken)
+        for side in (0, 1):
+            self._structure(side)
+        return self._done()
+
+    # Where a thing was hit, and what the other run saw there.
+
+    def _spot(self, side: int, k: int) -> Spot:
+        """Return where a thing was hit, in the coordinates of the first run, and what the other run saw there."""
+        box = self._box(side, k)
+        points = self._hit(side, box)
+        if not len(points):
+            points = _filled(box)
+        return self._seen(1 - side, points)
+
+    def _box(self, side: int, k: int) -> Float64:
+        """Return x, y, yaw, length and width of a thing; sizes that are unknown are guessed."""
+        things = self._things[side]
+        length, width = float(things.length[k]), float(things.width[k])
+        length = SMALLEST_SIDE if not length > SMALLEST_SIDE else length
+        width = min(length, 2.0 * UNSIZED_SD) if not width > 0 else max(width, SMALLEST_SIDE)
+        return np.array([things.x[k], things.y[k], self._yaw[side][k], length, width])
+
+    def _hit(self, side: int, box: Float64) -> Float64:
+        """Return (K, 2) the occupied points of a run in a box, in the coordinates of the first run."""
+        ground = self._runs[side].ground
+        if ground is None:
+            return np.empty((0, 2))
+        points = np.column_stack(self._motions[side].of(ground.points[:, 0], ground.points[:, 1]))
+        return points[within(points, box, BESIDE)]
+
+    def _seen(self, side: int, points: Float64) -> Spot:
+        """Return what a run saw of some points."""
+        ground, nearest = self._runs[side].ground, self._nearest[side]
+        if ground is None or nearest is None:
+            return Spot(points, np.nan, 0.0, 0.0, -1, 0)
+        x, y = self._motions[side].inverse.of(points[:, 0], points[:, 1])
+        passed, looks = ground.passed(x, y), ground.seen(x, y)
+        _, away = nearest.of(x, y)
+        near = away <= CHANGED
+        free = passed >= SEEN_FREE
+        return Spot(
+            points,
+            free=float(np.mean(free & ~(away <= 0.5 * CHANGED))),
+            passed=float(np.mean(passed > 0)),
+            near=float(np.mean(near)),
+            looks=int(np.max(looks)),
+            sweeps=int(np.median(passed[free])) if free.any() else 0,
+        )
+
+    # Pairs.
+
+    def _in_place(self, spots: tuple[list[Spot], ...]) -> Bool:
+        """Return (N, M) whether the things of each pair are in one place, as far as is known.
+
+        Middles of things that are seen from elsewhere may be farther apart; then neither place has become free.
+        """
+        away, sd = self._away()
+        left, came = (np.array([spot.free < ANY_FREE for spot in each], np.bool_) for each in spots)
+        size = self._least_size()
+        near: Bool = (away <= np.maximum(SAME_PLACE, 3.0 * sd)) | (
+            (away <= 0.5 * size) & left[:, None] & came
+        )
+        return near
+
+    def _least_size(self) -> Float64:
+        """Return (N, M) the longer side of the smaller one of each pair, no less than `SAME_PLACE` [m]."""
+        a, b = (np.fmax(np.nan_to_num(each.length), SAME_PLACE) for each in self._things)
+        return np.fmin(a[:, None], b)
+
+    def _away(self) -> tuple[Float64, Float64]:
+        """Return (N, M) the distance of each pair, and its standard deviation [m]."""
+        a, b = self._things
+        away = np.hypot(a.x[:, None] - b.x, a.y[:, None] - b.y)
+        own = [np.where(np.isfinite(each.length + each.width), PLACE_SD, UNSIZED_SD) for each in (a, b)]
+        return away, np.hypot(own[0][:, None], own[1])
+
+    def _pairs(self, spots: tuple[list[Spot], ...]) -> Float64:
+        """Return (N, M) the probability of each pair being one thing."""
+        a, b = self._things
+        if not len(a) or not len(b):
+            return np.zeros((len(a), len(b)))
+        away, sd = self._away()
+        like = alike(a, b)
+        sd = np.maximum(sd, SAME_PLACE / 3.0)
+        off = np.minimum(away / sd, 3.0)
+        stays = np.exp(like - 0.5 * off**2) / REPLACED
+        sized = np.isfinite(a.length + a.width)[:, None] & np.isfinite(b.length + b.width)
+        named = (a.label >= 0)[:, None] & (a.label[:, None] == b.label)
+        size = self._least_size()
+        left, came = (np.array([spot.is_free for spot in each], np.bool_) for each in spots)
+        may = (sized | named) & ((left[:, None] & came) | (away <= size))
+        views = alike(a, b, VIEW_SIZE_SD, WRONG_VIEW)
+        moves = np.where(may, MOVES * np.exp(views) * (1.0 + away) ** -NEARNESS, 0.0)
+        return _marginals(np.where(self._in_place(spots), stays, moves))
+
+    def _alone(
+        self,
+        side: int,
+        k: int,
+        chance: Float64,
+        near: Bool,
+        spots: tuple[list[Spot], ...],
+        taken: tuple[set[int], set[int]],
+    ) -> None:
+        """Tell of a thing of one run that is certainly one with none of the other run, whose `chance` (M,) is given."""
+        spot = spots[side][k]
+        best, there = float(chance.max(initial=0.0)), float(chance[near].sum())
+        alone = max(0.0, 1.0 - float(chance.sum()))
+        partner = -1
+        status, why, score = UNCERTAIN, AMBIGUOUS, max(best, alone)
+        if there >= self._least:
+            # It is in its place, whichever of several it is.
+            status, score = KNOWN, there
+        elif alone < 1.0 - self._least and not there:
+            # It was moved, but nobody knows which one it is.
+            pass
+        elif spot.is_free:
+            status, score = (GONE if side == 0 else NEW), alone * spot.certainty
+        elif np.isnan(spot.free):
+            why, score = NO_FREE_SPACE, 0.0
+        elif spot.near >= FREE_SHARE and not self._is_covered(side, k, near, taken):
+            # The other run takes it for a part of the building, or saw something else of it.
+            status, score = KNOWN, spot.near / (spot.near + spot.free)
+            left = [j for j in np.flatnonzero(near).tolist() if j not in taken[1 - side]]
+            partner = max(left, key=lambda j: float(chance[j]), default=-1)
+        elif spot.passed >= FREE_SHARE:
+            why, score = SHORT, 0.0
+        else:
+            why, score = self._out_of_sight(side, spot), 0.0
+        score *= self._chance
+        if status != UNCERTAIN:
+            why = CERTAIN
+            if score < self._least:
+                status, why = UNCERTAIN, SHORT if spot.is_free and alone >= self._least else AMBIGUOUS
+                partner = -1
+        taken[side].add(k)
+        if partner >= 0:
+            taken[1 - side].add(partner)
+        pair = (k, partner) if side == 0 else (partner, k)
+        self._add(status, why, score, *pair, spots)
+
+    def _is_covered(self, side: int, k: int, near: Bool, taken: tuple[set[int], set[int]]) -> bool:
+        """Tell whether a thing that has another partner stands in the place of this one in the other run."""
+        other = self._things[1 - side]
+        mine = [j for j in sorted(taken[1 - side]) if not near[j]]
+        if not mine:
+            return False
+        points = np.column_stack([other.x[mine], other.y[mine]])
+        return bool(within(points, self._box(side, k), BESIDE).any())
+
+    def _out_of_sight(self, side: int, spot: Spot) -> int:
+        """Tell why the other run did not see a place: what hides it was not there, or parts around it were seen."""
+        run, old = self._runs[1 - side], self._nearest[side]
+        nearest = self._nearest[1 - side]
+        assert run.ground is not None
+        assert nearest is not None
+        x, y = spot.points.mean(axis=0).tolist()
+        back, to_old = self._motions[1 - side].inverse, self._motions[side].inverse
+        (there_x,), (there_y,) = back.of(np.array([x]), np.array([y]))
+        stations = run.sensors[:: max(1, len(run.sensors) // MOST_STATIONS)]
+        for begin in stations:
+            way = np.array([there_x, there_y]) - begin
+            length = float(np.hypot(*way))
+            steps = np.arange(0.1, max(length, 0.2), 0.5 * run.ground.resolution) / max(length, 1e-9)
+            ray = begin + steps[:, None] * way
+            index, away = nearest.of(ray[:, 0], ray[:, 1])
+            hit = np.flatnonzero(away <= run.ground.resolution)
+            if not len(hit):
+                continue
+            first = run.ground.points[index[hit[0]]]
+            if old is None:
+                return HIDDEN
+            at = self._motions[1 - side].of(first[:1], first[1:])
+            _, far = old.of(*to_old.of(*at))
+            if far[0] > CHANGED:
+                return HIDDEN
+        around = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
+        ring_x, ring_y = there_x + AROUND * np.cos(around), there_y + AROUND * np.sin(around)
+        seen = run.ground.state(ring_x, ring_y) != UNKNOWN
+        return HIDDEN if seen.mean() >= 0.25 else OUT_OF_VIEW
+
+    def _add(
+        self, status: int, why: int, score: float, i: int, j: int, spots: tuple[list[Spot], ...]
+    ) -> None:
+        """Keep a thing; sizes are those of the run that has seen it, of both the second one."""
+        side, k = (1, j) if j >= 0 else (0, i)
+        things = self._things[side]
+        area = float(things.length[k] * things.width[k])
+        before = spots[1][j] if j >= 0 else None
+        after = spots[0][i] if i >= 0 else None
+        # What a run saw of a thing of its own is that thing.
+        looks = [
+            self._own_looks(0, i) if before is None else before.looks,
+            self._own_looks(1, j) if after is None else after.looks,
+        ]
+        free = [math.nan if before is None else before.free, math.nan if after is None else after.free]
+        self._rows.append((THING, status, why, score, i, j, np.full(5, np.nan), area, looks, free))
+
+    def _own_looks(self, side: int, k: int) -> int:
+        """Return the number of sweeps that could see a thing of their own run."""
+        ground = self._runs[side].ground
+        if ground is None:
+            return -1
+        points = _filled(self._box(side, k))
+        x, y = self._motions[side].inverse.of(points[:, 0], points[:, 1])
+        return int(ground.seen(x, y).max())
+
+    # Structure.
+
+    def _structure(self, side: int) -> None:
+        """Find clusters of structure of one run where the other saw free ground."""
+        here, there = self._runs[side].ground, self._runs[1 - side].ground
+        nearest = self._nearest[1 - side]
+        if here is None or there is None or nearest is None or not len(here.points):
+            return
+        points = np.column_stack(self._motions[side].of(here.points[:, 0], here.points[:, 1]))
+        x, y = self._motions[1 - side].inverse.of(points[:, 0], points[:, 1])
+        _, away = nearest.of(x, y)
+        passed = there.passed(x, y)
+        changed = (away > CHANGED) & (passed >= SEEN_FREE)
+        for each in (0, 1):
+            for k in range(len(self._things[each])):
+                if changed.any():
+                    changed[changed] &= ~within(points[changed], self._box(each, k), EXPLAINED)
+        at = np.flatnonzero(changed)
+        looks = here.seen(*self._motions[side].inverse.of(points[at, 0], points[at, 1]))
+        others = there.seen(x[at], y[at])
+        for cluster in _clusters(points[at]):
+            box = _rectangle(points[at[cluster]])
+            if len(cluster) < LEAST_CELLS or box[3] < SMALLEST_CHANGE:
+                continue
+            sweeps = int(np.median(passed[at[cluster]]))
+            score = (sweeps + 1) / (sweeps + 2) * self._chance
+            certain = score >= self._least
+            status = (NEW if side else GONE) if certain else UNCERTAIN
+            pair = int(np.max(looks[cluster])), int(np.max(others[cluster]))
+            free = 0.0, 1.0
+            self._rows.append(
+                (
+                    STRUCTURE,
+                    status,
+                    CERTAIN if certain else SHORT,
+                    score,
+                    -1,
+                    -1,
+                    box,
+                    len(cluster) * here.resolution**2,
+                    pair if side == 0 else pair[::-1],
+                    free if side == 0 else free[::-1],
+                )
+            )
+
+    def _done(self) -> Changes:
+        columns = [*zip(*self._rows, strict=True)] or [()] * 10
+        kinds = (
+            np.int8,
+            np.int8,
+            np.int8,
+            np.float64,
+            np.int64,
+            np.int64,
+            np.float64,
+            np.float64,
+            np.int64,
+            np.float64,
+        )
+        shapes = (-1, -1, -1, -1, -1, -1, (-1, 5), -1, (-1, 2), (-1, 2))
+        return Changes(
+            *(
+                np.array(column, kind).reshape(shape)
+                for column, kind, shape in zip(columns, kinds, shapes, strict=True)
+            )
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """Where a thing was hit, and what the other run saw there."""
+
+    points: Float64
+    """(K, 2) in the coordinates of the first run [m]."""
+    free: float
+    """Share that was seen free by `SEEN_FREE` sweeps; NaN where nobody knows."""
+    passed: float
+    """Share that was seen free by any sweep."""
+    near: float
+    """Share within `CHANGED` of structure of the other run."""
+    looks: int
+    """Most sweeps that saw any of it; -1 where unknown."""
+    sweeps: int
+    """Sweeps that saw free what was free, the median."""
+
+    @property
+    def is_free(self) -> bool:
+        """True if enough of it was seen free."""
+        return self.free >= FREE_SHARE
+
+    @property
+    def certainty(self) -> float:
+        """Probability that it was free, by the sweeps that say so."""
+        return (self.sweeps + 1) / (self.sweeps + 2)
+
+
+def _marginals(weight: Float64) -> Float64:
+    """Return (N, M) the probability of each pair, where every row and column is in one pair or in none.
+
+    Parameters
+    ----------
+    weight : (N, M) odds of each pair against none
+
+    >>> np.round(_marginals(np.array([[9.0, 0.0], [0.0, 1.0]])), 3).tolist()
+    [[0.9, 0.0], [0.0, 0.5]]
+    """
+    back = np.ones(weight.shape)
+    for _ in range(ROUNDS):
+        through = weight * back
+        to = weight / (1.0 + through.sum(axis=1, keepdims=True) - through)
+        back = 1.0 / (1.0 + to.sum(axis=0, keepdims=True) - to)
+    through = weight * back
+    result: Float64 = through / (1.0 + through.sum(axis=1, keepdims=True))
+    return result
+
+
+def within(points: Float64, box: Float64, around: float) -> Bool:
+    """Return (K,) whether points are in a box (x, y, yaw, length, width), or this far around it [m]."""
+    x, y = points[:, 0] - box[0], points[:, 1] - box[1]
+    cos, sin = math.cos(box[2]), math.sin(box[2])
+    inside: Bool = (np.abs(cos * x + sin * y) <= 0.5 * box[3] + around) & (
+        np.abs(cos * y - sin * x) <= 0.5 * box[4] + around
+    )
+    return inside
+
+
+def _filled(box: Float64) -> Float64:
+    """Return (K, 2) places all over a box."""
+    along = np.linspace(-0.5, 0.5, max(3, int(box[3] / 0.05))) * box[3]
+    across = np.linspace(-0.5, 0.5, max(3, int(box[4] / 0.05))) * box[4]
+    u, v = (part.ravel() for part in np.meshgrid(along, across))
+    cos, sin = math.cos(box[2]), math.sin(box[2])
+    return np.column_stack([box[0] + cos * u - sin * v, box[1] + sin * u + cos * v])
+
+
+def _clusters(points: Float64) -> list[Int64]:
+    """Return the indices of the points of each cluster."""
+    if not len(points):
+        return []
+    cell = np.floor(points / LINKED).astype(np.int64)
+    cell -= cell.min(axis=0) - 1
+    across = int(cell[:, 0].max()) + 2
+    keys, which = np.unique(cell[:, 1] * across + cell[:, 0], return_inverse=True)
+    group = np.arange(len(keys))
+    links = []
+    for step in (1, across - 1, across, across + 1):
+        at = np.minimum(np.searchsorted(keys, keys + step), len(keys) - 1)
+        linked = np.flatnonzero(keys[at] == keys + step)
+        links.append(np.column_stack([linked, at[linked]]))
+    pairs = np.concatenate(links)
+    while True:
+        least = np.minimum(group[pairs[:, 0]], group[pairs[:, 1]])
+        before = group.copy()
+        np.minimum.at(group, pairs[:, 0], least)
+        np.minimum.at(group, pairs[:, 1], least)
+        group = group[group]
+        if (group == before).all():
+            break
+    which = group[which]
+    return [np.flatnonzero(which == one) for one in np.unique(which)]
+
+
+def _rectangle(points: Float64) -> Float64:
+    """Return x, y, yaw, length and width of the rectangle along the points [m, rad]."""
+    middle = points.mean(axis=0)
+    off = points - middle
+    xx, xy, yy = (off[:, 0] ** 2).mean(), (off[:, 0] * off[:, 1]).mean(), (off[:, 1] ** 2).mean()
+    yaw = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    u, v = cos * off[:, 0] + sin * off[:, 1], cos * off[:, 1] - sin * off[:, 0]
+    along, across = 0.5 * (u.min() + u.max()), 0.5 * (v.min() + v.max())
+    return np.array(
+        [
+            middle[0] + cos * along - sin * across,
+            middle[1] + sin * along + cos * across,
+            yaw,
+            np.ptp(u),
+            np.ptp(v),
+        ]
+    )

@@ -1,0 +1,799 @@
+"""Runs compared: logs, tables of tracks, backgrounds and maps in, one table of changes out."""
+
+from __future__ import annotations
+
+import json
+import math
+import zlib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from lidarcli.choices import (
+    ALIGN,
+    CHANGE_KINDS,
+    CHANGE_STATUSES,
+    CHANGE_WHYS,
+    LEAST_SCORE,
+    MAP_RESOLUTION,
+    MAX_MAP_KM2,
+    OCCUPIED_RATIO,
+)
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.mapping.counts import Beams, Counts, TooLargeError, placed
+from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy, UnlikeError, compare
+from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, Fit, fit, search
+from lidarcli.formalism.matching.changes import (
+    BESIDE,
+    GONE,
+    NEW,
+    SAME_PLACE,
+    STRUCTURE,
+    Changes,
+    Compared,
+    Run,
+    within,
+)
+from lidarcli.formalism.matching.ground import SEEN_FREE, Ground, Nearest, Surveying, of_map
+from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, proposals
+from lidarcli.formalism.tracking.results import ENDS
+from lidarcli.maps.mapserver import image_of, read_map
+from lidarcli.newfiles import new_files, refuse
+from lidarcli.pipeline.detecting import detect_beside, second_of_two
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.tables import Pair, TracksTable, find_tracks, read_tracks_table
+from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
+from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.overlay_sources import Cursor
+from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log
+from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
+from lidarcli.pipeline.runs.over_logs import LogProgress
+from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
+from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
+from lidarcli.stores.url import Place, place
+from lidarcli.sweeps import Float64, Int64, Status, SweepPoses
+from lidarcli.tabular.background import read_background
+from lidarcli.tabular.reading import column_names
+from lidarcli.tabular.schemas import BACKGROUND, CHANGES
+from lidarcli.tabular.stream import write_stream
+from lidarcli.tabular.writing import SOURCE, table_metadata
+
+AUTO, AS_IS, SEARCH = ALIGN
+MOST_THINGS = 2000
+"""Most standing things of a run: each is compared with all of another one."""
+LEAST_SWEEPS, LEAST_SECONDS = 10, 2.0
+"""Fewest sweeps, and shortest time [s], in which a standing thing was seen."""
+LEAST_WAY = 0.5
+"""Shortest way of an agent [m], whose place is not that of a standing thing."""
+LEAST_CHANCE = 0.6
+"""Least probability of an alignment by things alone."""
+ALIGNMENT = "lidarcli.alignment"
+"""Metadata key of the alignments, as JSON."""
+TABLES = {".parquet": "parquet", ".csv": "csv"}
+PICTURE = ".png"
+COUNTED = tuple(CHANGE_STATUSES)
+OF_MAPS = ("precision", "recall", "f1")
+FIGURES = (*COUNTED, "overlap", *OF_MAPS)
+"""Figures that a check may name."""
+PAGE = "docs/diff.md"
+NO_FREE_SPACE = "tables tell no free space; name the logs to learn what is gone"
+MAP_WORLD = "map"
+"""World of a map, whose file names none."""
+
+
+@dataclass(frozen=True, slots=True)
+class DiffOptions:
+    """Options of `diff`, apart from inputs and outputs."""
+
+    detect: DetectOptions
+    """Options of reading logs, and of finding and following what stands in them."""
+    align: str = AUTO
+    min_score: float = LEAST_SCORE
+    overwrite: bool = False
+
+
+@dataclass(slots=True)
+class Seen:
+    """What one input tells."""
+
+    name: str
+    run: Run
+    world: str
+    """Fixed frame of its places; empty for the sensor's own."""
+    log: list[str] = field(default_factory=list)
+    """Log of each thing."""
+    track: list[int] = field(default_factory=list)
+    """Track of each thing; 0 where there is none."""
+    label: list[str | None] = field(default_factory=list)
+    grid: Occupancy | None = None
+    """The map, if it is one."""
+    source: dict[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
+
+    @property
+    def is_common(self) -> bool:
+        """True if its world outlives a run."""
+        return bool(self.world) and not of_one_run(self.world)
+
+
+class Step(NamedTuple):
+    """One run, compared with those before it."""
+
+    before: str
+    name: str
+    motion: Motion
+    overlap: float | None
+    rms: float | None
+    how: str
+    """How it was aligned, for people."""
+
+
+@dataclass(slots=True)
+class Difference:
+    """The changes of all runs; `changes` has the schema `lidarcli.tabular.schemas.CHANGES`."""
+
+    changes: pa.Table
+    steps: tuple[Step, ...]
+    figures: dict[str, float | None]
+    notes: tuple[str, ...] = ()
+    damage: tuple[str, ...] = ()
+    ground: Occupancy | None = None
+    """The ground of all runs but the last, in the coordinates of the first."""
+
+    @property
+    def lines(self) -> list[str]:
+        """The result for people."""
+        found = [step.how for step in self.steps]
+        rows = self.changes.select(
+            ["kind", "status", "why", "length", "x_a", "y_a", "x_b", "y_b"]
+        ).to_pylist()
+        counted = Counter(row["status"] for row in rows)
+        whys = Counter(row["why"] for row in rows if row["why"])
+        words = [f"{status} {counted[status]}" for status in COUNTED if counted[status]]
+        if whys:
+            words[-1] += f" ({', '.join(f'{whys[why]} {why}' for why in CHANGE_WHYS if whys[why])})"
+        found.append(f"  {', '.join(words)}" if words else "  nothing stands in any of them")
+        structure = [
+            f"{row['status']} {row['length']:.1f} m at ({_either(row, 'x'):.1f}, {_either(row, 'y'):.1f})"
+            for row in rows
+            if row["kind"] == CHANGE_KINDS[STRUCTURE]
+        ]
+        if structure:
+            found.append(f"  structure: {', '.join(structure)}")
+        if (f1 := self.figures.get("f1")) is not None:
+            found.append(
+                f"  precision {self.figures['precision']:.4f}, recall {self.figures['recall']:.4f}, f1 {f1:.4f}"
+            )
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "figures": self.figures,
+            "alignments": [_alignment(step) for step in self.steps],
+            "changes": self.changes.to_pylist(),
+            "notes": [*self.notes],
+        }
+
+
+def _either(row: dict[str, Any], axis: str) -> float:
+    value = row[f"{axis}_b"] if row[f"{axis}_b"] is not None else row[f"{axis}_a"]
+    return float(value)
+
+
+def _alignment(step: Step) -> dict[str, Any]:
+    return {
+        "log_a": step.before,
+        "log_b": step.name,
+        "dx": step.motion.x,
+        "dy": step.motion.y,
+        "dyaw": step.motion.angle,
+        "overlap": step.overlap,
+        "rms": step.rms,
+    }
+
+
+# Inputs.
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """One input, by what it is."""
+
+    text: str
+    kind: str
+    """`log`, `tracks`, `background` or `map`."""
+    source: Source | None = None
+
+    @property
+    def files(self) -> list[str]:
+        """The files that are read."""
+        return [self.text, str(image_of(Path(self.text)))] if self.kind == "map" else [self.text]
+
+
+def inputs_of(texts: Sequence[str]) -> list[Input]:
+    """Return what the inputs are.
+
+    Raises
+    ------
+    OptionError
+        There are fewer than two, or one is the standard input or several logs.
+    UnreadableError
+        One is not there, or is none.
+    """
+    if len(texts) < 2:
+        raise OptionError(
+            f"{texts[0] if texts else 'nothing'}: one run has nothing to be compared with; give two or more"
+        )
+    return [_input(text) for text in texts]
+
+
+def _input(text: str) -> Input:
+    suffix = place(text).suffix.lower()
+    if suffix in (".yaml", ".yml"):
+        return Input(text, "map")
+    if suffix == ".parquet":
+        is_background = {*BACKGROUND.names} <= {*column_names(place(text), "tracks")}
+        return Input(text, "background" if is_background else "tracks")
+    if Path(text).is_dir() and any(Path(text).glob("*.tracks.parquet")):
+        tables = find_tracks([text])
+        if len(tables) > 1:
+            raise OptionError(f"{text}: holds the tables of {len(tables)} logs; name one of them")
+        return Input(str(tables[0]), "tracks")
+    found = find_logs([text])
+    if len(found) > 1:
+        raise OptionError(f"{text}: holds {len(found)} logs; name one of them")
+    source = found[0]
+    if isinstance(source, Nothing):
+        raise type(source.error)(f"{text}: {source.error}")
+    if source.is_stdin:
+        raise OptionError(
+            "runs are compared by reading their logs twice; give the name of a file instead of -"
+        )
+    return Input(text, "log", source)
+
+
+def read_input(one: Input, options: DiffOptions, progress: Progress | None = None) -> Seen:
+    """Return what an input tells.
+
+    Raises
+    ------
+    UnreadableError
+        It cannot be read.
+    NoScanError
+        The log has no LaserScan topic.
+    OptionError
+        It has too many things, or ground.
+    """
+    if one.kind == "map":
+        grid = read_map(Path(one.text))
+        return Seen(one.text, Run(*_NOTHING, of_map(grid), np.empty((0, 2))), MAP_WORLD, grid=grid)
+    if one.kind == "background":
+        return _of_background(one.text)
+    if one.source is None:
+        table = read_tracks_table(place(one.text))
+        return _of_tracks(one.text, table, {}, {})
+    return _of_log(one.source, options, progress)
+
+
+_NO_VALUE, _NO_CODE = np.empty(0), np.empty(0, np.int32)
+_NOTHING = (
+    Standing(_NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_CODE, _NO_CODE),
+    _NO_VALUE,
+)
+"""No things, and no direction of any."""
+
+
+def _of_background(text: str) -> Seen:
+    sensors, told = read_background(place(text))
+    worlds = {
+        frame: str(way["world"]).strip("/")
+        for log in told.get(SOURCE, [])
+        for frame, way in (log.get("poses") or {}).items()
+        if isinstance(way, dict) and "world" in way
+    }
+    notes = []
+    groups: dict[str, list[Background]] = {}
+    for sensor in sensors:
+        key = worlds.get(sensor.frame_id, "") if sensor.posed.any() else ""
+        groups.setdefault(key or f" {sensor.frame_id}", []).append(sensor)
+    if not groups:
+        raise UnreadableError(f"{text}: the background of no sensor")
+    chosen = max(groups, key=lambda key: sum(int(each.sweeps.sum()) for each in groups[key]))
+    if len(groups) > 1:
+        notes.append(f"{text}: only what lies in {_frame_words(chosen)} is compared")
+    survey = Surveying(Counts(MAP_RESOLUTION, int(MAX_MAP_KM2 * KM2 / MAP_RESOLUTION**2)))
+    places = []
+    for sensor in groups[chosen]:
+        x, y, yaw = (np.nan_to_num(each) for each in (sensor.poses.x, sensor.poses.y, sensor.poses.yaw))
+        side = np.where(sensor.poses.upside_down, -1.0, 1.0)
+        direction = yaw[:, None] + side[:, None] * sensor.grid.bearings()
+        surface, is_open = np.isfinite(sensor.r_e), np.isinf(sensor.r_e) & np.isfinite(sensor.range_max)
+        ranges = np.where(surface, sensor.r_e, np.where(is_open, sensor.range_max, np.nan))
+        end = np.stack([x[:, None] + ranges * np.cos(direction), y[:, None] + ranges * np.sin(direction)])
+        use = np.where(surface, HIT, np.where(is_open, CLEAR, SKIPPED)).astype(np.uint8)
+        beams = np.full(len(sensor), sensor.grid.beams, np.int32)
+        each = Beams(end, use, beams, np.column_stack([x, y, yaw, side]), np.zeros((len(sensor), 3)))
+        # What all sweeps of a station agree on is as good as several of them.
+        for _ in range(SEEN_FREE):
+            survey.add(each)
+        places.append(np.column_stack([x, y]))
+    ground = replace(survey.ground(1, OCCUPIED_RATIO), counted=False)
+    run = Run(*_NOTHING, ground, np.concatenate(places))
+    return (
+        Seen(text, run, chosen.strip(), notes=notes)
+        if not chosen.startswith(" ")
+        else Seen(text, run, "", notes=notes)
+    )
+
+
+def _frame_words(key: str) -> str:
+    return f"the frame of the sensor {key.strip()}" if key.startswith(" ") else f"the frame {key}"
+
+
+def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> Seen:
+    """Return the standing things of a log, and the ground that its sweeps saw."""
+    with TemporaryDirectory(prefix="lidarcli-") as private:
+        pair, found = detect_beside(source, Path(private), options.detect, progress)
+        table = read_tracks_table(pair.tracks)
+        grounds, places, summary, described = _survey(
+            source, pair, table, options.detect, second_of_two(progress, source.size)
+        )
+    seen = _of_tracks(source.name, table, grounds, places)
+    seen.source = described
+    seen.damage = [f"{source.label}: {line}" for line in dict.fromkeys([*found.damage, *summary.damage])]
+    seen.notes += [f"{source.label}: {line}" for line in dict.fromkeys([*found.doubts, *summary.doubts])]
+    return seen
+
+
+def _survey(
+    source: Source, pair: Pair, tracks: TracksTable, detect: DetectOptions, progress: Progress | None
+) -> tuple[dict[str, Ground], dict[str, Float64], RunSummary, dict[str, Any]]:
+    """Return the ground and the places of the sensors by the frame of their world, of a second pass over a log."""
+    most = int(MAX_MAP_KM2 * KM2 / MAP_RESOLUTION**2)
+    surveys: dict[str, Surveying] = {}
+    places: dict[str, list[Float64]] = {}
+    cursors: dict[str, Cursor] = {}
+    went = _gone_their_ways(tracks)
+    with read_log(source, detect, Need.MOVING) as reading:
+        for batch in reading.batches(progress):
+            if not len(batch):
+                continue
+            if batch.topic not in cursors:
+                cursors[batch.topic] = Cursor(pair.objects, "objects", OBJECT_COLUMNS, batch.topic)
+            rows = cursors[batch.topic].until(int(batch.sweep[-1]) + 1)
+            objects = Objects.of(rows, batch)
+            owner = objects.owners(batch)
+            agents = np.append(np.isin(objects.track, went.get(batch.topic, [])), False)[owner]
+            use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
+            for frame, at, mine in batch.by_frame():
+                world = reading.world_of(batch.topic, frame).strip("/")
+                poses = mine.poses
+                if poses is None or not world or not np.isfinite(poses.yaw).any():
+                    world, zero = f" {frame}", np.zeros(len(mine))
+                    poses = SweepPoses(zero, zero, zero, np.zeros(len(mine), np.bool_))
+                known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
+                survey = surveys.setdefault(world, Surveying(Counts(MAP_RESOLUTION, most)))
+                try:
+                    survey.add(placed(mine.rows(known), poses.rows(known), use[at][known]), agents[at][known])
+                except TooLargeError as err:
+                    raise OptionError(
+                        f"{source.label}: the ground would reach over {err}, more than {MAX_MAP_KM2:g} km²: a pose or a "
+                        "range may be far off; limit the log (--range, --start, --end)"
+                    ) from err
+                places.setdefault(world, []).append(np.column_stack([poses.x, poses.y])[known])
+        summary = reading.close()
+        described = reading.describe(source)
+    grounds = {
+        world: survey.ground(max(1, min(survey.counts.sweeps, MIN_HITS_OF_ALL)), OCCUPIED_RATIO)
+        for world, survey in surveys.items()
+        if survey.counts.sweeps
+    }
+    return grounds, {world: np.concatenate(parts) for world, parts in places.items()}, summary, described
+
+
+def _gone_their_ways(table: TracksTable) -> dict[str, Int64]:
+    """Return the tracks of each topic that went some way: what only turned on the spot stands, for all that others know."""
+    rows = table.rows.to_pydict()
+    moved: dict[str, list[int]] = {}
+    for topic, track, kind, distance in zip(
+        *(rows[name] for name in ("topic", "track", "set", "distance")), strict=True
+    ):
+        moved.setdefault(topic, [])
+        if kind == "A" and distance >= LEAST_WAY:
+            moved[topic].append(track)
+    return {topic: np.array(each, np.int64) for topic, each in moved.items()}
+
+
+def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places: dict[str, Float64]) -> Seen:
+    """Return the standing things of a tracks table in the world that has most of them, with its ground."""
+    rows = table.rows.to_pydict()
+    # A sensor without poses is a world of its own.
+    worlds = np.array([table.worlds.get(frame) or f" {frame}" for frame in rows["frame_id"]] or [""], object)
+    count = len(rows["track"])
+    worlds = worlds[:count]
+    number = {each: np.array(rows[each], np.float64).reshape(count) for each in _MEASURED}
+    stands = np.array([each == "O" for each in rows["set"]], np.bool_).reshape(count)
+    ended = np.array([each == ENDS[1] for each in rows["end"]], np.bool_).reshape(count)
+    sweeps = np.array(rows["sweeps"], np.int64).reshape(count)
+    long = (sweeps >= LEAST_SWEEPS) & (np.array(rows["duration"], np.float64).reshape(count) >= LEAST_SECONDS)
+    chosen = stands & ~ended & long & np.isfinite(number["x"] + number["y"])
+    sizes = {world: len(ground.points) for world, ground in grounds.items()}
+    for world in worlds:
+        sizes.setdefault(world, 0)
+    key = max(sorted(sizes), key=lambda each: (sizes[each], int((worlds == each).sum()))) if sizes else " "
+    notes = []
+    if others := sorted({*sizes} - {key}):
+        notes.append(
+            f"{name}: only what lies in {_frame_words(key)} is compared, not in "
+            f"{', '.join(each.strip() for each in others)} (--topic)"
+        )
+    at = np.flatnonzero(chosen & (worlds == key))
+    at = at[_distinct({name: values[at] for name, values in number.items()}, sweeps[at])]
+    if len(at) > MOST_THINGS:
+        raise OptionError(
+            f"{name}: {len(at):,} standing things are more than can be compared ({MOST_THINGS:,}); take a part with --end"
+        )
+    shapes, labels = ([_code(each) for each in rows[column]] for column in ("shape", "label"))
+    things = Standing(
+        **{each: number[each][at] for each in _MEASURED if each != "yaw"},
+        shape=np.array(shapes, np.int32)[at],
+        label=np.array(labels, np.int32)[at],
+    )
+    run = Run(things, np.nan_to_num(number["yaw"][at]), grounds.get(key), places.get(key, np.empty((0, 2))))
+    return Seen(
+        name,
+        run,
+        "" if key.startswith(" ") else key,
+        log=[rows["log"][k] for k in at],
+        track=[rows["track"][k] for k in at],
+        label=[rows["label"][k] for k in at],
+        notes=notes,
+    )
+
+
+_MEASURED = ("x", "y", "yaw", "length", "width", "length_sd", "width_sd")
+
+
+def _code(word: str | None) -> int:
+    """Return the code of a word, the same in all runs; -1 for none."""
+    return -1 if word in (None, "unknown") else zlib.crc32(str(word).encode()) >> 1
+
+
+def _distinct(number: dict[str, Float64], sweeps: Int64) -> Int64:
+    """Return the things that stand in places of their own.
+
+    One that was lost and found again, or of which a part was taken for another thing, is the one that was seen longest.
+    """
+    kept: list[int] = []
+    places = np.column_stack([number["x"], number["y"]])
+    for k in np.argsort(-sweeps, kind="stable").tolist():
+        if not any(within(places[k : k + 1], _box(number, other), BESIDE)[0] for other in kept):
+            kept.append(k)
+    return np.array(sorted(kept), np.int64)
+
+
+def _box(number: dict[str, Float64], k: int) -> Float64:
+    """Return x, y, yaw, length and width of a thing, the sizes no less than those of one place."""
+    sizes = [np.fmax(number[name][k], 2.0 * (SAME_PLACE - BESIDE)) for name in ("length", "width")]
+    return np.array([number["x"][k], number["y"][k], np.nan_to_num(number["yaw"][k]), *sizes])
+
+
+# Comparing.
+
+
+def diff_inputs(
+    inputs: Sequence[Input], options: DiffOptions, report: LogProgress | None = None
+) -> Difference:
+    """Compare each run with those before it.
+
+    Raises
+    ------
+    UnreadableError
+        Two do not lie on each other, or do so in several ways; or as of `read_input`.
+    OptionError
+        As of `read_input`, or two maps have cells of different sizes.
+    """
+    seen = []
+    for one in inputs:
+        source = one.source
+        progress = None if report is None or source is None else _told(report, source)
+        seen.append(read_input(one, options, progress))
+    names = Counter(each.name for each in seen)
+    for one, each in zip(inputs, seen, strict=True):
+        if names[each.name] > 1:
+            each.name = one.text
+        each.log = [each.name] * len(each.log)
+    return _compared([one.text for one in inputs], seen, options)
+
+
+def _told(report: LogProgress, source: Source) -> Progress:
+    return lambda position: report(source, position)
+
+
+def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions) -> Difference:
+    reference, steps, rows = seen[0], [], []
+    notes = [note for each in seen for note in each.notes]
+    if any(each.run.ground is None for each in seen):
+        notes.append(NO_FREE_SPACE)
+    figures: dict[str, float | None] = {}
+    seers = [(seen[0].name, seen[0].run.ground)]
+    before = None
+    for number, now in enumerate(seen[1:], 1):
+        nearest = _nearest(reference), _nearest(now)
+        label = labels[0] if number == 1 else "the runs before"
+        step, chance = _align(reference, now, nearest, options.align, label, labels[number])
+        steps.append(step)
+        compared = Compared(reference.run, now.run, step.motion, nearest, chance, options.min_score)
+        changes = compared.changes()
+        rows += _rows(changes, reference, now, step.motion, seers)
+        before = None if reference.run.ground is None else reference.run.ground.occupancy()
+        if number < len(seen) - 1:
+            reference, moved = _after(reference, now, changes, step.motion)
+            seers.insert(0, (now.name, moved))
+    overlaps = [step.overlap for step in steps if step.overlap is not None]
+    counted = Counter(row["status"] for row in rows)
+    figures = {status: float(counted[status]) for status in COUNTED}
+    figures["overlap"] = min(overlaps) if overlaps else None
+    if len(seen) == 2 and seen[0].grid is not None and seen[1].grid is not None:
+        try:
+            found = compare(seen[1].grid, seen[0].grid)
+        except UnlikeError as err:
+            raise OptionError(
+                f"{labels[0]} and {labels[1]}: {err}; make the map with --resolution {seen[0].grid.resolution:g}"
+            ) from err
+        figures |= {name: None if math.isnan(value := getattr(found, name)) else value for name in OF_MAPS}
+    metadata = table_metadata(
+        {**options.detect.as_dict(), "align": options.align, "min_score": options.min_score},
+        [each.source or {"name": each.name} for each in seen],
+        damage := [line for each in seen for line in each.damage],
+    )
+    metadata[ALIGNMENT.encode()] = json.dumps([_alignment(step) for step in steps]).encode(errors="replace")
+    return Difference(
+        _table(rows, metadata), tuple(steps), figures, tuple(dict.fromkeys(notes)), tuple(damage), before
+    )
+
+
+def _align(
+    reference: Seen,
+    now: Seen,
+    nearest: tuple[Nearest | None, Nearest | None],
+    how: str,
+    label: str,
+    other: str,
+) -> tuple[Step, float]:
+    """Return how a run lies on those before it, and the probability of that."""
+    first, second = nearest
+    common = reference.is_common and reference.world == now.world
+    as_is = how == AS_IS or (how == AUTO and common)
+    if as_is:
+        here = None if first is None or second is None else fit(first, second, HERE)
+        if here is not None and not here.lies:
+            raise UnreadableError(_lies_not(label, other, here) + "; as they are, that is (--align search)")
+        words = f"as they are, in the frame {reference.world}" if common else "as they are"
+        return _step(reference, now, HERE, here, words), 1.0
+    if first is None or second is None:
+        motion, chance = align(reference.run.things, now.run.things)
+        if motion is None:
+            raise UnreadableError(
+                f"{label} and {other} cannot be laid on each other: fewer than three of their things stand alike; "
+                "name the logs, or take places as they are (--align as-is)"
+            )
+        if chance < LEAST_CHANCE:
+            raise UnreadableError(_in_two_ways(label, other))
+        return _step(reference, now, motion, None, "aligned by things"), chance
+    found = search(first, second, proposals(reference.run.things, now.run.things))
+    if not found.best.lies:
+        raise UnreadableError(_lies_not(label, other, found.best))
+    if found.rival is not None:
+        raise UnreadableError(_in_two_ways(label, other))
+    return _step(reference, now, found.best.motion, found.best, "aligned by structure"), 1.0
+
+
+def _nearest(seen: Seen) -> Nearest | None:
+    return None if seen.run.ground is None else Nearest(seen.run.ground)
+
+
+def _lies_not(label: str, other: str, found: Fit) -> str:
+    if not found.common:
+        return (
+            f"{label} and {other} do not lie on each other: they have too little of their structure in common"
+        )
+    return (
+        f"{label} and {other} do not lie on each other: {found.overlap:.0%} of the structure at best, "
+        f"{LEAST_OVERLAP:.0%} needed"
+    )
+
+
+def _in_two_ways(label: str, other: str) -> str:
+    return (
+        f"{label} and {other} lie on each other in two ways: nothing tells which one is right, as in a symmetric room; "
+        "where their frames are the same, --align as-is takes them as they are"
+    )
+
+
+def _step(before: Seen, now: Seen, motion: Motion, found: Fit | None, how: str) -> Step:
+    words = how
+    if not how.startswith("as"):
+        turn = abs(math.degrees((motion.angle + math.pi) % math.tau - math.pi))
+        words += f": {math.hypot(motion.x, motion.y):.2f} m, {turn:.1f} degrees"
+    elif found is None:
+        words += ""
+    overlap = None if found is None else found.overlap
+    rms = None if found is None or math.isnan(found.rms) else found.rms
+    if overlap is not None:
+        words += f"; {overlap:.0%} of the structure in place"
+    return Step(before.name, now.name, motion, overlap, rms, words)
+
+
+def _after(before: Seen, now: Seen, changes: Changes, motion: Motion) -> tuple[Seen, Ground | None]:
+    """Return all runs so far as one, each place as the last run that saw it tells it; and the ground of the last."""
+    run = now.run.moved(motion)
+    gone = (changes.status == GONE) | (changes.second >= 0)
+    kept = [k for k in range(len(before.run.things)) if k not in {*changes.first[gone].tolist()}]
+    things = _joined(before.run.things, run.things, kept)
+    ground = before.run.ground if run.ground is None else run.ground
+    if before.run.ground is not None and run.ground is not None:
+        ground = run.ground.over(before.run.ground)
+    return Seen(
+        now.name,
+        Run(
+            things,
+            np.concatenate([before.run.yaw[kept], run.yaw]),
+            ground,
+            np.concatenate([before.run.sensors, run.sensors]),
+        ),
+        before.world,
+        *(
+            [getattr(before, name)[k] for k in kept] + getattr(now, name)
+            for name in ("log", "track", "label")
+        ),
+    ), run.ground
+
+
+def _joined(one: Standing, other: Standing, kept: Sequence[int]) -> Standing:
+    return Standing(
+        **{
+            name: np.concatenate([getattr(one, name)[kept], getattr(other, name)])
+            for name in Standing.__dataclass_fields__
+        }
+    )
+
+
+def _rows(
+    changes: Changes,
+    before: Seen,
+    now: Seen,
+    motion: Motion,
+    seers: Sequence[tuple[str, Ground | None]],
+) -> list[dict[str, Any]]:
+    """Return the rows of the table, without their numbers."""
+    found = []
+    old, new = before.run.things, now.run.things
+    x, y = motion.of(new.x, new.y)
+    for c in range(len(changes.kind)):
+        i, j = int(changes.first[c]), int(changes.second[c])
+        row: dict[str, Any] = {
+            "log_b": now.name,
+            "kind": CHANGE_KINDS[changes.kind[c]],
+            "status": CHANGE_STATUSES[changes.status[c]],
+            "why": None if changes.why[c] < 0 else CHANGE_WHYS[changes.why[c]],
+            "score": float(changes.score[c]),
+            "area": _known(changes.area[c]),
+            "sweeps_a": _positive(changes.looks[c, 0], before.run.ground),
+            "sweeps_b": _positive(changes.looks[c, 1], now.run.ground),
+            "free_a": _known(changes.free[c, 0]),
+            "free_b": _known(changes.free[c, 1]),
+        }
+        if changes.kind[c] == STRUCTURE:
+            px, py, yaw, length, width = changes.place[c].tolist()
+            run = "b" if changes.status[c] == NEW or changes.free[c, 0] > 0 else "a"
+            row |= {f"x_{run}": px, f"y_{run}": py, f"yaw_{run}": yaw, "length": length, "width": width}
+            where = px, py
+        else:
+            if i >= 0:
+                row |= {"x_a": float(old.x[i]), "y_a": float(old.y[i]), "yaw_a": _line(before.run.yaw[i])}
+                row |= {"track_a": before.track[i] or None, "label": before.label[i]}
+                where = float(old.x[i]), float(old.y[i])
+            if j >= 0:
+                row |= {"x_b": float(x[j]), "y_b": float(y[j]), "yaw_b": _line(now.run.yaw[j] + motion.angle)}
+                row |= {"track_b": now.track[j] or None, "label": now.label[j] or row.get("label")}
+                where = float(x[j]), float(y[j])
+            if i >= 0 and j >= 0:
+                row["moved"] = math.hypot(row["x_b"] - row["x_a"], row["y_b"] - row["y_a"])
+                row["turned"] = _line(row["yaw_b"] - row["yaw_a"])
+            things, k = (new, j) if j >= 0 else (old, i)
+            row |= {"length": _known(things.length[k]), "width": _known(things.width[k])}
+        row["log_a"] = before.log[i] if i >= 0 else _seer(seers, *where)
+        found.append(row)
+    return found
+
+
+def _seer(seers: Sequence[tuple[str, Ground | None]], x: float, y: float) -> str:
+    """Return the last run that saw a place, of the latest one first; where none did, the latest."""
+    for name, ground in seers:
+        if ground is not None and ground.seen(np.array([x]), np.array([y]))[0]:
+            return name
+    return seers[0][0]
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _positive(count: int, ground: Ground | None) -> int | None:
+    return int(count) if count >= 0 and ground is not None and ground.counted else None
+
+
+def _line(angle: float) -> float:
+    """Return an angle of an undirected line, -π/2 to π/2."""
+    return float(0.5 * math.pi - (0.5 * math.pi - angle) % math.pi)
+
+
+def _table(rows: Sequence[dict[str, Any]], metadata: dict[bytes, bytes]) -> pa.Table:
+    for number, row in enumerate(rows, 1):
+        row["thing"] = number
+    columns = [
+        pa.array([row.get(name.name) for row in rows], _plain_type(name.type)).cast(name.type)
+        for name in CHANGES
+    ]
+    return pa.Table.from_arrays(columns, schema=CHANGES.with_metadata(metadata))
+
+
+def _plain_type(kind: pa.DataType) -> pa.DataType:
+    return kind.value_type if pa.types.is_dictionary(kind) else kind
+
+
+# Outputs.
+
+
+def refuse_outputs(outputs: Sequence[Place], inputs: Sequence[Input], options: DiffOptions) -> None:
+    """Refuse outputs of an unknown suffix (`OptionError`), that exist or are an input, before any work."""
+    known = (*TABLES, PICTURE)
+    for path in outputs:
+        if path.suffix.lower() not in known:
+            raise OptionError(f"{path}: the suffix of an output has to be one of {', '.join(known)}")
+    sources = [one.source for one in inputs if one.source is not None]
+    refuse(
+        outputs,
+        options.overwrite,
+        [*options.detect.inputs(sources), *(file for one in inputs for file in one.files)],
+    )
+
+
+def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) -> list[str]:
+    """Write the changes as tables and pictures; returns notes."""
+    notes: list[str] = []
+    for path in outputs:
+        with new_files([path], overwrite) as new:
+            if path.suffix.lower() == PICTURE:
+                from lidarcli.reports.changes_picture import draw_changes
+
+                new.part(path).write_bytes(draw_changes(found.changes, found.ground))
+            else:
+                with new.part(path).open("wb") as out:
+                    table = found.changes.combine_chunks()
+                    kind = TABLES[path.suffix.lower()]
+                    metadata = dict(table.schema.metadata)
+                    notes += write_stream(out, kind, str(path), CHANGES, metadata, table.to_batches())[1]
+            notes += new.publish()
+    return notes
+
+
+def parse_checks(expressions: Sequence[str]) -> list[Check]:
+    """Understand checks, or raise `OptionError`."""
+    return [parse_check(each, only=FIGURES, page=PAGE) for each in expressions]
+
+
+def judged(found: Difference, checks: Sequence[Check]) -> list[Verdict]:
+    """Hold checks against the figures."""
+    return [verdict_of(check, found.figures.get(check.name)) for check in checks]

@@ -1,0 +1,327 @@
+"""What changed from run to run, in drawn scenes whose changes are known."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import lidarcli as package
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.pipeline.differing import Difference
+from lidarcli.simulate import entities as make
+from lidarcli.simulate.scene import Course, Entity, Odometry, Sensor, super_ellipse
+from lidarcli.tabular.schemas import CHANGES
+from tests.diff.drawn import ODOMETRY, ROOM, SENSORS, closed, parked, write_run
+
+Run = Callable[..., Any]
+
+WALLS = closed(ROOM)
+BOXES = (
+    make.box(2.5, -1.2, 0.6, 0.4, 0.3),
+    make.box(-2.6, -1.6, 0.8, 0.5, 1.1),
+    make.box(-2.2, 1.6, 0.5, 0.35, -0.5),
+    make.box(0.3, 1.9, 0.7, 0.45, 0.8),
+    make.box(0.6, -2.1, 0.45, 0.3, 0.2),
+)
+SCENE = (WALLS, *BOXES)
+DRIVE = Course(super_ellipse(0.7, 0.5, 2.0), 0.4)
+
+
+def counts(found: Difference) -> dict[str, int]:
+    return dict(Counter(found.changes["status"].to_pylist()))
+
+
+def rows(found: Difference, status: str) -> list[dict[str, Any]]:
+    return [row for row in found.changes.to_pylist() if row["status"] == status]
+
+
+def without(scene: tuple[Entity, ...], *gone: Entity) -> tuple[Entity, ...]:
+    return tuple(each for each in scene if each not in gone)
+
+
+@pytest.fixture(scope="module")
+def monday(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return write_run(tmp_path_factory.mktemp("runs") / "monday.mcap", SCENE)
+
+
+def test_a_run_with_itself(monday: str) -> None:
+    found = package.diff(monday, monday)
+    assert counts(found) == {"known": 5}
+    assert found.changes.schema.equals(CHANGES)
+    assert found.figures == {
+        **dict.fromkeys(("moved", "new", "gone", "uncertain"), 0.0),
+        "known": 5.0,
+        "overlap": 1.0,
+    }
+    assert max(found.changes["moved"].to_pylist()) == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_another_seed_of_one_scene_invents_nothing(sensor: Sensor, tmp_path: Path) -> None:
+    flickers = replace(sensor, flicker=0.1, lost=0.02)
+    runs = [write_run(tmp_path / f"{seed}.mcap", SCENE, sensor=flickers, seed=seed) for seed in range(2)]
+    assert {*counts(package.diff(*runs))} <= {"known", "uncertain"}
+
+
+@pytest.mark.slow
+def test_a_box_half_a_metre_on(monday: str, tmp_path: Path) -> None:
+    box = BOXES[0]
+    tuesday = write_run(
+        tmp_path / "t.mcap", (*without(SCENE, box), replace(box, x=box.x - 0.3, y=box.y + 0.4)), seed=1
+    )
+    found = package.diff(monday, tuesday)
+    assert counts(found) == {"known": 4, "moved": 1}
+    (moved,) = rows(found, "moved")
+    assert moved["moved"] == pytest.approx(0.5, abs=0.03)
+    assert (moved["x_b"], moved["y_b"]) == pytest.approx((box.x - 0.3, box.y + 0.4), abs=0.05)
+    assert abs(moved["turned"]) < 0.05
+    assert moved["score"] > 0.9
+
+
+@pytest.mark.slow
+def test_what_was_taken_is_gone_and_new_the_other_way_round(monday: str, tmp_path: Path) -> None:
+    box = BOXES[1]
+    tuesday = write_run(tmp_path / "t.mcap", without(SCENE, box), parked(0.3, -0.2, 0.7), seed=1)
+    found, back = package.diff(monday, tuesday), package.diff(tuesday, monday)
+    assert counts(found) == {"known": 4, "gone": 1}
+    assert counts(back) == {"known": 4, "new": 1}
+    ((gone,), (new,)) = rows(found, "gone"), rows(back, "new")
+    assert (gone["x_a"], gone["y_a"]) == pytest.approx((box.x, box.y), abs=0.05)
+    assert (gone["x_b"], gone["track_b"], gone["free_a"]) == (None, None, None)
+    assert (gone["free_b"], gone["sweeps_b"]) == (pytest.approx(1.0, abs=0.2), pytest.approx(40, abs=2))
+    # In the coordinates of the other run, whose sensor stood elsewhere.
+    dx, dy = box.x - 0.3, box.y + 0.2
+    cos, sin = math.cos(0.7), math.sin(0.7)
+    assert (new["x_b"], new["y_b"]) == pytest.approx((cos * dx + sin * dy, cos * dy - sin * dx), abs=0.05)
+    assert found.figures["overlap"] == pytest.approx(back.figures["overlap"])
+
+
+@pytest.mark.slow
+def test_what_is_behind_a_new_wall_is_hidden(monday: str, tmp_path: Path) -> None:
+    screen = make.wall([[1.6, -2.6], [1.6, 0.2]])
+    tuesday = write_run(tmp_path / "t.mcap", (*without(SCENE, BOXES[0]), screen), seed=1)
+    found = package.diff(monday, tuesday)
+    assert [(row["why"], row["kind"]) for row in rows(found, "uncertain")] == [("hidden", "thing")]
+    (new,) = rows(found, "new")
+    assert (new["kind"], new["length"]) == ("structure", pytest.approx(2.8, abs=0.3))
+    assert (new["x_b"], new["y_b"]) == pytest.approx((1.6, -1.2), abs=0.2)
+
+
+@pytest.mark.slow
+def test_a_room_that_was_not_entered_is_out_of_view(tmp_path: Path) -> None:
+    """Through the door of the first room nothing of the second one is seen."""
+    door = (
+        make.wall([[-3, -2], [3, -2], [3, 0.2]]),
+        make.wall([[3, 1.0], [3, 2.5], [-3, 2.5], [-3, -2]]),
+        make.wall([[3, 0.2], [3.4, 0.2], [3.4, -2.5], [8, -2.5], [8, 3.0], [3.4, 3.0], [3.4, 1.0], [3, 1.0]]),
+    )
+    mine = (make.box(-1.5, 1.2, 0.6, 0.4, 0.4), make.box(1.2, -1.1, 0.5, 0.3, 1.0))
+    theirs = make.box(5.0, -1.8, 0.6, 0.5, 0.2)
+    way = Course(np.array([[-0.5, 0.3], [0.0, 0.1], [2.0, 0.6], [5.5, 0.6], [5.5, 0.7], [2.0, 0.7]]), 1.0)
+    both = write_run(tmp_path / "a.mcap", (*door, *mine, theirs), way, sweeps=120, odometry=ODOMETRY)
+    one = write_run(tmp_path / "b.mcap", (*door, *mine), parked(-0.8, -0.4), odometry=ODOMETRY)
+    found = package.diff(both, one)
+    (unseen,) = rows(found, "uncertain")
+    assert (unseen["why"], unseen["sweeps_b"]) == ("out of view", 0)
+    assert (unseen["x_a"], unseen["y_a"]) == pytest.approx((theirs.x, theirs.y), abs=0.15)
+    assert counts(found) == {"known": 2, "uncertain": 1}
+
+
+@pytest.mark.slow
+def test_of_two_like_boxes_that_were_both_moved_nobody_can_tell(tmp_path: Path) -> None:
+    """Each of them is as far from both new places."""
+    like = [make.box(*at, 0.5, 0.3, 0.4) for at in ((-1.5, -1.5), (1.5, -1.5), (-1.5, 1.5), (1.5, 1.5))]
+    runs = [
+        write_run(tmp_path / f"{name}.mcap", (WALLS, BOXES[1], *boxes), seed=seed)
+        for seed, (name, boxes) in enumerate((("a", (like[0], like[3])), ("b", (like[1], like[2]))))
+    ]
+    found = package.diff(*runs, align="as-is")
+    assert counts(found) == {"known": 1, "uncertain": 4}
+    assert {row["why"] for row in rows(found, "uncertain")} == {"ambiguous"}
+    assert max(row["score"] for row in rows(found, "uncertain")) <= 0.6
+
+
+@pytest.mark.slow
+def test_another_building_is_refused(monday: str, tmp_path: Path) -> None:
+    hall = (closed(((-7, -1.2), (9, -1.2), (9, 1.5), (-7, 1.5))), make.box(3, 0.5, 0.4, 0.4, 0.1))
+    other = write_run(tmp_path / "hall.mcap", hall)
+    for runs in ((monday, other), (other, monday)):
+        with pytest.raises(
+            UnreadableError, match=r"do not lie on each other: \d+% of the structure at best, 60% "
+        ):
+            package.diff(*runs)
+    with pytest.raises(UnreadableError, match=r"as they are, that is \(--align search\)$"):
+        package.diff(monday, other, align="as-is")
+
+
+@pytest.mark.slow
+def test_an_empty_rectangle_lies_in_two_ways(tmp_path: Path) -> None:
+    rectangle = (closed(((-3, -2), (3, -2), (3, 2), (-3, 2))),)
+    one, other = (
+        write_run(tmp_path / f"{seed}.mcap", rectangle, where, seed=seed)
+        for seed, where in enumerate((parked(), parked(0.8, -0.4, 1.2)))
+    )
+    with pytest.raises(
+        UnreadableError, match="lie on each other in two ways: nothing tells which one is right"
+    ):
+        package.diff(one, other)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("turn", [math.pi / 2, -2.0])
+def test_frames_that_are_turned(sensor: Sensor, turn: float, tmp_path: Path) -> None:
+    box = BOXES[4]
+    one = write_run(tmp_path / "a.mcap", SCENE, parked(0, 0, 0.2), sensor)
+    other = write_run(tmp_path / "b.mcap", without(SCENE, box), parked(0.2, 0.1, 0.2 + turn), sensor, seed=1)
+    found = package.diff(one, other)
+    step = found.steps[0]
+    assert (step.motion.angle - turn + math.pi) % math.tau - math.pi == pytest.approx(0.0, abs=0.02)
+    cos, sin = math.cos(0.2), math.sin(0.2)
+    assert (step.motion.x, step.motion.y) == pytest.approx(
+        (cos * 0.2 + sin * 0.1, cos * 0.1 - sin * 0.2), abs=0.03
+    )
+    assert {*counts(found)} <= {"known", "gone", "uncertain"}
+    if sensor is not SENSORS[1]:
+        # A view of 270 degrees leaves it out.
+        assert counts(found)["gone"] == 1
+
+
+@pytest.mark.slow
+def test_runs_that_drove_in_one_world(tmp_path: Path) -> None:
+    one = write_run(tmp_path / "a.mcap", SCENE, DRIVE, sweeps=120, odometry=ODOMETRY)
+    other = write_run(
+        tmp_path / "b.mcap", without(SCENE, BOXES[3]), DRIVE, sweeps=120, seed=1, odometry=ODOMETRY
+    )
+    found = package.diff(one, other)
+    assert found.lines[0].startswith("as they are, in the frame map; ")
+    assert counts(found) == {"known": 4, "gone": 1}
+    odometry = write_run(
+        tmp_path / "c.mcap", without(SCENE, BOXES[3]), DRIVE, sweeps=120, seed=2, odometry=Odometry()
+    )
+    found = package.diff(one, odometry)
+    assert found.lines[0].startswith("aligned by structure: ")
+    assert counts(found) == {"known": 4, "gone": 1}
+
+
+@pytest.fixture(scope="module")
+def maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Maps of the room, and of the room with a shelf."""
+    folder = tmp_path_factory.mktemp("maps")
+    shelf = make.wall([[-4.0, 0.0], [-3.6, 0.0], [-3.6, 1.0], [-4.0, 1.0]])
+    for name, scene in (("room", SCENE), ("shelf", (*SCENE, shelf))):
+        log = write_run(folder / f"{name}.mcap", scene, DRIVE, sweeps=120, odometry=ODOMETRY)
+        package.map(log, folder / f"{name}.yaml", min_move=0.05)
+    return folder
+
+
+@pytest.mark.slow
+def test_a_shelf_on_a_map(maps: Path) -> None:
+    found = package.diff(maps / "room.yaml", maps / "shelf.yaml")
+    assert counts(found) == {"new": 1}
+    (new,) = rows(found, "new")
+    assert (new["kind"], new["sweeps_a"], new["sweeps_b"]) == ("structure", None, None)
+    assert (new["x_b"], new["y_b"]) == pytest.approx((-3.7, 0.5), abs=0.25)
+    assert 0.9 < found.figures["precision"] < 1.0  # type: ignore[operator]
+    same = package.diff(maps / "room.yaml", maps / "room.yaml")
+    assert (counts(same), same.figures["f1"], same.figures["overlap"]) == ({}, 1.0, 1.0)
+
+
+@pytest.mark.slow
+def test_a_log_beside_a_map(maps: Path) -> None:
+    found = package.diff(maps / "room.yaml", maps / "shelf.mcap")
+    assert counts(found) == {"known": 5, "new": 1}
+    assert {row["log_a"] for row in rows(found, "known")} == {str(maps / "room.yaml")}
+
+
+@pytest.mark.slow
+def test_a_background_beside_a_log(monday: str, tmp_path: Path) -> None:
+    background = tmp_path / "empty.background.parquet"
+    package.learn(monday, background)
+    new = make.box(1.3, 0.3, 0.5, 0.4, 0.6)
+    tuesday = write_run(tmp_path / "t.mcap", (*SCENE, new), seed=1)
+    found = package.diff(background, tuesday)
+    assert (counts(found)["new"], found.figures["gone"]) == (1, 0.0)
+    assert (rows(found, "new")[0]["x_b"], rows(found, "new")[0]["y_b"]) == pytest.approx((1.3, 0.3), abs=0.05)
+
+
+@pytest.mark.slow
+def test_each_run_is_compared_with_the_last_that_saw_the_place(tmp_path: Path) -> None:
+    """A box that came on Tuesday is known on Wednesday; one that a screen hid on Tuesday is known from Monday."""
+    new, screen = make.box(-0.8, -1.3, 0.4, 0.3, 0.5), make.wall([[1.6, -2.6], [1.6, 0.2]])
+    scenes = (SCENE, (*SCENE, new, screen), (*SCENE, new))
+    runs = [
+        write_run(tmp_path / f"{day}.mcap", scene, seed=seed)
+        for seed, (day, scene) in enumerate(zip(("monday", "tuesday", "wednesday"), scenes, strict=True))
+    ]
+    found = package.diff(*runs)
+    today = [row for row in found.changes.to_pylist() if row["log_b"] == "wednesday"]
+    known = [row for row in today if row["status"] == "known"]
+    assert Counter(row["status"] for row in today) == {"known": 6, "gone": 1}
+    assert Counter(row["log_a"] for row in known) == {"tuesday": 5, "monday": 1}
+    (gone,) = (row for row in today if row["status"] == "gone")
+    assert (gone["kind"], gone["log_a"]) == ("structure", "tuesday")
+    assert [step.name for step in found.steps] == ["tuesday", "wednesday"]
+
+
+def test_tables_tell_no_free_space(monday: str, tmp_path: Path, lidarcli: Run) -> None:
+    tuesday = write_run(tmp_path / "t.mcap", without(SCENE, BOXES[1]), seed=1)
+    for log, name in ((monday, "a"), (tuesday, "b")):
+        assert lidarcli("-q", "track", log, "-o", tmp_path / name).code == 0
+    ran = lidarcli("diff", tmp_path / "a", tmp_path / "b" / "t.tracks.parquet", "-o", tmp_path / "c.csv")
+    assert (ran.code, ran.out.splitlines()) == (
+        0,
+        ["aligned by things: 0.00 m, 0.0 degrees", "  known 4, uncertain 1 (1 no free space)"],
+    )
+    assert ran.err.splitlines() == [
+        "  note     tables tell no free space; name the logs to learn what is gone",
+        f"  wrote    {tmp_path / 'c.csv'}",
+    ]
+
+
+def test_outputs_and_checks(monday: str, tmp_path: Path, lidarcli: Run) -> None:
+    tuesday = write_run(tmp_path / "tuesday.mcap", without(SCENE, BOXES[1]), seed=1)
+    names = ["c.parquet", "c.csv", "c.png"]
+    words = ("diff", monday, tuesday, *(word for name in names for word in ("-o", tmp_path / name)))
+    ran = lidarcli(*words, "--check", "gone == 0", "--check", "known >= 4", "--check", "overlap > 0.9")
+    assert (ran.code, ran.out.splitlines()) == (
+        1,
+        ["aligned by structure: 0.00 m, 0.0 degrees; 97% of the structure in place", "  known 4, gone 1"],
+    )
+    assert ran.err.splitlines()[-1] == "lidarcli: check failed: gone is 1, expected == 0"
+    table = pq.read_table(tmp_path / "c.parquet")
+    assert table.schema.equals(CHANGES)
+    (step,) = json.loads(table.schema.metadata[b"lidarcli.alignment"])
+    assert [*step] == ["log_a", "log_b", "dx", "dy", "dyaw", "overlap", "rms"]
+    assert len((tmp_path / "c.csv").read_text().splitlines()) == 6
+    assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
+    assert lidarcli(*words).code == 5
+    ran = lidarcli("-q", "diff", monday, tuesday, "--format", "json")
+    assert json.loads(ran.out)["figures"]["gone"] == 1
+    for bad, cause in (
+        (("diff", monday), "one run has nothing to be compared with; give two or more"),
+        (("diff", monday, tuesday, "-o", "c.txt"), "c.txt: the suffix of an output has to be one of"),
+        (("diff", monday, tuesday, "--check", "news == 0"), "unknown figure 'news'; did you mean new?"),
+        (("diff", monday, "-"), "runs are compared by reading their logs twice"),
+        (("match", monday, tuesday), "The command 'match' is gone: give lidarcli diff RUN RUN..."),
+    ):
+        ran = lidarcli(*bad)
+        assert (ran.code, cause in ran.err) == (2, True), ran.err
+    assert lidarcli("diff", monday, tmp_path / "none.mcap").code == 3
+
+
+def test_in_python(monday: str, tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="one run has nothing to be compared with"):
+        package.diff(monday)
+    found = package.diff(monday, monday, output=tmp_path / "c.parquet")
+    assert pq.read_table(tmp_path / "c.parquet").equals(found.changes)
