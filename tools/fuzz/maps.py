@@ -155,7 +155,7 @@ def write_map(place: Place, number: int, random: Random) -> None:
     if not number % 50:
         (place.input / LOG).write_bytes(tables()[LOG])
     place.note(
-        commands=[["-q", "map", f"in/{LOG}", "--compare", f"in/{_MAP}", "--format", "json"]]
+        commands=[["-q", "diff", f"in/{_MAP}", f"in/{LOG}", "--format", "json"]]
         if not number % 50
         else []
     )
