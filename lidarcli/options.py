@@ -27,6 +27,8 @@ from lidarcli.choices import (
     PICTURE_DPI,
     PICTURE_WIDTHS,
     PROFILES,
+    REMOVABLE,
+    SAYINGS,
     SIGNIFICANCE,
     SIGNIFICANCES,
     STATION_DEGREES,
@@ -56,6 +58,7 @@ OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
 BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
 PICTURE, LOOK, GATES, ZONES, FINDINGS = "Picture", "Look", "Gates", "Zones", "Findings"
+CLEANING = "Beams that say nothing"
 
 
 def _time(text: str) -> Any:
@@ -85,6 +88,27 @@ def _threshold(text: str) -> str | float:
     except ValueError:
         raise OptionError(f"'{text}' is neither adaptive nor mean nor a number of metres") from None
     return WIDTH.parse(text)
+
+
+def parse_removed(text: str) -> str:
+    """The list as it is, once its items are known."""
+    for word in text.split(","):
+        if word.strip() == "body":
+            raise OptionError("the robot's own body is what --mask FILE tells")
+        if word.strip() not in REMOVABLE:
+            raise OptionError(f"'{word.strip()}' is not one of {', '.join(REMOVABLE)}")
+    return text
+
+
+def parse_value(text: str) -> str | float:
+    """`nan`, `inf`, `above` or metres."""
+    if text in SAYINGS:
+        return text
+    try:
+        float(text)
+    except ValueError:
+        raise OptionError(f"'{text}' is neither {', '.join(SAYINGS)} nor a number of metres") from None
+    return LENGTH.parse(text)
 
 
 def _share(text: str) -> tuple[int, int]:
@@ -236,8 +260,8 @@ class Delay(TypedDict, total=False):
     ]
 
 
-class Ranges(TypedDict, total=False):
-    """Limits of ranges, and the geometry of beams that a log lacks."""
+class Limits(TypedDict, total=False):
+    """Which ranges count."""
 
     range: Annotated[
         tuple[float, float] | None,
@@ -261,6 +285,11 @@ class Ranges(TypedDict, total=False):
         "Leave out the robot's own body: the beams that end on a [[mask]] of this file (TOML, docs/formats.md); auto: "
         "those that always end near by while the sensor drives.",
     ]
+
+
+class Ranges(Limits, total=False):
+    """Limits of ranges, and the geometry of beams that a log lacks."""
+
     angle_min: Annotated[
         float | None,
         Option(GEOMETRY, ANGLE, shown="from the file, or centred on --fov", rare=True),
@@ -540,6 +569,27 @@ class Zoning(Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, 
         str | None,
         Option(ZONES, Text("POINTS", has_blanks=True), shown="what the log tells"),
         "Shape '[[x, y], ...]' [m] of zones whose shape a topic tells that is not in the log.",
+    ]
+
+
+class Cleaning(_Topic, Poses, Delay, Objects, Limits, Jobs, total=False):
+    """Keywords of `clean`."""
+
+    remove: Annotated[
+        str,
+        Option(CLEANING, Text("LIST", parse_removed, is_list=True), "agents"),
+        "Beams that are to say nothing, comma separated: agents (what moves by itself, from then on), temporary (what "
+        "stands where the place was also seen free). What a --mask tells, too.",
+    ]
+    value: Annotated[
+        str | float,
+        Option(CLEANING, Text("nan|inf|above|METRES", parse_value), "nan"),
+        "What they say instead: NaN, +inf, range_max + 1 (above), or a range (docs/clean.md tells what readers do with it).",
+    ]
+    margin: Annotated[
+        int,
+        Option(CLEANING, COUNT_OR_NONE, 1),
+        "Beams beside them that say the same, for those that hit an edge.",
     ]
 
 
