@@ -584,7 +584,7 @@ class Cleaning(_Topic, Poses, Delay, Objects, Limits, Jobs, total=False):
     value: Annotated[
         str | float,
         Option(CLEANING, Text("nan|inf|above|METRES", parse_value), "nan"),
-        "What they say instead: NaN, +inf, range_max + 1 (above), or a range (docs/clean.md tells what readers do with it).",
+        "What they say instead: NaN, +inf, range_max + 1 (above), or a range (docs/clean.md).",
     ]
     margin: Annotated[
         int,

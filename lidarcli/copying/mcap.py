@@ -220,7 +220,7 @@ class _File:
         offsets = start + summary.count
         for group in groups:
             group.write(summary)
-        data = summary.end()
+        data = _taken(summary)
         self._write(data)
         crc = zlib.crc32(_FOOTER.pack(Opcode.FOOTER, 20, start, offsets), zlib.crc32(data))
         self._add(Footer(summary_offset_start=offsets, summary_start=start, summary_crc=crc))
@@ -237,7 +237,7 @@ class _File:
         self._others()
 
     def _write_chunk(self, compression: str) -> None:
-        plain = self._chunk.end()
+        plain = _taken(self._chunk)
         times = [log_ns for entries in self._entries.values() for log_ns, _ in entries]
         first, last = min(times, default=0), max(times, default=0)
         data = _PACK[compression](plain)
@@ -297,8 +297,14 @@ class _File:
     def _add(self, one: McapRecord) -> None:
         builder = RecordBuilder()
         one.write(builder)
-        self._write(builder.end())
+        self._write(_taken(builder))
 
     def _write(self, data: bytes) -> None:
         self._out.write(data)
         self._at += len(data)
+
+
+def _taken(builder: RecordBuilder) -> bytes:
+    """Return the bytes of some records, and empty the builder."""
+    data: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return data

@@ -14,6 +14,7 @@ import zstandard
 
 from lidarcli.copying.copies import Copy
 from lidarcli.copying.mcap import copy_mcap, edited
+from lidarcli.errors import OutputError
 from lidarcli.logs.base import MULTI_ECHO, ros_type
 from lidarcli.logs.laserscan import locate
 from lidarcli.logs.mcap.log import McapLog
@@ -59,7 +60,10 @@ def _copy_storage(storage: object, path: Path, copy: Copy) -> None:
             copy_mcap(storage, out, copy)
     else:
         assert isinstance(storage, DatabaseLog)
-        _copy_database(storage.bag, path, copy)
+        try:
+            _copy_database(storage.bag, path, copy)
+        except sqlite3.Error as err:
+            raise OutputError(f"cannot write {path.name}: SQLite says: {err}") from err
         copy.report.add(storage.met)
 
 

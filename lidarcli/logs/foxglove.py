@@ -176,7 +176,7 @@ def _number(value: Any) -> float:
 
 
 def protobuf_decoder(name: str, schema: bytes) -> tuple[Decoder, Locate] | None:
-    """Return a decoder for the message type `name` of a FileDescriptorSet, and what finds its ranges; None if it does not fit."""
+    """Return a decoder and a locator for the type `name` of a FileDescriptorSet; None if it does not fit."""
     # Most logs hold no protobuf and need not wait for the import.
     from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
     from google.protobuf.message import DecodeError

@@ -1,4 +1,4 @@
-"""Beams of a log that are to say nothing: those on agents, on what stands for a while, on the robot itself, and beside them."""
+"""Beams of a log that are to say nothing: on agents, on what stands for a while, on the robot, and beside them."""
 
 from __future__ import annotations
 
@@ -27,12 +27,21 @@ from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepB
 from lidarcli.tabular.arrays import held, numbers
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import SCHEMAS
+from lidarcli.zone import WORLD
 
 REASONS = ("agents", "temporary", "body", "margin")
 """Reasons for which a beam is chosen, the first that holds; columns of the table."""
 AGENTS, TEMPORARY, BODY, MARGIN = range(1, 5)
 FREE_SHARE, FREE_SWEEPS = 0.5, 3
 """A place was seen free where so much of it was in view and not hidden in so many sweeps."""
+REACH, AROUND = 0.45, 0.1
+"""A piece belongs to an agent if it ends so near to its middle [m], or so near to its box if that is larger."""
+LINK = 0.1
+"""Greatest step in range between beams of one piece [m], beside what its slant takes."""
+MOST_SD = 0.3
+"""Greatest standard deviation of a place of an agent that tells where its beams are [m]."""
+PAIRS = 256
+"""Places of agents that are looked at together."""
 LEAST_SIDE = 0.1
 """Least side of the place of a thing [m]: what stands at a leg is wider than the points on it."""
 
@@ -104,6 +113,7 @@ def choose(log: Log, pair: Pair, choice: Choice, progress: Progress | None = Non
         A table cannot be read.
     """
     temporary = _temporary(log, pair, choice) if "temporary" in choice.remove else {}
+    agents = _agents(pair) if "agents" in choice.remove else {}
     found: dict[str, Chosen] = {}
     cursors: dict[str, Cursor] = {}
     for batch in _batches(log, choice):
@@ -113,7 +123,9 @@ def choose(log: Log, pair: Pair, choice: Choice, progress: Progress | None = Non
             found[topic] = Chosen()
         rows = cursors[topic].until(int(batch.sweep[-1]) + 1)
         objects = Objects.of(rows, batch)
-        found[topic].add(batch, _reasons(batch, objects, choice, temporary.get(topic, _NO_STAYS)))
+        places = agents[topic].of(batch) if topic in agents else None
+        held_by = temporary.get(topic, _NO_STAYS)
+        found[topic].add(batch, _reasons(batch, objects, choice, held_by, places))
         if progress is not None:
             progress(log.position)
     for each in found.values():
@@ -127,7 +139,9 @@ def _batches(log: Log, choice: Choice) -> Iterator[SweepBatch]:
     yield from read_batches(log, read, ReadReport(), TopicChoice(choice.topics, log.topics()))
 
 
-def _reasons(batch: SweepBatch, objects: Objects, choice: Choice, temporary: _Stays) -> NDArray[np.uint8]:
+def _reasons(
+    batch: SweepBatch, objects: Objects, choice: Choice, temporary: _Stays, places: _Places | None
+) -> NDArray[np.uint8]:
     """Return the reason (S, B) for which each beam is chosen, 0 for none."""
     valid = batch.status == Status.VALID
     owner = objects.owners(batch)
@@ -138,6 +152,10 @@ def _reasons(batch: SweepBatch, objects: Objects, choice: Choice, temporary: _St
     reason[valid & is_temporary[owner]] = TEMPORARY
     if "agents" in choice.remove:
         reason[valid & is_agent[owner]] = AGENTS
+        if places is not None:
+            # What stands is no part of who passes by.
+            is_thing = np.append((objects.set == SETS.index("O")) & (objects.track >= 0), False)
+            reason[places.pieces(batch) & ~is_thing[owner] & (reason != BODY)] = AGENTS
     beside = _beside(batch, reason > 0, choice.margin)
     reason[beside & valid & (reason == 0)] = MARGIN
     return reason
@@ -154,6 +172,145 @@ def _beside(batch: SweepBatch, chosen: Bool, margin: int) -> Bool:
             kept = within | turns
             found[row[kept], beside[kept] % np.maximum(count[kept], 1)] = True
     return found
+
+
+class _Places(NamedTuple):
+    """Where agents are in sweeps of a batch, in the frame of the sensor: P places."""
+
+    row: Int64
+    x: Float64
+    y: Float64
+    radius: Float64
+
+    def pieces(self, batch: SweepBatch) -> Bool:
+        """Return the beams (S, B) on pieces that end within the reach of an agent as a whole.
+
+        A leg far away has too few beams for an object; of a wall only a part is within reach.
+        """
+        found = np.zeros(batch.ranges.shape, np.bool_)
+        for first in range(0, len(self.row), PAIRS):
+            part = slice(first, first + PAIRS)
+            some = _Places(self.row[part], self.x[part], self.y[part], self.radius[part])
+            pair, beam = np.nonzero(some._whole_pieces(batch.rows(some.row)))
+            found[some.row[pair], beam] = True
+        return found
+
+    def _whole_pieces(self, batch: SweepBatch) -> Bool:
+        """Return the beams (P, B) by place; `batch` has the sweep of each."""
+        valid = batch.status == Status.VALID
+        ranges = np.where(valid, batch.ranges, np.float32(np.nan)).astype(np.float64)
+        bearing = batch.bearings()
+        x, y = ranges * np.cos(bearing), ranges * np.sin(bearing)
+        slant = 2.0 * np.abs(batch.angle_increment)[:, None] * ranges
+        with np.errstate(invalid="ignore"):
+            inside = np.hypot(x - self.x[:, None], y - self.y[:, None]) <= self.radius[:, None]
+            joined = np.abs(ranges - np.roll(ranges, 1, axis=1)) <= LINK + slant
+        begins = ~joined
+        begins[:, 0] = True
+        piece = np.cumsum(begins, axis=1) - 1
+        # Of a full turn the last piece may go on in the first.
+        seam = joined[:, 0] & (batch.closure != Closure.OPEN)
+        piece = np.where((piece == piece[:, -1:]) & seam[:, None], 0, piece)
+        number = piece + np.arange(len(piece))[:, None] * (batch.width + 1)
+        beams = np.bincount(number.ravel(), valid.ravel())
+        within = np.bincount(number.ravel(), inside.ravel())
+        whole: Bool = inside & (within >= beams)[number]
+        return whole
+
+
+@dataclass(frozen=True, slots=True)
+class _Agents:
+    """Where the agents of a topic are, from their onsets on, by sweep: N places."""
+
+    sweep: Int64
+    """(N,) ascending."""
+    x: Float64
+    y: Float64
+    radius: Float64
+    in_world: Bool
+    sweeps: Int64
+    """(S,) sweeps of the topic, and the pose (S, 3) of the sensor in each."""
+    pose: Float64
+    mirrored: bool
+    """True where the sensor hangs head down."""
+
+    def of(self, batch: SweepBatch) -> _Places:
+        """Return the places of agents in some sweeps."""
+        first, after = np.searchsorted(self.sweep, [batch.sweep[0], batch.sweep[-1] + 1])
+        mine = slice(first, after)
+        sweep, x, y = self.sweep[mine], self.x[mine], self.y[mine]
+        at = np.minimum(np.searchsorted(self.sweeps, sweep), len(self.sweeps) - 1)
+        pose = self.pose[at]
+        dx, dy = x - pose[:, 0], y - pose[:, 1]
+        cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+        left = cos * dy - sin * dx
+        here_x = np.where(self.in_world[mine], cos * dx + sin * dy, x)
+        here_y = np.where(self.in_world[mine], -left if self.mirrored else left, y)
+        row = np.minimum(np.searchsorted(batch.sweep, sweep), len(batch) - 1)
+        there = np.isfinite(here_x) & (batch.sweep[row] == sweep)
+        return _Places(row[there], here_x[there], here_y[there], self.radius[mine][there])
+
+
+def _agents(pair: Pair) -> dict[str, _Agents]:
+    """Return where agents are, by topic, hidden or not."""
+    columns = ("topic", "track", "set", "moved_at", "length", "width")
+    tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], columns)
+    rows = read_columns(
+        pair.trajectories,
+        "trajectories",
+        SCHEMAS["trajectories"],
+        ("topic", "track", "sweep", "stamp", "frame", "x", "y", "x_sd", "y_sd"),
+    )
+    topics, its = _names(tracks["topic"]), _names(rows["topic"])
+    moves = _names(tracks["set"]) == "A"
+    moved_at, _ = held(tracks["moved_at"].cast(pa.int64()))
+    side = np.hypot(np.nan_to_num(numbers(tracks["length"])), np.nan_to_num(numbers(tracks["width"])))
+    radius = np.maximum(REACH, 0.5 * side + AROUND)
+    number, track = np.asarray(tracks["track"]), np.asarray(rows["track"])
+    stamp = np.asarray(rows["stamp"].cast(pa.int64()))
+    sure = np.maximum(numbers(rows["x_sd"]), numbers(rows["y_sd"])) <= MOST_SD
+    in_world = _names(rows["frame"]) == WORLD
+    found = {}
+    for topic in sorted(set(topics[moves].tolist())):
+        mine = np.flatnonzero(moves & (topics == topic))
+        mine = mine[np.argsort(number[mine])]
+        which = np.minimum(np.searchsorted(number[mine], track), len(mine) - 1)
+        agent = mine[which]
+        some = np.flatnonzero((its == topic) & sure & (number[agent] == track) & (stamp >= moved_at[agent]))
+        some = some[np.argsort(np.asarray(rows["sweep"])[some], kind="stable")]
+        sweeps, pose, mirrored = _sensor(pair, topic)
+        found[topic] = _Agents(
+            np.asarray(rows["sweep"])[some],
+            numbers(rows["x"])[some],
+            numbers(rows["y"])[some],
+            radius[agent[some]],
+            in_world[some],
+            sweeps,
+            pose,
+            mirrored,
+        )
+    return found
+
+
+def _sensor(pair: Pair, topic: str) -> tuple[Int64, Float64, bool]:
+    """Return the sweeps of a topic, the pose (S, 3) of the sensor in each, and whether it hangs head down."""
+    names = ("pose_x", "pose_y", "pose_yaw")
+    rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "sweep", *names))
+    mine = _names(rows["topic"]) == topic
+    sweep = np.asarray(rows["sweep"])[mine]
+    pose = np.column_stack([numbers(rows[name])[mine] for name in names])
+    columns = ("topic", "sweep", "box_x", "box_y", "world_x", "world_y")
+    objects = read_columns(pair.objects, "objects", SCHEMAS["objects"], columns)
+    here = _names(objects["topic"]) == topic
+    x, y, world_x, world_y = (numbers(objects[name])[here] for name in columns[2:])
+    at = np.minimum(np.searchsorted(sweep, np.asarray(objects["sweep"])[here]), max(len(sweep) - 1, 0))
+    if not len(x):
+        return sweep, pose, False
+    dx, dy, yaw = world_x - pose[at, 0], world_y - pose[at, 1], pose[at, 2]
+    left = np.cos(yaw) * dy - np.sin(yaw) * dx
+    with np.errstate(invalid="ignore"):
+        flipped = np.abs(left + y) < np.abs(left - y)
+    return sweep, pose, 2 * int(np.count_nonzero(flipped)) > len(x)
 
 
 class _Stays(NamedTuple):

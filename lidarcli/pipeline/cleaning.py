@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sqlite3
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -121,8 +120,6 @@ def clean_log(
             _copy(log, new.part(path), copy)
         except OSError as err:
             raise unwritable(path, err) from err
-        except sqlite3.Error as err:
-            raise OutputError(f"cannot write {path}: SQLite says: {err}") from err
         editing.conclude()
         summary = _summary(source, found, options, chosen, copy)
         metadata = table_metadata(options.as_dict(), described, summary.damage)
@@ -184,9 +181,9 @@ def _refuse(log: Log, source: Source, path: Place, options: CleanOptions) -> Non
             raise OptionError(f"--value above: {topic.name} is a {topic.type}, which tells no range_max")
     outputs = (path, _table_path(path))
     refuse(outputs, options.overwrite, options.detect.inputs([source]), folders=not wanted)
-    if isinstance(path, Path) and path.is_dir():
-        if any(not is_storage(each.name) and each.name != METADATA for each in path.iterdir()):
-            raise OutputError(f"{path} is a folder that holds more than a ROS 2 bag; it is not replaced")
+    there = [*path.iterdir()] if isinstance(path, Path) and path.is_dir() else []
+    if any(not is_storage(each.name) and each.name != METADATA for each in there):
+        raise OutputError(f"{path} is a folder that holds more than a ROS 2 bag; it is not replaced")
 
 
 def _suffix(log: Log, source: Source) -> str:
@@ -316,16 +313,14 @@ def _summary(
     beams = sum(int(each.beams[0].sum()) for each in chosen.values())
     totals = sum((each.counts[0].sum(axis=0) for each in chosen.values()), np.zeros(4, np.int64))
     removed = int(totals.sum())
-    asked = [
-        *options.remove,
-        *(["body"] if options.detect.read.rules.masks else []),
-        *(["margin"] if options.margin else []),
-    ]
+    by_mask = ["body"] if options.detect.read.rules.masks else []
+    asked = [*options.remove, *by_mask, *(["margin"] if options.margin else [])]
     parts = ", ".join(
         f"{reason} {int(count):,}" for reason, count in zip(REASONS, totals, strict=True) if reason in asked
     )
     share = f" ({removed / beams:.1%})" if beams else ""
-    summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} say {_words(options.value)}: {parts}"
+    say = f"say {_words(options.value)}: {parts}"
+    summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} {say}"
     alike = [
         f"{topic} ({kind.rsplit('/', 1)[-1].rsplit('.', 1)[-1]})"
         for topic, kind in sorted(copy.messages)
