@@ -29,7 +29,7 @@ from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, rules_of
-from lidarcli.pipeline.reading.pose_sources import NO_POSES, Need
+from lidarcli.pipeline.reading.pose_sources import NO_POSES, NONE, Need
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import RangeRules
 from lidarcli.stores.url import Place, Url
@@ -41,6 +41,7 @@ from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_meta
 MCAP, ROS1, ROS2 = "mcap", "ros1 bag", "ros2 bag"
 """Beginnings of the formats that can be cleaned."""
 FREEING = "inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls"
+_UNMATCHED = "no poses, and the path cannot be matched"
 MOSTLY = 0.9
 """A sensor stood if it did so at this share of its sweeps."""
 POINTS = "sensor_msgs/msg/PointCloud"
@@ -231,7 +232,8 @@ def _refuse_motion(
         if stood or not (drove or share is not None):
             continue
         seems = "the sensor moves" if share is None else f"{share:.0%} of what stands seems to move"
-        raise UnreadableError(f"no poses, and the path cannot be matched: {seems}; nothing written")
+        why = "no poses (--pose none)" if detect.poses.source == NONE else _UNMATCHED
+        raise UnreadableError(f"{why}: {seems}; nothing written")
 
 
 def _copy(log: Log, target: Path, copy: Copy) -> None:
