@@ -29,6 +29,7 @@ WITH_EXAMPLES = (
     "docs/map.md",
     "docs/overlay.md",
     "docs/zones.md",
+    "docs/clean.md",
     "docs/background.md",
     "docs/track.md",
     "docs/catalogue.md",

@@ -16,7 +16,7 @@ from lidarcli.reports import figures, runs
 from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tabular import writing
 from lidarcli.tabular.background import GEOMETRY
-from lidarcli.tabular.schemas import BACKGROUND, CLOUD, MATCHES, POSES, RUNS, SCHEMAS
+from lidarcli.tabular.schemas import BACKGROUND, CLEANED, CLOUD, MATCHES, POSES, RUNS, SCHEMAS
 
 NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page is stale. -->"
 
@@ -152,6 +152,12 @@ def tables_page() -> str:
     for name, text in TABLES.items():
         lines += [f"## {name}", "", f"`<log>.{name}.parquet`. {text}", "", *_schema(SCHEMAS[name])]
     lines += [
+        "## cleaned",
+        "",
+        "`NAME.cleaned.parquet` beside the log `NAME` that `clean` writes ([clean.md](clean.md)). One row per sweep: its beams",
+        "that were left out, by the first reason that holds, ordered by topic and sweep.",
+        "",
+        *_schema(CLEANED),
         "## background",
         "",
         "Written by `background build`. One row per station and beam, by topic, frame and station; the metadata also",
