@@ -25,7 +25,8 @@ class CleanCommand(Overwrite, Cleaning, total=False):
     CleanCommand,
     examples="""\
   lidarcli clean run.mcap -o run.clean.mcap
-  lidarcli clean run.bag -o run.clean.bag --remove agents,temporary --mask robot.toml
+  lidarcli clean run.bag -o run.clean.bag --remove agents,temporary
+  lidarcli clean run.bag -o run.clean.bag --mask robot.toml
   lidarcli clean run.mcap -o run.clean.mcap --value inf --margin 2
   lidarcli map run.clean.mcap -o room.yaml""",
 )
