@@ -154,8 +154,8 @@ def tables_page() -> str:
     lines += [
         "## cleaned",
         "",
-        "`NAME.cleaned.parquet` beside the log `NAME` that `clean` writes ([clean.md](clean.md)). One row per sweep: its beams",
-        "that were left out, by the first reason that holds, ordered by topic and sweep.",
+        "`NAME.cleaned.parquet` beside the log `NAME` that `clean` writes ([clean.md](clean.md)). One row per sweep, by",
+        "topic and sweep: its beams that were left out, by the first reason that holds.",
         "",
         *_schema(CLEANED),
         "## background",

@@ -33,6 +33,7 @@ from lidarcli.pipeline.reading.pose_sources import NO_POSES, NONE, Need
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import RangeRules
 from lidarcli.stores.url import Place, Url
+from lidarcli.tabular.arrays import held
 from lidarcli.tabular.reading import file_metadata, note_value, read_columns
 from lidarcli.tabular.rows import constant
 from lidarcli.tabular.schemas import CLEANED, SCHEMAS
@@ -42,6 +43,8 @@ MCAP, ROS1, ROS2 = "mcap", "ros1 bag", "ros2 bag"
 """Beginnings of the formats that can be cleaned."""
 FREEING = "inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls"
 _UNMATCHED = "no poses, and the path cannot be matched"
+MOST_PLACED = 0.5
+"""A sensor is placed if poses tell where it was at this share of its sweeps."""
 MOSTLY = 0.9
 """A sensor stood if it did so at this share of its sweeps."""
 POINTS = "sensor_msgs/msg/PointCloud"
@@ -202,28 +205,23 @@ def _refuse_motion(
     log: Log, pair: Pair, described: dict[str, Any], options: CleanOptions, rules: RangeRules
 ) -> None:
     """Refuse a log if it is not known where its sensor was while it moved: what stands would be taken for agents."""
-    frames = described.get("poses", {})
-    unplaced: set[str] = set()
-    topics = set(
-        read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ["topic"])["topic"].unique().to_pylist()
-    )
-    placed: set[str] = set()
-    for frame, told in frames.items():
+    for frame, told in described.get("poses", {}).items():
         for topic, verdict in told.get("pose_verdict", {}).items():
-            if told.get("world") and told["world"] != MATCH and verdict == "rejected":
+            if verdict == "rejected" and told.get("world", MATCH) != MATCH:
                 raise UnreadableError(
                     f"the poses of {frame or 'the sensor'} contradict the sweeps of {topic}; nothing written; "
                     "give other poses (--pose TOPIC, --poses FILE)"
                 )
-            (placed if told.get("world") else unplaced).add(topic)
-    unplaced |= topics - placed
+    rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "pose_x"))
+    topics, known = np.array(rows["topic"].to_pylist(), np.str_), held(rows["pose_x"])[1]
+    unplaced = [name for name in np.unique(topics).tolist() if known[topics == name].mean() < MOST_PLACED]
     if not unplaced:
         return
     detect = options.detect
     choice = TopicChoice(detect.read.topics, log.topics())
     paths = Posing.of(log, NO_POSES, choice, rules, need=Need.MOVING).paths
     tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "set", "sweeps")).to_pylist()
-    for topic in sorted(unplaced):
+    for topic in unplaced:
         looks = [path for (name, _), path in paths.items() if name == topic]
         stood = bool(looks) and all(len(path.still) and path.still.mean() >= MOSTLY for path in looks)
         drove = any(not len(path.still) for path in looks)
