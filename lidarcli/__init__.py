@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from lidarcli.formalism.mapping.occupancy import Occupancy
     from lidarcli.formalism.matching.catalogue import Catalogue
     from lidarcli.formalism.parameters import Parameters
+    from lidarcli.pipeline.api.cleaning import clean
     from lidarcli.pipeline.api.differing import diff
     from lidarcli.pipeline.api.finding import Tables, detect, tables, track
     from lidarcli.pipeline.api.logs import info, learn, map, read
@@ -53,6 +54,7 @@ _HOMES = {
     "lidarcli.formalism.mapping.occupancy": ("Occupancy",),
     "lidarcli.formalism.parameters": ("Parameters",),
     "lidarcli.pipeline.api.differing": ("diff",),
+    "lidarcli.pipeline.api.cleaning": ("clean",),
     "lidarcli.pipeline.api.finding": ("Tables", "detect", "tables", "track"),
     "lidarcli.pipeline.api.logs": ("info", "learn", "map", "read"),
     "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
@@ -85,6 +87,7 @@ __all__ = [
     "UnreadableError",
     "ZoneTables",
     "__version__",
+    "clean",
     "detect",
     "diff",
     "formalism",

@@ -27,6 +27,10 @@ SIGNIFICANCES = (1e-12, 0.1)
 """Least and greatest value of it."""
 MIN_THING = 0.3
 """Least probability that an object is a thing and not a piece of building; anything less counts as wall."""
+REMOVABLE = ("agents", "temporary")
+"""Kinds of things whose beams `clean` takes; the first by default."""
+SAYINGS = NAN, INF, ABOVE = ("nan", "inf", "above")
+"""What a beam says that was taken, beside a range; the first by default."""
 TRAIL = 3.0
 """Length of the paths of tracks in a picture of a sweep and in overlays [s]."""
 STATION_DISTANCE = 0.25

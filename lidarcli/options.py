@@ -29,6 +29,8 @@ from lidarcli.choices import (
     PICTURE_DPI,
     PICTURE_WIDTHS,
     PROFILES,
+    REMOVABLE,
+    SAYINGS,
     SIGNIFICANCE,
     SIGNIFICANCES,
     STATION_DEGREES,
@@ -58,7 +60,7 @@ OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
 BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
 PICTURE, LOOK, GATES, ZONES, FINDINGS = "Picture", "Look", "Gates", "Zones", "Findings"
-PLACES = "Places"
+PLACES, CLEANING = "Places", "Beams that say nothing"
 
 
 def _time(text: str) -> Any:
@@ -95,6 +97,27 @@ def parse_without(text: str) -> str:
     if text != "agents":
         raise OptionError(f"'{text}' is not agents, which is all that a map leaves out")
     return text
+
+
+def parse_removed(text: str) -> str:
+    """The list as it is, once its items are known."""
+    for word in text.split(","):
+        if word.strip() == "body":
+            raise OptionError("the robot's own body is what --mask FILE tells")
+        if word.strip() not in REMOVABLE:
+            raise OptionError(f"'{word.strip()}' is not one of {', '.join(REMOVABLE)}")
+    return text
+
+
+def parse_value(text: str) -> str | float:
+    """`nan`, `inf`, `above` or metres."""
+    if text in SAYINGS:
+        return text
+    try:
+        float(text)
+    except ValueError:
+        raise OptionError(f"'{text}' is neither {', '.join(SAYINGS)} nor a number of metres") from None
+    return LENGTH.parse(text)
 
 
 def _share(text: str) -> tuple[int, int]:
@@ -246,8 +269,8 @@ class Delay(TypedDict, total=False):
     ]
 
 
-class Ranges(TypedDict, total=False):
-    """Limits of ranges, and the geometry of beams that a log lacks."""
+class Limits(TypedDict, total=False):
+    """Which ranges count."""
 
     range: Annotated[
         tuple[float, float] | None,
@@ -271,6 +294,11 @@ class Ranges(TypedDict, total=False):
         "Leave out the robot's own body: the beams that end on a [[mask]] of this file (TOML, docs/formats.md); auto: "
         "those that always end near by while the sensor drives.",
     ]
+
+
+class Ranges(Limits, total=False):
+    """Limits of ranges, and the geometry of beams that a log lacks."""
+
     angle_min: Annotated[
         float | None,
         Option(GEOMETRY, ANGLE, shown="from the file, or centred on --fov", rare=True),
@@ -569,6 +597,27 @@ class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
         float,
         Option(PLACES, Number("P", 0, 1), LEAST_SCORE),
         "Least probability of known, moved, new and gone; below it the status is uncertain.",
+    ]
+
+
+class Cleaning(_Topic, Poses, Delay, Objects, Limits, Jobs, total=False):
+    """Keywords of `clean`."""
+
+    remove: Annotated[
+        str,
+        Option(CLEANING, Text("LIST", parse_removed, is_list=True), "agents"),
+        "Beams that are to say nothing, comma separated: agents (what moves by itself, from then on), temporary (what "
+        "stands where the place was also seen free). What a --mask tells, too.",
+    ]
+    value: Annotated[
+        str | float,
+        Option(CLEANING, Text("nan|inf|above|METRES", parse_value), "nan"),
+        "What they say instead: NaN, +inf, range_max + 1 (above), or a range (docs/clean.md).",
+    ]
+    margin: Annotated[
+        int,
+        Option(CLEANING, COUNT_OR_NONE, 1),
+        "Beams beside them that say the same, for those that hit an edge.",
     ]
 
 

@@ -47,9 +47,10 @@ MAY_IMPORT = {
     "reports": CORE | {"formalism", "tabular"},
     "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
     "overlays": CORE | {"maps", "ros", "tabular"},
+    "copying": CORE | {"logs", "ros"},
     "pipeline": CORE
     | OPTIONS
-    | {"logs", "poses", "formalism", "tabular", "reports", "maps", "overlays", "ros"}
+    | {"logs", "poses", "formalism", "tabular", "reports", "maps", "overlays", "copying", "ros"}
     | {"compiled", "machine", "newfiles", "stores", "tomlfiles", "yamlfiles"},
     "cli": CORE
     | OPTIONS
@@ -92,9 +93,9 @@ ROOMS_OF = {
     "matplotlib": {"reports"},
     "jinja2": {"reports"},
     "pandas": {"pipeline", "sweeps"},
-    "mcap": {"logs", "simulate", "ros"},
+    "mcap": {"logs", "simulate", "ros", "copying"},
     "rosbags": {"simulate", "ros"},
-    "sqlite3": {"logs", "simulate"},
+    "sqlite3": {"logs", "simulate", "copying"},
     "pyarrow": {"tabular", "pipeline", "logs", "simulate", "reports", "maps", "overlays", "stores"},
     "distributed": {"pipeline"},
     "PIL": {"maps", "reports"},

@@ -292,3 +292,20 @@ def test_a_killed_overlay_leaves_nothing_that_stays(log: Path, tmp_path: Path) -
     assert (done.returncode, done.stderr) == (0, b"")
     assert [path.name for path in out.iterdir()] == ["run.overlay.mcap"]
     assert [*temporary.iterdir()] == []
+
+
+def test_a_killed_copy_leaves_nothing_that_stays(tmp_path: Path) -> None:
+    """Copy and table stand in a folder of their own until both are whole."""
+    out, log = tmp_path / "out", tmp_path / "run.mcap"
+    write_log(log, [raw_sweeps(round_room(20_000, 180, BOX))])
+    command = [sys.executable, "-m", "lidarcli", "-q", "clean", "-o", str(out / "run.clean.mcap")]
+    killed = subprocess.Popen([*command, str(log)], stderr=subprocess.PIPE)
+    wait_until(lambda: [*out.glob(".*.part/run.clean.mcap.tables/.*.part")], killed)
+    killed.kill()
+    killed.communicate()
+    assert killed.returncode == -signal.SIGKILL
+    assert [path.name for path in out.iterdir() if not SCRATCH.fullmatch(path.name)] == []
+    write_log(tmp_path / "short.mcap", [raw_sweeps(round_room(5, 180, BOX))])
+    done = subprocess.run([*command, str(tmp_path / "short.mcap")], capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert sorted(path.name for path in out.iterdir()) == ["run.clean.cleaned.parquet", "run.clean.mcap"]

@@ -30,6 +30,7 @@ WITH_EXAMPLES = (
     "docs/overlay.md",
     "docs/diff.md",
     "docs/zones.md",
+    "docs/clean.md",
     "docs/background.md",
     "docs/track.md",
     "docs/catalogue.md",

@@ -21,6 +21,7 @@ FUNCTIONS: dict[str, Any] = {
     "detect": options.Detecting,
     "track": options.Tracking,
     "tables": options.Tabling,
+    "clean": options.Cleaning,
     "learn": options.Learning,
     "map": options.Mapping,
     "zones": options.Zoning,

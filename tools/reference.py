@@ -16,7 +16,7 @@ from lidarcli.reports import figures, runs
 from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tabular import writing
 from lidarcli.tabular.background import GEOMETRY
-from lidarcli.tabular.schemas import BACKGROUND, CHANGES, CLOUD, POSES, RUNS, SCHEMAS
+from lidarcli.tabular.schemas import BACKGROUND, CHANGES, CLEANED, CLOUD, POSES, RUNS, SCHEMAS
 
 NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page is stale. -->"
 
@@ -150,6 +150,12 @@ def tables_page() -> str:
     for name, text in TABLES.items():
         lines += [f"## {name}", "", f"`<log>.{name}.parquet`. {text}", "", *_schema(SCHEMAS[name])]
     lines += [
+        "## cleaned",
+        "",
+        "`NAME.cleaned.parquet` beside the log `NAME` that `clean` writes ([clean.md](clean.md)). One row per sweep, by",
+        "topic and sweep: its beams that were left out, by the first reason that holds.",
+        "",
+        *_schema(CLEANED),
         "## background",
         "",
         "Written by `background`. One row per station and beam, by topic, frame and station; the metadata also",

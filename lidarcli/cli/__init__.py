@@ -21,7 +21,7 @@ from lidarcli.option_forms import Option
 from lidarcli.stores.url import blotted
 
 COMMANDS = (
-    *("info", "detect", "track", "background", "diff", "map", "zones", "overlay"),
+    *("info", "detect", "track", "background", "diff", "map", "zones", "clean", "overlay"),
     *("poses", "report", "plot", "export", "simulate", "config", "completion"),
 )
 """Names of the commands; each has a file of its name, unless `HOMES` tells another."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,26 @@ IN_DEGREES = (
     f"angle_increment is beyond {WIDEST_STEP} rad: probably degrees; a LaserScan has radians, and a text log may have "
     "--degrees"
 )
+
+
+class Written(NamedTuple):
+    """Ranges of one sweep as they stand in its message."""
+
+    stamp_ns: int
+    """Header stamp; 0 for none."""
+    beams: int
+    range_max: float
+    """[m], infinite where the message tells none."""
+    beam: Int64
+    """(K,) beam of each number: several for one beam that has several echoes, none for one without."""
+    place: Int64
+    """(K,) position of each number in the message [bytes]."""
+    kind: str
+    """Type of the numbers, as numpy spells it with its byte order."""
+
+
+Locate = Callable[[bytes], Written | None]
+"""Finds the ranges in a message; None for one that is no sweep."""
 
 
 def in_degrees(beams: Int32 | Int64, angle_increment: Float32 | Float64) -> Bool:

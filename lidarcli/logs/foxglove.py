@@ -15,6 +15,8 @@ from lidarcli.logs.blocks import (
     INCREMENT,
     INCREMENT_ZERO,
     TOO_MANY,
+    Locate,
+    Written,
     as_singles,
     in_degrees,
     pad_intensities,
@@ -22,7 +24,7 @@ from lidarcli.logs.blocks import (
     split_rows,
 )
 from lidarcli.ros.cursor import MAX_NAME, NAME_LONG
-from lidarcli.sweeps import Float32, RawSweeps
+from lidarcli.sweeps import Float32, Int64, RawSweeps
 
 NOT_JSON = "not JSON"
 NOT_SCAN = "not a foxglove.LaserScan"
@@ -173,8 +175,8 @@ def _number(value: Any) -> float:
     return float(value)
 
 
-def protobuf_decoder(name: str, schema: bytes) -> Decoder | None:
-    """Return a decoder for the message type `name` of a FileDescriptorSet; None if the type does not fit."""
+def protobuf_decoder(name: str, schema: bytes) -> tuple[Decoder, Locate] | None:
+    """Return a decoder and a locator for the type `name` of a FileDescriptorSet; None if it does not fit."""
     # Most logs hold no protobuf and need not wait for the import.
     from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
     from google.protobuf.message import DecodeError
@@ -217,4 +219,56 @@ def protobuf_decoder(name: str, schema: bytes) -> Decoder | None:
         except (AttributeError, TypeError, ValueError):
             raise RefusedError(NOT_SCAN) from None
 
-    return decode_one
+    field = message.DESCRIPTOR.fields_by_name["ranges"]
+    kind = {field.TYPE_DOUBLE: "<f8", field.TYPE_FLOAT: "<f4"}.get(field.type, "")
+
+    def locate(data: bytes) -> Written | None:
+        try:
+            sweep = decode_one(data)
+            _check(sweep)
+        except RefusedError:
+            return None
+        place = _places(data, field.number, kind)
+        # What is written in another way is left as it is.
+        beams = len(sweep.ranges)
+        beam = np.arange(beams) if len(place) == beams else np.zeros(0, np.int64)
+        return Written(sweep.stamp_ns, beams, np.inf, beam, place[: len(beam)], kind)
+
+    return decode_one, locate
+
+
+_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
+"""Wire types of protobuf."""
+
+
+def _places(data: bytes, field: int, kind: str) -> Int64:
+    """Return the positions of the numbers of a repeated field in a message that has been decoded [bytes]."""
+    width = int(kind[-1]) if kind else 0
+    found: list[Int64] = []
+    at = 0
+
+    def varint() -> int:
+        nonlocal at
+        value = shift = 0
+        while True:
+            byte = data[at]
+            at += 1
+            value |= (byte & 0x7F) << shift
+            shift += 7
+            if byte < 0x80:
+                return value
+
+    while at < len(data):
+        tag = varint()
+        number, wire = tag >> 3, tag & 7
+        if wire == _VARINT:
+            varint()
+            continue
+        if wire not in (_FIXED64, _BYTES, _FIXED32):
+            # Groups, which nobody writes any more.
+            return np.zeros(0, np.int64)
+        length = {_FIXED64: 8, _FIXED32: 4}.get(wire) or varint()
+        if number == field and width:
+            found.append(np.arange(at, at + length, width))
+        at += length
+    return np.concatenate([np.zeros(0, np.int64), *found])

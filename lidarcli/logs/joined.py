@@ -117,14 +117,14 @@ class PartedLog:
             yield block
 
     def _blocks(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[tuple[Part, RawSweeps]]:
-        for number, log, own in self._opened(report):
+        for number, log, own in self.opened(report):
             for block in log.scans(topics, own):
                 self._advance(number, log.position / (log.size or 1))
                 yield self.parts[number], block
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Yield raw messages of the given types in log order, part after part."""
-        for _, log, own in self._opened(report):
+        for _, log, own in self.opened(report):
             yield from log.messages(types, own)
 
     def close(self) -> None:
@@ -136,7 +136,7 @@ class PartedLog:
     def __exit__(self, *exc: object) -> None:
         self.close()
 
-    def _opened(self, report: ReadReport) -> Iterator[tuple[int, Log, ReadReport]]:
+    def opened(self, report: ReadReport) -> Iterator[tuple[int, Log, ReadReport]]:
         """Yield the parts that can be opened, each with a report of its own: one pass over the log."""
         report.add(self._opening)
         for number, part in enumerate(self.parts):

@@ -23,6 +23,7 @@ from lidarcli.logs.blocks import (
     INCREMENT,
     INCREMENT_ZERO,
     TOO_MANY,
+    Written,
     in_degrees,
     pad_intensities,
     pad_rows,
@@ -114,6 +115,36 @@ def decode(
     """Return the blocks of `decode_blocks` as one, None without a sweep; for few messages."""
     blocks = list(decode_blocks(topic, buffer, offsets, lengths, record_ns, encoding, report, echo))
     return concatenate(blocks) if blocks else None
+
+
+def locate(message: bytes, encoding: str, *, several: bool) -> Written | None:
+    """Return where the ranges of a message stand, as `decode` reads them; None where it is no sweep.
+
+    Parameters
+    ----------
+    encoding : `cdr` or `ros1`
+    several : True for a MultiEchoLaserScan, of which every echo is told
+    """
+    buffer = np.frombuffer(message, np.uint8)
+    first, length = np.zeros(1, np.int64), np.array([len(message)], np.int64)
+    heads = _read_heads("", buffer, first, length, encoding, ReadReport())
+    if not len(heads):
+        return None
+    at, beams, order = int(heads.at[0]) + 32, int(heads.beams[0]), ">" if heads.big[0] else "<"
+    beam = np.arange(beams)
+    entry = beam
+    if several:
+        words = np.frombuffer(message, f"{order}u4", (len(message) - at) // 4, at).astype(np.uint32)
+        found = _starts(words, beams)
+        if found is None:
+            return None
+        starts = found[0]
+        echoes = words[starts].astype(np.int64)
+        beam = np.repeat(beam, echoes)
+        entry = starts[beam] + 1 + np.arange(len(beam)) - np.repeat(np.cumsum(echoes) - echoes, echoes)
+    return Written(
+        int(heads.stamp_ns[0]), beams, float(heads.geometry[0, 6]), beam, at + 4 * entry, f"{order}f4"
+    )
 
 
 def _windows(buffer: UInt8, at: Int64, width: int) -> UInt8:

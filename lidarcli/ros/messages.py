@@ -138,11 +138,11 @@ def bag_writer(path: Path, compression: str) -> rosbag1.Writer:
     if (form := BAG_COMPRESSIONS[compression]) is not None:
         writer.set_compression(form)
     if compression == "lz4":
-        writer.compressor = _lz4_frame
+        writer.compressor = lz4_frame
     return writer
 
 
-def _lz4_frame(data: bytes) -> bytes:
+def lz4_frame(data: bytes) -> bytes:
     """Return a frame of independent blocks, a checksum at its end and no size at its start: roslz4 reads no other."""
     frame: bytes = compress(
         data, compression_level=0, block_linked=False, content_checksum=True, store_size=False

@@ -251,6 +251,13 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("masked", "int32", "1", "points in it that a mask leaves out"),
         Column("seen", "float32", "1", "share of its area that is in view and not hidden"),
     ),
+    "cleaned": (
+        *(_LOG, _TOPIC, _SWEEP, _STAMP),
+        Column("agents", "int32", "1", "beams on agents, from the moment on at which each began to move"),
+        Column("temporary", "int32", "1", "beams on what stands where the place was also seen free"),
+        Column("body", "int32", "1", "beams under a mask"),
+        Column("margin", "int32", "1", "beams beside such beams"),
+    ),
     "background": (
         *(_TOPIC, _FRAME),
         Column("station", "int32", "1", "place and heading of the sensor, from 0 for each topic and frame"),
@@ -413,9 +420,21 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 """Table → its columns, in order."""
 
-OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, BACKGROUND, CHANGES, CLOUD, POSES, RUNS = map(
-    schema_of, TABLES.values()
-)
+(
+    OBJECTS,
+    SWEEPS,
+    TRACKS,
+    TRAJECTORIES,
+    BEAMS,
+    EVENTS,
+    ZONES,
+    CLEANED,
+    BACKGROUND,
+    CHANGES,
+    CLOUD,
+    POSES,
+    RUNS,
+) = map(schema_of, TABLES.values())
 SCHEMAS = {
     "objects": OBJECTS,
     "sweeps": SWEEPS,

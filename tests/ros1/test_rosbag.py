@@ -37,6 +37,7 @@ WRITTEN: dict[str, tuple[object, ...]] = {
     "overlay": ("overlay", DRIVE),
     "with-log": ("overlay", DRIVE, "--with-log"),
     "with-map": ("overlay", DRIVE, "--with-log", "--map", "room.yaml"),
+    "clean": ("clean", SAMPLES / "corridor.bag"),
     "of-csv": ("overlay", SAMPLES / "people.csv.gz", "--with-log"),
 }
 """Name of a bag → the command that writes it."""

@@ -155,9 +155,7 @@ def write_map(place: Place, number: int, random: Random) -> None:
     if not number % 50:
         (place.input / LOG).write_bytes(tables()[LOG])
     place.note(
-        commands=[["-q", "diff", f"in/{_MAP}", f"in/{LOG}", "--format", "json"]]
-        if not number % 50
-        else []
+        commands=[["-q", "diff", f"in/{_MAP}", f"in/{LOG}", "--format", "json"]] if not number % 50 else []
     )
 
 

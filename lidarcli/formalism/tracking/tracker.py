@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -354,12 +354,25 @@ def _place(ahead: float, left: float) -> str:
     return " and ".join(words)
 
 
+def share_moving(sweeps: Sequence[int], moved: Sequence[bool]) -> float | None:
+    """Return the share of long tracks that move, if it is so great that the sensor seems to; else None.
+
+    Parameters
+    ----------
+    sweeps, moved : for each track the sweeps that saw it, and whether it ever moved
+    """
+    long = [moves for count, moves in zip(sweeps, moved, strict=True) if count >= LONG_TRACK]
+    if len(long) < LEAST_TRACKS or sum(long) <= MOST_MOVING * len(long):
+        return None
+    return sum(long) / len(long)
+
+
 def _of_motion(topic: str, tracks: list[Track], has_poses: bool) -> list[str]:
     """Return a note if so many tracks move that the sensor seems to."""
     long = [track for track in tracks if track.sweeps >= LONG_TRACK]
-    moved = sum(track.moved for track in long)
-    if len(long) < LEAST_TRACKS or moved <= MOST_MOVING * len(long):
+    if share_moving([track.sweeps for track in tracks], [track.moved for track in tracks]) is None:
         return []
+    moved = sum(track.moved for track in long)
     why = (
         "the poses may be wrong, or sweeps take long (--pose TOPIC|none, docs/poses.md)"
         if has_poses

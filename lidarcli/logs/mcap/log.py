@@ -20,7 +20,8 @@ from lidarcli.errors import UnreadableError
 from lidarcli.foxglove import SCAN as FOXGLOVE_SCAN
 from lidarcli.logs import foxglove
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, OpenOptions, ReadReport, Topic
-from lidarcli.logs.laserscan import Gather, differs
+from lidarcli.logs.blocks import Locate, Written
+from lidarcli.logs.laserscan import Gather, differs, locate
 from lidarcli.logs.mcap.records import Cursor, Messages
 from lidarcli.logs.mcap.walk import MAGIC, Catalogue, Summary, Walker, index_is_complete, read_summary
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, Unpacking, unpack_message
@@ -43,6 +44,10 @@ class _Columns:
 
     unpacking: Unpacking
     """Limit for the whole log."""
+
+    def locate(self, message: bytes) -> Written | None:
+        """Return where the ranges of a message stand; None where it is no sweep."""
+        return locate(message, self.gather.encoding, several=self.gather.type == MULTI_ECHO)
 
     def decode(self, rows: Messages) -> Iterator[RawSweeps]:
         packed = _are_packed(rows)
@@ -67,6 +72,8 @@ class _OneByOne:
     topic: str
     decoder: foxglove.Decoder
     report: ReadReport
+    locate: Locate | None = None
+    """Finds the ranges of a message; None for JSON, where numbers have no place of their own."""
     waiting: list[tuple[int, bytes]] = field(default_factory=list)
 
     def decode(self, rows: Messages) -> Iterator[RawSweeps]:
@@ -250,6 +257,25 @@ class McapLog:
             found = map(Message, *named, rows.log_ns.tolist(), _payloads(rows))
             yield from self._unpacked(found) if _are_packed(rows) else found
 
+    def everything(
+        self, others: Callable[[int, bytes], None], report: ReadReport
+    ) -> tuple[Walker, Catalogue, Iterator[Messages]]:
+        """Return a pass over all messages in file order, its walker, and the channels known so far.
+
+        Parameters
+        ----------
+        others : takes header, attachments, metadata and private records, opcode and content, when their turn comes
+        """
+        report.add(self._opening)
+        walker = self._walker(report, lambda _place, _index: False)
+        walker.others = others
+        return walker, self._catalogue, walker.parts()
+
+    def locator(self, channel: int) -> Locate | None:
+        """Return what finds the ranges in the messages of a channel; None where these are no sweeps, or JSON."""
+        decoder = self._decoder(channel, ReadReport())
+        return None if decoder is None else decoder.locate
+
     def _unpacked(self, messages: Iterable[Message]) -> Iterator[Message]:
         """Yield the messages of a ROS 2 bag that has compressed each of them."""
         for message in messages:
@@ -274,9 +300,9 @@ class McapLog:
         elif type_name == FOXGLOVE_SCAN and encoding == "json":
             return _OneByOne(channel.topic, foxglove.decode_json, report)
         elif type_name == FOXGLOVE_SCAN and encoding == "protobuf":
-            decoder = foxglove.protobuf_decoder(definition.name, definition.data)
-            if decoder is not None:
-                return _OneByOne(channel.topic, decoder, report)
+            known = foxglove.protobuf_decoder(definition.name, definition.data)
+            if known is not None:
+                return _OneByOne(channel.topic, known[0], report, known[1])
             problem = "its protobuf schema does not describe a foxglove.LaserScan"
         elif type_name in (LASERSCAN, MULTI_ECHO, FOXGLOVE_SCAN):
             problem = f"the encoding '{encoding}' is not read"

@@ -212,6 +212,9 @@ _FAR = 1 << 62
 _CUT = "the log is cut off here, inside a record"
 _OVERRUN = "a record that runs beyond the end"
 _SMALL = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE_INDEX)
+_KEPT = (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA)
+_PRIVATE = 0x80
+"""Opcodes from here on are those of applications."""
 _END_LENGTHS = {int(Opcode.DATA_END): 4, int(Opcode.FOOTER): 20}
 
 
@@ -242,6 +245,8 @@ class Walker:
     skip: Callable[[int, Mapping[int, int]], bool]
     """Predicate: may the chunk at this byte, with these message counts by channel, be skipped?"""
     compressions: dict[str, None] = field(default_factory=dict)
+    others: Callable[[int, bytes], None] | None = None
+    """Takes the records that are of no use for sweeps, opcode and content, when their turn comes."""
     index_lies: bool = False
     """True after a message index that disagreed with its chunk."""
     _messages: int = 0
@@ -284,8 +289,12 @@ class Walker:
                 content = self.source.take(RECORD.size + length)
                 if not self._is_cut(place, len(content), RECORD.size + length):
                     self._define([(opcode, RECORD.size, len(content))], content, f"byte {place}")
+            elif self.others is not None and (opcode in _KEPT or opcode >= _PRIVATE):
+                content = self.source.take(RECORD.size + length)[RECORD.size :]
+                if not self._is_cut(place, len(content), length):
+                    self.others(opcode, content)
             else:
-                self._unknown += Opcode.DATA_END < opcode < 0x80
+                self._unknown += Opcode.DATA_END < opcode < _PRIVATE
                 self._is_cut(place, self.source.skip(RECORD.size + length), RECORD.size + length)
         if chunk is not None:
             yield from self._read(chunk)

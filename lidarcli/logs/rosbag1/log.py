@@ -574,6 +574,10 @@ class Rosbag1Log:
             self._progress(reading)
         self._progress(reading)
 
+    def everything(self, report: ReadReport) -> Pass:
+        """Return a pass over all messages."""
+        return self._pass(lambda _: True, report)
+
     def close(self) -> None:
         self._file.close()
 

@@ -436,6 +436,8 @@ class Connection:
 
     topic: str
     type: str
+    record: bytes = field(default=b"", compare=False, repr=False)
+    """Its record, as it stands in the bag."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -467,7 +469,8 @@ def connection_of(record: Record, data: bytes) -> Connection:
     fields = parse_fields(data) or {}
     kind = fields.get(b"type")
     name = data[kind.start : kind.end].decode("utf-8", "replace") if kind else ""
-    return Connection(record.value(b"topic").decode("utf-8", "replace"), ros_type(name))
+    whole = b"".join(len(part).to_bytes(4, "little") + part for part in (record.header, data))
+    return Connection(record.value(b"topic").decode("utf-8", "replace"), ros_type(name), whole)
 
 
 def read_index(file: BinaryIO, size: int) -> Index:

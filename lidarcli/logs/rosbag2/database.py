@@ -231,6 +231,7 @@ class SqliteBag:
         self._database: sqlite3.Connection | None = None
         self._file: BinaryIO | None = None
         self._cause = ""
+        self._path = path
         self._size = self._steps = 0
         try:
             self._open(path)
@@ -245,6 +246,11 @@ class SqliteBag:
     def progress(self) -> float:
         """Share of the file that has been read, from 0 to 1."""
         return max(0.0, self._last / self._newest) if self._newest > 0 else 0.0
+
+    @property
+    def sound_file(self) -> Path | None:
+        """The database with its journal merged in, as long as it is open; None where SQLite refuses it."""
+        return None if self._database is None else self._path
 
     def counts(self) -> Counter[int]:
         """Return the number of messages by topic id."""
@@ -305,7 +311,7 @@ class SqliteBag:
         self._file = path.open("rb")
         if path.stat().st_size == 0:
             raise UnreadableError(f"{self._shown}: the file is empty")
-        path = self._merged(path)
+        path = self._path = self._merged(path)
         self._size = path.stat().st_size
         self._cause = self._cause or _wrong_size(self._file.read(HEADER), self._size)
         if self._cause:

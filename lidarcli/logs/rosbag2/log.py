@@ -115,34 +115,34 @@ class DatabaseLog:
         self.compression = "none"
         self._options = options
         self._unpacking = Unpacking()
-        self._met = ReadReport()
+        self.met = ReadReport()
         """Takes the damage of the file; that of messages goes to the report of the pass."""
-        self._bag = SqliteBag(path, shown, self._met, known)
+        self.bag = SqliteBag(path, shown, self.met, known)
         self.size: int | None = path.stat().st_size
 
     @property
     def position(self) -> int:
         """Share of the file that has been read, in its bytes."""
-        return int((self.size or 0) * self._bag.progress)
+        return int((self.size or 0) * self.bag.progress)
 
     def topics(self) -> list[Topic] | None:
         """Return the topics with the number of their messages."""
-        counts = self._bag.counts()
+        counts = self.bag.counts()
         return [
             Topic(topic.name, ros_type(topic.type), topic.encoding, counts.get(topic.id, 0))
-            for topic in self._bag.topics.values()
+            for topic in self.bag.topics.values()
         ]
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield blocks of sweeps in log order within each topic."""
         gathers = {
             topic.id: Gather(topic.name, ros_type(topic.type), "cdr", report, self._options.echo)
-            for topic in self._bag.topics.values()
+            for topic in self.bag.topics.values()
             if has_type(topic, SCANS) and (topics is None or topic.name in topics)
         }
         try:
-            self._bag.report_orphans()
-            for batch in self._bag.batches(gathers) if gathers else ():
+            self.bag.report_orphans()
+            for batch in self.bag.batches(gathers) if gathers else ():
                 for topic_id, times, messages in _by_topic(batch):
                     gather = gathers[topic_id]
                     if gather.extend(*self._usable(gather.topic, times, messages, report)):
@@ -150,24 +150,24 @@ class DatabaseLog:
             for gather in gathers.values():
                 yield from gather.flush()
         finally:
-            report.add(self._met)
+            report.add(self.met)
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Yield raw messages of the given types in log order."""
-        wanted = {topic.id: topic for topic in self._bag.topics.values() if has_type(topic, types)}
+        wanted = {topic.id: topic for topic in self.bag.topics.values() if has_type(topic, types)}
         try:
-            for batch in self._bag.batches(wanted) if wanted else ():
+            for batch in self.bag.batches(wanted) if wanted else ():
                 for _, topic_id, timestamp, data in batch:
                     topic = wanted[topic_id]
                     usable = self._usable(topic.name, [timestamp], [data], report)
                     for message, time in zip(*usable, strict=True):
                         yield Message(topic.name, ros_type(topic.type), "cdr", time, message)
         finally:
-            report.add(self._met)
+            report.add(self.met)
 
     def close(self) -> None:
         """Close the file."""
-        self._bag.close()
+        self.bag.close()
 
     def __enter__(self) -> DatabaseLog:
         return self

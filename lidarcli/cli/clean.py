@@ -1,0 +1,63 @@
+"""`lidarcli clean`: a log without what moves in it."""
+
+from typing import Annotated
+
+from lidarcli.cli.commands import command
+from lidarcli.cli.messages import Messages, progress_bar, show_losses
+from lidarcli.cli.options import usage_errors
+from lidarcli.option_forms import Argument
+from lidarcli.options import INPUT, Cleaning, Overwrite, output
+from lidarcli.stores.url import place
+
+
+class CleanCommand(Overwrite, Cleaning, total=False):
+    """Options of `clean`."""
+
+    log: Annotated[str, Argument("LOG", INPUT)]
+    output: Annotated[
+        str,
+        output("FILE"),
+        "Log to write, in the container of LOG; beside it the table NAME.cleaned.parquet.",
+    ]
+
+
+@command(
+    CleanCommand,
+    examples="""\
+  lidarcli clean run.mcap -o run.clean.mcap
+  lidarcli clean run.bag -o run.clean.bag --remove agents,temporary
+  lidarcli clean run.bag -o run.clean.bag --mask robot.toml
+  lidarcli clean run.mcap -o run.clean.mcap --value inf --margin 2
+  lidarcli map run.clean.mcap -o room.yaml""",
+)
+def clean(say: Messages, told: CleanCommand) -> int:
+    """Write a log once more without what moves in it, for programs that make maps.
+
+    MCAP, ROS 1 bags and ROS 2 bags, each to its own kind. All messages stay as they are,
+    in their order; of LaserScan messages the beams on agents say NaN.
+    """
+    from lidarcli.machine import keep_freed_memory
+    from lidarcli.pipeline.api.cleaning import clean_options
+    from lidarcli.pipeline.cleaning import CleanSummary, clean_log
+    from lidarcli.pipeline.inputs.search import one_log
+    from lidarcli.pipeline.runs.outcomes import outcome_of
+    from lidarcli.pipeline.runs.over_logs import progress_of
+
+    with usage_errors():
+        options = clean_options(told, overwrite=told["overwrite"])
+    keep_freed_memory()
+    say.of_missing_core()
+    source, path = one_log((told["log"],), False), place(told["output"])
+    with progress_bar([source], say) as report:
+        outcome = outcome_of(source, lambda one: clean_log(one, path, options, progress_of(one, report)))
+    if outcome.trace:
+        say.bug(outcome.trace)
+    if outcome.error is not None:
+        say.error(outcome.label, outcome.error)
+    if isinstance(run := outcome.summary, CleanSummary):
+        show_losses(outcome.label, run, say)
+        say.info(f"{outcome.label}: {run.line}")
+        say.info(f"  copied   {run.copied}")
+        say.notes(run.notes)
+        say.wrote(run.outputs)
+    return outcome.exit_code

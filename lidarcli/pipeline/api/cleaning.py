@@ -1,0 +1,71 @@
+"""`lidarcli.clean`: a log without what moves in it."""
+
+from __future__ import annotations
+
+from os import fspath
+from typing import Unpack
+
+import pyarrow as pa
+
+from lidarcli.choices import SIGNIFICANCE
+from lidarcli.errors import warn
+from lidarcli.logs.base import OpenOptions
+from lidarcli.options import AnyPath, Cleaning, parse_removed, parse_value
+from lidarcli.pipeline.api.options import (
+    LogOptions,
+    Values,
+    detect_options,
+    path_of,
+    pose_options,
+    read_options,
+    tracking_of,
+    with_keywords,
+)
+from lidarcli.pipeline.cleaning import CleanOptions, clean_log
+from lidarcli.pipeline.inputs.search import one_log
+from lidarcli.stores.url import place
+
+
+@with_keywords
+def clean(log: AnyPath, output: AnyPath, overwrite: bool = False, **options: Unpack[Cleaning]) -> pa.Table:
+    """Write a log once more, bit for bit but for the beams of what moves, and beside it the table `.cleaned.parquet`.
+
+    Parameters
+    ----------
+    log : MCAP, ROS 1 bag or ROS 2 bag
+    output : log to write, in the same container
+    overwrite : True to replace files that exist
+
+    Returns
+    -------
+    pyarrow.Table
+        One row per sweep with the beams that were left out, by reason, as the command line writes it (docs/clean.md).
+
+    Raises
+    ------
+    OptionError
+        The log is of another container, or the output is the log.
+    UnreadableError, NoScanError
+        As of `read`; also where it is not known how the sensor moved.
+    OutputError
+        A file exists, or cannot be written.
+    """
+    source = one_log([path_of(log)], False)
+    summary = clean_log(source, place(fspath(output)), clean_options(options, overwrite=overwrite))
+    for line in summary.damage:
+        warn(f"{source.label}: {line}")
+    return summary.table
+
+
+def clean_options(told: Values, *, overwrite: bool = False) -> CleanOptions:
+    """Return which beams are left out, and how they are found."""
+    logs = LogOptions(read_options(told), OpenOptions(), pose_options(told))
+    tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
+    value = told["value"]
+    return CleanOptions(
+        detect_options({**told, "catalogue": None}, logs, tracking),
+        frozenset(word.strip() for word in parse_removed(told["remove"]).split(",")),
+        parse_value(str(value)),
+        told["margin"],
+        overwrite,
+    )

@@ -1,0 +1,431 @@
+"""Beams of a log that are to say nothing: on agents, on what stands for a while, on the robot, and beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.zones.points import samples, seen
+from lidarcli.logs.base import Log, ReadReport
+from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.options import TopicChoice
+from lidarcli.masks import Polygon
+from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.overlay_sources import Cursor
+from lidarcli.pipeline.reading.one_log import Progress
+from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
+from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
+from lidarcli.range_rules import RangeRules
+from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
+from lidarcli.tabular.arrays import held, numbers
+from lidarcli.tabular.reading import read_columns
+from lidarcli.tabular.schemas import SCHEMAS
+from lidarcli.zone import WORLD
+
+REASONS = ("agents", "temporary", "body", "margin")
+"""Reasons for which a beam is chosen, the first that holds; columns of the table."""
+AGENTS, TEMPORARY, BODY, MARGIN = range(1, 5)
+FREE_SHARE, FREE_SWEEPS = 0.5, 3
+"""A place was seen free where so much of it was in view and not hidden in so many sweeps."""
+REACH, AROUND = 0.45, 0.1
+"""A piece belongs to an agent if it ends so near to its middle [m], or so near to its box if that is larger."""
+LINK = 0.1
+"""Greatest step in range between beams of one piece [m], beside what its slant takes."""
+MOST_SD = 0.3
+"""Greatest standard deviation of a place of an agent that tells where its beams are [m]."""
+PAIRS = 256
+"""Places of agents that are looked at together."""
+LEAST_SIDE = 0.1
+"""Least side of the place of a thing [m]: what stands at a leg is wider than the points on it."""
+
+
+class Sweep(NamedTuple):
+    """One sweep and its chosen beams."""
+
+    stamp_ns: int
+    beams: int
+    chosen: NDArray[np.intp]
+    """(K,) beams, ascending."""
+
+
+@dataclass(slots=True)
+class Chosen:
+    """The chosen beams of one topic, sweep by sweep."""
+
+    stamp_ns: list[Int64] = field(default_factory=list)
+    beams: list[Int32] = field(default_factory=list)
+    """(S,) beams of each sweep."""
+    counts: list[Int32] = field(default_factory=list)
+    """(S, 4) beams by `REASONS`."""
+    beam: list[NDArray[np.intp]] = field(default_factory=list)
+    """(S,) chosen beams of each sweep."""
+
+    def __len__(self) -> int:
+        return len(self.beam)
+
+    def add(self, batch: SweepBatch, reason: NDArray[np.uint8]) -> None:
+        """Take sweeps, and the reason (S, B) for each beam, 0 for none."""
+        self.stamp_ns.append(batch.stamp_ns)
+        self.beams.append(batch.beams)
+        by_reason = [np.count_nonzero(reason == code, axis=1) for code in range(1, 5)]
+        self.counts.append(np.column_stack(by_reason).astype(np.int32))
+        self.beam += [np.flatnonzero(row) for row in reason]
+
+    def settle(self) -> None:
+        """Join what was added."""
+        self.stamp_ns[:] = [np.concatenate([np.zeros(0, np.int64), *self.stamp_ns])]
+        self.beams[:] = [np.concatenate([np.zeros(0, np.int32), *self.beams])]
+        self.counts[:] = [np.concatenate([np.zeros((0, 4), np.int32), *self.counts])]
+
+    def sweep(self, number: int) -> Sweep | None:
+        """Return a sweep by its number; None where there is none."""
+        if number >= len(self):
+            return None
+        return Sweep(int(self.stamp_ns[0][number]), int(self.beams[0][number]), self.beam[number])
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Beams to choose."""
+
+    topics: Collection[str] | None
+    rules: RangeRules
+    poses: PoseOptions
+    remove: frozenset[str]
+    """Of agents and temporary."""
+    margin: int
+    """Beams beside others that are chosen, too."""
+
+
+def choose(log: Log, pair: Pair, choice: Choice, progress: Progress | None = None) -> dict[str, Chosen]:
+    """Return the chosen beams of each topic by the tables of its objects.
+
+    Raises
+    ------
+    UnreadableError
+        A table cannot be read.
+    """
+    temporary = _temporary(log, pair, choice) if "temporary" in choice.remove else {}
+    agents = _agents(pair) if "agents" in choice.remove else {}
+    found: dict[str, Chosen] = {}
+    cursors: dict[str, Cursor] = {}
+    for batch in _batches(log, choice):
+        topic = batch.topic
+        if topic not in cursors:
+            cursors[topic] = Cursor(pair.objects, "objects", OBJECT_COLUMNS, topic)
+            found[topic] = Chosen()
+        rows = cursors[topic].until(int(batch.sweep[-1]) + 1)
+        objects = Objects.of(rows, batch)
+        places = agents[topic].of(batch) if topic in agents else None
+        held_by = temporary.get(topic, _NO_STAYS)
+        found[topic].add(batch, _reasons(batch, objects, choice, held_by, places))
+        if progress is not None:
+            progress(log.position)
+    for each in found.values():
+        each.settle()
+    return found
+
+
+def _batches(log: Log, choice: Choice) -> Iterator[SweepBatch]:
+    """Yield all sweeps; the pass that makes the tables reports the damage."""
+    read = ReadOptions(choice.topics, rules=choice.rules)
+    yield from read_batches(log, read, ReadReport(), TopicChoice(choice.topics, log.topics()))
+
+
+def _reasons(
+    batch: SweepBatch, objects: Objects, choice: Choice, temporary: _Stays, places: _Places | None
+) -> NDArray[np.uint8]:
+    """Return the reason (S, B) for which each beam is chosen, 0 for none."""
+    valid = batch.status == Status.VALID
+    owner = objects.owners(batch)
+    is_agent = np.append(objects.set == SETS.index("A"), False)
+    is_temporary = np.append(temporary.hold(objects, batch), False)
+    reason = np.zeros(valid.shape, np.uint8)
+    reason[batch.status == Status.MASKED] = BODY
+    reason[valid & is_temporary[owner]] = TEMPORARY
+    if "agents" in choice.remove:
+        reason[valid & is_agent[owner]] = AGENTS
+        if places is not None:
+            # What stands is no part of who passes by.
+            is_thing = np.append((objects.set == SETS.index("O")) & (objects.track >= 0), False)
+            reason[places.pieces(batch) & ~is_thing[owner] & (reason != BODY)] = AGENTS
+    beside = _beside(batch, reason > 0, choice.margin)
+    reason[beside & valid & (reason == 0)] = MARGIN
+    return reason
+
+
+def _beside(batch: SweepBatch, chosen: Bool, margin: int) -> Bool:
+    """Return the beams (S, B) that are so near to chosen ones; of a full turn the last is beside the first."""
+    found = chosen.copy()
+    row, beam = np.nonzero(chosen)
+    count, turns = batch.beams[row], batch.closure[row] != Closure.OPEN
+    for step in range(1, margin + 1):
+        for beside in (beam - step, beam + step):
+            within = (beside >= 0) & (beside < count)
+            kept = within | turns
+            found[row[kept], beside[kept] % np.maximum(count[kept], 1)] = True
+    return found
+
+
+class _Places(NamedTuple):
+    """Where agents are in sweeps of a batch, in the frame of the sensor: P places."""
+
+    row: Int64
+    x: Float64
+    y: Float64
+    radius: Float64
+
+    def pieces(self, batch: SweepBatch) -> Bool:
+        """Return the beams (S, B) on pieces that end within the reach of an agent as a whole.
+
+        A leg far away has too few beams for an object; of a wall only a part is within reach.
+        """
+        found = np.zeros(batch.ranges.shape, np.bool_)
+        for first in range(0, len(self.row), PAIRS):
+            part = slice(first, first + PAIRS)
+            some = _Places(self.row[part], self.x[part], self.y[part], self.radius[part])
+            pair, beam = np.nonzero(some._whole_pieces(batch.rows(some.row)))
+            found[some.row[pair], beam] = True
+        return found
+
+    def _whole_pieces(self, batch: SweepBatch) -> Bool:
+        """Return the beams (P, B) by place; `batch` has the sweep of each."""
+        valid = batch.status == Status.VALID
+        ranges = np.where(valid, batch.ranges, np.float32(np.nan)).astype(np.float64)
+        bearing = batch.bearings()
+        x, y = ranges * np.cos(bearing), ranges * np.sin(bearing)
+        slant = 2.0 * np.abs(batch.angle_increment)[:, None] * ranges
+        with np.errstate(invalid="ignore"):
+            inside = np.hypot(x - self.x[:, None], y - self.y[:, None]) <= self.radius[:, None]
+            joined = np.abs(ranges - np.roll(ranges, 1, axis=1)) <= LINK + slant
+        begins = ~joined
+        begins[:, 0] = True
+        piece = np.cumsum(begins, axis=1) - 1
+        # Of a full turn the last piece may go on in the first.
+        seam = joined[:, 0] & (batch.closure != Closure.OPEN)
+        piece = np.where((piece == piece[:, -1:]) & seam[:, None], 0, piece)
+        number = piece + np.arange(len(piece))[:, None] * (batch.width + 1)
+        beams = np.bincount(number.ravel(), valid.ravel())
+        within = np.bincount(number.ravel(), inside.ravel())
+        whole: Bool = inside & (within >= beams)[number]
+        return whole
+
+
+@dataclass(frozen=True, slots=True)
+class _Agents:
+    """Where the agents of a topic are, from their onsets on, by sweep: N places."""
+
+    sweep: Int64
+    """(N,) ascending."""
+    x: Float64
+    y: Float64
+    radius: Float64
+    in_world: Bool
+    sweeps: Int64
+    """(S,) sweeps of the topic, and the pose (S, 3) of the sensor in each."""
+    pose: Float64
+    mirrored: bool
+    """True where the sensor hangs head down."""
+
+    def of(self, batch: SweepBatch) -> _Places:
+        """Return the places of agents in some sweeps."""
+        first, after = np.searchsorted(self.sweep, [batch.sweep[0], batch.sweep[-1] + 1])
+        mine = slice(first, after)
+        sweep, x, y = self.sweep[mine], self.x[mine], self.y[mine]
+        at = np.minimum(np.searchsorted(self.sweeps, sweep), len(self.sweeps) - 1)
+        pose = self.pose[at]
+        dx, dy = x - pose[:, 0], y - pose[:, 1]
+        cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+        left = cos * dy - sin * dx
+        here_x = np.where(self.in_world[mine], cos * dx + sin * dy, x)
+        here_y = np.where(self.in_world[mine], -left if self.mirrored else left, y)
+        row = np.minimum(np.searchsorted(batch.sweep, sweep), len(batch) - 1)
+        there = np.isfinite(here_x) & (batch.sweep[row] == sweep)
+        return _Places(row[there], here_x[there], here_y[there], self.radius[mine][there])
+
+
+def _agents(pair: Pair) -> dict[str, _Agents]:
+    """Return where agents are, by topic, hidden or not."""
+    columns = ("topic", "track", "set", "moved_at", "length", "width")
+    tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], columns)
+    rows = read_columns(
+        pair.trajectories,
+        "trajectories",
+        SCHEMAS["trajectories"],
+        ("topic", "track", "sweep", "stamp", "frame", "x", "y", "x_sd", "y_sd"),
+    )
+    topics, its = _names(tracks["topic"]), _names(rows["topic"])
+    moves = _names(tracks["set"]) == "A"
+    moved_at, _ = held(tracks["moved_at"].cast(pa.int64()))
+    side = np.hypot(np.nan_to_num(numbers(tracks["length"])), np.nan_to_num(numbers(tracks["width"])))
+    radius = np.maximum(REACH, 0.5 * side + AROUND)
+    number, track = np.asarray(tracks["track"]), np.asarray(rows["track"])
+    stamp = np.asarray(rows["stamp"].cast(pa.int64()))
+    sure = np.maximum(numbers(rows["x_sd"]), numbers(rows["y_sd"])) <= MOST_SD
+    in_world = _names(rows["frame"]) == WORLD
+    found = {}
+    for topic in sorted(set(topics[moves].tolist())):
+        mine = np.flatnonzero(moves & (topics == topic))
+        mine = mine[np.argsort(number[mine])]
+        which = np.minimum(np.searchsorted(number[mine], track), len(mine) - 1)
+        agent = mine[which]
+        some = np.flatnonzero((its == topic) & sure & (number[agent] == track) & (stamp >= moved_at[agent]))
+        some = some[np.argsort(np.asarray(rows["sweep"])[some], kind="stable")]
+        sweeps, pose, mirrored = _sensor(pair, topic)
+        found[topic] = _Agents(
+            np.asarray(rows["sweep"])[some],
+            numbers(rows["x"])[some],
+            numbers(rows["y"])[some],
+            radius[agent[some]],
+            in_world[some],
+            sweeps,
+            pose,
+            mirrored,
+        )
+    return found
+
+
+def _sensor(pair: Pair, topic: str) -> tuple[Int64, Float64, bool]:
+    """Return the sweeps of a topic, the pose (S, 3) of the sensor in each, and whether it hangs head down."""
+    names = ("pose_x", "pose_y", "pose_yaw")
+    rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "sweep", *names))
+    mine = _names(rows["topic"]) == topic
+    sweep = np.asarray(rows["sweep"])[mine]
+    pose = np.column_stack([numbers(rows[name])[mine] for name in names])
+    columns = ("topic", "sweep", "box_x", "box_y", "world_x", "world_y")
+    objects = read_columns(pair.objects, "objects", SCHEMAS["objects"], columns)
+    here = _names(objects["topic"]) == topic
+    x, y, world_x, world_y = (numbers(objects[name])[here] for name in columns[2:])
+    at = np.minimum(np.searchsorted(sweep, np.asarray(objects["sweep"])[here]), max(len(sweep) - 1, 0))
+    if not len(x):
+        return sweep, pose, False
+    dx, dy, yaw = world_x - pose[at, 0], world_y - pose[at, 1], pose[at, 2]
+    left = np.cos(yaw) * dy - np.sin(yaw) * dx
+    with np.errstate(invalid="ignore"):
+        flipped = np.abs(left + y) < np.abs(left - y)
+    return sweep, pose, 2 * int(np.count_nonzero(flipped)) > len(x)
+
+
+class _Stays(NamedTuple):
+    """Tracks that stood where the place was also seen free."""
+
+    track: Int64
+    """(N,) ascending."""
+
+    def hold(self, objects: Objects, batch: SweepBatch) -> Bool:
+        """Return which objects (K,) are such things, standing."""
+        stands = (objects.set == SETS.index("O")) & (objects.track >= 0)
+        found: Bool = stands & np.isin(objects.track, self.track)
+        return found
+
+
+_NO_STAYS = _Stays(np.zeros(0, np.int64))
+_COLUMNS = (
+    *("topic", "sweep", "set", "track", "box_x", "box_y", "box_length", "box_width", "box_yaw"),
+    *("world_x", "world_y", "world_yaw"),
+)
+
+
+@dataclass(slots=True)
+class _Stay:
+    """A thing that stood, and how often its place was seen free before or afterwards."""
+
+    track: int
+    first: int
+    last: int
+    """Sweeps in which it stood first and last."""
+    in_world: bool
+    places: Float64
+    """(P, 2) samples of its place [m]."""
+    free: int = 0
+
+
+def _temporary(log: Log, pair: Pair, choice: Choice) -> dict[str, _Stays]:
+    """Return by topic the tracks that stood where the place was also seen free, in a pass of its own."""
+    stays = _stood(pair)
+    if not stays:
+        return {}
+    topics = TopicChoice(choice.topics, log.topics())
+    posing = Posing.of(log, choice.poses, topics, choice.rules, need=Need.MOVING)
+    for batch in _batches(log, choice):
+        mine = [one for one in stays.get(batch.topic, ()) if one.free < FREE_SWEEPS]
+        if not mine:
+            continue
+        batch = posing.attach(batch)
+        world = None if batch.poses is None else batch.poses.at_stamp()
+        zero = np.zeros(len(batch))
+        sensor = SweepPoses(zero, zero, zero, np.zeros(len(batch), np.bool_))
+        for one in mine:
+            away = (batch.sweep < one.first) | (batch.sweep > one.last)
+            place = world if one.in_world else sensor
+            if place is None or not away.any():
+                continue
+            rows = np.flatnonzero(away)
+            some = batch.rows(rows)
+            share = seen(some, place.rows(rows), one.places).mean(axis=1)
+            one.free += int(np.count_nonzero(share >= FREE_SHARE))
+    return {
+        topic: _Stays(np.array(sorted(one.track for one in each if one.free >= FREE_SWEEPS), np.int64))
+        for topic, each in stays.items()
+    }
+
+
+def _stood(pair: Pair) -> dict[str, list[_Stay]]:
+    """Return where tracks stood, by topic."""
+    rows = read_columns(pair.objects, "objects", SCHEMAS["objects"], _COLUMNS)
+    track, there = held(rows["track"])
+    letters, topics = (_names(rows[name]) for name in ("set", "topic"))
+    stood = there & (letters == "O")
+    found: dict[str, list[_Stay]] = {}
+    sweep = np.asarray(rows["sweep"])
+    columns = {name: numbers(rows[name]) for name in _COLUMNS[4:]}
+    for topic in sorted(set(topics[stood].tolist())):
+        mine = np.flatnonzero(stood & (topics == topic))
+        order = mine[np.argsort(track[mine], kind="stable")]
+        for group in np.split(order, np.flatnonzero(np.diff(track[order])) + 1):
+            values = {name: column[group] for name, column in columns.items()}
+            in_world = bool(np.isfinite(values["world_x"]).all())
+            names = ("world_x", "world_y", "world_yaw") if in_world else ("box_x", "box_y", "box_yaw")
+            x, y = (float(np.median(values[name])) for name in names[:2])
+            # The direction of the box nearest to the middle: angles have no median.
+            nearest = int(np.argmin(np.hypot(values[names[0]] - x, values[names[1]] - y)))
+            yaw = float(values[names[2]][nearest])
+            sides = (float(np.median(values[name])) for name in ("box_length", "box_width"))
+            length, width = (max(side, LEAST_SIDE) for side in sides)
+            ahead, left = (
+                np.array([1.0, 1.0, -1.0, -1.0]) * length / 2,
+                np.array([1.0, -1.0, -1.0, 1.0]) * width / 2,
+            )
+            corners = np.column_stack(
+                [
+                    x + np.cos(yaw) * ahead - np.sin(yaw) * left,
+                    y + np.sin(yaw) * ahead + np.cos(yaw) * left,
+                ]
+            )
+            shape = Polygon(tuple((float(a), float(b)) for a, b in corners))
+            found.setdefault(topic, []).append(
+                _Stay(
+                    int(track[group[0]]),
+                    int(sweep[group].min()),
+                    int(sweep[group].max()),
+                    in_world,
+                    samples(shape),
+                )
+            )
+    return found
+
+
+def _names(column: pa.ChunkedArray) -> NDArray[np.str_]:
+    """Return a column of names as text."""
+    whole = column.unify_dictionaries().combine_chunks()
+    if not len(whole):
+        return np.zeros(0, np.str_)
+    words: NDArray[np.str_] = np.array(whole.dictionary.to_pylist())[np.asarray(whole.indices)]
+    return words

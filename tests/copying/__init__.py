@@ -1,0 +1,1 @@
+"""Logs that are written once more."""
