@@ -44,11 +44,18 @@ COMMANDS = {
     "gif": "{lidarcli} -q plot {log} --animate --sweeps 0:40 -o {out}.gif --overwrite",
     "report": "{lidarcli} -q report {objects} --log {log} -o {out}.html --overwrite",
     "map": "{lidarcli} -q map {log} --min-move 0 --poses {path} --pose-delay 0 -o {out}.yaml --overwrite",
+    "background": "{lidarcli} -q background {log} -o {out}.parquet --overwrite",
+    "zones": "{lidarcli} -q zones {log} --zones {zones} -o {out} --no-objects --overwrite",
     "lidarcli": "{lidarcli}",
 }
 """First word of the command of a case → what is run; its other words follow."""
 STANDS = "1000000000 0 0 0 0 0 0 1\n2000000000 0 0 0 0 0 0 1\n"
 """Path of the sensor for `map`: in the simulated logs it stands."""
+WATCHED = "".join(
+    f'[[zone]]\nname = "{name}"\ncircle = {{ x = {x}, y = 0, radius = {radius} }}\n'
+    for name, x, radius in (("about", 0, 1.5), ("ahead", 2, 1.0), ("behind", -2, 2.0))
+)
+"""Zones for `zones`."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +154,8 @@ MORE = (
     Case(ROOM, "dbscan", "room, iterate"),
     Case(ROOM, "detect --profile paper", "room, iterate"),
     Case(ROOM, "map", "room, iterate"),
+    Case(ROOM, "background", "room, iterate"),
+    Case(ROOM, "zones", "room, background", {"cpu_x": 2}),
     Case(BEAMS, "iterate"),
     Case(BEAMS, "detect", "720 beams, iterate"),
     Case(WIDE, "detect --profile paper", "1081 beams, iterate"),
@@ -233,6 +242,7 @@ def once(case: Case, log: Path, sweeps: int) -> Run:
         "lidarcli": LIDARCLI,
         "references": HERE / "references.py",
         "path": log.parent / "path.tum",
+        "zones": log.parent / "zones.toml",
         "objects": out / f"{log.stem}.objects.parquet",
         "log": log,
         "out": out,
@@ -280,6 +290,7 @@ def measure(cases: Sequence[Case], sweeps: int, repeats: int, folder: Path) -> d
             source = Path(os.environ[REAL_LOGS], log.source).absolute() if log.recorded else log.source
             make_log(folder, logs[log].name, length, *log.made, source=source)
     (folder / "path.tum").write_text(STANDS, encoding="utf-8")
+    (folder / "zones.toml").write_text(WATCHED, encoding="utf-8")
     runs: dict[str, list[Run]] = {case.name: [] for case in cases}
     objects: dict[str, Figures] = {}
     for turn in range(repeats):
