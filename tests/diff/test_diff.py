@@ -21,6 +21,7 @@ from lidarcli.simulate import entities as make
 from lidarcli.simulate.scene import Course, Entity, Odometry, Sensor, super_ellipse
 from lidarcli.tabular.schemas import CHANGES
 from tests.diff.drawn import ODOMETRY, ROOM, SENSORS, closed, parked, write_run
+from tests.places import REAL_LOGS, needs_real_logs
 
 Run = Callable[..., Any]
 
@@ -325,3 +326,14 @@ def test_in_python(monday: str, tmp_path: Path) -> None:
         package.diff(monday)
     found = package.diff(monday, monday, output=tmp_path / "c.parquet")
     assert pq.read_table(tmp_path / "c.parquet").equals(found.changes)
+
+
+@needs_real_logs
+@pytest.mark.slow
+def test_a_real_room_twice() -> None:
+    """Two recordings of one room with people: what flickered was once told as moved by 6 m."""
+    folder = REAL_LOGS / "leg_tracker"
+    found = package.diff(folder / "positive_1_raw.bag", folder / "positive_3_raw.bag")
+    assert {*counts(found)} <= {"known", "uncertain"}
+    assert counts(found)["known"] >= 10
+    assert found.figures["overlap"] > 0.95  # type: ignore[operator]
