@@ -1,4 +1,4 @@
-"""What changed from run to run, in drawn scenes whose changes are known."""
+"""Changes from run to run, in drawn scenes whose changes are known."""
 
 from __future__ import annotations
 
@@ -236,6 +236,19 @@ def test_a_shelf_on_a_map(maps: Path) -> None:
     assert 0.9 < found.figures["precision"] < 1.0  # type: ignore[operator]
     same = package.diff(maps / "room.yaml", maps / "room.yaml")
     assert (counts(same), same.figures["f1"], same.figures["overlap"]) == ({}, 1.0, 1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("resolution", [0.01, 0.15])
+def test_maps_of_other_cells(maps: Path, tmp_path: Path, resolution: float) -> None:
+    for name in ("room", "shelf"):
+        log = maps / f"{name}.mcap"
+        package.map(log, tmp_path / f"{name}.yaml", min_move=0.05, min_hits=1, resolution=resolution)
+    found = package.diff(tmp_path / "room.yaml", tmp_path / "shelf.yaml")
+    assert counts(found) == {"new": 1}
+    assert rows(found, "new")[0]["x_b"] == pytest.approx(-3.7, abs=0.3)
+    with pytest.raises(OptionError, match=rf"make the map with --resolution {resolution:g}$"):
+        package.diff(tmp_path / "room.yaml", maps / "room.yaml")
 
 
 @pytest.mark.slow
