@@ -30,7 +30,7 @@ from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.mapping.counts import Beams, Counts, TooLargeError, placed
 from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy, UnlikeError, compare
 from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, Fit, fit, search
-from lidarcli.formalism.matching.changes import (
+from lidarcli.formalism.matching.differences import (
     BESIDE,
     GONE,
     NEW,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcli.choices import CHANGE_STATUSES, CHANGE_WHYS
-from lidarcli.formalism.matching.changes import Changes, Compared, Run
+from lidarcli.formalism.matching.differences import Changes, Compared, Run
 from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, alike, gains
 
 Row = tuple[float, float, float, float]
