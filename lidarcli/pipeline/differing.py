@@ -30,7 +30,7 @@ from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.mapping.counts import Beams, Counts, TooLargeError, placed
 from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy, UnlikeError, compare
 from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, Fit, fit, search
-from lidarcli.formalism.matching.changes import (
+from lidarcli.formalism.matching.differences import (
     BESIDE,
     GONE,
     NEW,
@@ -102,7 +102,7 @@ class DiffOptions:
 
 @dataclass(slots=True)
 class Seen:
-    """What one input tells."""
+    """Things, ground and names of one input."""
 
     name: str
     run: Run
@@ -134,7 +134,7 @@ class Step(NamedTuple):
     overlap: float | None
     rms: float | None
     how: str
-    """How it was aligned, for people."""
+    """Words for people on how it was aligned."""
 
 
 @dataclass(slots=True)
@@ -152,23 +152,12 @@ class Difference:
     @property
     def lines(self) -> list[str]:
         """The result for people."""
-        found = [step.how for step in self.steps]
-        rows = self.changes.select(
-            ["kind", "status", "why", "length", "x_a", "y_a", "x_b", "y_b"]
-        ).to_pylist()
-        counted = Counter(row["status"] for row in rows)
-        whys = Counter(row["why"] for row in rows if row["why"])
-        words = [f"{status} {counted[status]}" for status in COUNTED if counted[status]]
-        if whys:
-            words[-1] += f" ({', '.join(f'{whys[why]} {why}' for why in CHANGE_WHYS if whys[why])})"
-        found.append(f"  {', '.join(words)}" if words else "  nothing stands in any of them")
-        structure = [
-            f"{row['status']} {row['length']:.1f} m at ({_either(row, 'x'):.1f}, {_either(row, 'y'):.1f})"
-            for row in rows
-            if row["kind"] == CHANGE_KINDS[STRUCTURE]
-        ]
-        if structure:
-            found.append(f"  structure: {', '.join(structure)}")
+        names = ["kind", "status", "why", "length", "x_a", "y_a", "x_b", "y_b", "log_b"]
+        rows = self.changes.select(names).to_pylist()
+        found = []
+        for step in self.steps:
+            found.append(step.how if len(self.steps) == 1 else f"{step.name}: {step.how}")
+            found += _told_of([row for row in rows if row["log_b"] == step.name])
         if (f1 := self.figures.get("f1")) is not None:
             found.append(
                 f"  precision {self.figures['precision']:.4f}, recall {self.figures['recall']:.4f}, f1 {f1:.4f}"
@@ -183,6 +172,22 @@ class Difference:
             "changes": self.changes.to_pylist(),
             "notes": [*self.notes],
         }
+
+
+def _told_of(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Return the changes of one run for people."""
+    counted = Counter(row["status"] for row in rows)
+    whys = Counter(row["why"] for row in rows if row["why"])
+    words = [f"{status} {counted[status]}" for status in COUNTED if counted[status]]
+    if whys:
+        words[-1] += f" ({', '.join(f'{whys[why]} {why}' for why in CHANGE_WHYS if whys[why])})"
+    found = [f"  {', '.join(words)}" if words else "  nothing stands in them, and no structure differs"]
+    structure = [
+        f"{row['status']} {row['length']:.1f} m at ({_either(row, 'x'):.1f}, {_either(row, 'y'):.1f})"
+        for row in rows
+        if row["kind"] == CHANGE_KINDS[STRUCTURE]
+    ]
+    return [*found, f"  structure: {', '.join(structure)}"] if structure else found
 
 
 def _either(row: dict[str, Any], axis: str) -> float:
@@ -626,8 +631,6 @@ def _step(before: Seen, now: Seen, motion: Motion, found: Fit | None, how: str) 
     if not how.startswith("as"):
         turn = abs(math.degrees((motion.angle + math.pi) % math.tau - math.pi))
         words += f": {math.hypot(motion.x, motion.y):.2f} m, {turn:.1f} degrees"
-    elif found is None:
-        words += ""
     overlap = None if found is None else found.overlap
     rms = None if found is None or math.isnan(found.rms) else found.rms
     if overlap is not None:

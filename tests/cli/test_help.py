@@ -177,7 +177,7 @@ def test_help_of_a_mistyped_command(lidarcli: Run) -> None:
 
 def test_jobs_have_a_short_form_everywhere() -> None:
     having = [name for name in COMMANDS if "--jobs" in options(name)]
-    assert having == ["detect", "track", "map", "zones", "clean", "overlay"]
+    assert having == ["detect", "track", "diff", "map", "zones", "clean", "overlay"]
     assert all(options(name).get("-j") is options(name)["--jobs"] for name in having)
 
 

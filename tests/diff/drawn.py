@@ -96,7 +96,7 @@ class Pair:
         return found
 
     def _sized(self, run: int, box: Entity) -> bool:
-        """Whether a run sees two sides of a box well enough to measure both."""
+        """Return True if a run sees two sides of a box well enough to measure both."""
         course = self.courses[run]
         for eye in course.points[:: max(1, len(course.points) // 16)]:
             angle = math.atan2(eye[1] - box.y, eye[0] - box.x) - box.yaw
@@ -107,7 +107,7 @@ class Pair:
         return False
 
     def _in_view(self, run: int, box: Entity, scene: Sequence[Entity], own: bool = False) -> bool:
-        """Whether a run sees most of where a box stands, or, of its own, all of its face."""
+        """Return True if a run sees most of the place of a box; its own box hides nothing of itself."""
         others = [each for each in scene if not (own and each is box)]
         segments = np.concatenate([_placed(each) for each in others])
         points = _corners(box, 0.9)

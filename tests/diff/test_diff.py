@@ -1,4 +1,4 @@
-"""What changed from run to run, in drawn scenes whose changes are known."""
+"""Changes from run to run, in drawn scenes whose changes are known."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from lidarcli.simulate import entities as make
 from lidarcli.simulate.scene import Course, Entity, Odometry, Sensor, super_ellipse
 from lidarcli.tabular.schemas import CHANGES
 from tests.diff.drawn import ODOMETRY, ROOM, SENSORS, closed, parked, write_run
+from tests.places import REAL_LOGS, needs_real_logs
 
 Run = Callable[..., Any]
 
@@ -238,6 +239,19 @@ def test_a_shelf_on_a_map(maps: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("resolution", [0.01, 0.15])
+def test_maps_of_other_cells(maps: Path, tmp_path: Path, resolution: float) -> None:
+    for name in ("room", "shelf"):
+        log = maps / f"{name}.mcap"
+        package.map(log, tmp_path / f"{name}.yaml", min_move=0.05, min_hits=1, resolution=resolution)
+    found = package.diff(tmp_path / "room.yaml", tmp_path / "shelf.yaml")
+    assert counts(found) == {"new": 1}
+    assert rows(found, "new")[0]["x_b"] == pytest.approx(-3.7, abs=0.3)
+    with pytest.raises(OptionError, match=rf"make the map with --resolution {resolution:g}$"):
+        package.diff(tmp_path / "room.yaml", maps / "room.yaml")
+
+
+@pytest.mark.slow
 def test_a_log_beside_a_map(maps: Path) -> None:
     found = package.diff(maps / "room.yaml", maps / "shelf.mcap")
     assert counts(found) == {"known": 5, "new": 1}
@@ -325,3 +339,14 @@ def test_in_python(monday: str, tmp_path: Path) -> None:
         package.diff(monday)
     found = package.diff(monday, monday, output=tmp_path / "c.parquet")
     assert pq.read_table(tmp_path / "c.parquet").equals(found.changes)
+
+
+@needs_real_logs
+@pytest.mark.slow
+def test_a_real_room_twice() -> None:
+    """Two recordings of one room with people: what flickered was once told as moved by 6 m."""
+    folder = REAL_LOGS / "leg_tracker"
+    found = package.diff(folder / "positive_1_raw.bag", folder / "positive_3_raw.bag")
+    assert {*counts(found)} <= {"known", "uncertain"}
+    assert counts(found)["known"] >= 10
+    assert found.figures["overlap"] > 0.95  # type: ignore[operator]

@@ -1,4 +1,4 @@
-"""How often changes are told right, over drawn pairs of rooms (docs/diff.md)."""
+"""Changes that are told right, over drawn pairs of rooms (docs/diff.md)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STATUSES = ("known", "moved", "new", "gone")
 
 
 def place(pair: Pair, box: Entity) -> tuple[float, float]:
-    """Where a box is in the coordinates of the first run."""
+    """Place of a box in the coordinates of the first run."""
     if pair.odometry is not None:
         return box.x, box.y
     course = pair.courses[0]
@@ -29,7 +29,7 @@ def place(pair: Pair, box: Entity) -> tuple[float, float]:
 
 
 def is_at(pair: Pair, row: dict[str, Any], run: str, box: Entity | None) -> bool:
-    """Whether a row is about a box: its middle may be off by what was not seen of it."""
+    """Return True if a row is about a box: its middle may be off by what was not seen of it."""
     if box is None or row[f"x_{run}"] is None:
         return False
     x, y = place(pair, box)

@@ -9,12 +9,12 @@ from tests.docs.constants import constants
 from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "diff.md").read_text(encoding="utf-8")
-MODULES = ("matching.changes", "matching.ground", "matching.alignment", "matching.runs")
+MODULES = ("matching.differences", "matching.ground", "matching.alignment", "matching.runs")
 NUMERICAL = {
-    *("changes.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "runs.PROPOSALS_AT_ONCE"),
-    *(f"changes.{name}" for name in ("THING", "STRUCTURE", "KNOWN", "MOVED", "NEW", "GONE", "UNCERTAIN")),
+    *("differences.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "runs.PROPOSALS_AT_ONCE"),
+    *(f"differences.{name}" for name in ("THING", "STRUCTURE", "KNOWN", "MOVED", "NEW", "GONE", "UNCERTAIN")),
     *(
-        f"changes.{name}"
+        f"differences.{name}"
         for name in ("HIDDEN", "OUT_OF_VIEW", "NO_FREE_SPACE", "SHORT", "AMBIGUOUS", "CERTAIN")
     ),
 }

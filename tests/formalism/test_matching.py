@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcli.choices import CHANGE_STATUSES, CHANGE_WHYS
-from lidarcli.formalism.matching.changes import Changes, Compared, Run
+from lidarcli.formalism.matching.differences import Changes, Compared, Run
 from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, alike, gains
 
 Row = tuple[float, float, float, float]
@@ -48,7 +48,7 @@ def seen_from(rows: Sequence[Row], angle: float, x: float, y: float) -> list[Row
 
 
 def compared(first: Standing, second: Standing, motion: Motion = HERE, chance: float = 1.0) -> Changes:
-    """What is told of two runs of which only the things are known."""
+    """Changes of two runs of which only the things are known."""
     runs = (Run(each, np.zeros(len(each)), None, np.empty((0, 2))) for each in (first, second))
     return Compared(*runs, motion, (None, None), chance).changes()
 

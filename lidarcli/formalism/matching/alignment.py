@@ -56,7 +56,7 @@ SMALL = 1e-5
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """How well one run lies on another."""
+    """Quality of an alignment of two runs."""
 
     motion: Motion
     overlap: float
@@ -77,7 +77,7 @@ class Fit:
 
     @property
     def gain(self) -> int:
-        """What the motion explains, less what speaks against it."""
+        """Points that the motion explains, less those that speak against it."""
         return self.explained - self.against
 
 

@@ -14,6 +14,8 @@ from lidarcli.sweeps import Bool, Float64, Int32, Int64, record
 
 SEEN_FREE = 3
 """Least number of sweeps that pass a place that was seen free."""
+FINEST = 0.05
+"""[m] Cells of a map that are finer are taken together."""
 REACH = 0.6
 """[m] Greatest distance to a nearest occupied point."""
 ON_LINE = 0.15
@@ -125,12 +127,23 @@ def _cells_of(side: float, x: Float64, y: Float64) -> tuple[float, float, Float6
 
 
 def of_map(grid: Occupancy) -> Ground:
-    """Return the ground of a map: its occupied points are the middles of its cells."""
+    """Return the ground of a map: its occupied points are the middles of its cells, of several fine ones their mean."""
     row, column = np.nonzero(grid.cells == OCCUPIED)
-    points = np.column_stack([column + 0.5, row + 0.5]) * grid.resolution + [grid.x, grid.y]
-    passes = np.where(grid.cells == FREE, SEEN_FREE, 0).astype(np.int32)
-    looks = np.where(grid.cells == UNKNOWN, 0, SEEN_FREE).astype(np.int32)
-    return Ground(grid.resolution, grid.x, grid.y, grid.cells, passes, looks, points, counted=False)
+    middle = np.column_stack([column + 0.5, row + 0.5]) * grid.resolution + [grid.x, grid.y]
+    group = max(1, round(FINEST / grid.resolution))
+    side = group * grid.resolution
+    height, width = (-(-length // group) for length in grid.cells.shape)
+    whole = np.full((height * group, width * group), UNKNOWN, np.int8)
+    whole[: grid.cells.shape[0], : grid.cells.shape[1]] = grid.cells
+    # Occupied goes before free, and free before unknown.
+    cells = np.ascontiguousarray(whole.reshape(height, group, width, group).max(axis=(1, 3)))
+    key, sums = _summed(
+        (row // group) * width + column // group, np.column_stack([middle, np.ones(len(middle))])
+    )
+    passes = np.where(cells == FREE, SEEN_FREE, 0).astype(np.int32)
+    looks = np.where(cells == UNKNOWN, 0, SEEN_FREE).astype(np.int32)
+    points = sums[:, :2] / sums[:, 2:] if len(key) else np.empty((0, 2))
+    return Ground(side, grid.x, grid.y, cells, passes, looks, points, counted=False)
 
 
 @dataclass(slots=True)

@@ -33,7 +33,7 @@ from lidarcli.stores.url import place
 def diff(
     before: AnyPath, *after: AnyPath, output: Paths = (), overwrite: bool = False, **options: Unpack[Diffing]
 ) -> Difference:
-    """What changed from run to run.
+    """Find what changed from run to run.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ SMALLEST_CHANGE = 0.3
 LEAST_CELLS = 4
 """Least number of cells of a change of the structure."""
 LINKED = 0.11
-"""[m] Greatest step between changed cells of one cluster, along each axis."""
+"""[m] Greatest step between changed cells of one cluster, along each axis; of coarse cells a little over two."""
 AROUND = 0.5
 """[m] What is this near to a place tells that it was in view."""
 MOST_STATIONS = 40
@@ -64,7 +64,7 @@ SMALLEST_SIDE = 0.06
 
 @record
 class Run:
-    """What a run tells: N standing things, the ground, and P places of its sensors."""
+    """Evidence of a run: N standing things, the ground, and P places of its sensors."""
 
     things: Standing
     yaw: Float64
@@ -389,7 +389,7 @@ class Compared:
         at = np.flatnonzero(changed)
         looks = here.seen(*self._motions[side].inverse.of(points[at, 0], points[at, 1]))
         others = there.seen(x[at], y[at])
-        for cluster in _clusters(points[at]):
+        for cluster in _clusters(points[at], max(LINKED, 2.1 * here.resolution)):
             box = _rectangle(points[at[cluster]])
             if len(cluster) < LEAST_CELLS or box[3] < SMALLEST_CHANGE:
                 continue
@@ -439,7 +439,7 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """Where a thing was hit, and what the other run saw there."""
+    """Place of the hits of a thing, and what the other run saw of it."""
 
     points: Float64
     """(K, 2) in the coordinates of the first run [m]."""
@@ -504,11 +504,11 @@ def _filled(box: Float64) -> Float64:
     return np.column_stack([box[0] + cos * u - sin * v, box[1] + sin * u + cos * v])
 
 
-def _clusters(points: Float64) -> list[Int64]:
-    """Return the indices of the points of each cluster."""
+def _clusters(points: Float64, linked: float) -> list[Int64]:
+    """Return the indices of the points of each cluster, whose steps are `linked` along each axis at most [m]."""
     if not len(points):
         return []
-    cell = np.floor(points / LINKED).astype(np.int64)
+    cell = np.floor(points / linked).astype(np.int64)
     cell -= cell.min(axis=0) - 1
     across = int(cell[:, 0].max()) + 2
     keys, which = np.unique(cell[:, 1] * across + cell[:, 0], return_inverse=True)
@@ -516,8 +516,8 @@ def _clusters(points: Float64) -> list[Int64]:
     links = []
     for step in (1, across - 1, across, across + 1):
         at = np.minimum(np.searchsorted(keys, keys + step), len(keys) - 1)
-        linked = np.flatnonzero(keys[at] == keys + step)
-        links.append(np.column_stack([linked, at[linked]]))
+        joined = np.flatnonzero(keys[at] == keys + step)
+        links.append(np.column_stack([joined, at[joined]]))
     pairs = np.concatenate(links)
     while True:
         least = np.minimum(group[pairs[:, 0]], group[pairs[:, 1]])
