@@ -60,6 +60,6 @@ def names_in(text: str) -> set[str]:
 
 @pytest.mark.parametrize("module", modules())
 def test_every_module_is_imported_by_a_test(module: str) -> None:
-    # The helpers of tests may import it for them; what is in zones is tested beside its files and commands.
-    tests = (*HERE.rglob("*.py"), *(HERE.parent / "zones").rglob("*.py"))
+    # The helpers of tests may import it for them; zones and differences are tested beside their files and commands.
+    tests = (path for room in ("formalism", "zones", "diff") for path in (HERE.parent / room).rglob("*.py"))
     assert any(module in names_in(path.read_text()) for path in tests)
