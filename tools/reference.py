@@ -39,7 +39,7 @@ METADATA = {
 }
 OTHER_CODES = {
     0: "Done.",
-    1: "A `--check` of `report` does not hold.",
+    1: "A `--check` does not hold.",
     70: "A bug in lidarcli: a traceback, and a line that asks to report it.",
     130: "Interrupted.",
 }
