@@ -24,7 +24,7 @@ from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
 from lidarcli.pipeline.watching.events import Settled
 from lidarcli.pipeline.watching.options import TABLES, ZoneOptions
-from lidarcli.pipeline.watching.over_log import Watching
+from lidarcli.pipeline.watching.over_log import Watching, masked
 from lidarcli.reports.checks import Verdict, verdict_of
 from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.wording import counted
@@ -36,6 +36,9 @@ from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
 from lidarcli.tabular.writing import TableFiles, table_metadata
 from lidarcli.zone import Line
 
+_MASKED = (
+    "masks of the zone file hide beams, but no objects of --objects: give --mask where these are made, too"
+)
 _SAME = "always the same beams at the same range: the robot's own body? (info --deep)"
 
 
@@ -90,7 +93,9 @@ def watch(
         pair = None if options.objects is None else one_pair(options.objects)
         if pair is None and options.find:
             private = Path(stack.enter_context(TemporaryDirectory(prefix="lidarcli-")))
-            pair, found = detect_beside(source, private, options.detect, progress)
+            with open_source(source, options.detect.opening) as log:
+                finding = masked(log, options)
+            pair, found = detect_beside(source, private, finding, progress)
             progress = second_of_two(progress, source.size)
         log = stack.enter_context(open_source(source, options.detect.opening))
         read, settled, described = Watching(log, options, pair).run(source, progress)
@@ -109,6 +114,7 @@ def watch(
         ]
         summary.notes += [
             *options.zones.notes,
+            *([_MASKED] if options.objects is not None and options.zones.masks.masks else ()),
             *(f"{name}: {_SAME}" for name, each in zip(names, settled, strict=True) if each.always_same),
         ]
         if paths is not None:
@@ -237,6 +243,8 @@ def _words(settled: Settled) -> str:
     zone, events = settled.zone, settled.events
     columns = settled.columns
     seen = columns["seen"]
+    if not settled.in_force:
+        return "none of its polygons covers the velocity"
     if seen is not None and not seen.any():
         return "never in view"
     if isinstance(zone.shape, Line):

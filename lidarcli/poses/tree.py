@@ -67,6 +67,11 @@ class FrameTree:
             self._near.setdefault(track.parent, {}).setdefault(track.child, Step(track, down=True))
             self._parent.setdefault(track.child, track)
 
+    @property
+    def frames(self) -> list[str]:
+        """The frames that links join."""
+        return [*self._near]
+
     def path(self, start: str, target: str, avoid: Collection[str] = ()) -> tuple[Step, ...] | None:
         """Return the shortest way between two frames, empty if they are one; None if there is none."""
         reached = self._reached(start, avoid)

@@ -100,7 +100,8 @@ class Verdict:
     @property
     def failure(self) -> str:
         """The check and why it fails, for people."""
-        return f"{_COMPARISON.sub('', self.expression)} is {self.words}, expected {self.expected}"
+        found = "has nothing to measure" if self.found is None else f"is {self.words}"
+        return f"{_COMPARISON.sub('', self.expression)} {found}, expected {self.expected}"
 
     @property
     def words(self) -> str:

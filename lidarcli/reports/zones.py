@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidarcli.errors import OptionError
 from lidarcli.masks import Circle
 from lidarcli.reports.checks import Check, Verdict, count_events, parse_check, verdict_of
 from lidarcli.reports.columns import Rows, Watched
@@ -19,6 +21,8 @@ from lidarcli.zone import SENSOR, WORLD, outline
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_ZONE_NAMED = re.compile(r"\bzone\s*[=!]=\s*([\w-]+)")
+"""A zone that the condition of a check names."""
 OF_AREAS = ("events", "share", "nearest", "points.max", "ttc.min", "duration.")
 """Figures that a line has not: nothing occupies it."""
 OF_LINES = ("in", "out")
@@ -87,7 +91,10 @@ def _values(watched: Watched, zone: str, columns: Mapping[str, Float64]) -> dict
     events, mine = watched.events, of_zone(watched.zones, zone)
     of = {name: Spread.of(values[mine]) for name, values in columns.items()}
     seen, agents = of["seen"], of["agents"]
-    if not seen.max:
+    # Of several logs, each has to have seen it.
+    logs, _ = watched.zones.words("log")
+    in_view = np.unique(logs[mine & (columns["seen"] > 0.0)])
+    if not seen.max or len(in_view) < len(np.unique(logs[mine])):
         return dict.fromkeys(name.removeprefix(f"{ZONES}{zone}.") for name in zone_names(zone))
     alarms, visits = of_zone(events, zone, "occupied", "approach"), of_zone(events, zone, "visit")
     crossings = of_zone(events, zone, "crossing")
@@ -126,7 +133,11 @@ def parse_zone_check(expression: str, zones: Collection[str]) -> Check:
     >>> parse_zone_check("zones.left-door.in between 30 and 34", ["left-door"]).expected
     'between 30 and 34'
     """
-    return parse_check(expression, only=(), rows=("events",), zones=zones)
+    check = parse_check(expression, only=(), rows=("events",), zones=zones)
+    for name in _ZONE_NAMED.findall(expression) if check.condition is not None else ():
+        if name not in zones:
+            raise OptionError(f"--check '{expression}': no zone '{name}'; there is {', '.join(zones)}")
+    return check
 
 
 def judge_zones(check: Check, values: Mapping[str, float | None], watched: Watched) -> Verdict:

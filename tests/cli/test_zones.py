@@ -428,3 +428,45 @@ def test_drawn_routes_through_the_whole_command(tmp_path: Path) -> None:
                 wrong.append((number, side, found, (into, out)))
     assert wrong == []
     assert total > 30
+
+
+def test_masks_of_the_zone_file_are_masks_of_the_search_for_agents(lidarcli: Run, tmp_path: Path) -> None:
+    everywhere = "circle = { x = 0.0, y = 0.0, radius = 100.0 }\n"
+    both = zone_file(tmp_path, f'[[zone]]\nname = "all"\n{everywhere}[[mask]]\n{everywhere}')
+    ran = lidarcli("zones", SAMPLES / "people.csv.gz", "--zones", both, "-o", tmp_path / "out")
+    assert (ran.code, ran.out) == (0, "")
+    rows = pq.read_table(tmp_path / "out" / "people.zones.parquet")
+    assert rows.num_rows == 80
+    assert {name: {*rows[name].to_pylist()} for name in ("points", "things", "agents", "active")} == {
+        "points": {0},
+        "things": {0},
+        "agents": {0},
+        "active": {False},
+    }
+    assert min(rows["masked"].to_pylist()) > 1000
+    assert pq.read_table(tmp_path / "out" / "people.events.parquet").num_rows == 0
+
+
+def test_a_zone_that_no_file_has_is_no_gate(lidarcli: Run, log: Path, tmp_path: Path) -> None:
+    file = zone_file(tmp_path, STOP)
+    ran = lidarcli("zones", log, "--zones", file, "--check", "events where zone == stpo == 0")
+    assert ran.code == 2
+    assert "no zone 'stpo'; there is stop" in ran.err
+
+
+def test_of_several_logs_each_has_to_have_seen_a_zone(lidarcli: Run, log: Path, tmp_path: Path) -> None:
+    ahead = raw_sweeps(round_room(20, 181), angle_min=-0.5 * np.pi, angle_increment=np.pi / 180)
+    half = write_bag(tmp_path / "half.bag", scans([ahead]))
+    behind = zone_file(tmp_path, '[[zone]]\nname = "behind"\ncircle = { x = -2.0, y = 0.0, radius = 0.5 }\n')
+    check = ("--check", "zones.behind.events == 0")
+    assert lidarcli("zones", log, "--zones", behind, "--no-objects", *check).code == 0
+    ran = lidarcli("zones", log, half, "--zones", behind, "--no-objects", *check)
+    assert ran.code == 1
+    assert "check failed: zones.behind.events has nothing to measure, expected == 0" in ran.err
+
+
+def test_a_footprint_that_no_zone_needs_is_refused(lidarcli: Run, log: Path, tmp_path: Path) -> None:
+    file = zone_file(tmp_path, STOP)
+    ran = lidarcli("zones", log, "--zones", file, "--footprint", "[[0, 0], [1, 0], [0, 1]]")
+    assert ran.code == 2
+    assert "--footprint is for zones whose shape a topic tells, and there are none" in ran.err

@@ -76,6 +76,8 @@ class Settled:
     topics: tuple[TopicSeries, ...] = ()
     always_same: bool = False
     """True where the same beams have nearly the same range nearly all the time."""
+    in_force: bool = True
+    """False for a velocity_polygon none of whose polygons ever covered the velocity."""
 
 
 def settle(counted: Counted) -> Settled:
@@ -225,7 +227,14 @@ class _Settling:
             "seen": self._seen(),
         }
         return Settled(
-            zone, events, self.topic, columns, one_sided, self.counted.topics, self._is_always_same(active)
+            zone,
+            events,
+            self.topic,
+            columns,
+            one_sided,
+            self.counted.topics,
+            self._is_always_same(active),
+            bool((self.part >= 0).any()),
         )
 
     def _seen(self) -> Float64:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,7 +78,7 @@ class Frames:
             parent := next((one.parent for one in self.mounts if same_name(one.frame, here)), "")
         ):
             here, left = parent, left - 1
-        if here != sensor:
+        if here != sensor or any(same_name(one.parent, sensor) for one in self.mounts):
             return here
         steps = self.tree.to_base(frame_name(sensor))
         if steps:
@@ -99,6 +100,17 @@ class Frames:
         x, y, _ = pose.to_world(row, corners[:, 0], corners[:, 1], np.zeros(len(corners)))
         found: Float64 = np.column_stack([x, y])
         return found if np.isfinite(found).all() else None
+
+    def mounts_in(self, names: Collection[str]) -> Iterator[Mount]:
+        """Yield where the frames of the log and of its mounts are in some others, where that is known before any sweep."""
+        if not names:
+            return
+        known = dict.fromkeys([*(one.frame for one in self.mounts), *self.tree.frames])
+        for name in sorted(names):
+            for frame in known:
+                if not same_name(frame, name):
+                    with suppress(NoScanError):
+                        yield self._mount(name, frame, np.zeros(1, np.int64))
 
     def masks_for(self, masks: Masks, batch: SweepBatch) -> Masks:
         """Return masks with a mount for each frame that they name, as it is at the first sweep of a batch."""

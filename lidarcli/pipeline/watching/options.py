@@ -108,7 +108,9 @@ def zone_dict(zone: Zone) -> dict[str, Any]:
 
 
 def refuse_options(options: ZoneOptions) -> None:
-    """Refuse zones that need objects where none are known (`OptionError`)."""
+    """Refuse zones that need objects where none are known, and options that no zone needs (`OptionError`)."""
+    if options.footprint is not None and not any(zone.shape_topic for zone in options.zones.zones):
+        raise OptionError("--footprint is for zones whose shape a topic tells, and there are none")
     for zone in options.zones.zones:
         needs = isinstance(zone.shape, Line) or zone.count != "beams"
         if needs and not options.has_objects:

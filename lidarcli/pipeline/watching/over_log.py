@@ -15,6 +15,7 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.masks import Circle, Masks, Polygon, same_name
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import AGAIN, Cursor
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
@@ -32,6 +33,8 @@ from lidarcli.pipeline.watching.counting import (
 from lidarcli.pipeline.watching.events import Counted, Settled, Tracked, settle
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.pipeline.watching.options import ZoneOptions, refuse_resting
+from lidarcli.poses.messages import frame_name
+from lidarcli.poses.tree import WORLDS
 from lidarcli.reports.wording import counted
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.arrays import are
@@ -55,10 +58,9 @@ class Watching:
         detect = options.detect
         masking = masking_of(log, detect.read.rules, detect.poses, detect.read.topics)
         own = masking.rules.masks or Masks()
-        zones = options.zones
-        self._masks = Masks((*own.masks, *zones.masks.masks), (), own.path)
+        self._masks = Masks((*own.masks, *options.zones.masks.masks), (), own.path)
         self._notes = [*masking.notes]
-        self._frames = Frames.of(log, zones, own.mounts)
+        self._frames = Frames.of(log, options.zones, own.mounts)
         # Beams under a mask are counted here, and left out.
         self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
         self._topics: set[str] = set()
@@ -68,9 +70,9 @@ class Watching:
         self._counting: dict[str, Counting] = {}
         self._report = ReadReport()
         self._told = {
-            zone.velocity_topic: self._velocities(zone) for zone in zones.zones if zone.velocity_topic
+            zone.velocity_topic: self._velocities(zone) for zone in options.zones.zones if zone.velocity_topic
         }
-        self._shapes = {zone.name: self._shapes_of(zone) for zone in zones.zones}
+        self._shapes = {zone.name: self._shapes_of(zone) for zone in options.zones.zones}
         self._cursors: dict[str, tuple[Cursor, Cursor]] = {}
 
     def _velocities(self, zone: Zone) -> Told | None:
@@ -121,12 +123,12 @@ class Watching:
                 self._take(batch, reading)
             summary = reading.close()
             described = reading.describe(source)
-        self._refuse_contradiction(described)
+        notes = self._refuse_contradiction(described)
         summary.damage += [
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
             for (topic, cause), count in sorted(self._report.refused.items())
         ]
-        summary.notes += self._notes
+        summary.notes += [*self._notes, *notes]
         summary.notes += [note for zone in self._options.zones.zones for note in self._gaps(zone)]
         settled = [one for zone in self._options.zones.zones for one in self._settled(zone)]
         return summary, settled, described
@@ -201,10 +203,11 @@ class Watching:
         """Yield what a zone needs and the log has only in part; refuse one for which it has nothing of it."""
         counted_in = self._counted_in(zone)
         if not counted_in:
-            wanted = ", ".join(zone.topics) or "any topic"
-            known = ", ".join(sorted(self._topics)) or "none"
+            if not self._topics:
+                raise NoScanError("no sweep has been read: the log holds none, or none from --start to --end")
             raise NoScanError(
-                f"zone '{zone.name}' is for {wanted}, and no sweeps of it have been read (only of {known})"
+                f"zone '{zone.name}' is for {', '.join(zone.topics)}, and no sweeps of it have been read (only of "
+                f"{', '.join(sorted(self._topics))})"
             )
         missing = [name for name in zone.topics if not any(same_name(name, topic) for topic, _ in counted_in)]
         if missing:
@@ -295,21 +298,40 @@ class Watching:
             labels,
         )
 
-    def _refuse_contradiction(self, described: Mapping[str, Any]) -> None:
-        """Refuse zones in the world where the sweeps contradict the poses."""
-        in_world = {
-            (zone.zone.name, topic)
+    def _refuse_contradiction(self, described: Mapping[str, Any]) -> list[str]:
+        """Refuse zones in a fixed frame where the sweeps contradict the poses; return notes on matched worlds."""
+        fixed = {
+            (zone.zone.name, topic): zone.zone.frame
             for topic, each in self._counting.items()
             for zone in each.series.zones
-            if zone.zone.frame == WORLD
+            if zone.zone.frame == WORLD or frame_name(zone.zone.frame).rpartition("/")[2] in WORLDS
         }
+        notes: dict[str, None] = {}
         for frame, told in described.get("poses", {}).items():
-            for name, topic in sorted(in_world):
+            for (name, topic), where in sorted(fixed.items()):
                 if told.get("pose_verdict", {}).get(topic) == "rejected":
                     raise UnreadableError(
-                        f"zone '{name}' is in the world, and the poses of {frame or 'the sensor'} contradict the sweeps of "
-                        f"{topic}: nothing written; give other poses (--pose TOPIC, --poses FILE)"
+                        f"zone '{name}' is in the frame {where}, and the poses of {frame or 'the sensor'} contradict the "
+                        f"sweeps of {topic}: nothing written; give other poses (--pose TOPIC, --poses FILE)"
                     )
+                if told.get("world") == MATCH and where == WORLD:
+                    notes[
+                        f"zone '{name}' is in the world of the path that is matched from the sweeps of {topic}"
+                    ] = None
+        return [*notes]
+
+
+def masked(log: Log, options: ZoneOptions) -> DetectOptions:
+    """Return how objects are found where the masks of a zone file are masks of the detection, too."""
+    detect, zones = options.detect, options.zones
+    if not zones.masks.masks:
+        return detect
+    masking = masking_of(log, detect.read.rules, detect.poses, detect.read.topics)
+    own = masking.rules.masks or Masks()
+    frames = Frames.of(log, zones, own.mounts)
+    mounts = frames.mounts_in({mask.frame for mask in zones.masks.masks if mask.frame})
+    masks = Masks((*own.masks, *zones.masks.masks), (*frames.mounts, *mounts), own.path)
+    return replace(detect, read=replace(detect.read, rules=replace(masking.rules, masks=masks)))
 
 
 def _counts(zone: Zone, topic: str) -> bool:
