@@ -130,6 +130,8 @@ REFUSALS = {
     + "'polygon' crosses itself: the edges from corner 1 to 2 and from 3 to 4",
     polygon("[[0, 1], [1, 1], [0, 0], [1, 0], [1, 0.5], [-1, 0.5]]"): PLACE
     + "'polygon' crosses itself: the edges from corner 2 to 3 and from 5 to 6",
+    polygon("[[-3, -1], [0, 0], [3, 1], [3, -1], [0, 0], [-3, 1]]"): PLACE
+    + "'polygon' crosses itself: the edges from corner 1 to 2 and from 4 to 5",
     polygon("[[0, 0], [1, 0], [2, 0]]"): PLACE + "'polygon' has no area: its corners lie on one line",
     line("[[0, 0]]"): PLACE + "'line' must be a list of at least 2 points, as [[0, 0], [2.5, 0]]",
     line("[[0, 0], [1, 0], [2, 0]]"): PLACE + "'line' must be two points, not 3",

@@ -21,6 +21,7 @@ from lidarcli.zone import (
     Zone,
     Zones,
     crossing_edges,
+    on_one_line,
 )
 
 SHAPES = ("polygon", "circle", "line")
@@ -121,6 +122,8 @@ def _area(fields: Fields, kind: str) -> Circle | Polygon:
     shape = shape_of(fields, kind)
     assert isinstance(shape, Circle | Polygon)
     if isinstance(shape, Polygon):
+        if on_one_line(shape):
+            fields.fail(kind, "has no area: its corners lie on one line")
         if (crossing := crossing_edges(shape)) is not None:
             first, second = crossing
             count = len(shape.corners)
@@ -129,14 +132,7 @@ def _area(fields: Fields, kind: str) -> Circle | Polygon:
                 f"crosses itself: the edges from corner {first} to {first % count + 1} and from {second} to "
                 f"{second % count + 1}",
             )
-        if not _doubled_area(shape.corners):
-            fields.fail(kind, "has no area: its corners lie on one line")
     return shape
-
-
-def _doubled_area(corners: tuple[tuple[float, float], ...]) -> float:
-    pairs = zip(corners, corners[1:] + corners[:1], strict=True)
-    return sum(x * next_y - next_x * y for (x, y), (next_x, next_y) in pairs)
 
 
 def _line(fields: Fields) -> Line:
