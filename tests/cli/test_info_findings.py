@@ -92,12 +92,22 @@ def test_every_check_that_fails_is_told(lidarcli: Run) -> None:
         ("sweeps > 0", "unknown figure 'sweeps'; docs/info.md has all"),
         ("objects where width > 1 == 0", "unknown figure 'objects'"),
         ("findings = 0", "findings = 0"),
+        *(
+            (f"findings.{rule} == 0", f"only --deep looks for findings.{rule}: add --deep")
+            for rule in ("body", "mirror", "stamp", "lasers", "flicker")
+        ),
     ],
 )
 def test_a_check_that_means_nothing(lidarcli: Run, check: str, says: str) -> None:
     ran = lidarcli("info", "fine.mcap", "--check", check)
     assert (ran.code, ran.out) == (2, "")
     assert says in ran.err
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_check_of_what_only_deep_finds(lidarcli: Run) -> None:
+    assert lidarcli("info", "fine.mcap", "--brief", "--deep", "--check", "findings.body == 0").code == 0
+    assert lidarcli("info", "fine.mcap", "--brief", "--check", "findings.mount == 0").code == 0
 
 
 def test_checks_of_what_cannot_be_read_do_not_pass(lidarcli: Run, logs: Path, folder: Path) -> None:
