@@ -574,8 +574,13 @@ class _Zones(TypedDict, total=False):
         "Count beams alone: it is not known whose they are. Takes half the time.",
     ]
     footprint: Annotated[
-        str | None,
-        Option(ZONES, Text("POINTS", has_blanks=True), shown="what the log tells"),
+        str | Sequence[Sequence[float]] | None,
+        Option(
+            ZONES,
+            Text("POINTS", has_blanks=True),
+            shown="what the log tells",
+            python="Python also takes the points.",
+        ),
         "Shape '[[x, y], ...]' [m] of zones whose shape a topic tells that is not in the log.",
     ]
 
@@ -604,8 +609,13 @@ class Cleaning(_Topic, Poses, Delay, Objects, Limits, Jobs, total=False):
     """Keywords of `clean`."""
 
     remove: Annotated[
-        str,
-        Option(CLEANING, Text("LIST", parse_removed, is_list=True), "agents"),
+        str | Iterable[str],
+        Option(
+            CLEANING,
+            Text("LIST", parse_removed, is_list=True),
+            "agents",
+            python="Python also takes a list.",
+        ),
         "Beams that are to say nothing, comma separated: agents (what moves by itself, from then on), temporary (what "
         "stands where the place was also seen free). What a --mask tells, too.",
     ]

@@ -162,6 +162,24 @@ def test_the_robot_itself_is_what_a_mask_tells(margin: int, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
+def test_what_is_removed_may_be_a_list(tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    write_log(log, [room_sweeps(count=80)])
+    for number, words in enumerate((["temporary"], ("temporary", "agents"), "temporary,agents")):
+        table = lidarcli.clean(log, tmp_path / f"{number}.mcap", remove=words, margin=0)
+        assert taken(table, "temporary") == [30] * 40 + [0] * 40
+
+
+@pytest.mark.parametrize("odd", [3, None, ["agents", 3], {"agents": True}])
+def test_what_is_removed_is_words(odd: Any, tmp_path: Path) -> None:
+    write_log(tmp_path / "run.mcap", [room_sweeps()])
+    with pytest.raises(TypeError, match=r"^remove is a list of words, or one text, not "):
+        lidarcli.clean(tmp_path / "run.mcap", tmp_path / "out.mcap", remove=odd)
+    with pytest.raises(OptionError, match="'people' is not one of agents, temporary"):
+        lidarcli.clean(tmp_path / "run.mcap", tmp_path / "out.mcap", remove=["agents", "people"])
+
+
+@pytest.mark.slow
 def test_a_sensor_that_moves_without_a_path_is_refused(tmp_path: Path) -> None:
     out = tmp_path / "out.db3"
     with pytest.raises(UnreadableError, match=r"no poses .*seems to move; nothing written"):
