@@ -284,7 +284,7 @@ class _Scan:
         step = np.abs(block.angle_increment)
         values = {
             "beams": block.beams,
-            "view": (block.beams - (closed != Closure.CLOSED)) * step,
+            "view": np.maximum(block.beams - (closed != Closure.CLOSED), 0) * step,
             "angle_min": block.angle_min,
             "increment": block.angle_increment,
             "range_min": block.range_min,

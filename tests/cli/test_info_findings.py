@@ -104,6 +104,15 @@ def test_a_check_that_means_nothing(lidarcli: Run, check: str, says: str) -> Non
     assert says in ran.err
 
 
+def test_sweeps_without_beams(lidarcli: Run, folder: Path) -> None:
+    write_log(folder / "none.mcap", [raw_sweeps(np.zeros((9, 0), np.float32))])
+    ran = lidarcli("info", "none.mcap")
+    assert ran.code == 0
+    assert "    beams     0\n    view      0.00 deg from " in ran.out
+    assert ran.out.endswith("  findings\n  error    geometry   the sweeps of /scan have no beams\n")
+    assert lidarcli("info", "none.mcap", "--check", "findings.geometry == 0").code == 1
+
+
 @pytest.mark.usefixtures("folder")
 def test_a_check_of_what_only_deep_finds(lidarcli: Run) -> None:
     assert lidarcli("info", "fine.mcap", "--brief", "--deep", "--check", "findings.body == 0").code == 0

@@ -233,7 +233,8 @@ def test_points_of_a_text_are_rounded_as_in_nav2() -> None:
 def test_a_polygon_that_crosses_itself_is_noted() -> None:
     read = read_text(DETECTOR.replace("[0.5, 0.5], [0.5, -0.5]", "[0.5, -0.5], [0.5, 0.5]"))
     assert read.notes == (
-        "nav2.yaml: front crosses or touches itself (edges 2 and 4): only what the even-odd rule calls inside counts, as in Nav2",
+        "nav2.yaml: front crosses or touches itself (edges 2 and 4): only what the even-odd rule calls inside "
+        "counts, as in Nav2",
     )
 
 

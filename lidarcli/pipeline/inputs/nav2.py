@@ -291,8 +291,8 @@ def _cases(node: _Node, polygon: Fields, name: str) -> Iterator[Case]:
 def _note_crossing(node: _Node, name: str, shape: Polygon) -> None:
     if (crossing := crossing_edges(shape)) is not None:
         node.note(
-            f"{name} crosses or touches itself (edges {crossing[0]} and {crossing[1]}): only what the even-odd rule calls inside "
-            "counts, as in Nav2"
+            f"{name} crosses or touches itself (edges {crossing[0]} and {crossing[1]}): only what the even-odd "
+            "rule calls inside counts, as in Nav2"
         )
 
 
