@@ -164,7 +164,7 @@ def placed(shape: Circle | Polygon | Line, place: SweepPoses) -> Float64:
 def crossing_edges(shape: Polygon) -> tuple[int, int] | None:
     """Return the first two edges of a polygon that cross or touch each other.
 
-    Edge 1 leads from the first corner to the second. Neighbours share their corner, and a corner may be there twice in a row.
+    Edge 1 leads from the first corner to the second. Neighbours may share a corner, and a corner may be repeated.
     """
     corners = np.array(shape.corners)
     edges = np.flatnonzero((np.roll(corners, -1, axis=0) != corners).any(axis=1))

@@ -105,6 +105,9 @@ REFUSALS = {
     CIRCLE * 2: "z.toml: [[zone]] number 2: 'a' is there twice",
     CIRCLE
     + "[[mask]]\n": "z.toml: [[mask]] number 1: 'circle' is missing: a mask is a circle, polygon or sector",
+    CIRCLE
+    + '[[mount]]\nframe = "a"\nparent = "a"\n': "z.toml: [[mount]] number 1: 'parent' leads back to the "
+    "frame itself: a > a",
     CIRCLE + '[[mount]]\nframe = "a"\n': "z.toml: [[mount]] number 1: 'parent' is missing",
     zone(name=""): PLACE + "'name' is missing",
     zone(name='"a b"'): PLACE + "the name 'a b' must be of letters, digits, _ and - only",

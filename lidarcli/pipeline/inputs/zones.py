@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle, Masks, Polygon, same_name
-from lidarcli.pipeline.inputs.masks import mask_of, mount_of, numbered, refuse_shapes, shape_of
+from lidarcli.pipeline.inputs.masks import mask_of, mounts_of, numbered, refuse_shapes, shape_of
 from lidarcli.pipeline.inputs.nav2 import LONGEST, MOST_POINTS, approach_times, read_nav2
 from lidarcli.tomlfiles import Fields, read_toml
 from lidarcli.zone import (
@@ -83,7 +83,7 @@ def _read(file: str) -> Zones:
     top.done()
     if not zones:
         raise OptionError(f"{file}: no [[zone]] in this file")
-    return Zones(tuple(map(_zone, zones)), Masks(tuple(map(mask_of, masks)), tuple(map(mount_of, mounts))))
+    return Zones(tuple(map(_zone, zones)), Masks(tuple(map(mask_of, masks)), mounts_of(mounts)))
 
 
 def _zone(fields: Fields) -> Zone:
