@@ -180,6 +180,45 @@ def test_what_is_removed_is_words(odd: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("beams", [360, 0])
+def test_a_log_without_any_range_is_copied(
+    beams: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, out = tmp_path / "run.mcap", tmp_path / "OUT.MCAP"
+    write_log(log, [raw_sweeps(np.full((40, beams), np.inf, np.float32))])
+    assert run(["clean", str(log), "-o", str(out)]) == 0
+    told = capsys.readouterr().err
+    assert f"40 sweeps; 0 of {40 * beams:,} beams" in told
+    assert "  note     no beam of /scan has a range: nothing moves there\n" in told
+    assert (ranges(out) == np.inf).all()
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["OUT.MCAP", "OUT.cleaned.parquet", "run.mcap"]
+
+
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        ("0", "0 becomes range_max in AMCL and gmapping: beams free what is beyond walls"),
+        ("3", "3 m is a range that the sensor can measure: programs take it for a wall"),
+        ("0.01", None),
+        ("40", None),
+        ("above", None),
+        ("NaN", None),
+        ("INF", "inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls"),
+    ],
+)
+def test_what_a_value_does_is_told(
+    value: str, says: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, mask = tmp_path / "run.mcap", tmp_path / "robot.toml"
+    write_log(log, [raw_sweeps(round_room(5), range_min=0.1, range_max=30.0)])
+    mask.write_text("[[mask]]\nsector = { from = 0, to = 9 }\n")
+    told = ["--value", value, "--mask", str(mask)]
+    assert run(["clean", str(log), "-o", str(tmp_path / "out.mcap"), *told]) == 0
+    notes = [line for line in capsys.readouterr().err.splitlines() if line.startswith("  note     ")]
+    assert notes == ([] if says is None else [f"  note     {says}"])
+
+
+@pytest.mark.slow
 def test_a_sensor_that_moves_without_a_path_is_refused(tmp_path: Path) -> None:
     out = tmp_path / "out.db3"
     with pytest.raises(UnreadableError, match=r"no poses .*seems to move; nothing written"):
