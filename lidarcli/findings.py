@@ -17,6 +17,8 @@ RULES = (
     *("frames", "steps", "delay", "pose_fit", "mirror", "stamp", "mount", "lasers", "body", "flicker"),
 )
 """Names of the rules, in the order of docs/info.md."""
+DEEP_RULES = ("mirror", "stamp", "lasers", "body", "flicker")
+"""Those that only `--deep` judges."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -111,8 +111,8 @@ def parse_removed(text: str) -> str:
 
 def parse_value(text: str) -> str | float:
     """`nan`, `inf`, `above` or metres."""
-    if text in SAYINGS:
-        return text
+    if text.lower() in SAYINGS:
+        return text.lower()
     try:
         float(text)
     except ValueError:
@@ -360,7 +360,7 @@ class Reading(Joining, Topics, Poses, Delay, Ranges, total=False):
     """Options for reading a log."""
 
 
-class Objects(TypedDict, total=False):
+class _Objects(TypedDict, total=False):
     """Parameters of the objects; None stands for the default of the profile."""
 
     profile: Annotated[
@@ -400,6 +400,11 @@ class Objects(TypedDict, total=False):
         "Least probability, 0 to 1, that an object is a thing and not a piece of building; an object with less counts "
         "as wall.",
     ]
+
+
+class Objects(_Objects, total=False):
+    """Parameters of the objects, and which of them have rows."""
+
     walls: Annotated[
         bool, Option(OBJECTS, None, False), "Also show walls (set S), with the corners of the room."
     ]
@@ -574,8 +579,13 @@ class _Zones(TypedDict, total=False):
         "Count beams alone: it is not known whose they are. Takes half the time.",
     ]
     footprint: Annotated[
-        str | None,
-        Option(ZONES, Text("POINTS", has_blanks=True), shown="what the log tells"),
+        str | Sequence[Sequence[float]] | None,
+        Option(
+            ZONES,
+            Text("POINTS", has_blanks=True),
+            shown="what the log tells",
+            python="Python also takes the points.",
+        ),
         "Shape '[[x, y], ...]' [m] of zones whose shape a topic tells that is not in the log.",
     ]
 
@@ -600,12 +610,17 @@ class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
     ]
 
 
-class Cleaning(_Topic, Poses, Delay, Objects, Limits, Jobs, total=False):
+class Cleaning(_Topic, Poses, Delay, _Objects, Limits, Jobs, total=False):
     """Keywords of `clean`."""
 
     remove: Annotated[
-        str,
-        Option(CLEANING, Text("LIST", parse_removed, is_list=True), "agents"),
+        str | Iterable[str],
+        Option(
+            CLEANING,
+            Text("LIST", parse_removed, is_list=True),
+            "agents",
+            python="Python also takes a list.",
+        ),
         "Beams that are to say nothing, comma separated: agents (what moves by itself, from then on), temporary (what "
         "stands where the place was also seen free). What a --mask tells, too.",
     ]

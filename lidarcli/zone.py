@@ -162,12 +162,29 @@ def placed(shape: Circle | Polygon | Line, place: SweepPoses) -> Float64:
 
 
 def crossing_edges(shape: Polygon) -> tuple[int, int] | None:
-    """Return the first two edges of a polygon that cross each other; edge 1 leads from the first corner to the second."""
+    """Return the first two edges of a polygon that cross or touch each other.
+
+    Edge 1 leads from the first corner to the second. Neighbours may share a corner, and a corner may be repeated.
+    """
     corners = np.array(shape.corners)
-    ways = np.roll(corners, -1, axis=0) - corners
-    apart = corners - corners[:, None]
-    # Side of each edge (row) on which each corner lies.
-    side = np.sign(ways[:, None, 0] * apart[..., 1] - ways[:, None, 1] * apart[..., 0])
-    parted = side * np.roll(side, -1, axis=1) < 0.0
-    found = np.argwhere(np.triu(parted & parted.T))
-    return (int(found[0, 0]) + 1, int(found[0, 1]) + 1) if len(found) else None
+    edges = np.flatnonzero((np.roll(corners, -1, axis=0) != corners).any(axis=1))
+    begin, end = corners[edges], np.roll(corners, -1, axis=0)[edges]
+    ways = end - begin
+    # Sides of each edge (row) on which the ends of each edge lie.
+    sides = [
+        np.sign(ways[:, None, 0] * apart[..., 1] - ways[:, None, 1] * apart[..., 0])
+        for apart in (begin - begin[:, None], end - begin[:, None])
+    ]
+    parted = sides[0] * sides[1] <= 0.0
+    low, high = np.minimum(begin, end), np.maximum(begin, end)
+    near = (low[:, None] <= high).all(axis=2)
+    meets = np.triu(parted & parted.T & near & near.T, 2)
+    # The last edge is beside the first.
+    meets[:1, -1:] = False
+    found = np.argwhere(meets)
+    return (int(edges[found[0, 0]]) + 1, int(edges[found[0, 1]]) + 1) if len(found) else None
+
+
+def on_one_line(shape: Polygon) -> bool:
+    """Tell whether all corners of a polygon lie on one line, so that it has no area."""
+    return bool(np.linalg.matrix_rank(np.subtract(shape.corners, shape.corners[0])) < 2)

@@ -13,7 +13,7 @@ from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import File, Option
-from lidarcli.options import OUTPUT, Learning, ManyLogs, Overwrite, output
+from lidarcli.options import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
@@ -57,6 +57,8 @@ def background(say: Messages, told: BackgroundCommand) -> int:
     figure, overwrite = told["plot"], told["overwrite"]
     if figure and place(figure).suffix.lower() not in IMAGES:
         raise click.BadParameter(f"'{figure}' is none of {', '.join(IMAGES)}.", param_hint="'--plot'")
+    if told["output"] == STDOUT:
+        raise click.UsageError("a background is no text for standard output; give the name of a file")
     logs = log_options(told)
 
     from lidarcli.pipeline.building import (

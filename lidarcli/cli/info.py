@@ -87,7 +87,7 @@ def info(say: Messages, told: InfoCommand) -> int:
     )
     from lidarcli.pipeline.runs.outcomes import Failure, exit_code
 
-    checks = understand_checks(told["check"])
+    checks = understand_checks(told["check"], deep)
     paths = [place(name) for name in outputs]
     if odd := [name for name, path in zip(outputs, paths, strict=True) if path.suffix not in FIXES]:
         raise click.UsageError(f"-o {odd[0]}: the suffix is none of {', '.join(FIXES)}")

@@ -10,7 +10,7 @@ from lidarcli.cli.options import log_options, refuse_finding, usage_errors
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
-from lidarcli.options import BACKGROUND, GATES, OBJECTS, THINGS, ManyLogs, Overwrite, Zoning, output
+from lidarcli.options import BACKGROUND, GATES, OBJECTS, STDOUT, THINGS, ManyLogs, Overwrite, Zoning, output
 from lidarcli.stores.url import place
 
 
@@ -49,6 +49,8 @@ def zones(say: Messages, told: ZonesCommand) -> int:
     An offline check of a recording, no safety function.
     """
     refuse_no_logs(told)
+    if told["output"] == STDOUT:
+        raise click.UsageError("-o is the name of a folder; there is no standard output of tables")
     logs = log_options(told)
     if told["objects"] is not None or told["no_objects"]:
         why = "--objects names some that have been found" if told["objects"] else "--no-objects finds none"

@@ -39,6 +39,8 @@ class Written(NamedTuple):
     stamp_ns: int
     """Header stamp; 0 for none."""
     beams: int
+    range_min: float
+    """[m], 0 where the message tells none."""
     range_max: float
     """[m], infinite where the message tells none."""
     beam: Int64

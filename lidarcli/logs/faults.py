@@ -120,7 +120,9 @@ class Faults:
                 self.lasting.add(seconds[(seconds > 0.0) & (seconds <= LONGEST_SWEEP)])
 
     def _take_repeats(self, raw: RawSweeps, batch: SweepBatch) -> None:
-        """Compare some ranges of each sweep with those of the one before."""
+        """Compare some ranges of each sweep with those of the one before; without beams there are none."""
+        if not raw.ranges.shape[1]:
+            return
         columns = np.arange(BEAMS) * int(raw.beams[0]) // BEAMS
         some = np.ascontiguousarray(raw.ranges[:, columns]).view(np.int32)
         seen = np.count_nonzero(batch.status[:, columns] == Status.VALID, axis=1) >= BEAMS // 4

@@ -232,7 +232,7 @@ def protobuf_decoder(name: str, schema: bytes) -> tuple[Decoder, Locate] | None:
         # What is written in another way is left as it is.
         beams = len(sweep.ranges)
         beam = np.arange(beams) if len(place) == beams else np.zeros(0, np.int64)
-        return Written(sweep.stamp_ns, beams, np.inf, beam, place[: len(beam)], kind)
+        return Written(sweep.stamp_ns, beams, 0.0, np.inf, beam, place[: len(beam)], kind)
 
     return decode_one, locate
 

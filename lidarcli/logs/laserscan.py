@@ -142,9 +142,8 @@ def locate(message: bytes, encoding: str, *, several: bool) -> Written | None:
         echoes = words[starts].astype(np.int64)
         beam = np.repeat(beam, echoes)
         entry = starts[beam] + 1 + np.arange(len(beam)) - np.repeat(np.cumsum(echoes) - echoes, echoes)
-    return Written(
-        int(heads.stamp_ns[0]), beams, float(heads.geometry[0, 6]), beam, at + 4 * entry, f"{order}f4"
-    )
+    least, greatest = heads.geometry[0, 5:7].tolist()
+    return Written(int(heads.stamp_ns[0]), beams, least, greatest, beam, at + 4 * entry, f"{order}f4")
 
 
 def _windows(buffer: UInt8, at: Int64, width: int) -> UInt8:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,6 +42,8 @@ from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_meta
 MCAP, ROS1, ROS2 = "mcap", "ros1 bag", "ros2 bag"
 """Beginnings of the formats that can be cleaned."""
 FREEING = "inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls"
+ZERO = "0 becomes range_max in AMCL and gmapping: beams free what is beyond walls"
+WALLS = "{:g} m is a range that the sensor can measure: programs take it for a wall"
 _UNMATCHED = "no poses, and the path cannot be matched"
 MOST_PLACED = 0.5
 """A sensor is placed if poses tell where it was at this share of its sweeps."""
@@ -114,7 +116,8 @@ def clean_log(
         described = note_value(notes, SOURCE, dict)
         mask = described.get("mask")
         rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
-        _refuse_motion(log, pair, described, options, rules)
+        blind = _blind(pair)
+        _refuse_motion(log, pair, described, options, rules, blind)
         detect = options.detect
         choice = Choice(detect.read.topics, rules, detect.poses, options.remove, options.margin)
         chosen = choose(log, pair, choice, second_of_two(progress, source.size))
@@ -125,7 +128,8 @@ def clean_log(
         except OSError as err:
             raise unwritable(path, err) from err
         editing.conclude()
-        summary = _summary(source, found, options, chosen, copy)
+        summary = _summary(source, found, options, chosen, copy, editing)
+        summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
         metadata = table_metadata(options.as_dict(), described, summary.damage)
         summary.table = _table(source.name, chosen).replace_schema_metadata(metadata)
         with ParquetSink(new.part(outputs[1]), CLEANED, outputs[1]) as sink:
@@ -142,7 +146,8 @@ def _table_path(path: Place) -> Place:
     """Return the path of the table beside a log."""
     stem = path.name
     for suffix in (".zstd", ".mcap", ".bag", ".db3"):
-        stem = stem.removesuffix(suffix)
+        if stem.lower().endswith(suffix):
+            stem = stem[: -len(suffix)]
     return path.with_name(f"{stem}{table_suffix('cleaned')}")
 
 
@@ -201,10 +206,25 @@ def _suffix(log: Log, source: Source) -> str:
     return ".db3.zstd" if log.compression == "zstd" and source.path.endswith(".zstd") else ".db3"
 
 
+def _blind(pair: Pair) -> set[str]:
+    """Return the topics of which no beam has a range."""
+    rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "valid"))
+    topics, valid = np.array(rows["topic"].to_pylist(), np.str_), held(rows["valid"])[0]
+    return {name for name in np.unique(topics).tolist() if not valid[topics == name].any()}
+
+
 def _refuse_motion(
-    log: Log, pair: Pair, described: dict[str, Any], options: CleanOptions, rules: RangeRules
+    log: Log,
+    pair: Pair,
+    described: dict[str, Any],
+    options: CleanOptions,
+    rules: RangeRules,
+    blind: Collection[str],
 ) -> None:
-    """Refuse a log if it is not known where its sensor was while it moved: what stands would be taken for agents."""
+    """Refuse a log if it is not known where its sensor was while it moved: what stands would be taken for agents.
+
+    In topics of which no beam has a range (`blind`) nothing can be taken for anything.
+    """
     for frame, told in described.get("poses", {}).items():
         for topic, verdict in told.get("pose_verdict", {}).items():
             if verdict == "rejected" and told.get("world", MATCH) != MATCH:
@@ -214,7 +234,8 @@ def _refuse_motion(
                 )
     rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "pose_x"))
     topics, known = np.array(rows["topic"].to_pylist(), np.str_), held(rows["pose_x"])[1]
-    unplaced = [name for name in np.unique(topics).tolist() if known[topics == name].mean() < MOST_PLACED]
+    seeing = [name for name in np.unique(topics).tolist() if name not in blind]
+    unplaced = [name for name in seeing if known[topics == name].mean() < MOST_PLACED]
     if not unplaced:
         return
     detect = options.detect
@@ -265,6 +286,8 @@ class _Editing:
     def __init__(self, chosen: dict[str, Chosen], value: str | float) -> None:
         self._chosen, self._value = chosen, value
         self._done = dict.fromkeys(chosen, 0)
+        self.is_measurable = False
+        """True where a message says a range that is within its limits."""
 
     def __call__(self, topic: str, data: bytes, locate: Locate) -> bytes:
         """Return the message to write, as `copies.Edit`."""
@@ -281,7 +304,9 @@ class _Editing:
             return data
         chosen = np.zeros(written.beams, np.bool_)
         chosen[sweep.chosen] = True
-        return replaced(data, written, chosen, self._number(topic, written.range_max))
+        number = self._number(topic, written.range_max)
+        self.is_measurable |= written.range_min <= number <= written.range_max
+        return replaced(data, written, chosen, number)
 
     def conclude(self) -> None:
         """Refuse a copy that lacks sweeps."""
@@ -304,7 +329,12 @@ def _changed(topic: str) -> UnreadableError:
 
 
 def _summary(
-    source: Source, found: RunSummary, options: CleanOptions, chosen: dict[str, Chosen], copy: Copy
+    source: Source,
+    found: RunSummary,
+    options: CleanOptions,
+    chosen: dict[str, Chosen],
+    copy: Copy,
+    editing: _Editing,
 ) -> CleanSummary:
     summary = CleanSummary(sweeps=sum(map(len, chosen.values())), topics=set(chosen))
     summary.missing_topics = found.missing_topics
@@ -329,8 +359,12 @@ def _summary(
     topics = len({topic for topic, _ in copy.messages})
     shows = f"; {', '.join(alike)} may show the same" if alike else ""
     summary.copied = f"{counted(copy.messages.total(), 'message')} of {counted(topics, 'topic')}{shows}"
-    if options.value == INF or options.value == math.inf:
+    if options.value == INF:
         summary.notes.append(FREEING)
+    elif options.value == 0:
+        summary.notes.append(ZERO)
+    elif editing.is_measurable:
+        summary.notes.append(WALLS.format(options.value))
     if copy.left_out:
         summary.notes.append(f"{counted(copy.left_out, 'record')} of applications are not copied")
     return summary

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
-from lidarcli.findings import RULES, Finding, Sensor
+from lidarcli.findings import DEEP_RULES, RULES, Finding, Sensor
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.clock import Clock, ClockInfo
 from lidarcli.logs.doubts import MOST, Doubts
@@ -284,7 +284,7 @@ class _Scan:
         step = np.abs(block.angle_increment)
         values = {
             "beams": block.beams,
-            "view": (block.beams - (closed != Closure.CLOSED)) * step,
+            "view": np.maximum(block.beams - (closed != Closure.CLOSED), 0) * step,
             "angle_min": block.angle_min,
             "increment": block.angle_increment,
             "range_min": block.range_min,
@@ -403,13 +403,17 @@ FIGURES = (
 """Figures that a check of findings may name."""
 
 
-def understand_checks(checks: Sequence[str]) -> list[Check]:
+def understand_checks(checks: Sequence[str], deep: bool) -> list[Check]:
     """Parse checks of findings, or raise a usage error before any work is done."""
     if not checks:
         return []
     from lidarcli.reports.checks import parse_check
 
-    return [parse_check(text, only=FIGURES, page="docs/info.md") for text in checks]
+    parsed = [parse_check(text, only=FIGURES, page="docs/info.md") for text in checks]
+    for check in parsed:
+        if not deep and check.name.removeprefix("findings.") in DEEP_RULES:
+            raise OptionError(f"--check '{check.expression}': only --deep looks for {check.name}: add --deep")
+    return parsed
 
 
 def judge_checks(checks: Sequence[Check], infos: Iterable[LogInfo]) -> list[Verdict]:

@@ -334,7 +334,7 @@ def sweep(axes: Axes, picture: Picture, limits: Limits, had: Frame | None = None
     theta, ranges = np.degrees(picture.theta), picture.ranges
     axes.plot(*_broken(theta, ranges), color=palette.LIGHT, lw=0.6, zorder=2)
     scatter_beams(axes, picture, theta, ranges, CURVE_DOT)
-    low = float(np.degrees(picture.theta.min()))
+    low = float(np.degrees(picture.view[0]))
     mark_vertices(
         axes, picture, lambda angle, r: (low + np.degrees(unwound(angle - np.radians(low))), r), True
     )
@@ -470,7 +470,7 @@ def _round_up(value: float) -> float:
 def _edges(axes: Axes, picture: Picture) -> None:
     """Mark s on entering each object, and on leaving it, which is that of the next beam."""
     found = picture.detection
-    low = float(picture.theta.min())
+    low, _ = picture.view
     places = np.concatenate([found.theta_i, found.theta_f + picture.step])
     values = np.concatenate([found.s_i, found.s_f])
     there = np.isfinite(values)
@@ -506,7 +506,7 @@ def _stems(axes: Axes, x: Float64, y: Float64, **style: Any) -> None:
 def _shade(axes: Axes, picture: Picture) -> None:
     """Shade the bearings of objects."""
     found = picture.detection
-    low, high = float(picture.theta.min()), float(picture.theta.max())
+    low, high = picture.view
     half = picture.step / 2
     parts: list[tuple[float, float]] = []
     for k in range(len(found)):
@@ -535,7 +535,7 @@ def _broken(theta: Float64, values: Float64) -> tuple[Float64, Float64]:
 
 def _curve(picture: Picture, y: tuple[float, float], name: str) -> Frame:
     """Return the frame of a curve by bearing."""
-    low, high = float(np.degrees(picture.theta.min())), float(np.degrees(picture.theta.max()))
+    low, high = np.degrees(picture.view).tolist()
     step = 45 if high - low > 200 else 15
     ticks = tuple(tick for tick in range(-360, 361, step) if low - 1 <= tick <= high + 1)
     return Frame((low - 1, high + 1), y, (r"bearing $\theta$ [deg]", name), ticks)

@@ -89,6 +89,12 @@ class Picture:
         return theta
 
     @property
+    def view(self) -> tuple[float, float]:
+        """Least and greatest bearing [rad]; of a sweep without beams both are where the first would be."""
+        theta = self.theta if len(self.theta) else self.batch.angle_min
+        return float(theta.min()), float(theta.max())
+
+    @property
     def ranges(self) -> Float64:
         """(B,) range of every beam [m]; NaN without one."""
         ranges: Float64 = self.batch.ranges[0].astype(np.float64)

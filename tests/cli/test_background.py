@@ -97,6 +97,16 @@ def test_a_picture_of_an_unknown_kind_is_a_usage_error(scene: Path, tmp_path: Pa
     assert "Invalid value for '--plot': 'b.txt' is none of .png, .svg, .pdf." in ran.err
 
 
+def test_a_background_is_no_standard_output(
+    scene: Path, tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ran = lidarcli("background", scene, "-o", "-")
+    assert (ran.code, ran.out) == (2, "")
+    assert "a background is no text for standard output; give the name of a file" in ran.err
+    assert not Path("-").exists()
+
+
 def test_several_logs_make_one_background(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     """The boxes are in 20 and 10 of 60 sweeps: fewer than a background needs."""
     write_log(tmp_path / "more.mcap", [empty_room(count=20)])

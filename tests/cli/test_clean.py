@@ -104,6 +104,7 @@ def test_what_cannot_be_cleaned_is_refused_before_any_work(log: Path, tmp_path: 
     refused(lidarcli, 2, "'people' is not one of agents, temporary", log, "-o", out, "--remove", "people")
     refused(lidarcli, 2, "-1 is below 0", log, "-o", out, "--margin", "-1")
     refused(lidarcli, 2, "neither nan, inf, above nor a number", log, "-o", out, "--value", "far")
+    refused(lidarcli, 2, "No such option", log, "-o", out, "--walls")
     refused(lidarcli, 4, "no LaserScan topic /other", log, "-o", out, "--topic", "/other")
     refused(lidarcli, 3, "no such file", tmp_path / "none.mcap", "-o", out)
     refused(lidarcli, 5, "exists; use --overwrite", bag, "-o", _touched(tmp_path / "there.bag"))

@@ -92,12 +92,31 @@ def test_every_check_that_fails_is_told(lidarcli: Run) -> None:
         ("sweeps > 0", "unknown figure 'sweeps'; docs/info.md has all"),
         ("objects where width > 1 == 0", "unknown figure 'objects'"),
         ("findings = 0", "findings = 0"),
+        *(
+            (f"findings.{rule} == 0", f"only --deep looks for findings.{rule}: add --deep")
+            for rule in ("body", "mirror", "stamp", "lasers", "flicker")
+        ),
     ],
 )
 def test_a_check_that_means_nothing(lidarcli: Run, check: str, says: str) -> None:
     ran = lidarcli("info", "fine.mcap", "--check", check)
     assert (ran.code, ran.out) == (2, "")
     assert says in ran.err
+
+
+def test_sweeps_without_beams(lidarcli: Run, folder: Path) -> None:
+    write_log(folder / "none.mcap", [raw_sweeps(np.zeros((9, 0), np.float32))])
+    ran = lidarcli("info", "none.mcap")
+    assert ran.code == 0
+    assert "    beams     0\n    view      0.00 deg from " in ran.out
+    assert ran.out.endswith("  findings\n  error    geometry   the sweeps of /scan have no beams\n")
+    assert lidarcli("info", "none.mcap", "--check", "findings.geometry == 0").code == 1
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_check_of_what_only_deep_finds(lidarcli: Run) -> None:
+    assert lidarcli("info", "fine.mcap", "--brief", "--deep", "--check", "findings.body == 0").code == 0
+    assert lidarcli("info", "fine.mcap", "--brief", "--check", "findings.mount == 0").code == 0
 
 
 def test_checks_of_what_cannot_be_read_do_not_pass(lidarcli: Run, logs: Path, folder: Path) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -22,10 +23,12 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline import plotting
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular import TRAJECTORIES
 from tests.places import SAMPLES
 from tests.reports.runs import trajectories
+from tests.sweeping import raw_sweeps
 
 Run = Callable[..., Any]
 
@@ -43,6 +46,17 @@ def test_one_sweep(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
         f"lidarcli: {out} exists; use --overwrite to replace it, or -o to write elsewhere\n",
     )
     assert lidarcli("plot", logs / "run.mcap", "-o", out, "--overwrite").code == 0
+
+
+@pytest.mark.slow
+def test_a_sweep_without_beams_is_an_empty_picture(lidarcli: Run, tmp_path: Path) -> None:
+    write_log(tmp_path / "none.mcap", [raw_sweeps(np.zeros((9, 0), np.float32))])
+    for view in ("all", "scene", "sweep", "difference", "polar"):
+        out = tmp_path / f"{view}.png"
+        ran = lidarcli("plot", tmp_path / "none.mcap", "--sweep", 3, "--view", view, "-o", out)
+        assert ran.code == 0
+        assert ran.err == f"  note     the sweeps of /scan have no beams\n  wrote    {out}\n"
+        assert out.stat().st_size > 1000
 
 
 @pytest.mark.slow

@@ -357,6 +357,17 @@ def test_what_is_refused(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_is_no_standard_output(
+    lidarcli: Run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    zones = zones_of(tmp_path, '[[zone]]\nname = "z"\ncircle = { x = 1, y = 0, radius = 1 }\n')
+    monkeypatch.chdir(tmp_path)
+    ran = lidarcli("zones", log, *zones, "-o", "-")
+    assert (ran.code, ran.out) == (2, "")
+    assert "-o is the name of a folder; there is no standard output of tables" in ran.err
+    assert not Path("-").exists()
+
+
 def test_crossings_need_tracks(lidarcli: Run, log: Path, tmp_path: Path) -> None:
     """The tables of detect have none."""
     assert lidarcli("detect", log, "-o", tmp_path / "tables").code == 0

@@ -162,6 +162,63 @@ def test_the_robot_itself_is_what_a_mask_tells(margin: int, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
+def test_what_is_removed_may_be_a_list(tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    write_log(log, [room_sweeps(count=80)])
+    for number, words in enumerate((["temporary"], ("temporary", "agents"), "temporary,agents")):
+        table = lidarcli.clean(log, tmp_path / f"{number}.mcap", remove=words, margin=0)
+        assert taken(table, "temporary") == [30] * 40 + [0] * 40
+
+
+@pytest.mark.parametrize("odd", [3, None, ["agents", 3], {"agents": True}])
+def test_what_is_removed_is_words(odd: Any, tmp_path: Path) -> None:
+    write_log(tmp_path / "run.mcap", [room_sweeps()])
+    with pytest.raises(TypeError, match=r"^remove is a list of words, or one text, not "):
+        lidarcli.clean(tmp_path / "run.mcap", tmp_path / "out.mcap", remove=odd)
+    with pytest.raises(OptionError, match="'people' is not one of agents, temporary"):
+        lidarcli.clean(tmp_path / "run.mcap", tmp_path / "out.mcap", remove=["agents", "people"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("beams", [360, 0])
+def test_a_log_without_any_range_is_copied(
+    beams: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, out = tmp_path / "run.mcap", tmp_path / "OUT.MCAP"
+    write_log(log, [raw_sweeps(np.full((40, beams), np.inf, np.float32))])
+    assert run(["clean", str(log), "-o", str(out)]) == 0
+    told = capsys.readouterr().err
+    assert f"40 sweeps; 0 of {40 * beams:,} beams" in told
+    assert "  note     no beam of /scan has a range: nothing moves there\n" in told
+    assert (ranges(out) == np.inf).all()
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["OUT.MCAP", "OUT.cleaned.parquet", "run.mcap"]
+
+
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        ("0", "0 becomes range_max in AMCL and gmapping: beams free what is beyond walls"),
+        ("3", "3 m is a range that the sensor can measure: programs take it for a wall"),
+        ("0.01", None),
+        ("40", None),
+        ("above", None),
+        ("NaN", None),
+        ("INF", "inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls"),
+    ],
+)
+def test_what_a_value_does_is_told(
+    value: str, says: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, mask = tmp_path / "run.mcap", tmp_path / "robot.toml"
+    write_log(log, [raw_sweeps(round_room(5), range_min=0.1, range_max=30.0)])
+    mask.write_text("[[mask]]\nsector = { from = 0, to = 9 }\n")
+    told = ["--value", value, "--mask", str(mask)]
+    assert run(["clean", str(log), "-o", str(tmp_path / "out.mcap"), *told]) == 0
+    notes = [line for line in capsys.readouterr().err.splitlines() if line.startswith("  note     ")]
+    assert notes == ([] if says is None else [f"  note     {says}"])
+
+
+@pytest.mark.slow
 def test_a_sensor_that_moves_without_a_path_is_refused(tmp_path: Path) -> None:
     out = tmp_path / "out.db3"
     with pytest.raises(UnreadableError, match=r"no poses .*seems to move; nothing written"):

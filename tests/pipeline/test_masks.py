@@ -141,6 +141,15 @@ CIRCLE = "[[mask]]\ncircle = { x = 0, y = 0, radius = 1 }\n"
             "[[mask]] number 1: 'frame' and 'sector' exclude each other",
         ),
         (CIRCLE + "[[mount]]\nframe = 'a'", "[[mount]] number 1: 'parent' is missing"),
+        (
+            CIRCLE + "[[mount]]\nframe = 'a'\nparent = '/a'",
+            "[[mount]] number 1: 'parent' leads back to the frame itself: a > a",
+        ),
+        (
+            CIRCLE
+            + "".join(f"[[mount]]\nframe = '{a}'\nparent = '{b}'\n" for a, b in ("xa", "ab", "bc", "ca")),
+            "[[mount]] number 2: 'parent' leads back to the frame itself: a > b > c > a",
+        ),
         (CIRCLE + "[[zone]]", "the file: unknown key 'zone'"),
         ("mask = 3", "the file: 'mask' must be a list"),
         ("mask = [3]", "[[mask]] number 1 must be a table of keys, not 3"),
@@ -156,6 +165,12 @@ def test_whatever_is_wrong_is_one_line(text: str, says: str, tmp_path: Path) -> 
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
     assert isinstance(caught.value, UnreadableError if "TOML" in says else OptionError)
+
+
+def test_mounts_in_a_chain_and_two_of_one_frame_are_read() -> None:
+    pairs = ("ab", "bc", "ac", "dc")
+    tables = {"mount": [{"frame": frame, "parent": parent} for frame, parent in pairs]}
+    assert [mount.frame + mount.parent for mount in masks_of("robot.toml", tables).mounts] == [*pairs]
 
 
 # Sweeps.

@@ -192,6 +192,27 @@ def test_a_monitor_is_read() -> None:
     )
 
 
+def test_keys_that_nav2_does_not_have_are_told() -> None:
+    text = MONITOR
+    for before, after in (
+        ("min_points: ", "min_pionts: 7000\n      min_points: "),
+        ("theta_min: ", "direction_start: 1.0\n        theta_min: "),
+        ('topic: "/rear/scan"', 'topic: "/rear/scan"\n      sourcetimeout: 1.0'),
+        ("min_height: 0.1}", "raduis: 1.0}"),
+        ("radius: 1.5", "radius: 1.5\n      xyzzy: 3"),
+    ):
+        assert before in text
+        text = text.replace(before, after, 1)
+    told = [note.removeprefix("nav2.yaml: ") for note in read_text(text).notes if "unknown key" in note]
+    assert sorted(told) == [
+        "Cases.ahead: unknown key 'direction_start' is not used; did you mean 'direction_start_angle'?",
+        "Halt: unknown key 'min_pionts' is not used; did you mean 'min_points'?",
+        "Slow: unknown key 'xyzzy' is not used",
+        "exclusion zone arm: unknown key 'raduis' is not used; did you mean 'radius'?",
+        "source rear: unknown key 'sourcetimeout' is not used; did you mean 'source_timeout'?",
+    ]
+
+
 def test_a_detector_in_a_namespace_is_read() -> None:
     read = read_text(DETECTOR)
     assert read.zones == (
@@ -233,7 +254,8 @@ def test_points_of_a_text_are_rounded_as_in_nav2() -> None:
 def test_a_polygon_that_crosses_itself_is_noted() -> None:
     read = read_text(DETECTOR.replace("[0.5, 0.5], [0.5, -0.5]", "[0.5, -0.5], [0.5, 0.5]"))
     assert read.notes == (
-        "nav2.yaml: front crosses itself (edges 2 and 4): only what the even-odd rule calls inside counts, as in Nav2",
+        "nav2.yaml: front crosses or touches itself (edges 2 and 4): only what the even-odd rule calls inside "
+        "counts, as in Nav2",
     )
 
 

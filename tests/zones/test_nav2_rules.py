@@ -163,4 +163,10 @@ def test_edges_that_cross_are_found() -> None:
     assert crossing_edges(Polygon(((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)))) == (1, 3)
     assert crossing_edges(Polygon(((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (1.0, -1.0)))) == (1, 3)
     touching = Polygon(((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (1.0, 0.0), (0.0, 2.0)))
-    assert crossing_edges(touching) is None
+    assert crossing_edges(touching) == (1, 3)
+    bow_tie = Polygon(((-3.0, -1.0), (0.0, 0.0), (3.0, 1.0), (3.0, -1.0), (0.0, 0.0), (-3.0, 1.0)))
+    assert crossing_edges(bow_tie) == (1, 4)
+    there_and_back = Polygon(((0.0, 0.0), (2.0, 0.0), (1.0, 0.0), (1.0, 1.0)))
+    assert crossing_edges(there_and_back) == (1, 3)
+    assert crossing_edges(Polygon((*SQUARE, SQUARE[0]))) is None, "the first corner, told once more"
+    assert crossing_edges(Polygon(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))) is None

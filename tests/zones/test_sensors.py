@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli.errors import NoScanError
+from lidarcli.errors import NoScanError, OptionError
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import START_NS
 from lidarcli.simulate.scene import Course, Scene, Sensor
@@ -426,6 +426,16 @@ def test_a_shape_that_a_topic_tells(tmp_path: Path) -> None:
         lidarcli.zones(bare, zones=file, no_objects=True)
     given = lidarcli.zones(bare, zones=file, no_objects=True, footprint=square(1.2))
     assert set(column(given.zones, "points")) == {10}
+    points = lidarcli.zones(bare, zones=file, no_objects=True, footprint=corners(1.2))
+    assert points.zones.equals(given.zones)
+    for odd, error, words in (
+        (1.2, TypeError, r"^footprint is \[\[x, y\], ...\] or such a text, not float$"),
+        ([1.2, 1.2], OptionError, r"^--footprint: '\[1.2, 1.2\]' is not \[\[x, y\], ...\]$"),
+        (corners(1.2)[:2], OptionError, "has fewer than 3 corners$"),
+        ([(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)], OptionError, "its corners lie on one line$"),
+    ):
+        with pytest.raises(error, match=words):
+            lidarcli.zones(bare, zones=file, no_objects=True, footprint=odd)  # type: ignore[arg-type]
 
 
 # Odd logs.

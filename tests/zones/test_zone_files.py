@@ -105,6 +105,9 @@ REFUSALS = {
     CIRCLE * 2: "z.toml: [[zone]] number 2: 'a' is there twice",
     CIRCLE
     + "[[mask]]\n": "z.toml: [[mask]] number 1: 'circle' is missing: a mask is a circle, polygon or sector",
+    CIRCLE
+    + '[[mount]]\nframe = "a"\nparent = "a"\n': "z.toml: [[mount]] number 1: 'parent' leads back to the "
+    "frame itself: a > a",
     CIRCLE + '[[mount]]\nframe = "a"\n': "z.toml: [[mount]] number 1: 'parent' is missing",
     zone(name=""): PLACE + "'name' is missing",
     zone(name='"a b"'): PLACE + "the name 'a b' must be of letters, digits, _ and - only",
@@ -130,6 +133,8 @@ REFUSALS = {
     + "'polygon' crosses itself: the edges from corner 1 to 2 and from 3 to 4",
     polygon("[[0, 1], [1, 1], [0, 0], [1, 0], [1, 0.5], [-1, 0.5]]"): PLACE
     + "'polygon' crosses itself: the edges from corner 2 to 3 and from 5 to 6",
+    polygon("[[-3, -1], [0, 0], [3, 1], [3, -1], [0, 0], [-3, 1]]"): PLACE
+    + "'polygon' crosses itself: the edges from corner 1 to 2 and from 4 to 5",
     polygon("[[0, 0], [1, 0], [2, 0]]"): PLACE + "'polygon' has no area: its corners lie on one line",
     line("[[0, 0]]"): PLACE + "'line' must be a list of at least 2 points, as [[0, 0], [2.5, 0]]",
     line("[[0, 0], [1, 0], [2, 0]]"): PLACE + "'line' must be two points, not 3",

@@ -61,11 +61,16 @@ def clean_options(told: Values, *, overwrite: bool = False) -> CleanOptions:
     """Return which beams are left out, and how they are found."""
     logs = LogOptions(read_options(told), OpenOptions(), pose_options(told))
     tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
-    value = told["value"]
+    remove = told["remove"]
+    words = [remove] if isinstance(remove, str) else remove
+    if not isinstance(words, list | tuple | set | frozenset) or not all(
+        isinstance(each, str) for each in words
+    ):
+        raise TypeError(f"remove is a list of words, or one text, not {remove!r}")
     return CleanOptions(
         detect_options({**told, "catalogue": None}, logs, tracking),
-        frozenset(word.strip() for word in parse_removed(told["remove"]).split(",")),
-        parse_value(str(value)),
+        frozenset(word.strip() for word in parse_removed(",".join(words)).split(",")),
+        parse_value(str(told["value"])),
         told["margin"],
         overwrite,
     )

@@ -308,7 +308,7 @@ def background_options(told: Values) -> BackgroundOptions | None:
 
 def parameters_of(parameters: Parameters | None, told: Values, *, subtracted: bool = False) -> Parameters:
     """Return the parameters as such, or from their keywords."""
-    given = {name: told[name] for name in options_of(Objects)}
+    given = {name: told.get(name, default) for name, default in defaults_of(Objects).items()}
     if parameters is not None:
         if not isinstance(parameters, Parameters):
             raise TypeError(f"parameters have to be Parameters, not {type(parameters).__name__}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Sequence
 from typing import Any, Unpack
 
 import numpy as np
@@ -27,7 +28,7 @@ from lidarcli.pipeline.detecting import Failed
 from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.watching.options import ZoneOptions, refuse_options
 from lidarcli.pipeline.zoning import ZoneTables, watch
-from lidarcli.zone import crossing_edges
+from lidarcli.zone import crossing_edges, on_one_line
 
 
 @with_keywords
@@ -89,20 +90,22 @@ def zone_options(told: Values, logs: LogOptions, *, overwrite: bool = False) -> 
     return options
 
 
-def _footprint(text: str) -> Polygon:
-    """Return the polygon of a text such as [[x, y], ...]."""
+def _footprint(told: str | Sequence[Sequence[float]]) -> Polygon:
+    """Return the polygon of points (K, 2) [m], or of a text such as [[x, y], ...]."""
+    if not isinstance(told, str | Sequence | np.ndarray):
+        raise TypeError(f"footprint is [[x, y], ...] or such a text, not {type(told).__name__}")
     try:
-        points: Any = ast.literal_eval(text)
+        points: Any = ast.literal_eval(told) if isinstance(told, str) else told
         corners = tuple((float(x), float(y)) for x, y in points)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
-        raise OptionError(f"--footprint: '{text}' is not [[x, y], ...]") from None
+        raise OptionError(f"--footprint: '{told}' is not [[x, y], ...]") from None
     if len(corners) < 3:
-        raise OptionError(f"--footprint: '{text}' has fewer than 3 corners")
+        raise OptionError(f"--footprint: '{told}' has fewer than 3 corners")
     if not np.isfinite(corners).all():
-        raise OptionError(f"--footprint: '{text}' has numbers that are not finite")
+        raise OptionError(f"--footprint: '{told}' has numbers that are not finite")
     shape = Polygon(corners)
+    if on_one_line(shape):
+        raise OptionError(f"--footprint: '{told}' has no area: its corners lie on one line")
     if crossing_edges(shape) is not None:
-        raise OptionError(f"--footprint: '{text}' crosses itself")
-    if np.linalg.matrix_rank(np.subtract(corners, corners[0])) < 2:
-        raise OptionError(f"--footprint: '{text}' has no area: its corners lie on one line")
+        raise OptionError(f"--footprint: '{told}' crosses itself")
     return shape

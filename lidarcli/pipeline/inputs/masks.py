@@ -43,7 +43,7 @@ def masks_of(file: str, tables: Mapping[str, Any]) -> Masks:
     top.done()
     if not (masks or mounts):
         raise OptionError(f"{file}: no [[mask]] in this file")
-    return Masks(tuple(map(mask_of, masks)), tuple(map(mount_of, mounts)))
+    return Masks(tuple(map(mask_of, masks)), mounts_of(mounts))
 
 
 def numbered(top: Fields, kind: str) -> list[Fields]:
@@ -99,7 +99,28 @@ def shape_of(fields: Fields, kind: str) -> Shape:
     return shape
 
 
-def mount_of(fields: Fields) -> Mount:
+def mounts_of(tables: Sequence[Fields]) -> tuple[Mount, ...]:
+    """Return the places that the tables [[mount]] of a file tell; refuse mounts that lead back to where they began."""
+    mounts = tuple(map(_mount, tables))
+    left = dict(enumerate((mount.frame.lstrip("/"), mount.parent.lstrip("/")) for mount in mounts))
+    # What leads to a frame without a mount is in no circle.
+    before = len(left) + 1
+    while len(left) < before:
+        before, frames = len(left), {frame for frame, _ in left.values()}
+        left = {number: pair for number, pair in left.items() if pair[1] in frames}
+    if left:
+        parents = {frame: (parent, number) for number, (frame, parent) in left.items()}
+        here = next(iter(parents))
+        way: list[str] = []
+        while here not in way:
+            way.append(here)
+            here = parents[here][0]
+        circle = " > ".join([*way[way.index(here) :], here])
+        tables[parents[here][1]].fail("parent", f"leads back to the frame itself: {circle}")
+    return mounts
+
+
+def _mount(fields: Fields) -> Mount:
     """Return the place that a table [[mount]] tells."""
     mount = Mount(
         fields.text("frame"),

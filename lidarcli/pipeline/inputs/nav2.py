@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,25 @@ _PARAMETERS = "ros__parameters"
 _SCAN = "scan"
 _SOURCES = (_SCAN, "pointcloud", "range", "polygon", "costmap")
 _LEAST_CORNERS, _LEAST_EXCLUDED = 4, 3
+_SHAPE_KEYS = ("type", "points", "radius", "enabled", "visualize")
+_POLYGON_KEYS = (
+    *_SHAPE_KEYS,
+    *("action_type", "min_points", "max_points", "trigger_consecutive_points", "release_consecutive_points"),
+    *("sources_names", "footprint_topic", "polygon_sub_topic", "polygon_subscribe_transient_local"),
+    *("time_before_collision", "simulation_time_step", "velocity_polygons", "holonomic"),
+    *("polygon_pub_topic", "slowdown_ratio", "linear_limit", "angular_limit"),
+)
+"""Keys that Nav2 reads; those that are for its velocities or its displays have no meaning here."""
+_CASE_KEYS = (
+    *("points", "linear_min", "linear_max", "theta_min", "theta_max"),
+    *("direction_start_angle", "direction_end_angle", "slowdown_ratio", "linear_limit", "angular_limit"),
+)
+_SOURCE_KEYS = (
+    *("type", "topic", "enabled", "source_timeout", "exclusion_zones"),
+    *("min_height", "max_height", "min_range", "max_range", "use_global_height", "transport_type"),
+    *("obstacles_angle", "sampling_distance", "cost_threshold", "treat_unknown_as_obstacle"),
+)
+_EXCLUSION_KEYS = (*_SHAPE_KEYS, "frame_id", "min_height", "max_height")
 _POINTS = re.compile(r"\s*\[(?:[\s,]*\[[^\[\]]*\])*[\s,]*\]\s*")
 _POINT = re.compile(r"\[([^\[\]]*)\]")
 
@@ -71,6 +91,14 @@ class _Node:
     def note(self, text: str) -> None:
         """Note a part of the file that is not used."""
         self.notes.append(text)
+
+    def note_unknown(self, name: str, fields: Fields, known: Sequence[str]) -> None:
+        """Note keys of a table that Nav2 does not have: most often they are misspelt."""
+        for key in map(str, fields.values):
+            if key not in known:
+                near = get_close_matches(key, known, 1)
+                hint = f"; did you mean '{near[0]}'?" if near else ""
+                self.note(f"{name}: unknown key '{key}' is not used{hint}")
 
 
 def read_nav2(file: str) -> Zones:
@@ -154,6 +182,7 @@ def _read_sources(node: _Node) -> None:
         elif kind != _SCAN:
             unread.append(f"{name} ({kind})")
         else:
+            node.note_unknown(f"source {name}", source, _SOURCE_KEYS)
             told = source.number("source_timeout", timeout, low=0, high=LONGEST)
             node.sources[name] = _Source(node.topic(source.text("topic", "scan")), told)
             _read_exclusions(node, source, node.topic(source.text("topic", "scan")))
@@ -167,6 +196,7 @@ def _read_exclusions(node: _Node, source: Fields, topic: str) -> None:
         return
     for name in _names(source, "exclusion_zones"):
         fields = node.fields.table(name)
+        node.note_unknown(f"exclusion zone {name}", fields, _EXCLUSION_KEYS)
         kind = fields.text("type", "polygon", ("polygon", "circle"))
         shape: Circle | Polygon
         if kind == "circle":
@@ -207,6 +237,8 @@ def _zone(node: _Node, polygon: Fields, name: str) -> Zone:
     shape: Circle | Polygon | None = None
     cases: tuple[Case, ...] = ()
     shape_topic = ""
+    inner = _names(polygon, "velocity_polygons") if kind == "velocity_polygon" else ()
+    node.note_unknown(name, polygon, (*_POLYGON_KEYS, *inner))
     if kind == "circle":
         shape = Circle(0.0, 0.0, polygon.number("radius", above=0))
     elif kind == "velocity_polygon":
@@ -276,6 +308,7 @@ def _cases(node: _Node, polygon: Fields, name: str) -> Iterator[Case]:
     holonomic = polygon.flag("holonomic", False)
     for case in _names(polygon, "velocity_polygons"):
         fields = polygon.table(case)
+        node.note_unknown(f"{name}.{case}", fields, _CASE_KEYS)
         shape = _polygon(fields, _LEAST_CORNERS)
         _note_crossing(node, f"{name}.{case}", shape)
         direction = None
@@ -291,8 +324,8 @@ def _cases(node: _Node, polygon: Fields, name: str) -> Iterator[Case]:
 def _note_crossing(node: _Node, name: str, shape: Polygon) -> None:
     if (crossing := crossing_edges(shape)) is not None:
         node.note(
-            f"{name} crosses itself (edges {crossing[0]} and {crossing[1]}): only what the even-odd rule calls inside "
-            "counts, as in Nav2"
+            f"{name} crosses or touches itself (edges {crossing[0]} and {crossing[1]}): only what the even-odd "
+            "rule calls inside counts, as in Nav2"
         )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle, Masks, Polygon, same_name
-from lidarcli.pipeline.inputs.masks import mask_of, mount_of, numbered, refuse_shapes, shape_of
+from lidarcli.pipeline.inputs.masks import mask_of, mounts_of, numbered, refuse_shapes, shape_of
 from lidarcli.pipeline.inputs.nav2 import LONGEST, MOST_POINTS, approach_times, read_nav2
 from lidarcli.tomlfiles import Fields, read_toml
 from lidarcli.zone import (
@@ -21,6 +21,7 @@ from lidarcli.zone import (
     Zone,
     Zones,
     crossing_edges,
+    on_one_line,
 )
 
 SHAPES = ("polygon", "circle", "line")
@@ -82,7 +83,7 @@ def _read(file: str) -> Zones:
     top.done()
     if not zones:
         raise OptionError(f"{file}: no [[zone]] in this file")
-    return Zones(tuple(map(_zone, zones)), Masks(tuple(map(mask_of, masks)), tuple(map(mount_of, mounts))))
+    return Zones(tuple(map(_zone, zones)), Masks(tuple(map(mask_of, masks)), mounts_of(mounts)))
 
 
 def _zone(fields: Fields) -> Zone:
@@ -121,6 +122,8 @@ def _area(fields: Fields, kind: str) -> Circle | Polygon:
     shape = shape_of(fields, kind)
     assert isinstance(shape, Circle | Polygon)
     if isinstance(shape, Polygon):
+        if on_one_line(shape):
+            fields.fail(kind, "has no area: its corners lie on one line")
         if (crossing := crossing_edges(shape)) is not None:
             first, second = crossing
             count = len(shape.corners)
@@ -129,14 +132,7 @@ def _area(fields: Fields, kind: str) -> Circle | Polygon:
                 f"crosses itself: the edges from corner {first} to {first % count + 1} and from {second} to "
                 f"{second % count + 1}",
             )
-        if not _doubled_area(shape.corners):
-            fields.fail(kind, "has no area: its corners lie on one line")
     return shape
-
-
-def _doubled_area(corners: tuple[tuple[float, float], ...]) -> float:
-    pairs = zip(corners, corners[1:] + corners[:1], strict=True)
-    return sum(x * next_y - next_x * y for (x, y), (next_x, next_y) in pairs)
 
 
 def _line(fields: Fields) -> Line:
