@@ -536,7 +536,7 @@ def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions)
     for number, now in enumerate(seen[1:], 1):
         nearest = _nearest(reference), _nearest(now)
         label = labels[0] if number == 1 else "the runs before"
-        step, chance = _align(reference, now, nearest, options.align, label, labels[number])
+        step, chance = _align(reference, now, nearest, options.align, label, labels[number], notes)
         steps.append(step)
         compared = Compared(reference.run, now.run, step.motion, nearest, chance, options.min_score)
         changes = compared.changes()
@@ -575,8 +575,9 @@ def _align(
     how: str,
     label: str,
     other: str,
+    notes: list[str],
 ) -> tuple[Step, float]:
-    """Return how a run lies on those before it, and the probability of that."""
+    """Return how a run lies on those before it, and the probability of that; what is doubtful is added to the notes."""
     first, second = nearest
     common = reference.is_common and reference.world == now.world
     as_is = how == AS_IS or (how == AUTO and common)
@@ -599,8 +600,13 @@ def _align(
     found = search(first, second, proposals(reference.run.things, now.run.things))
     if not found.best.lies:
         raise UnreadableError(_lies_not(label, other, found.best))
+    if not found.is_certain:
+        raise UnreadableError(_in_two_ways(label, other) if not found.slides else _slides(label, other))
     if found.rival is not None:
-        raise UnreadableError(_in_two_ways(label, other))
+        notes.append(
+            f"{other} lies on {label} in a second way, turned by {_degrees(found.rival.motion):.0f} degrees, as in a "
+            "symmetric room: it is taken where the sensor hardly moved (--align as-is is sure of that)"
+        )
     return _step(reference, now, found.best.motion, found.best, "aligned by structure"), 1.0
 
 
@@ -626,11 +632,21 @@ def _in_two_ways(label: str, other: str) -> str:
     )
 
 
+def _slides(label: str, other: str) -> str:
+    return (
+        f"{label} and {other} may slide on each other along their walls: nothing tells how far, as in a bare corridor; "
+        "where their frames are the same, --align as-is takes them as they are"
+    )
+
+
+def _degrees(motion: Motion) -> float:
+    return abs(math.degrees((motion.angle + math.pi) % math.tau - math.pi))
+
+
 def _step(before: Seen, now: Seen, motion: Motion, found: Fit | None, how: str) -> Step:
     words = how
     if not how.startswith("as"):
-        turn = abs(math.degrees((motion.angle + math.pi) % math.tau - math.pi))
-        words += f": {math.hypot(motion.x, motion.y):.2f} m, {turn:.1f} degrees"
+        words += f": {math.hypot(motion.x, motion.y):.2f} m, {_degrees(motion):.1f} degrees"
     overlap = None if found is None else found.overlap
     rms = None if found is None or math.isnan(found.rms) else found.rms
     if overlap is not None:

@@ -178,6 +178,43 @@ def test_an_empty_rectangle_lies_in_two_ways(tmp_path: Path) -> None:
         package.diff(one, other)
 
 
+RECTANGLE = closed(((-4, -3), (4, -3), (4, 3), (-4, 3)))
+
+
+@pytest.mark.slow
+def test_the_only_box_of_a_rectangle_moved_to_the_other_side(tmp_path: Path) -> None:
+    """Where the sensor hardly moved the box was moved; elsewhere nobody knows which of both was turned."""
+    box = make.box(1.5, 1.0, 0.6, 0.4, 0.0)
+    before = write_run(tmp_path / "a.mcap", (RECTANGLE, box))
+    scene = RECTANGLE, replace(box, x=-1.5, y=-1.0)
+    for number, where in enumerate((parked(), parked(0.2, 0.1, 0.05))):
+        found = package.diff(before, write_run(tmp_path / f"b{number}.mcap", scene, where, seed=1))
+        assert counts(found) == {"moved": 1}
+        assert rows(found, "moved")[0]["moved"] == pytest.approx(math.hypot(3.0, 2.0), abs=0.05)
+        (note,) = found.notes
+        assert "in a second way, turned by 1" in note
+    after = write_run(tmp_path / "c.mcap", scene, parked(0.5, 0.3, 0.2), seed=1)
+    with pytest.raises(UnreadableError, match="lie on each other in two ways"):
+        package.diff(before, after)
+
+
+@pytest.mark.slow
+def test_a_sensor_that_was_driven_on_in_a_corridor(tmp_path: Path) -> None:
+    """Nothing has changed, and the old place fits as well as the true one, which is 2 m or 3 m further on."""
+    walls = make.wall([[-20, -1], [20, -1]]), make.wall([[-20, 1], [20, 1]])
+    box = make.box(3.0, -0.7, 0.5, 0.4, 0.0)
+    runs = [write_run(tmp_path / f"{x}.mcap", (*walls, box), parked(x), seed=x) for x in (0, 2)]
+    with pytest.raises(UnreadableError, match="may slide on each other along their walls"):
+        package.diff(*runs)
+    assert counts(package.diff(runs[0], runs[0])) == {"known": 1}
+    pillars = [make.box(x, 1.35, 0.3, 0.3, 0.0) for x in range(-9, 10, 3)]
+    wide = make.wall([[-12, -1.5], [12, -1.5]]), make.wall([[-12, 1.5], [12, 1.5]])
+    scene = *wide, *pillars, make.box(1.0, -0.5, 0.5, 0.4, 0.0)
+    runs = [write_run(tmp_path / f"p{x}.mcap", scene, parked(x), seed=1) for x in (0, 3)]
+    with pytest.raises(UnreadableError, match="lie on each other in two ways"):
+        package.diff(*runs)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("turn", [math.pi / 2, -2.0])
