@@ -108,6 +108,21 @@ def test_what_was_taken_is_gone_and_new_the_other_way_round(monday: str, tmp_pat
 
 
 @pytest.mark.slow
+def test_a_smaller_thing_in_the_place_of_a_larger_one(monday: str, tmp_path: Path) -> None:
+    """The larger one is gone, or new the other way round; nobody saw whether the smaller one stood inside it."""
+    box = BOXES[0]
+    scene = *without(SCENE, box), make.box(box.x, box.y, 0.25, 0.25, 0.3)
+    small = write_run(tmp_path / "t.mcap", scene, parked(0.3, -0.2, 0.7), seed=3)
+    found, back = package.diff(monday, small), package.diff(small, monday)
+    assert counts(found) == {"known": 4, "gone": 1, "uncertain": 1}
+    assert counts(back) == {"known": 4, "new": 1, "uncertain": 1}
+    ((gone,), (new,)) = rows(found, "gone"), rows(back, "new")
+    assert gone["length"] == new["length"] == pytest.approx(0.6, abs=0.05)
+    for each in (found, back):
+        assert [row["why"] for row in rows(each, "uncertain")] == ["ambiguous"]
+
+
+@pytest.mark.slow
 def test_what_is_behind_a_new_wall_is_hidden(monday: str, tmp_path: Path) -> None:
     screen = make.wall([[1.6, -2.6], [1.6, 0.2]])
     tuesday = write_run(tmp_path / "t.mcap", (*without(SCENE, BOXES[0]), screen), seed=1)
