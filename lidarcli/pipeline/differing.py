@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import zlib
 from collections import Counter
 from collections.abc import Sequence
@@ -58,7 +59,7 @@ from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
-from lidarcli.stores.url import Place, place
+from lidarcli.stores.url import Place, Url, place
 from lidarcli.sweeps import Float64, Int64, Status, SweepPoses
 from lidarcli.tabular.background import read_background
 from lidarcli.tabular.reading import column_names
@@ -356,7 +357,7 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
     seen = _of_tracks(source.name, table, grounds, places)
     seen.source = described
     seen.damage = [f"{source.label}: {line}" for line in dict.fromkeys([*found.damage, *summary.damage])]
-    seen.notes += [f"{source.label}: {line}" for line in dict.fromkeys([*found.doubts, *summary.doubts])]
+    seen.notes += [f"{source.label}: {line}" for line in dict.fromkeys([*found.doubts, *summary.notes])]
     return seen
 
 
@@ -781,12 +782,19 @@ def refuse_outputs(outputs: Sequence[Place], inputs: Sequence[Input], options: D
     for path in outputs:
         if path.suffix.lower() not in known:
             raise OptionError(f"{path}: the suffix of an output has to be one of {', '.join(known)}")
+    if len(doubles := [path for path, count in Counter(map(_real, outputs)).items() if count > 1]):
+        raise OptionError(f"{doubles[0]} is to be written twice; give each output a name of its own")
     sources = [one.source for one in inputs if one.source is not None]
     refuse(
         outputs,
         options.overwrite,
         [*options.detect.inputs(sources), *(file for one in inputs for file in one.files)],
     )
+
+
+def _real(path: Place) -> str:
+    """Return the name of a file, whatever that of its folder is."""
+    return str(path) if isinstance(path, Url) else os.path.realpath(path)
 
 
 def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) -> list[str]:
