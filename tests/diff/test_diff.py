@@ -291,6 +291,17 @@ def test_a_shelf_on_a_map(maps: Path) -> None:
 
 
 @pytest.mark.slow
+def test_figures_of_a_map_that_is_laid_on_another_one(maps: Path, tmp_path: Path) -> None:
+    text = (maps / "room.yaml").read_text()
+    origin = next(line for line in text.splitlines() if line.startswith("origin:"))
+    shifted = tmp_path / "shifted.yaml"
+    shifted.write_text(text.replace(origin, "origin: [5.0, 5.0, 0.0]"))
+    (tmp_path / "room.pgm").write_bytes((maps / "room.pgm").read_bytes())
+    found = package.diff(maps / "room.yaml", shifted, align="search")
+    assert (counts(found), found.figures["f1"]) == ({}, pytest.approx(1.0, abs=1e-3))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("resolution", [0.01, 0.15])
 def test_maps_of_other_cells(maps: Path, tmp_path: Path, resolution: float) -> None:
     for name in ("room", "shelf"):
@@ -384,6 +395,25 @@ def test_outputs_and_checks(monday: str, tmp_path: Path, lidarcli: Run) -> None:
         ran = lidarcli(*bad)
         assert (ran.code, cause in ran.err) == (2, True), ran.err
     assert lidarcli("diff", monday, tmp_path / "none.mcap").code == 3
+
+
+def test_a_run_in_which_nothing_can_stand(monday: str, tmp_path: Path, lidarcli: Run) -> None:
+    for seconds, code in (("1", 1), ("3", 0)):
+        ran = lidarcli("diff", monday, monday, "--end", seconds, "--check", "gone == 0")
+        assert (ran.code, "is too short: a thing has to stand" in ran.err) == (code, bool(code))
+    assert package.diff(monday, monday, end=1).figures["known"] is None
+
+
+def test_notes_on_poses_are_shown(tmp_path: Path, lidarcli: Run) -> None:
+    log = write_run(tmp_path / "a.mcap", SCENE, DRIVE, odometry=Odometry())
+    assert "  note     " + log + ": poses from /tf" in lidarcli("diff", log, log).err
+
+
+def test_an_output_is_named_twice(monday: str, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli(
+        "diff", monday, monday, "-o", tmp_path / "c.png", "-o", f"{tmp_path}/../{tmp_path.name}/c.png"
+    )
+    assert (ran.code, "is to be written twice" in ran.err) == (2, True)
 
 
 def test_in_python(monday: str, tmp_path: Path) -> None:
