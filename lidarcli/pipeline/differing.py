@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import zlib
 from collections import Counter
 from collections.abc import Sequence
@@ -28,7 +29,16 @@ from lidarcli.choices import (
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.mapping.counts import Beams, Counts, TooLargeError, placed
-from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy, UnlikeError, compare
+from lidarcli.formalism.mapping.occupancy import (
+    CLEAR,
+    HIT,
+    OCCUPIED,
+    SKIPPED,
+    UNKNOWN,
+    Occupancy,
+    UnlikeError,
+    compare,
+)
 from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, Fit, fit, search
 from lidarcli.formalism.matching.differences import (
     BESIDE,
@@ -58,13 +68,14 @@ from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
-from lidarcli.stores.url import Place, place
+from lidarcli.stores.url import Place, Url, place
 from lidarcli.sweeps import Float64, Int64, Status, SweepPoses
 from lidarcli.tabular.background import read_background
 from lidarcli.tabular.reading import column_names
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES
 from lidarcli.tabular.stream import write_stream
 from lidarcli.tabular.writing import SOURCE, table_metadata
+from lidarcli.times import SECOND_NS
 
 AUTO, AS_IS, SEARCH = ALIGN
 MOST_THINGS = 2000
@@ -115,6 +126,8 @@ class Seen:
     label: list[str | None] = field(default_factory=list)
     grid: Occupancy | None = None
     """The map, if it is one."""
+    is_short: bool = False
+    """True if nothing could be seen in it for as long as a thing has to stand."""
     source: dict[str, Any] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
@@ -350,29 +363,35 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
     with TemporaryDirectory(prefix="lidarcli-") as private:
         pair, found = detect_beside(source, Path(private), options.detect, progress)
         table = read_tracks_table(pair.tracks)
-        grounds, places, summary, described = _survey(
+        grounds, places, seconds, summary, described = _survey(
             source, pair, table, options.detect, second_of_two(progress, source.size)
         )
     seen = _of_tracks(source.name, table, grounds, places)
     seen.source = described
+    seen.is_short |= summary.sweeps < LEAST_SWEEPS or seconds < LEAST_SECONDS
     seen.damage = [f"{source.label}: {line}" for line in dict.fromkeys([*found.damage, *summary.damage])]
-    seen.notes += [f"{source.label}: {line}" for line in dict.fromkeys([*found.doubts, *summary.doubts])]
+    seen.notes += [f"{source.label}: {line}" for line in dict.fromkeys([*found.doubts, *summary.notes])]
     return seen
 
 
 def _survey(
     source: Source, pair: Pair, tracks: TracksTable, detect: DetectOptions, progress: Progress | None
-) -> tuple[dict[str, Ground], dict[str, Float64], RunSummary, dict[str, Any]]:
-    """Return the ground and the places of the sensors by the frame of their world, of a second pass over a log."""
+) -> tuple[dict[str, Ground], dict[str, Float64], float, RunSummary, dict[str, Any]]:
+    """Return the ground and the places of the sensors by the frame of their world, of a second pass over a log.
+
+    Then come the seconds from the first sweep to the last one, and what the reading tells.
+    """
     most = int(MAX_MAP_KM2 * KM2 / MAP_RESOLUTION**2)
     surveys: dict[str, Surveying] = {}
     places: dict[str, list[Float64]] = {}
     cursors: dict[str, Cursor] = {}
     went = _gone_their_ways(tracks)
+    stamps: list[int] = []
     with read_log(source, detect, Need.MOVING) as reading:
         for batch in reading.batches(progress):
             if not len(batch):
                 continue
+            stamps += [int(batch.stamp_ns.min()), int(batch.stamp_ns.max())]
             if batch.topic not in cursors:
                 cursors[batch.topic] = Cursor(pair.objects, "objects", OBJECT_COLUMNS, batch.topic)
             rows = cursors[batch.topic].until(int(batch.sweep[-1]) + 1)
@@ -403,7 +422,9 @@ def _survey(
         for world, survey in surveys.items()
         if survey.counts.sweeps
     }
-    return grounds, {world: np.concatenate(parts) for world, parts in places.items()}, summary, described
+    sensors = {world: np.concatenate(parts) for world, parts in places.items()}
+    seconds = (max(stamps) - min(stamps)) / SECOND_NS if stamps else 0.0
+    return grounds, sensors, seconds, summary, described
 
 
 def _gone_their_ways(table: TracksTable) -> dict[str, Int64]:
@@ -462,6 +483,7 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
         log=[rows["log"][k] for k in at],
         track=[rows["track"][k] for k in at],
         label=[rows["label"][k] for k in at],
+        is_short=bool(count) and not long.any(),
         notes=notes,
     )
 
@@ -530,13 +552,19 @@ def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions)
     notes = [note for each in seen for note in each.notes]
     if any(each.run.ground is None for each in seen):
         notes.append(NO_FREE_SPACE)
+    short = [label for label, each in zip(labels, seen, strict=True) if each.is_short]
+    notes += [
+        f"{label} is too short: a thing has to stand in {LEAST_SWEEPS} sweeps and for {LEAST_SECONDS:g} s; only structure "
+        "is compared, and checks of numbers of changes fail"
+        for label in short
+    ]
     figures: dict[str, float | None] = {}
     seers = [(seen[0].name, seen[0].run.ground)]
     before = None
     for number, now in enumerate(seen[1:], 1):
         nearest = _nearest(reference), _nearest(now)
         label = labels[0] if number == 1 else "the runs before"
-        step, chance = _align(reference, now, nearest, options.align, label, labels[number])
+        step, chance = _align(reference, now, nearest, options.align, label, labels[number], notes)
         steps.append(step)
         compared = Compared(reference.run, now.run, step.motion, nearest, chance, options.min_score)
         changes = compared.changes()
@@ -547,11 +575,11 @@ def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions)
             seers.insert(0, (now.name, moved))
     overlaps = [step.overlap for step in steps if step.overlap is not None]
     counted = Counter(row["status"] for row in rows)
-    figures = {status: float(counted[status]) for status in COUNTED}
+    figures = {status: None if short else float(counted[status]) for status in COUNTED}
     figures["overlap"] = min(overlaps) if overlaps else None
     if len(seen) == 2 and seen[0].grid is not None and seen[1].grid is not None:
         try:
-            found = compare(seen[1].grid, seen[0].grid)
+            found = compare(_laid(seen[1].grid, steps[0].motion), seen[0].grid)
         except UnlikeError as err:
             raise OptionError(
                 f"{labels[0]} and {labels[1]}: {err}; make the map with --resolution {seen[0].grid.resolution:g}"
@@ -568,6 +596,22 @@ def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions)
     )
 
 
+def _laid(grid: Occupancy, motion: Motion) -> Occupancy:
+    """Return the occupied cells of a map in other coordinates, those that none fell into as unknown."""
+    row, column = np.nonzero(grid.cells == OCCUPIED)
+    if motion == HERE or not len(row):
+        return grid
+    side = grid.resolution
+    middle = np.column_stack([column + 0.5, row + 0.5]) * side + [grid.x, grid.y]
+    x, y = motion.of(*middle.T)
+    left, low = (math.floor(values.min() / side) for values in (x, y))
+    columns = np.floor(x / side).astype(np.int64) - left
+    rows = np.floor(y / side).astype(np.int64) - low
+    cells = np.full((int(rows.max()) + 1, int(columns.max()) + 1), UNKNOWN, np.int8)
+    cells[rows, columns] = OCCUPIED
+    return Occupancy(side, left * side, low * side, cells, grid.frame_id)
+
+
 def _align(
     reference: Seen,
     now: Seen,
@@ -575,8 +619,9 @@ def _align(
     how: str,
     label: str,
     other: str,
+    notes: list[str],
 ) -> tuple[Step, float]:
-    """Return how a run lies on those before it, and the probability of that."""
+    """Return how a run lies on those before it, and the probability of that; what is doubtful is added to the notes."""
     first, second = nearest
     common = reference.is_common and reference.world == now.world
     as_is = how == AS_IS or (how == AUTO and common)
@@ -599,8 +644,13 @@ def _align(
     found = search(first, second, proposals(reference.run.things, now.run.things))
     if not found.best.lies:
         raise UnreadableError(_lies_not(label, other, found.best))
+    if not found.is_certain:
+        raise UnreadableError(_in_two_ways(label, other) if not found.slides else _slides(label, other))
     if found.rival is not None:
-        raise UnreadableError(_in_two_ways(label, other))
+        notes.append(
+            f"{other} lies on {label} in a second way, turned by {_degrees(found.rival.motion):.0f} degrees, as in a "
+            "symmetric room: it is taken where the sensor hardly moved (--align as-is is sure of that)"
+        )
     return _step(reference, now, found.best.motion, found.best, "aligned by structure"), 1.0
 
 
@@ -626,11 +676,21 @@ def _in_two_ways(label: str, other: str) -> str:
     )
 
 
+def _slides(label: str, other: str) -> str:
+    return (
+        f"{label} and {other} may slide on each other along their walls: nothing tells how far, as in a bare corridor; "
+        "where their frames are the same, --align as-is takes them as they are"
+    )
+
+
+def _degrees(motion: Motion) -> float:
+    return abs(math.degrees((motion.angle + math.pi) % math.tau - math.pi))
+
+
 def _step(before: Seen, now: Seen, motion: Motion, found: Fit | None, how: str) -> Step:
     words = how
     if not how.startswith("as"):
-        turn = abs(math.degrees((motion.angle + math.pi) % math.tau - math.pi))
-        words += f": {math.hypot(motion.x, motion.y):.2f} m, {turn:.1f} degrees"
+        words += f": {math.hypot(motion.x, motion.y):.2f} m, {_degrees(motion):.1f} degrees"
     overlap = None if found is None else found.overlap
     rms = None if found is None or math.isnan(found.rms) else found.rms
     if overlap is not None:
@@ -765,12 +825,19 @@ def refuse_outputs(outputs: Sequence[Place], inputs: Sequence[Input], options: D
     for path in outputs:
         if path.suffix.lower() not in known:
             raise OptionError(f"{path}: the suffix of an output has to be one of {', '.join(known)}")
+    if len(doubles := [path for path, count in Counter(map(_real, outputs)).items() if count > 1]):
+        raise OptionError(f"{doubles[0]} is to be written twice; give each output a name of its own")
     sources = [one.source for one in inputs if one.source is not None]
     refuse(
         outputs,
         options.overwrite,
         [*options.detect.inputs(sources), *(file for one in inputs for file in one.files)],
     )
+
+
+def _real(path: Place) -> str:
+    """Return the name of a file, whatever that of its folder is."""
+    return str(path) if isinstance(path, Url) else os.path.realpath(path)
 
 
 def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) -> list[str]:

@@ -108,6 +108,21 @@ def test_what_was_taken_is_gone_and_new_the_other_way_round(monday: str, tmp_pat
 
 
 @pytest.mark.slow
+def test_a_smaller_thing_in_the_place_of_a_larger_one(monday: str, tmp_path: Path) -> None:
+    """The larger one is gone, or new the other way round; nobody saw whether the smaller one stood inside it."""
+    box = BOXES[0]
+    scene = *without(SCENE, box), make.box(box.x, box.y, 0.25, 0.25, 0.3)
+    small = write_run(tmp_path / "t.mcap", scene, parked(0.3, -0.2, 0.7), seed=3)
+    found, back = package.diff(monday, small), package.diff(small, monday)
+    assert counts(found) == {"known": 4, "gone": 1, "uncertain": 1}
+    assert counts(back) == {"known": 4, "new": 1, "uncertain": 1}
+    ((gone,), (new,)) = rows(found, "gone"), rows(back, "new")
+    assert gone["length"] == new["length"] == pytest.approx(0.6, abs=0.05)
+    for each in (found, back):
+        assert [row["why"] for row in rows(each, "uncertain")] == ["ambiguous"]
+
+
+@pytest.mark.slow
 def test_what_is_behind_a_new_wall_is_hidden(monday: str, tmp_path: Path) -> None:
     screen = make.wall([[1.6, -2.6], [1.6, 0.2]])
     tuesday = write_run(tmp_path / "t.mcap", (*without(SCENE, BOXES[0]), screen), seed=1)
@@ -178,6 +193,43 @@ def test_an_empty_rectangle_lies_in_two_ways(tmp_path: Path) -> None:
         package.diff(one, other)
 
 
+RECTANGLE = closed(((-4, -3), (4, -3), (4, 3), (-4, 3)))
+
+
+@pytest.mark.slow
+def test_the_only_box_of_a_rectangle_moved_to_the_other_side(tmp_path: Path) -> None:
+    """Where the sensor hardly moved the box was moved; elsewhere nobody knows which of both was turned."""
+    box = make.box(1.5, 1.0, 0.6, 0.4, 0.0)
+    before = write_run(tmp_path / "a.mcap", (RECTANGLE, box))
+    scene = RECTANGLE, replace(box, x=-1.5, y=-1.0)
+    for number, where in enumerate((parked(), parked(0.2, 0.1, 0.05))):
+        found = package.diff(before, write_run(tmp_path / f"b{number}.mcap", scene, where, seed=1))
+        assert counts(found) == {"moved": 1}
+        assert rows(found, "moved")[0]["moved"] == pytest.approx(math.hypot(3.0, 2.0), abs=0.05)
+        (note,) = found.notes
+        assert "in a second way, turned by 1" in note
+    after = write_run(tmp_path / "c.mcap", scene, parked(0.5, 0.3, 0.2), seed=1)
+    with pytest.raises(UnreadableError, match="lie on each other in two ways"):
+        package.diff(before, after)
+
+
+@pytest.mark.slow
+def test_a_sensor_that_was_driven_on_in_a_corridor(tmp_path: Path) -> None:
+    """Nothing has changed, and the old place fits as well as the true one, which is 2 m or 3 m further on."""
+    walls = make.wall([[-20, -1], [20, -1]]), make.wall([[-20, 1], [20, 1]])
+    box = make.box(3.0, -0.7, 0.5, 0.4, 0.0)
+    runs = [write_run(tmp_path / f"{x}.mcap", (*walls, box), parked(x), seed=x) for x in (0, 2)]
+    with pytest.raises(UnreadableError, match="may slide on each other along their walls"):
+        package.diff(*runs)
+    assert counts(package.diff(runs[0], runs[0])) == {"known": 1}
+    pillars = [make.box(x, 1.35, 0.3, 0.3, 0.0) for x in range(-9, 10, 3)]
+    wide = make.wall([[-12, -1.5], [12, -1.5]]), make.wall([[-12, 1.5], [12, 1.5]])
+    scene = *wide, *pillars, make.box(1.0, -0.5, 0.5, 0.4, 0.0)
+    runs = [write_run(tmp_path / f"p{x}.mcap", scene, parked(x), seed=1) for x in (0, 3)]
+    with pytest.raises(UnreadableError, match="lie on each other in two ways"):
+        package.diff(*runs)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("turn", [math.pi / 2, -2.0])
@@ -236,6 +288,17 @@ def test_a_shelf_on_a_map(maps: Path) -> None:
     assert 0.9 < found.figures["precision"] < 1.0  # type: ignore[operator]
     same = package.diff(maps / "room.yaml", maps / "room.yaml")
     assert (counts(same), same.figures["f1"], same.figures["overlap"]) == ({}, 1.0, 1.0)
+
+
+@pytest.mark.slow
+def test_figures_of_a_map_that_is_laid_on_another_one(maps: Path, tmp_path: Path) -> None:
+    text = (maps / "room.yaml").read_text()
+    origin = next(line for line in text.splitlines() if line.startswith("origin:"))
+    shifted = tmp_path / "shifted.yaml"
+    shifted.write_text(text.replace(origin, "origin: [5.0, 5.0, 0.0]"))
+    (tmp_path / "room.pgm").write_bytes((maps / "room.pgm").read_bytes())
+    found = package.diff(maps / "room.yaml", shifted, align="search")
+    assert (counts(found), found.figures["f1"]) == ({}, pytest.approx(1.0, abs=1e-3))
 
 
 @pytest.mark.slow
@@ -332,6 +395,25 @@ def test_outputs_and_checks(monday: str, tmp_path: Path, lidarcli: Run) -> None:
         ran = lidarcli(*bad)
         assert (ran.code, cause in ran.err) == (2, True), ran.err
     assert lidarcli("diff", monday, tmp_path / "none.mcap").code == 3
+
+
+def test_a_run_in_which_nothing_can_stand(monday: str, tmp_path: Path, lidarcli: Run) -> None:
+    for seconds, code in (("1", 1), ("3", 0)):
+        ran = lidarcli("diff", monday, monday, "--end", seconds, "--check", "gone == 0")
+        assert (ran.code, "is too short: a thing has to stand" in ran.err) == (code, bool(code))
+    assert package.diff(monday, monday, end=1).figures["known"] is None
+
+
+def test_notes_on_poses_are_shown(tmp_path: Path, lidarcli: Run) -> None:
+    log = write_run(tmp_path / "a.mcap", SCENE, DRIVE, odometry=Odometry())
+    assert "  note     " + log + ": poses from /tf" in lidarcli("diff", log, log).err
+
+
+def test_an_output_is_named_twice(monday: str, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli(
+        "diff", monday, monday, "-o", tmp_path / "c.png", "-o", f"{tmp_path}/../{tmp_path.name}/c.png"
+    )
+    assert (ran.code, "is to be written twice" in ran.err) == (2, True)
 
 
 def test_in_python(monday: str, tmp_path: Path) -> None:

@@ -2,7 +2,8 @@
 
 Two runs lie on each other where the structure of each, as far as the other saw the place, lies on that of the other. A turn
 and a shift are proposed by the arrangement of things, and by trying all turns and shifts on coarse cells. Each proposal is
-refined point to line, and the one that explains most of both runs wins, unless another one explains as much.
+refined point to line, and the one that explains most of both runs wins, unless another one explains as much, or nothing
+holds it along its walls.
 """
 
 from __future__ import annotations
@@ -27,9 +28,15 @@ LEAST_POINTS = 20
 LEAST_OVERLAP = 0.6
 """Least share of the structure in place; runs with less do not lie on each other."""
 AS_MUCH = 0.03
-"""A second alignment explains as much if it explains less by no more than this share of the structure, …"""
-AS_MUCH_POINTS = 6
-"""… and this number of points."""
+"""A second alignment explains as much if no more speaks against it than this share of the structure, …"""
+AS_MUCH_POINTS = 40
+"""… and this number of points, which one thing that was moved makes, more than against the best, …"""
+AS_MUCH_IN_PLACE = 0.8
+"""… and this share of what the best explains is in place: the rest may lie in the shadow of what was moved."""
+CLEARLY = 6
+"""Number of points against it by which a shift along walls is clearly worse."""
+HELD = 0.01
+"""Least share of the structure across a direction, by the normals of its lines, that holds an alignment along it."""
 COARSE = 0.2
 """[m] Side of the cells on which all turns and shifts are tried; …"""
 MOST_COARSE = 512
@@ -104,10 +111,20 @@ def fit(first: Nearest, second: Nearest, motion: Motion) -> Fit:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The best alignment, and another one that explains as much, if there is one."""
+    """The best alignment, and what speaks against taking it."""
 
     best: Fit
-    rival: Fit | None
+    rival: Fit | None = None
+    """Another one that explains as much."""
+    stays: bool = False
+    """True if the sensor hardly moved by the best one: then a rival that is turned is no reason to doubt it."""
+    slides: bool = False
+    """True if nothing holds the best one along its walls."""
+
+    @property
+    def is_certain(self) -> bool:
+        """True if the best alignment is the only one, or a rival no reason to doubt it."""
+        return not self.slides and (self.rival is None or self.stays)
 
 
 def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Found:
@@ -119,7 +136,7 @@ def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Found:
     """
     nothing = Fit(HERE, 0.0, 0, 0, math.nan, False)
     if not len(first.ground.points) or not len(second.ground.points):
-        return Found(nothing, None)
+        return Found(nothing)
     here = _fitted(first, second, HERE)
     candidates = _different([*proposed, *_tried(first, second)], second.ground)
     fits = [here, *(_fitted(first, second, motion) for motion in candidates)]
@@ -127,27 +144,55 @@ def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Found:
     whole = [each for each in fits if each.common] or [max(fits, key=lambda each: each.explained)]
     best = whole[0]
     # A sensor that was hardly touched is no coincidence.
-    if here.lies and _is_near(here.motion) and not _is_less(here, best):
+    stays = here.lies and _is_near(here.motion) and _explains_as_much(here, best)
+    if stays:
         exact = fit(first, second, HERE)
-        return Found(here if _is_less(exact, here) or exact.rms > here.rms + SMALL else exact, None)
+        best = here if exact.gain < here.gain - CLEARLY or exact.rms > here.rms + SMALL else exact
     rivals = [
         each
-        for each in whole[1:]
+        for each in whole
         if each.lies
-        and not _is_less(each, best)
+        and _explains_as_much(each, best)
         and _distance(each.motion, best.motion, second.ground) > APART
     ]
-    return Found(best, rivals[0] if rivals else None)
+    if stays:
+        # What was driven on is likelier than what was turned round; then more has to speak against it.
+        shifted = [
+            each
+            for each in rivals
+            if abs(_turn(each.motion)) <= NEAR_HERE_TURN and each.against <= best.against + CLEARLY
+        ]
+        turned = [each for each in rivals if abs(_turn(each.motion)) > NEAR_HERE_TURN]
+        rivals, stays = (shifted, False) if shifted else (turned, True)
+    return Found(
+        best, rivals[0] if rivals else None, stays, best.lies and _slides(first, second, best.motion)
+    )
 
 
-def _is_less(one: Fit, best: Fit) -> bool:
-    """Tell whether one explains clearly less than the best."""
-    return one.gain < best.gain - AS_MUCH_POINTS - AS_MUCH * (best.explained + best.against)
+def _explains_as_much(one: Fit, best: Fit) -> bool:
+    """Tell whether one explains as much as the best, but for noise and for what one thing that was moved makes."""
+    more = AS_MUCH_POINTS + AS_MUCH * (best.explained + best.against)
+    return one.against <= best.against + more and one.explained >= AS_MUCH_IN_PLACE * best.explained
+
+
+def _slides(first: Nearest, second: Nearest, motion: Motion) -> bool:
+    """Tell whether all structure in place is along one direction, so that nothing holds a motion along it."""
+    index, away = first.of(*motion.of(*second.ground.points.T))
+    near = index[away <= IN_PLACE]
+    normal = first.across[near[first.is_line[near]]]
+    if not len(normal):
+        return False
+    least, most = np.linalg.eigvalsh(normal.T @ normal).tolist()
+    return bool(least < HELD * (least + most))
 
 
 def _is_near(motion: Motion) -> bool:
-    turn = abs((motion.angle + 0.5 * TURN) % TURN - 0.5 * TURN)
-    return math.hypot(motion.x, motion.y) <= NEAR_HERE and turn <= NEAR_HERE_TURN
+    return math.hypot(motion.x, motion.y) <= NEAR_HERE and abs(_turn(motion)) <= NEAR_HERE_TURN
+
+
+def _turn(motion: Motion) -> float:
+    """Return the turn of a motion, -π to π [rad]."""
+    return (motion.angle + 0.5 * TURN) % TURN - 0.5 * TURN
 
 
 def _distance(one: Motion, other: Motion, ground: Ground) -> float:

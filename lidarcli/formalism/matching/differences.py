@@ -247,15 +247,22 @@ class Compared:
         like = alike(a, b)
         sd = np.maximum(sd, SAME_PLACE / 3.0)
         off = np.minimum(away / sd, 3.0)
-        stays = np.exp(like - 0.5 * off**2) / REPLACED
+        views = alike(a, b, VIEW_SIZE_SD, WRONG_VIEW)
+        # What was seen through where the other one stands has to be as large.
+        some_free = self._some_free(spots)
+        stays = np.exp(np.where(some_free, np.minimum(views, like), like) - 0.5 * off**2) / REPLACED
         sized = np.isfinite(a.length + a.width)[:, None] & np.isfinite(b.length + b.width)
         named = (a.label >= 0)[:, None] & (a.label[:, None] == b.label)
         size = self._least_size()
         left, came = (np.array([spot.is_free for spot in each], np.bool_) for each in spots)
         may = (sized | named) & ((left[:, None] & came) | (away <= size))
-        views = alike(a, b, VIEW_SIZE_SD, WRONG_VIEW)
         moves = np.where(may, MOVES * np.exp(views) * (1.0 + away) ** -NEARNESS, 0.0)
         return _marginals(np.where(self._in_place(spots), stays, moves))
+
+    def _some_free(self, spots: tuple[list[Spot], ...]) -> Bool:
+        """Return (N, M) whether some of the place of either thing of each pair was seen free."""
+        one, other = (np.array([spot.free >= ANY_FREE for spot in each], np.bool_) for each in spots)
+        return one[:, None] | other
 
     def _alone(
         self,
@@ -282,6 +289,9 @@ class Compared:
             status, score = (GONE if side == 0 else NEW), alone * spot.certainty
         elif np.isnan(spot.free):
             why, score = NO_FREE_SPACE, 0.0
+        elif self._is_other(side, k, near, spots):
+            # Another one took its place.
+            pass
         elif spot.near >= FREE_SHARE and not self._is_covered(side, k, near, taken):
             # The other run takes it for a part of the building, or saw something else of it.
             status, score = KNOWN, spot.near / (spot.near + spot.free)
@@ -302,6 +312,12 @@ class Compared:
             taken[1 - side].add(partner)
         pair = (k, partner) if side == 0 else (partner, k)
         self._add(status, why, score, *pair, spots)
+
+    def _is_other(self, side: int, k: int, near: Bool, spots: tuple[list[Spot], ...]) -> bool:
+        """Tell whether each thing in the place of this one is another one: some of either was seen free."""
+        free = self._some_free(spots)
+        mine = (free[k] if side == 0 else free[:, k])[near]
+        return bool(len(mine) and mine.all())
 
     def _is_covered(self, side: int, k: int, near: Bool, taken: tuple[set[int], set[int]]) -> bool:
         """Tell whether a thing that has another partner stands in the place of this one in the other run."""
