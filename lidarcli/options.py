@@ -403,7 +403,7 @@ class _Objects(TypedDict, total=False):
 
 
 class Objects(_Objects, total=False):
-    """Parameters of the objects, and which of them have rows."""
+    """Parameters of the objects, and which of them have rows; None stands for the default of the profile."""
 
     walls: Annotated[
         bool, Option(OBJECTS, None, False), "Also show walls (set S), with the corners of the room."
