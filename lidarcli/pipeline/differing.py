@@ -43,9 +43,11 @@ from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, Fit, fit, searc
 from lidarcli.formalism.matching.differences import (
     BESIDE,
     GONE,
+    MOVED,
     NEW,
     SAME_PLACE,
     STRUCTURE,
+    THING,
     Changes,
     Compared,
     Run,
@@ -91,6 +93,9 @@ ALIGNMENT = "lidarcli.alignment"
 TABLES = {".parquet": "parquet", ".csv": "csv"}
 PICTURE = ".png"
 COUNTED = tuple(CHANGE_STATUSES)
+CHANGED_THINGS = tuple(CHANGE_STATUSES[code] for code in (MOVED, NEW, GONE))
+MOST_TOLD = 10
+"""Most things of a run that are told to people one by one."""
 OF_MAPS = ("precision", "recall", "f1")
 FIGURES = (*COUNTED, "overlap", *OF_MAPS)
 """Figures that a check may name."""
@@ -165,11 +170,10 @@ class Difference:
     @property
     def lines(self) -> list[str]:
         """The result for people."""
-        names = ["kind", "status", "why", "length", "x_a", "y_a", "x_b", "y_b", "log_b"]
-        rows = self.changes.select(names).to_pylist()
+        rows = self.changes.to_pylist()
         found = []
         for step in self.steps:
-            found.append(step.how if len(self.steps) == 1 else f"{step.name}: {step.how}")
+            found.append(step.how if len(self.steps) == 1 else f"{step.before} to {step.name}: {step.how}")
             found += _told_of([row for row in rows if row["log_b"] == step.name])
         if (f1 := self.figures.get("f1")) is not None:
             found.append(
@@ -195,12 +199,27 @@ def _told_of(rows: Sequence[dict[str, Any]]) -> list[str]:
     if whys:
         words[-1] += f" ({', '.join(f'{whys[why]} {why}' for why in CHANGE_WHYS if whys[why])})"
     found = [f"  {', '.join(words)}" if words else "  nothing stands in them, and no structure differs"]
+    things = [
+        _thing(row) for row in rows if row["kind"] == CHANGE_KINDS[THING] and row["status"] in CHANGED_THINGS
+    ]
+    found += things[:MOST_TOLD]
+    if len(things) > MOST_TOLD:
+        found.append(f"  and {len(things) - MOST_TOLD} more")
     structure = [
         f"{row['status']} {row['length']:.1f} m at ({_either(row, 'x'):.1f}, {_either(row, 'y'):.1f})"
         for row in rows
         if row["kind"] == CHANGE_KINDS[STRUCTURE]
     ]
     return [*found, f"  structure: {', '.join(structure)}"] if structure else found
+
+
+def _thing(row: dict[str, Any]) -> str:
+    """Return what became of a thing, for people."""
+    sizes = " x ".join(f"{row[size]:.1f}" for size in ("length", "width") if row[size] is not None)
+    words = [row["status"], row["label"], sizes and f"{sizes} m"]
+    way = "at" if row["moved"] is None else f"by {row['moved']:.2f} m to"
+    where = f"({_either(row, 'x'):.1f}, {_either(row, 'y'):.1f})"
+    return f"  {' '.join(word for word in words if word)} {way} {where}"
 
 
 def _either(row: dict[str, Any], axis: str) -> float:

@@ -349,6 +349,9 @@ def test_each_run_is_compared_with_the_last_that_saw_the_place(tmp_path: Path) -
     (gone,) = (row for row in today if row["status"] == "gone")
     assert (gone["kind"], gone["log_a"]) == ("structure", "tuesday")
     assert [step.name for step in found.steps] == ["tuesday", "wednesday"]
+    told = [line for line in found.lines if not line.startswith(" ")]
+    assert [line.split(":")[0] for line in told] == ["monday to tuesday", "tuesday to wednesday"]
+    assert "  new 0.4 x 0.3 m at (-0.8, -1.3)" in found.lines[: found.lines.index(told[1])]
 
 
 def test_tables_tell_no_free_space(monday: str, tmp_path: Path, lidarcli: Run) -> None:
@@ -373,7 +376,11 @@ def test_outputs_and_checks(monday: str, tmp_path: Path, lidarcli: Run) -> None:
     ran = lidarcli(*words, "--check", "gone == 0", "--check", "known >= 4", "--check", "overlap > 0.9")
     assert (ran.code, ran.out.splitlines()) == (
         1,
-        ["aligned by structure: 0.00 m, 0.0 degrees; 97% of the structure in place", "  known 4, gone 1"],
+        [
+            "aligned by structure: 0.00 m, 0.0 degrees; 97% of the structure in place",
+            "  known 4, gone 1",
+            "  gone 0.8 x 0.5 m at (-2.6, -1.6)",
+        ],
     )
     assert ran.err.splitlines()[-1] == "lidarcli: check failed: gone is 1, expected == 0"
     table = pq.read_table(tmp_path / "c.parquet")

@@ -34,7 +34,7 @@ REPLACED = 0.02
 """Odds of another thing having taken the place of one, against it being the same."""
 MOVES = 1.0
 """Odds of a thing having been moved, against one having gone and another one having come, …"""
-NEARNESS = 2.0
+MOVES_POWER = 2.0
 """… which fall with this power of 1 m and the distance."""
 FREE_SHARE = 0.5
 """Least share of where a thing was hit that has been seen free."""
@@ -256,7 +256,7 @@ class Compared:
         size = self._least_size()
         left, came = (np.array([spot.is_free for spot in each], np.bool_) for each in spots)
         may = (sized | named) & ((left[:, None] & came) | (away <= size))
-        moves = np.where(may, MOVES * np.exp(views) * (1.0 + away) ** -NEARNESS, 0.0)
+        moves = np.where(may, MOVES * np.exp(views) * (1.0 + away) ** -MOVES_POWER, 0.0)
         return _marginals(np.where(self._in_place(spots), stays, moves))
 
     def _some_free(self, spots: tuple[list[Spot], ...]) -> Bool:
