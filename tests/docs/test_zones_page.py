@@ -13,7 +13,8 @@ from tools import examples
 @needs_real_logs
 @pytest.mark.slow
 def test_the_session_on_a_public_recording(tmp_path: Path) -> None:
-    text = (ROOT / "docs" / "zones.md").read_text(encoding="utf-8").replace("```console", "```text")
+    text = (ROOT / "docs" / "zones.md").read_text(encoding="utf-8")
+    text = text.replace("```console", "```text").replace("```sh", "```text")
     (tmp_path / "test-bag").symlink_to(REAL_LOGS / "comprobo24" / "test-bag")
     done = list(examples.run(text.replace("```session", "```console"), tmp_path))
     assert len(done) == 3
