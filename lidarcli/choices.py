@@ -30,7 +30,7 @@ MIN_THING = 0.3
 REMOVABLE = ("agents", "temporary")
 """Kinds of things whose beams `clean` takes; the first by default."""
 SAYINGS = NAN, INF, ABOVE = ("nan", "inf", "above")
-"""What a beam says that was taken, beside a range; the first by default."""
+"""Words for the value of a beam that was taken, beside a range; the first by default."""
 TRAIL = 3.0
 """Length of the paths of tracks in a picture of a sweep and in overlays [s]."""
 STATION_DISTANCE = 0.25
@@ -50,7 +50,7 @@ ALIGN = ("auto", "as-is", "search")
 CHANGE_KINDS = ("thing", "structure")
 CHANGE_STATUSES = ("known", "moved", "new", "gone", "uncertain")
 CHANGE_WHYS = ("hidden", "out of view", "no free space", "short", "ambiguous")
-"""What changed from run to run, what became of it, and why nobody can tell."""
+"""Kinds of changes from run to run, their statuses, and the reasons for which nobody can tell."""
 LEAST_SCORE = 0.8
 """Least probability of the status of a change, by default."""
 BEAM_ORDERS = ("auto", "forward", "reverse", "once")

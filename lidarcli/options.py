@@ -270,7 +270,7 @@ class Delay(TypedDict, total=False):
 
 
 class Limits(TypedDict, total=False):
-    """Which ranges count."""
+    """Ranges that count."""
 
     range: Annotated[
         tuple[float, float] | None,

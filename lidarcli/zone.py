@@ -26,7 +26,7 @@ HOLD = 0.5
 TIMEOUT = 2.0
 """Age from which on the last sweep of a sensor tells nothing of now [s]."""
 TIME_BEFORE_COLLISION, TIME_STEP = 2.0, 0.1
-"""How far ahead `approach` looks, and in which steps [s]."""
+"""Time that `approach` looks ahead, and the steps in which it does [s]."""
 
 ROUND = 64
 """Corners with which a circle is drawn."""
@@ -98,7 +98,7 @@ class Zone:
     """Topic of geometry_msgs/Twist(Stamped) that tells the velocity; where the log has none, poses do."""
     time_before_collision: float = TIME_BEFORE_COLLISION
     time_step: float = TIME_STEP
-    """How far ahead `approach` looks, and in which steps [s]."""
+    """As of `TIME_BEFORE_COLLISION`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What copies of all containers share: the ranges that are replaced, and the count of the messages."""
+"""Parts that copies of all containers share: the ranges that are replaced, and the count of the messages."""
 
 from __future__ import annotations
 

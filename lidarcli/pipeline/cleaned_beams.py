@@ -175,7 +175,7 @@ def _beside(batch: SweepBatch, chosen: Bool, margin: int) -> Bool:
 
 
 class _Places(NamedTuple):
-    """Where agents are in sweeps of a batch, in the frame of the sensor: P places."""
+    """Places (P) of agents in sweeps of a batch, in the frame of the sensor."""
 
     row: Int64
     x: Float64
@@ -220,7 +220,7 @@ class _Places(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Agents:
-    """Where the agents of a topic are, from their onsets on, by sweep: N places."""
+    """Places (N) of the agents of a topic by sweep, from their onsets on."""
 
     sweep: Int64
     """(N,) ascending."""

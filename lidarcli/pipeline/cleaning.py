@@ -59,9 +59,9 @@ class CleanOptions:
     detect: DetectOptions
     """Options of reading, detection and tracking; its mask tells the robot itself."""
     remove: frozenset[str] = frozenset({"agents"})
-    """What is removed beside what a mask tells: of agents and temporary."""
+    """Kinds of beams that are removed beside those under a mask: of agents and temporary."""
     value: str | float = NAN
-    """What removed beams say: one of `SAYINGS`, or a range [m]."""
+    """Value of removed beams: one of `SAYINGS`, or a range [m]."""
     margin: int = 1
     """Beams beside them that are removed, too."""
     overwrite: bool = False
@@ -79,9 +79,9 @@ class CleanSummary(RunSummary):
     table: pa.Table = field(default_factory=CLEANED.empty_table)
     """One row per sweep."""
     line: str = ""
-    """What beams say now, and why."""
+    """Values of beams in the copy, and their reasons."""
     copied: str = ""
-    """How many messages were copied."""
+    """Number of messages that were copied."""
 
 
 def clean_log(

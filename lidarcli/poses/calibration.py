@@ -353,7 +353,7 @@ def places_beside(points: Float64, other: Float64) -> Float64:
 
 @dataclass(frozen=True, slots=True)
 class Overlap:
-    """What two sensors see alike that stand beside each other."""
+    """Points that two sensors see alike that stand beside each other."""
 
     share: float
     """Share of the cells of the second that are on cells of the first, or beside them."""

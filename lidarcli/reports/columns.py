@@ -162,7 +162,7 @@ class Run:
     tracks: Rows | None = None
     """Of the sources that were tracked; None where none was."""
     trajectories: Rows | None = None
-    """Where the viewer asks for them; of the sources that have them."""
+    """Trajectories, if the viewer asks for them; of the sources that have them."""
     zones: Watched | None = None
     """Of the sources that have tables of zones; None where none has."""
 

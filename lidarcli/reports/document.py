@@ -89,7 +89,7 @@ class Listing:
 
 
 class Band(NamedTuple):
-    """When something went on, in shares of a time."""
+    """Stretches in which something went on, in shares of a time."""
 
     name: str
     word: str

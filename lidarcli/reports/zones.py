@@ -190,7 +190,7 @@ class ZoneEvent:
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """When the events of a zone went on, in shares of the time of a log."""
+    """Stretches in which events of a zone went on, in shares of the time of a log."""
 
     zone: str
     action: str

@@ -33,7 +33,7 @@ from lidarcli.zone import crossing_edges, on_one_line
 
 @with_keywords
 def zones(log: Paths, **options: Unpack[Zoning]) -> ZoneTables:
-    """Who or what was in a zone, when, and how near: an offline check of a recording, no safety function.
+    """Tell who or what was in a zone, when, and how near: an offline check of a recording, no safety function.
 
     Parameters
     ----------

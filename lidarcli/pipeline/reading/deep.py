@@ -93,7 +93,7 @@ LEAST_BEAMS = 3
 OTHERS_VALID = 0.5
 """Median share of valid beams of other sectors, where one has none."""
 AGAINST = 2.0
-"""What speaks against a place counts so much more than what speaks for it."""
+"""Points against a place count so much more than points for it."""
 LEAST_OVERLAP, LEAST_WIDTH, MOST_AGAINST, CLEARLY = 0.6, np.deg2rad(120.0), 0.05, 0.25
 """Of what a second laser sees while both stand: the least share that is on what the first one sees, the least width of this
 [rad], the greatest share that speaks against it; and by how much the next best place is worse."""

@@ -1,4 +1,4 @@
-"""What every sweep of a topic has in every zone: a fold over batches, with some numbers for each sweep and zone."""
+"""Counts of each sweep of a topic in each zone: a fold over batches, with some numbers for each sweep and zone."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class Shapes(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """How many points of an object are in a part of a zone: one entry for each object of a sweep."""
+    """Numbers of points of objects in a part of a zone: one entry for each object of a sweep."""
 
     sweep: Int64
     """(H,) number of the sweep in the series, ascending."""
@@ -112,7 +112,7 @@ NO_HITS = Hits(_NONE, _NONE, np.zeros(0, np.uint8), _NONE, _NONE, _NONE)
 
 @dataclass(slots=True)
 class ZoneSeries:
-    """What the sweeps of one topic have in a zone, by part: its shape of the time, or each of its cases."""
+    """Counts of the sweeps of one topic in a zone, by part: its shape of the time, or each of its cases."""
 
     zone: Zone
     shapes: Shapes

@@ -15,7 +15,7 @@ from lidarcli.sweeps import Bool, Float64, SweepBatch, SweepPoses, UInt8, record
 from lidarcli.zone import WORLD, Line, Zone, Zones, placed
 
 COUNTED = {"things": ("O", "A"), "agents": ("A",)}
-"""What counts in a zone → the sets of such beams."""
+"""Kind of beams that count in a zone → their sets."""
 
 
 @record
