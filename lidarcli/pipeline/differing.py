@@ -545,7 +545,7 @@ def diff_inputs(
     Raises
     ------
     UnreadableError
-        Two do not lie on each other, or do so in several ways; or as of `read_input`.
+        Two do not lie on each other, do so in several ways, or slide along their walls; or as of `read_input`.
     OptionError
         As of `read_input`, or two maps have cells of different sizes.
     """

@@ -53,7 +53,7 @@ def diff(
     OptionError
         There are fewer than two runs, or an output is of no known kind.
     UnreadableError
-        A run cannot be read, or does not lie on those before it, or does so in several ways.
+        A run cannot be read, or does not lie on those before it, or does so in several ways or anywhere along its walls.
     NoScanError
         As of `read`.
     OutputError
