@@ -532,4 +532,4 @@ def test_bad_names_of_tables(
     assert run(["info", str(background)]) == 0
     assert capfdbinary.readouterr().out.startswith(f"{tmp_path}/b\\udcff\\x1b.parquet\n".encode())
     assert run(["info", str(background), "--format", "json"]) == 0
-    assert json.loads(capfdbinary.readouterr().out)["path"] == str(background)
+    assert json.loads(capfdbinary.readouterr().out)[0]["path"] == str(background)
