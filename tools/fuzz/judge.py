@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import os
 import re
@@ -45,9 +44,8 @@ def judge(target: Target, place: Place) -> list[str]:
     beside = _names(place.root)
     small = sum(size for _, size, _, _ in before["input"].values()) < SMALL
     import_once()
-    # Garbage of earlier cases that goes while this one works, or that is kept for it, would make up for what it takes.
+    # Garbage of earlier cases that goes while this one works would make up for what it takes.
     gc.collect()
-    give_back_memory()
     reset_peak()
     held = peak_mb()
     started = time.process_time()
@@ -66,12 +64,6 @@ def judge(target: Target, place: Place) -> list[str]:
         # What only the traceback of an error still holds is not lost.
         gc.collect()
     return problems + [f"left open: {name}" for name in _open_files(place.root)]
-
-
-def give_back_memory() -> None:
-    """Give freed memory back to the system, where the C library can (glibc): commands keep it for what comes next."""
-    with suppress(OSError, AttributeError, TypeError):
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def reset_peak() -> None:
