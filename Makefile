@@ -67,7 +67,7 @@ golden: $(VENV)/installed-dev ## accept today's tables and reports as the expect
 	$(BIN)/python -m tools.golden_reports
 	git diff --stat -- tests/golden
 
-docs: $(VENV)/compiled ## write docs/cli.md, docs/tables.md and the reference in docs/python.md from the code
+docs: $(VENV)/compiled ## write docs/cli.md, docs/commands, docs/tables.md and the reference in docs/python.md from the code
 	$(BIN)/python -m tools.make_docs
 
 site: $(VENV)/installed-dev ## the documentation as a site, build/site/index.html; strict about links

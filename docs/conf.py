@@ -41,7 +41,12 @@ project = "lidarcli"
 
 extensions = ["myst_parser", "sphinx_copybutton"]
 root_doc = "README"
-include_patterns = ["README.md", "docs/*.md", *(page for pages in GROUPS.values() for page in pages)]
+include_patterns = [
+    "README.md",
+    "docs/*.md",
+    "docs/commands/*.md",
+    *(page for pages in GROUPS.values() for page in pages),
+]
 nitpicky = True
 smartquotes = False  # two hyphens begin an option
 myst_enable_extensions = ["html_image"]
@@ -66,10 +71,12 @@ def navigation() -> str:
 
 
 def prepare(_app: Sphinx, name: str, source: list[str]) -> None:
-    """Leave out badges; give the front page the navigation."""
+    """Leave out badges; give the front page the navigation, and that of the commands their pages."""
     source[0] = BADGE.sub("", source[0])
     if name == root_doc:
         source[0] += "\n\n" + navigation()
+    if name == "docs/cli":
+        source[0] += "\n\n```{toctree}\n:hidden:\n:glob:\n\ncommands/*\n```\n"
 
 
 def setup(app: Sphinx) -> None:

@@ -7,14 +7,15 @@ from pathlib import Path
 
 from tools.examples import renewed
 from tools.python_reference import python_page
-from tools.reference import cli_page, reports_page, tables_page
+from tools.reference import cli_page, command_pages, reports_page, tables_page
 
 ROOT = Path(__file__).parent.parent
 PAGES = {
-    "docs/cli.md": cli_page,
-    "docs/tables.md": tables_page,
-    "docs/python.md": python_page,
-    "docs/reports.md": reports_page,
+    "docs/cli.md": cli_page(),
+    "docs/tables.md": tables_page(),
+    "docs/python.md": python_page(),
+    "docs/reports.md": reports_page(),
+    **{f"docs/commands/{name}.md": page for name, page in command_pages().items()},
 }
 WITH_EXAMPLES = (
     "README.md",
@@ -44,7 +45,7 @@ WITH_EXAMPLES = (
 def main() -> None:
     """Write every page."""
     for name, page in PAGES.items():
-        (ROOT / name).write_text(page(), encoding="utf-8")
+        (ROOT / name).write_text(page, encoding="utf-8")
     for name in WITH_EXAMPLES:
         page_path = ROOT / name
         with tempfile.TemporaryDirectory() as folder:

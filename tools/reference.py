@@ -56,7 +56,7 @@ def cli_page() -> str:
         _prose(cli.help or ""),
         "",
         "Standard output carries data only; messages go to standard error. `--help` leaves out the options that only some",
-        "logs need; `lidarcli detect --help-all` shows them, as does this page.",
+        "logs need; `lidarcli detect --help-all` shows them, as do the pages of the commands below.",
         "",
         "```",
         "lidarcli [OPTIONS] COMMAND [ARGS]...",
@@ -68,10 +68,28 @@ def cli_page() -> str:
         "Of several logs all are processed; the first code that is not 0 is the exit code.",
         "",
         *as_table(("code", "meaning"), ((str(code), text) for code, text in exit_codes().items())),
+        "## Commands",
+        "",
+        *as_table(
+            ("command", "what it does"),
+            (
+                (f"[`lidarcli {name}`](commands/{name}.md)", command.get_short_help_str(limit=200))
+                for name, command in commands()
+            ),
+        ),
     ]
-    for name, command in commands():
-        lines += _command(command, click.Context(command, context, name))
     return as_page(lines)
+
+
+def command_pages() -> dict[str, str]:
+    """Name of each command → its page below docs/commands."""
+    pages = {}
+    for name, command in commands():
+        lines = _command(command, click.Context(command, _root(), name))
+        source = "the command itself"
+        lines[1:1] = ["", NOTICE.format(source=source), "", "[All commands, exit codes](../cli.md)"]
+        pages[name] = as_page(lines)
+    return pages
 
 
 def _root() -> click.Context:
@@ -238,7 +256,7 @@ def _command(command: click.Command, context: click.Context) -> list[str]:
         for parameter in command.params
         if isinstance(parameter, click.Argument)
     )
-    lines = [f"## lidarcli {context.info_name}", "", _prose(command.help or ""), ""]
+    lines = [f"# lidarcli {context.info_name}", "", _prose(command.help or ""), ""]
     lines += ["```", f"lidarcli {context.info_name} [OPTIONS] {arguments}", "```", ""]
     lines += _options(command, context)
     if command.epilog:

@@ -34,7 +34,7 @@ def main() -> None:
     if command is None:
         sys.exit(f"{scripts}: no command lidarcli")
     said = subprocess.run([command, "--version"], capture_output=True, text=True, check=False)
-    if said.stdout.strip() != f"lidarcli {version('lidarcli')}":
+    if said.stdout.splitlines()[:1] != [f"lidarcli {version('lidarcli')}"]:
         sys.exit(f"{command} --version: {said.stdout}{said.stderr}")
     built = sorted(path for path in package.rglob("*") if path.name.endswith(tuple(EXTENSION_SUFFIXES)))
     for path in built:
@@ -44,7 +44,7 @@ def main() -> None:
     wrong = golden_tables()
     if wrong:
         sys.exit("\n".join(wrong))
-    print(f"{said.stdout.strip()} in {package}: {len(built)} compiled modules, samples as expected")
+    print(f"{said.stdout.splitlines()[0]} in {package}: {len(built)} compiled modules, samples as expected")
 
 
 def golden_tables() -> list[str]:

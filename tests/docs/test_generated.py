@@ -17,7 +17,7 @@ SHORT = {"--output": "-o", "--verbose": "-v", "--quiet": "-q"}
 
 @pytest.mark.parametrize("name", PAGES)
 def test_a_generated_page_is_not_stale(name: str) -> None:
-    assert (ROOT / name).read_text(encoding="utf-8") == PAGES[name](), "run `make docs`"
+    assert (ROOT / name).read_text(encoding="utf-8") == PAGES[name], "run `make docs`"
 
 
 def test_the_exit_codes_of_the_readme_are_those_of_the_command_line() -> None:
@@ -30,7 +30,7 @@ def test_the_exit_codes_of_the_readme_are_those_of_the_command_line() -> None:
 
 def command_lines() -> str:
     """Every line of the documentation in which lidarcli is called."""
-    pages = [ROOT / "README.md", ROOT / "samples" / "README.md", *(ROOT / "docs").glob("*.md")]
+    pages = [ROOT / "README.md", ROOT / "samples" / "README.md", *(ROOT / "docs").rglob("*.md")]
     text = "\n".join(page.read_text(encoding="utf-8") for page in pages).replace("\\\n", " ")
     fences = re.findall(r"^```.*?\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     lines = [line for fence in fences for line in fence.splitlines()]
@@ -56,7 +56,7 @@ def test_the_pages_of_docs_are_in_its_index() -> None:
 
 
 def test_links_between_pages_lead_somewhere() -> None:
-    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "samples").glob("*.md")]
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "samples").glob("*.md")]
     for page in pages:
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.relative_to(ROOT)} links to {target}"
