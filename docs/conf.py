@@ -57,6 +57,8 @@ copybutton_prompt_is_regexp = True
 html_theme = "furo"
 html_title = f"lidarcli {release}"
 html_extra_path = ["site"]
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_copy_source = False
 html_show_copyright = False
 
