@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from tools.examples import renewed
 from tools.python_reference import python_page
-from tools.reference import cli_page, command_pages, reports_page, tables_page
+from tools.reference import cli_page, command_page, commands, reports_page, tables_page
+from tools.terminal_picture import findings_picture
 
 ROOT = Path(__file__).parent.parent
-PAGES = {
-    "docs/cli.md": cli_page(),
-    "docs/tables.md": tables_page(),
-    "docs/python.md": python_page(),
-    "docs/reports.md": reports_page(),
-    **{f"docs/commands/{name}.md": page for name, page in command_pages().items()},
+PAGES: dict[str, Callable[[], str]] = {
+    "docs/cli.md": cli_page,
+    "docs/tables.md": tables_page,
+    "docs/python.md": python_page,
+    "docs/reports.md": reports_page,
+    **{f"docs/commands/{name}.md": partial(command_page, name, command) for name, command in commands()},
+    "docs/images/findings.svg": findings_picture,
 }
 WITH_EXAMPLES = (
     "README.md",
@@ -44,8 +48,6 @@ WITH_EXAMPLES = (
 
 def main() -> None:
     """Write every page."""
-    for name, page in PAGES.items():
-        (ROOT / name).write_text(page, encoding="utf-8")
     for name in WITH_EXAMPLES:
         page_path = ROOT / name
         with tempfile.TemporaryDirectory() as folder:
@@ -53,6 +55,8 @@ def main() -> None:
             page_path.write_text(
                 renewed(page_path.read_text(encoding="utf-8"), Path(folder)), encoding="utf-8"
             )
+    for name, page in PAGES.items():
+        (ROOT / name).write_text(page(), encoding="utf-8")
 
 
 if __name__ == "__main__":

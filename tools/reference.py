@@ -81,15 +81,11 @@ def cli_page() -> str:
     return as_page(lines)
 
 
-def command_pages() -> dict[str, str]:
-    """Name of each command → its page below docs/commands."""
-    pages = {}
-    for name, command in commands():
-        lines = _command(command, click.Context(command, _root(), name))
-        source = "the command itself"
-        lines[1:1] = ["", NOTICE.format(source=source), "", "[All commands, exit codes](../cli.md)"]
-        pages[name] = as_page(lines)
-    return pages
+def command_page(name: str, command: click.Command) -> str:
+    """docs/commands/NAME.md."""
+    lines = _command(command, click.Context(command, _root(), name))
+    lines[1:1] = ["", NOTICE.format(source="the command itself"), "", "[All commands, exit codes](../cli.md)"]
+    return as_page(lines)
 
 
 def _root() -> click.Context:
