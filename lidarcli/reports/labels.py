@@ -192,7 +192,8 @@ class _Tried:
 
     def _covered(self, points: Float64) -> Float64:
         """Return (C,) points under each place."""
-        x, y = points[:, 0], points[:, 1]
+        near = (points > self._low.min(axis=0)) & (points < self._high.max(axis=0))
+        x, y = points[near.all(axis=1)].T
         under = (self._low[:, :1] < x) & (x < self._high[:, :1])
         under &= (self._low[:, 1:] < y) & (y < self._high[:, 1:])
         covered: Float64 = under.sum(axis=1).astype(np.float64)
@@ -208,10 +209,13 @@ class _Tried:
     @staticmethod
     def _crossed(start: Float64, end: Float64, others: Float64) -> NDArray[np.bool_]:
         """Return (C, R) True where a rectangle lies on the line from a place to the thing."""
-        steps = np.linspace(0.0, 1.0, 12)[None, :, None]
-        way = start[:, None] * (1.0 - steps) + end * steps
-        inside = (way[:, :, None] > others[None, None, :, :2]) & (way[:, :, None] < others[None, None, :, 2:])
-        return np.asarray(np.asarray(inside.all(axis=3)).any(axis=1), np.bool_)
+        way = (end - start)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            low, high = (others[None, :, :2] - start[:, None]) / way, (others[None, :, 2:] - start[:, None]) / way
+        enters = np.minimum(low, high).max(axis=2)
+        leaves = np.maximum(low, high).min(axis=2)
+        crossed: NDArray[np.bool_] = (enters < leaves) & (enters < 1.0) & (leaves > 0.0)
+        return crossed
 
 
 def _meeting(low: Float64, high: Float64, others: Float64) -> NDArray[np.bool_]:
@@ -280,7 +284,9 @@ class Labels(Artist):
                 )
             )
         points = to_pixels(self._points) if len(self._points) else self._points
-        self.places = set_labels(wanted, points, ground, unit)
+        edge = AIR * unit
+        inner = Rectangle(ground.left + edge, ground.low + edge, ground.right - edge, ground.high - edge)
+        self.places = set_labels(wanted, points, inner, unit)
         things = [one.thing for one in wanted]
         for k, (text, place) in enumerate(zip(texts, self.places, strict=True)):
             ends = line_to(place, things[k], things[:k] + things[k + 1 :], unit)

@@ -29,8 +29,8 @@ from lidarcli.reports.drawing import (
 )
 from lidarcli.reports.ground import Walls
 from lidarcli.reports.labels import Label, add_labels, along
-from lidarcli.reports.panels import CIRCLE, draw_sensor
-from lidarcli.reports.picture import printable
+from lidarcli.reports.panels import draw_sensor
+from lidarcli.reports.picture import CIRCLE, printable
 from lidarcli.sweeps import Float32, Float64, Int64
 
 Greys = tuple[float, float, float]

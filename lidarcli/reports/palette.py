@@ -56,9 +56,9 @@ ZONE_COLOURS = {
     "approach": BLUE,
     "slowdown": YELLOW,
     "limit": ORANGE,
-    "none": GREY,
+    "none": PURPLE,
 }
-"""Action of a zone, the gravest first → its colour."""
+"""Action of a zone, the gravest first → its colour; none is that of beams on walls."""
 
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",

@@ -98,7 +98,7 @@ def test_no_two_labels_of_a_sample_meet(log: str, number: int, inches: float) ->
     one = take_pictures(source, PlotOptions((number,), parameters=Parameters.for_profile("robust"))).pictures[
         0
     ]
-    limits = limits_of([one.batch])
+    limits = limits_of([one])
     for panel, projection in ((scene, None), (panels.polar, "polar")):
         with project_style():
             figure = Figure(figsize=(inches, inches), layout="constrained")

@@ -83,7 +83,7 @@ def test_the_axes_hold_every_point_and_the_sensor() -> None:
     assert limits.x[0] < -9 < 9 < limits.x[1]
     assert limits.r > 9
     assert 2.0 < limits.s < 2.5
-    nothing = limits_of([picture([np.inf] * 72).batch])
+    nothing = limits_of([picture([np.inf] * 72)])
     assert nothing.x == pytest.approx((-0.1, 0.1))
 
 
@@ -117,7 +117,7 @@ def test_what_the_scene_shows() -> None:
     points = {one.get_label(): len(one.get_offsets()) for one in axes.collections}
     assert points == {"beams on objects": 16, "walls and rest": 56}
     assert set(named(axes)) == {*points, "sensor", "prismatic object"}
-    assert axes.get_xlim() == limits_of([one.batch]).x
+    assert axes.get_xlim() == limits_of([one]).x
 
 
 def test_vertices_are_marked_on_request() -> None:
@@ -191,7 +191,7 @@ def test_what_the_scene_shows_of_tracks() -> None:
 def test_what_the_difference_shows() -> None:
     one = picture(room(b10_14=2.0))
     axes = Figure().add_subplot()
-    panels.difference(axes, one, limits_of([one.batch]))
+    panels.difference(axes, one, limits_of([one]))
     lines = {line.get_label(): line for line in axes.lines}
     rings = lines["edge of an object"]
     assert list(rings.get_xdata()) == pytest.approx([-130, -105])
@@ -203,7 +203,7 @@ def test_what_the_difference_shows() -> None:
 def test_the_difference_is_logarithmic_where_its_jumps_are_many_times_d_th() -> None:
     one = picture(room(b10_14=2.0))
     axes = Figure().add_subplot()
-    panels.difference(axes, one, limits_of([one.batch]))
+    panels.difference(axes, one, limits_of([one]))
     d_th = float(one.detection.sweep_d_th[0])
     assert d_th == pytest.approx(0.0556, abs=1e-4)
     assert axes.get_yscale() == "symlog"
@@ -215,17 +215,17 @@ def test_the_difference_is_logarithmic_where_its_jumps_are_many_times_d_th() -> 
     assert [text.get_text() for text in axes.get_yticklabels()] == ["−1", "−0.3", "0", "0.3", "1"]
     small = replace(one, detection=replace(one.detection, sweep_d_th=np.array([0.5])))
     axes = Figure().add_subplot()
-    panels.difference(axes, small, limits_of([one.batch]))
+    panels.difference(axes, small, limits_of([one]))
     assert axes.get_yscale() == "linear"
 
 
 def test_a_legend_names_what_is_drawn_alone() -> None:
     axes = Figure().add_subplot()
-    panels.difference(axes, picture([4.0] * 72), limits_of([picture([4.0] * 72).batch]))
+    panels.difference(axes, picture([4.0] * 72), limits_of([picture([4.0] * 72)]))
     assert set(named(axes)) == {r"$\pm d_{th}$"}
     axes = Figure().add_subplot()
     one = picture(room(b10_14=2.0), np.array(room()))
-    panels.subtraction(axes, one, limits_of([one.batch]))
+    panels.subtraction(axes, one, limits_of([one]))
     assert set(named(axes)) == {"nearer", "farther"}
 
 
@@ -233,7 +233,7 @@ def test_what_the_polar_view_shows() -> None:
     one = picture(room(b10_14=2.0, b30_40=1.0))
     figure = Figure()
     axes = figure.add_subplot(projection="polar")
-    panels.polar(axes, one, limits_of([one.batch]))
+    panels.polar(axes, one, limits_of([one]))
     FigureCanvasAgg(figure).draw()
     assert [text.get_text() for text in axes.get_xticklabels()] == [
         *("0°", "45°", "90°", "135°", "180°", "−135°", "−90°", "−45°")
@@ -247,7 +247,7 @@ def test_what_the_polar_view_shows() -> None:
 def test_an_object_across_the_seam_is_shaded_on_both_sides() -> None:
     one = picture([2.0] * 3 + room()[6:] + [2.0] * 3)
     axes = Figure().add_subplot()
-    panels.sweep(axes, one, limits_of([one.batch]))
+    panels.sweep(axes, one, limits_of([one]))
     (shade,) = axes.patches
     parts = np.array(shade.get_path().to_polygons(closed_only=False))
     spans = sorted(zip(parts[:, :, 0].min(axis=1), parts[:, :, 0].max(axis=1), strict=True))
@@ -257,7 +257,7 @@ def test_an_object_across_the_seam_is_shaded_on_both_sides() -> None:
 def test_what_the_subtraction_shows() -> None:
     one = picture(room(b10_14=2.0), np.array(room(b40_41=3.0)))
     axes = Figure().add_subplot()
-    panels.subtraction(axes, one, limits_of([one.batch]))
+    panels.subtraction(axes, one, limits_of([one]))
     near, far = (np.asarray(line.get_ydata(), float).reshape(-1, 3)[:, :2] for line in axes.lines[:2])
     assert near.tolist() == [[0.0, -2.0]] * 5
     assert far.max() == 1.0
