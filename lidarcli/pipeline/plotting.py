@@ -447,7 +447,7 @@ def take_map(
         paths=paths,
         boxes=() if found is None else found.boxes,
         agents=() if found is None else found.agents,
-        title=f"{source.name}  {', '.join(mapping.worlds)}",
+        title=f"{source.name}  in the frame {', '.join(mapping.worlds)}",
     )
     if sweeps is None:
         return DrawnMap((whole,), tuple(summary.notes), tuple(summary.damage))
@@ -478,15 +478,15 @@ def _overview(tracks: str, source: Source) -> MapPicture:
     from lidarcli.pipeline.inputs.tables import one_pair, read_table
 
     pair = one_pair(tracks)
-    sweeps, objects, things = (
+    sweeps, things, trajectories = (
         Rows.join([read_table(pair, kind, map_picture.COLUMNS[kind])])
-        for kind in ("sweeps", "objects", "tracks")
+        for kind in ("sweeps", "tracks", "trajectories")
     )
     _, logs = sweeps.words("log")
     here = source.name.rpartition("/")[2]
     if logs and here not in [name.rpartition("/")[2] for name in logs]:
         raise OptionError(f"{tracks}: is of the log {logs[0]}, not of {source.label}")
-    found = overview(sweeps, objects, things)
+    found = overview(sweeps, things, trajectories)
     if found is None:
         raise OptionError(f"{tracks}: its sweeps have no poses: things have no place in the world")
     return found
