@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidarcli.choices import AS_IT_COMES, IMAGES, TRAIL, Look
+from lidarcli.choices import AS_IT_COMES, IMAGES, MATCH, TRAIL, Look
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
@@ -338,7 +338,7 @@ class _Work:
         return None if paths is None else paths.up_to(int(batch.sweep[0]), self._options.trail)
 
     def _paths_of(self, batch: SweepBatch) -> Paths | None:
-        """Return the tracks of the topic, which is that of all sweeps; None without tables (`OptionError` without this sweep)."""
+        """Return the tracks of the topic of all sweeps; None without tables (`OptionError` where they lack this sweep)."""
         if (name := self._options.tracks) is None:
             return None
         if self._paths is None:
@@ -441,13 +441,13 @@ def take_map(
     mapping = Mapping(options)
     summary = mapping.add(source)
     paths = [(path.x, path.y) for path in mapping.paths]
-    found = None if tracks is None else _overview(tracks, source)
+    found = None if tracks is None else _overview(tracks, source, mapping.worlds)
     whole = MapPicture(
         grid=mapping.occupancy(),
         paths=paths,
         boxes=() if found is None else found.boxes,
         agents=() if found is None else found.agents,
-        title=f"{source.name}  in the frame {', '.join(mapping.worlds)}",
+        title=f"{source.name}  {_frame_words(mapping.worlds)}",
     )
     if sweeps is None:
         return DrawnMap((whole,), tuple(summary.notes), tuple(summary.damage))
@@ -456,6 +456,10 @@ def take_map(
         replace(whole, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps
     )
     return DrawnMap(pictures, tuple(summary.notes), tuple(summary.damage))
+
+
+def _frame_words(worlds: Iterable[str]) -> str:
+    return ", ".join("path matched from the sweeps" if one == MATCH else f"frame {one}" for one in worlds)
 
 
 def map_bytes(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
@@ -473,20 +477,27 @@ def write_maps(
     return notes
 
 
-def _overview(tracks: str, source: Source) -> MapPicture:
-    """Return the things and agents of the tables of this log, in the world."""
+def _overview(tracks: str, source: Source, worlds: Iterable[str]) -> MapPicture:
+    """Return the things and agents of the tables of this log, in one of these worlds."""
     from lidarcli.pipeline.inputs.tables import one_pair, read_table
+    from lidarcli.tabular.reading import note_value, notes_of
+    from lidarcli.tabular.writing import SOURCE
 
     pair = one_pair(tracks)
-    sweeps, things, trajectories = (
-        Rows.join([read_table(pair, kind, map_picture.COLUMNS[kind])])
-        for kind in ("sweeps", "tracks", "trajectories")
-    )
+    read = {kind: read_table(pair, kind, columns) for kind, columns in map_picture.COLUMNS.items()}
+    sweeps, things, trajectories = (Rows.join([read[kind]]) for kind in ("sweeps", "tracks", "trajectories"))
     _, logs = sweeps.words("log")
     here = source.name.rpartition("/")[2]
     if logs and here not in [name.rpartition("/")[2] for name in logs]:
         raise OptionError(f"{tracks}: is of the log {logs[0]}, not of {source.label}")
     found = overview(sweeps, things, trajectories)
+    ways = note_value(notes_of(read["sweeps"]), SOURCE, dict).get("poses") or {}
+    told = {str(way["world"]) for way in ways.values() if isinstance(way, dict) and "world" in way}
+    if told and told.isdisjoint(worlds):
+        raise OptionError(
+            f"{tracks}: tracked in another world ({_frame_words(sorted(told))}) than that of the map "
+            f"({_frame_words(worlds)}); give both commands the same --pose"
+        )
     if found is None:
         raise OptionError(f"{tracks}: its sweeps have no poses: things have no place in the world")
     return found

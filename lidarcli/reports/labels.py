@@ -226,7 +226,10 @@ class _Tried:
         """Return (C, R) True where a rectangle lies on the line from a place to the thing."""
         way = (end - start)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            low, high = (others[None, :, :2] - start[:, None]) / way, (others[None, :, 2:] - start[:, None]) / way
+            low, high = (
+                (others[None, :, :2] - start[:, None]) / way,
+                (others[None, :, 2:] - start[:, None]) / way,
+            )
         enters = np.minimum(low, high).max(axis=2)
         leaves = np.maximum(low, high).min(axis=2)
         crossed: NDArray[np.bool_] = (enters < leaves) & (enters < 1.0) & (leaves > 0.0)

@@ -232,10 +232,21 @@ def _marks(axes: Axes, picture: MapPicture) -> None:
     for x, y in picture.paths:
         axes.plot(x, y, color=palette.GREEN, lw=1.0, zorder=3, label="path of the sensor")
         if len(x) and picture.snapshot is None:
-            axes.plot(x[:1], y[:1], "o", color=palette.GREEN, ms=3.5, zorder=4, label="path of the sensor: start")
+            axes.plot(
+                x[:1], y[:1], "o", color=palette.GREEN, ms=3.5, zorder=4, label="path of the sensor: start"
+            )
     for _, x, y in picture.agents:
         axes.plot(x, y, color=palette.VERMILION, lw=0.9, zorder=5, label="what moved")
-        axes.plot(x[-1:], y[-1:], "^", color=palette.VERMILION, ms=3.0, mew=0, zorder=6, label="what moved: last place")
+        axes.plot(
+            x[-1:],
+            y[-1:],
+            "^",
+            color=palette.VERMILION,
+            ms=3.0,
+            mew=0,
+            zorder=6,
+            label="what moved: last place",
+        )
     _boxes(axes, picture.boxes, "what stands")
     _labels(axes, picture)
     shot = picture.snapshot
@@ -312,6 +323,7 @@ def _scale(axes: Axes, width: float) -> None:
         ha="center",
         va="bottom",
         zorder=9,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.4},
     )
 
 

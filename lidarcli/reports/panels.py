@@ -37,6 +37,7 @@ FILL, TRIGGERS = 0.25, 1.8
 """Alpha of a zone that is occupied, and size of a beam in it by that of others."""
 DASH = 3.0
 """Length of the dashes of a zone that is not occupied [pt]; the gaps are half as long."""
+SHADE: dict[str, Any] = {"color": palette.SKY, "alpha": 0.25, "lw": 0, "label": "bearings of an object"}
 CURVE_DOT = 1.7
 """Diameter of a beam's dot [pt]."""
 LINEAR = 2.0
@@ -223,7 +224,8 @@ def _things(axes: Axes, picture: Picture, x: Float64, y: Float64) -> None:
         faces.setdefault(shape, []).extend(np.stack([x[beams], y[beams]], axis=1) for beams in seen)
     for shape, lines in outlines.items():
         colour, words = palette.SHAPE_COLOURS[shape], palette.SHAPE_WORDS[shape]
-        axes.plot(*_as_one(lines), color=colour, lw=0.7, zorder=4, label=words)
+        dots = palette.SHAPE_DOTS.get(shape, "-")
+        axes.plot(*_as_one(lines), color=colour, lw=0.7, ls=dots, zorder=4, label=words)
         axes.plot(*_as_one(faces[shape]), color=colour, lw=1.2, solid_capstyle="butt", zorder=5)
 
 
@@ -324,10 +326,8 @@ def _tracks(axes: Axes, paths: Sequence[TrackPath]) -> list[Label]:
             mark = "o"
         axes.plot(path.x, path.y, color=colour, lw=0.9 if path.is_agent else 0.6, zorder=8)
         x, y = float(path.x[-1]), float(path.y[-1])
-        face = colour if path.seen else "white"
-        axes.plot(
-            x, y, mark, mfc=face, mec=colour, ms=3.0, mew=0.7, ls="none", zorder=9, label=f"track: {name}"
-        )
+        face, words = (colour, f"track: {name}") if path.seen else ("white", f"track: {name}, hidden")
+        axes.plot(x, y, mark, mfc=face, mec=colour, ms=3.0, mew=0.7, ls="none", zorder=9, label=words)
         vx, vy = path.velocity
         tip = (x + vx, y + vy)
         if np.hypot(vx, vy) > 0:
@@ -423,7 +423,7 @@ def polar(
             continue
         width = max(float(found.theta_f[k] - found.theta_i[k]), picture.step)
         middle = 0.5 * float(found.theta_f[k] + found.theta_i[k])
-        axes.bar(middle, limits.r, width=width, color=palette.SKY, alpha=0.25, lw=0, zorder=1)
+        axes.bar(middle, limits.r, width=width, zorder=1, **SHADE)
         beams, theta = picture.members(k)
         if len(beams):
             labels.append((int(found.object[k]), np.stack([theta, picture.ranges[beams]], axis=1)))
@@ -536,7 +536,7 @@ def _shade(axes: Axes, picture: Picture) -> None:
         shade = Path.make_compound_path_from_polys(corners)
         # From the foot of the axes to their top.
         whole = axes.get_xaxis_transform()
-        axes.add_patch(PathPatch(shade, color=palette.SKY, alpha=0.25, lw=0, zorder=1, transform=whole))
+        axes.add_patch(PathPatch(shade, zorder=1, transform=whole, **SHADE))
 
 
 def _broken(theta: Float64, values: Float64) -> tuple[Float64, Float64]:

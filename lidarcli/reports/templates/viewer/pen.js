@@ -4,9 +4,10 @@ const FONT = "11px system-ui, sans-serif", BOLD = "bold 12px system-ui, sans-ser
 // The colours of the page as it is shown, or those for paper, which are light.
 function coloursOf(paper) {
   const style = getComputedStyle(paper ? get("paper") : document.documentElement);
-  const found = { shapes: data.shapes.map((name) => style.getPropertyValue("--shape-" + name).trim()) };
+  const told = (name) => style.getPropertyValue("--" + name).trim();
+  const found = { shapes: data.shapes.map((name) => told("shape-" + name)), zone: (action) => told("zone-" + action) };
   for (const name of ["ink", "quiet", "grid", "paper", "blue", "vermilion", "green", "grey", "dark", "light", "yellow", "orange", "shade", "bar-objects", "bar-agents"]) {
-    found[name] = style.getPropertyValue("--" + name).trim();
+    found[name] = told(name);
   }
   return found;
 }

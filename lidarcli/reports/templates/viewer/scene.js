@@ -104,7 +104,7 @@ function drawOutlines(pen, s, k, p, frame, colours) {
     if (!zone.outline.length || (zone.frame === "world" && !s.pose)) continue;
     const place = zone.frame === "world" ? ([x, y]) => frame.ground(x - s.pose.origin[0], y - s.pose.origin[1]) : ([x, y]) => frame.beam(x, y);
     const points = zone.outline.map(place).map(([x, y]) => [p.X(x), p.Y(y)]), on = isActive(s, k, zone);
-    pen.strokeStyle = colours[ZONE_COLOURS[zone.action]]; pen.lineWidth = on ? 3 : 1;
+    pen.strokeStyle = colours.zone(zone.action); pen.lineWidth = on ? 3 : 1;
     pen.setLineDash(on ? [] : [5, 3]);
     polygon(pen, points); pen.stroke();
     pen.setLineDash([]);
