@@ -323,7 +323,7 @@ def _scale(axes: Axes, width: float) -> None:
         ha="center",
         va="bottom",
         zorder=9,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.4},
+        bbox={"facecolor": axes.get_facecolor(), "edgecolor": "none", "alpha": 0.75, "pad": 0.4},
     )
 
 
