@@ -81,6 +81,18 @@ function word(pen, text, x, y, colour, ground) {
   pen.textAlign = "start"; pen.textBaseline = "alphabetic"; pen.font = FONT;
 }
 
+// Names where they are wanted, or around (u, v), what they name, where no other is; a line leads from one that stands apart.
+function drawNames(pen, names, ground) {
+  const taken = names.reduce((others, one) => {
+    const half = 4.2 * one.text.length + 1, places = [[one.x, one.y]];
+    for (const r of [14, 22, 32, 44]) for (let n = 0; n < 12; n++) places.push([one.u + (r + half) * Math.cos(n * TURN / 12), one.v + r * Math.sin(n * TURN / 12)]);
+    const [x, y] = places.find(([x, y]) => others.every((other) => Math.abs(x - other.x) >= half + other.half || Math.abs(y - other.y) >= 14)) || places[0];
+    if (Math.hypot(Math.max(0, Math.abs(x - one.u) - half), y - one.v) > 16) { pen.strokeStyle = one.colour; pen.lineWidth = 0.8; line(pen, one.u, one.v, x, y); }
+    return [...others, { ...one, x: x, y: y, half: half }];
+  }, []);
+  for (const one of taken) word(pen, one.text, one.x, one.y, one.colour, ground);
+}
+
 // Round numbers from low to high, at most so many, each with its text.
 function ticks(low, high, most) {
   const raw = (high - low) / Math.max(most, 1), power = Math.pow(10, Math.floor(Math.log10(raw)));
