@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidarcli.choices import AS_IT_COMES, IMAGES, TRAIL, Look
+from lidarcli.choices import AS_IT_COMES, IMAGES, MATCH, TRAIL, Look
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
-from lidarcli.formalism.detection import ROUND
+from lidarcli.formalism.detection import ROUND, SETS, Detection
 from lidarcli.formalism.mapping.counts import placed
 from lidarcli.formalism.mapping.occupancy import HIT
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
@@ -30,7 +30,7 @@ from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.ground import COLUMNS, Paths, TrackPath
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
-from lidarcli.reports.picture import Picture, ZoneInSight
+from lidarcli.reports.picture import Picture, ZoneInSight, limits_of
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
@@ -45,6 +45,8 @@ NEAR = 1.0
 """Farthest time from a sweep that stands for it [s]: most sensors sweep ten times in a second."""
 MOST_PICTURES = 2_000
 """Most pictures of one call."""
+SAME_RANGE = 1e-3
+"""Greatest difference of two ranges of the same beam [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +139,18 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
     by_index = {int(row.sweep[0]): row for row in rows}
     order = options.sweeps if options.sweeps is not None else tuple(sorted(by_index))
     pictures = tuple(work.picture(by_index[index]) for index in order)
-    return Drawn(pictures, (*notes, *masking.notes, *report.doubted(), *work.notes()), damage)
+    notes = (*notes, *masking.notes, *report.doubted(), *work.notes(), *_out_of_view(pictures))
+    return Drawn(pictures, notes, damage)
+
+
+def _out_of_view(pictures: Sequence[Picture]) -> Iterator[str]:
+    """Yield a note for each zone that has a place, but in none of the pictures."""
+    zones = [one for picture in pictures for one in picture.zones]
+    limits = limits_of(pictures if zones else ())
+    seen = {one.zone.name for one in zones if len(one.in_view(limits))}
+    for name in dict.fromkeys(one.zone.name for one in zones):
+        if name not in seen:
+            yield f"zone {name} lies outside of the picture"
 
 
 def _showing(log: Log, zones: Zones | None) -> Showing | None:
@@ -273,7 +286,7 @@ class _Work:
         self._showing = showing
         if showing is not None:
             for batch in rows:
-                sets = detect(batch, self._options.parameters, per_beam=True).beam_set
+                sets = self._told(batch, detect(batch, self._options.parameters, per_beam=True)).beam_set
                 self._zones[int(batch.sweep[0])] = [*showing.of(batch, sets)]
 
     def picture(self, batch: SweepBatch) -> Picture:
@@ -283,7 +296,7 @@ class _Work:
         picture = Picture(
             log=self._log,
             batch=batch,
-            detection=detect(batch, parameters, per_beam=True),
+            detection=self._told(batch, detect(batch, parameters, per_beam=True)),
             profile=parameters.profile,
             threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
             tracks=self._tracks(batch),
@@ -299,13 +312,33 @@ class _Work:
         r_e = found.r_e[0].astype(np.float64)
         return replace(
             picture,
-            detection=self._subtracting(batch, per_beam=True),
+            detection=self._told(batch, self._subtracting(batch, per_beam=True)),
             background=np.where(np.isfinite(r_e), r_e, np.nan),
             difference=found.difference[0].astype(np.float64),
         )
 
+    def _told(self, batch: SweepBatch, found: Detection) -> Detection:
+        """Return a detection whose beams on agents are in set A, as far as tracks tell."""
+        if (paths := self._paths_of(batch)) is None:
+            return found
+        owner, sets = found.beam_object, found.beam_set
+        assert owner is not None  # pictures are made with `per_beam`
+        assert sets is not None
+        r, theta = paths.agents(int(batch.sweep[0])).T
+        step = abs(float(batch.angle_increment[0]))
+        # By other options an object may end elsewhere; the beam that is nearest is the one most likely to stay.
+        alike = np.abs(found.r_min[:, None] - r) < SAME_RANGE
+        alike &= np.abs(np.sin(0.5 * (found.theta_min[:, None] - theta))) < 0.25 * step
+        mine = np.isin(owner, found.object[alike.any(axis=1)])
+        return replace(found, beam_set=np.where(mine, SETS.index("A"), sets).astype(sets.dtype))
+
     def _tracks(self, batch: SweepBatch) -> tuple[TrackPath, ...] | None:
-        """Return the tracks up to this sweep; all sweeps are of one topic."""
+        """Return the tracks up to this sweep."""
+        paths = self._paths_of(batch)
+        return None if paths is None else paths.up_to(int(batch.sweep[0]), self._options.trail)
+
+    def _paths_of(self, batch: SweepBatch) -> Paths | None:
+        """Return the tracks of the topic of all sweeps; None without tables (`OptionError` where they lack this sweep)."""
         if (name := self._options.tracks) is None:
             return None
         if self._paths is None:
@@ -319,7 +352,7 @@ class _Work:
         sweep = int(batch.sweep[0])
         if not self._paths.has(sweep):
             raise OptionError(f"{name}: no sweep {sweep} of {batch.topic} in it")
-        return self._paths.up_to(sweep, self._options.trail)
+        return self._paths
 
     def notes(self) -> list[str]:
         """Return the notes of the comparison, and of zones."""
@@ -408,13 +441,13 @@ def take_map(
     mapping = Mapping(options)
     summary = mapping.add(source)
     paths = [(path.x, path.y) for path in mapping.paths]
-    found = None if tracks is None else _overview(tracks, source)
+    found = None if tracks is None else _overview(tracks, source, mapping.worlds)
     whole = MapPicture(
         grid=mapping.occupancy(),
         paths=paths,
         boxes=() if found is None else found.boxes,
         agents=() if found is None else found.agents,
-        title=f"{source.name}  {', '.join(mapping.worlds)}",
+        title=f"{source.name}  {_frame_words(mapping.worlds)}",
     )
     if sweeps is None:
         return DrawnMap((whole,), tuple(summary.notes), tuple(summary.damage))
@@ -423,6 +456,10 @@ def take_map(
         replace(whole, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps
     )
     return DrawnMap(pictures, tuple(summary.notes), tuple(summary.damage))
+
+
+def _frame_words(worlds: Iterable[str]) -> str:
+    return ", ".join("path matched from the sweeps" if one == MATCH else f"frame {one}" for one in worlds)
 
 
 def map_bytes(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
@@ -440,20 +477,27 @@ def write_maps(
     return notes
 
 
-def _overview(tracks: str, source: Source) -> MapPicture:
-    """Return the things and agents of the tables of this log, in the world."""
+def _overview(tracks: str, source: Source, worlds: Iterable[str]) -> MapPicture:
+    """Return the things and agents of the tables of this log, in one of these worlds."""
     from lidarcli.pipeline.inputs.tables import one_pair, read_table
+    from lidarcli.tabular.reading import note_value, notes_of
+    from lidarcli.tabular.writing import SOURCE
 
     pair = one_pair(tracks)
-    sweeps, objects, things = (
-        Rows.join([read_table(pair, kind, map_picture.COLUMNS[kind])])
-        for kind in ("sweeps", "objects", "tracks")
-    )
+    read = {kind: read_table(pair, kind, columns) for kind, columns in map_picture.COLUMNS.items()}
+    sweeps, things, trajectories = (Rows.join([read[kind]]) for kind in ("sweeps", "tracks", "trajectories"))
     _, logs = sweeps.words("log")
     here = source.name.rpartition("/")[2]
     if logs and here not in [name.rpartition("/")[2] for name in logs]:
         raise OptionError(f"{tracks}: is of the log {logs[0]}, not of {source.label}")
-    found = overview(sweeps, objects, things)
+    found = overview(sweeps, things, trajectories)
+    ways = note_value(notes_of(read["sweeps"]), SOURCE, dict).get("poses") or {}
+    told = {str(way["world"]) for way in ways.values() if isinstance(way, dict) and "world" in way}
+    if told and told.isdisjoint(worlds):
+        raise OptionError(
+            f"{tracks}: tracked in another world ({_frame_words(sorted(told))}) than that of the map "
+            f"({_frame_words(worlds)}); give both commands the same --pose"
+        )
     if found is None:
         raise OptionError(f"{tracks}: its sweeps have no poses: things have no place in the world")
     return found

@@ -162,7 +162,7 @@ def _with_page(report: Report, run: Run, pairs: Sequence[Pair], options: ReportO
     seen = viewer_of(run, report.summary, pairs, options.logs, options.join)
     report = replace(report, unread=(*report.unread, *seen.problems))
     # Every log has a world of its own.
-    above = overview(run.sweeps, run.objects, run.tracks) if len(run.sources) == 1 else None
+    above = overview(run.sweeps, run.tracks, run.trajectories) if len(run.sources) == 1 else None
     return Made(report, Page(seen.data, above, seen.walls, _command(options)))
 
 
@@ -282,7 +282,7 @@ def _load(
         from lidarcli.reports.ground import COLUMNS as PATHS
         from lidarcli.reports.map_picture import COLUMNS
 
-        columns |= {*COLUMNS["objects"]}
+        path_columns = {*PATHS["trajectories"], *COLUMNS["trajectories"]}
         sweep_columns |= {*COLUMNS["sweeps"]}
         track_columns |= {*COLUMNS["tracks"]}
     read: list[tuple[Pair, Origin, pa.Table, pa.Table]] = []
@@ -304,7 +304,7 @@ def _load(
         try:
             found = read_tracks(pair, objects, track_columns)
             if found is not None and viewer and pair.trajectories.exists():
-                trajectories[len(read)] = read_table(pair, "trajectories", PATHS["trajectories"])
+                trajectories[len(read)] = read_table(pair, "trajectories", path_columns)
         except UnreadableError as err:
             problems.append(err)
             found = None

@@ -210,7 +210,7 @@ def draw(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> 
     """Return the picture as a file of the kind of `suffix`."""
     with project_style():
         figure = new_figure(width_of(view, look))
-        draw_whole(figure, picture, view, limits_of([picture.batch]), look)
+        draw_whole(figure, picture, view, limits_of([picture]), look)
         return file_bytes(figure, suffix, look.dpi)
 
 
@@ -248,7 +248,7 @@ class _Moving:
 
     def __init__(self, figure: Figure, pictures: Sequence[Picture], view: str, look: Look) -> None:
         self._figure, self._pictures, self._look = figure, pictures, look
-        self._limits = limits = limits_of([picture.batch for picture in pictures])
+        self._limits = limits = limits_of(pictures)
         self._places = places_of(pictures[0], view, limits, look)
         self._axes = add_axes(figure, self._places, limits)
         self._had: list[Frame | None] = [None] * len(self._places)
@@ -478,13 +478,13 @@ def figure_of(
         return _on(axes, picture, view, look)
     with project_style():
         figure = new_figure(width_of(view, look), kind=_Shown)
-        draw_whole(figure, picture, view, limits_of([picture.batch]), look)
+        draw_whole(figure, picture, view, limits_of([picture]), look)
     return figure
 
 
 def _on(axes: Sequence[Axes], picture: Picture, view: str, look: Look) -> Figure:
     """Draw each panel on axes of the caller, with their own style."""
-    limits = limits_of([picture.batch])
+    limits = limits_of([picture])
     places = places_of(picture, view, limits, look)
     if len(axes) != len(places):
         raise OptionError(

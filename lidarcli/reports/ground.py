@@ -26,6 +26,7 @@ COLUMNS = {
     "objects": (
         *("topic", "sweep", "set", "track", "label"),
         *("box_x", "box_y", "world_x", "world_y"),
+        *("r_min", "theta_min"),
     ),
     "sweeps": ("topic", "sweep", "pose_x", "pose_y", "pose_yaw"),
     "trajectories": ("topic", "sweep", "t", "track", "x", "y", "vx", "vy", "seen"),
@@ -252,6 +253,7 @@ class Paths:
         members, self._seen_at = members[order], at[order]
         self._seen_track = objects.numbers("track")[members].astype(np.int64)
         self._agent = objects.are("set", "A")[members]
+        self._nearest = np.stack([objects.numbers(name)[members] for name in ("r_min", "theta_min")], axis=1)
         codes, names = objects.words("label")
         self._labels = ["" if code < 0 else names[code] for code in codes[members].tolist()]
         self._table, self._rows = trajectories, rows_of(trajectories, topic, self._sweeps)
@@ -272,6 +274,12 @@ class Paths:
     def has(self, sweep: int) -> bool:
         """Return True if the tables hold this sweep."""
         return sweep in self._sweeps
+
+    def agents(self, sweep: int) -> Float64:
+        """Return (N, 2) range and bearing of the nearest point of each object on an agent in this sweep [m, rad]."""
+        now = int(np.searchsorted(self._sweeps, sweep))
+        nearest: Float64 = self._nearest[(self._seen_at == now) & self._agent]
+        return nearest
 
     def up_to(self, sweep: int, seconds: float = np.inf) -> tuple[TrackPath, ...]:
         """Return the tracks that go on in this sweep, by number, from `seconds` before; none without a pose."""

@@ -17,7 +17,7 @@ from matplotlib.transforms import IdentityTransform
 from numpy.typing import NDArray
 
 from lidarcli.reports import palette
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps import Float64, Int64
 
 RINGS = (1.0, 3.0, 6.0, 10.0, 15.0, 21.0, 28.0, 38.0, 52.0)
 """Distances from an object at which its label is tried [pt]."""
@@ -96,7 +96,8 @@ def set_labels(
     if not wanted:
         return ()
     things = np.array([one.thing for one in wanted], np.float64).reshape(-1, 4)
-    tried = [_Tried(wanted, k, things, points, ground, unit) for k in range(len(wanted))]
+    counts = _Counts(points, ground, unit)
+    tried = [_Tried(wanted, k, things, counts, ground, unit) for k in range(len(wanted))]
     places: dict[int, Rectangle] = {}
     for _ in range(ROUNDS):
         before = dict(places)
@@ -125,6 +126,29 @@ def _distance(one: Rectangle, other: Rectangle) -> float:
     return float(np.hypot(across, along))
 
 
+class _Counts:
+    """Numbers of points in rectangles of the ground, in cells of a typographic point: each is four look-ups."""
+
+    def __init__(self, points: Float64, ground: Rectangle, unit: float) -> None:
+        self._origin, self._unit = np.array([ground.left, ground.low]), unit
+        size = np.maximum(np.ceil((np.array([ground.right, ground.high]) - self._origin) / unit), 1)
+        self._shape = size.astype(np.int64)
+        cells = np.floor((points - self._origin) / unit).astype(np.int64)
+        x, y = cells[((cells >= 0) & (cells < self._shape)).all(axis=1)].T
+        columns, rows = self._shape.tolist()
+        counts = np.bincount(x * rows + y, minlength=columns * rows).reshape(columns, rows)
+        # Of each corner the points below and to the left of it.
+        self._below = np.pad(counts.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+
+    def within(self, low: Float64, high: Float64) -> Int64:
+        """Return (C,) points of the cells that rectangles (C, 2) touch."""
+        first = np.clip(np.floor((low - self._origin) / self._unit), 0, self._shape).astype(np.int64)
+        last = np.clip(np.ceil((high - self._origin) / self._unit), 0, self._shape).astype(np.int64)
+        (x0, y0), (x1, y1), below = first.T, last.T, self._below
+        within: Int64 = below[x1, y1] - below[x0, y1] - below[x1, y0] + below[x0, y0]
+        return within
+
+
 class _Tried:
     """The places that are tried for one label, and the cost of each."""
 
@@ -133,7 +157,7 @@ class _Tried:
         wanted: Sequence[Wanted],
         k: int,
         things: Float64,
-        points: Float64,
+        counts: _Counts,
         ground: Rectangle,
         unit: float,
     ) -> None:
@@ -157,7 +181,7 @@ class _Tried:
             & (self._high[:, 0] <= ground.right)
             & (self._high[:, 1] <= ground.high)
         )
-        costs += PER_POINT * self._covered(points)
+        costs += PER_POINT * counts.within(self._low, self._high)
         others = np.delete(things, k, axis=0)
         costs += PER_THING * _meeting(self._low, self._high, others).sum(axis=1)
         gaps = self._gaps(others)
@@ -190,14 +214,6 @@ class _Tried:
         at = int(np.argmin(far))
         return Rectangle(*map(float, (*low[at], *high[at])))
 
-    def _covered(self, points: Float64) -> Float64:
-        """Return (C,) points under each place."""
-        x, y = points[:, 0], points[:, 1]
-        under = (self._low[:, :1] < x) & (x < self._high[:, :1])
-        under &= (self._low[:, 1:] < y) & (y < self._high[:, 1:])
-        covered: Float64 = under.sum(axis=1).astype(np.float64)
-        return covered
-
     def _gaps(self, others: Float64) -> Float64:
         """Return (C, R) distance of each place from rectangles."""
         low, high = self._low[:, None], self._high[:, None]
@@ -208,10 +224,16 @@ class _Tried:
     @staticmethod
     def _crossed(start: Float64, end: Float64, others: Float64) -> NDArray[np.bool_]:
         """Return (C, R) True where a rectangle lies on the line from a place to the thing."""
-        steps = np.linspace(0.0, 1.0, 12)[None, :, None]
-        way = start[:, None] * (1.0 - steps) + end * steps
-        inside = (way[:, :, None] > others[None, None, :, :2]) & (way[:, :, None] < others[None, None, :, 2:])
-        return np.asarray(np.asarray(inside.all(axis=3)).any(axis=1), np.bool_)
+        way = (end - start)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            low, high = (
+                (others[None, :, :2] - start[:, None]) / way,
+                (others[None, :, 2:] - start[:, None]) / way,
+            )
+        enters = np.minimum(low, high).max(axis=2)
+        leaves = np.maximum(low, high).min(axis=2)
+        crossed: NDArray[np.bool_] = (enters < leaves) & (enters < 1.0) & (leaves > 0.0)
+        return crossed
 
 
 def _meeting(low: Float64, high: Float64, others: Float64) -> NDArray[np.bool_]:
@@ -280,7 +302,9 @@ class Labels(Artist):
                 )
             )
         points = to_pixels(self._points) if len(self._points) else self._points
-        self.places = set_labels(wanted, points, ground, unit)
+        edge = AIR * unit
+        inner = Rectangle(ground.left + edge, ground.low + edge, ground.right - edge, ground.high - edge)
+        self.places = set_labels(wanted, points, inner, unit)
         things = [one.thing for one in wanted]
         for k, (text, place) in enumerate(zip(texts, self.places, strict=True)):
             ends = line_to(place, things[k], things[:k] + things[k + 1 :], unit)

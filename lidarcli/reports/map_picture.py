@@ -29,8 +29,8 @@ from lidarcli.reports.drawing import (
 )
 from lidarcli.reports.ground import Walls
 from lidarcli.reports.labels import Label, add_labels, along
-from lidarcli.reports.panels import CIRCLE, draw_sensor
-from lidarcli.reports.picture import printable
+from lidarcli.reports.panels import draw_sensor
+from lidarcli.reports.picture import CIRCLE, printable
 from lidarcli.sweeps import Float32, Float64, Int64
 
 Greys = tuple[float, float, float]
@@ -53,7 +53,7 @@ MOST_PIXELS = 4_000
 """A side of the grid with more cells than this is drawn with the darkest of each group of cells."""
 COLUMNS = {
     "sweeps": ("log", "topic", "sweep", "pose_x", "pose_y"),
-    "objects": ("topic", "sweep", "set", "track", "world_x", "world_y"),
+    "trajectories": ("topic", "sweep", "track", "frame", "x", "y"),
     "tracks": ("topic", "track", "set", "shape", "label", "sweeps", "x", "y", "yaw", "length", "width"),
 }
 """Table → columns that it is made of."""
@@ -229,12 +229,24 @@ def _ground(axes: Axes, grid: Occupancy | None, greys: Greys) -> None:
 
 def _marks(axes: Axes, picture: MapPicture) -> None:
     """Draw paths, boxes, agents, and the sweep."""
-    for number, (x, y) in enumerate(picture.paths):
-        axes.plot(x, y, color=palette.GREEN, lw=1.0, zorder=3, label="" if number else "path of the sensor")
+    for x, y in picture.paths:
+        axes.plot(x, y, color=palette.GREEN, lw=1.0, zorder=3, label="path of the sensor")
         if len(x) and picture.snapshot is None:
-            axes.plot(x[:1], y[:1], "o", color=palette.GREEN, ms=3.5, zorder=4)
-    for number, (_, x, y) in enumerate(picture.agents):
-        axes.plot(x, y, color=palette.VERMILION, lw=0.9, zorder=5, label="" if number else "what moved")
+            axes.plot(
+                x[:1], y[:1], "o", color=palette.GREEN, ms=3.5, zorder=4, label="path of the sensor: start"
+            )
+    for _, x, y in picture.agents:
+        axes.plot(x, y, color=palette.VERMILION, lw=0.9, zorder=5, label="what moved")
+        axes.plot(
+            x[-1:],
+            y[-1:],
+            "^",
+            color=palette.VERMILION,
+            ms=3.0,
+            mew=0,
+            zorder=6,
+            label="what moved: last place",
+        )
     _boxes(axes, picture.boxes, "what stands")
     _labels(axes, picture)
     shot = picture.snapshot
@@ -248,11 +260,8 @@ def _marks(axes: Axes, picture: MapPicture) -> None:
 
 
 def _boxes(axes: Axes, boxes: Sequence[Box], name: str) -> None:
-    for number, box in enumerate(boxes):
-        corners = corners_of(box)
-        axes.plot(
-            corners[:, 0], corners[:, 1], color=palette.BLUE, lw=1.3, zorder=6, label="" if number else name
-        )
+    for box in boxes:
+        axes.plot(*corners_of(box).T, color=palette.BLUE, lw=1.3, zorder=6, label=name)
 
 
 def _labels(axes: Axes, picture: MapPicture) -> None:
@@ -314,6 +323,7 @@ def _scale(axes: Axes, width: float) -> None:
         ha="center",
         va="bottom",
         zorder=9,
+        bbox={"facecolor": axes.get_facecolor(), "edgecolor": "none", "alpha": 0.75, "pad": 0.4},
     )
 
 
@@ -330,8 +340,8 @@ def paths_of(sweeps: Rows) -> list[tuple[Float64, Float64]]:
     return found
 
 
-def overview(sweeps: Rows, objects: Rows, tracks: Rows | None) -> MapPicture | None:
-    """Return the run from above; None where no sweep has a pose."""
+def overview(sweeps: Rows, tracks: Rows | None, trajectories: Rows | None) -> MapPicture | None:
+    """Return the run from above, what moved by its trajectories; None where no sweep has a pose."""
     paths = paths_of(sweeps)
     if not paths:
         return None
@@ -339,7 +349,7 @@ def overview(sweeps: Rows, objects: Rows, tracks: Rows | None) -> MapPicture | N
     agents: list[tuple[int, Float64, Float64]] = []
     if tracks is not None:
         boxes = _track_boxes(sweeps, tracks)
-        agents = _track_ways(objects, tracks)
+        agents = [] if trajectories is None else _track_ways(trajectories, tracks)
     return MapPicture(None, paths, boxes, agents)
 
 
@@ -370,30 +380,28 @@ def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
     ]
 
 
-def _track_ways(objects: Rows, tracks: Rows) -> list[tuple[int, Float64, Float64]]:
-    """Return number, x and y of each agent: the mean of its parts in each sweep."""
+def _track_ways(trajectories: Rows, tracks: Rows) -> list[tuple[int, Float64, Float64]]:
+    """Return number, x and y of each agent."""
     rows = np.flatnonzero(tracks.are("set", "A"))
     rows = rows[np.argsort(-tracks.integers("sweeps")[rows], kind="stable")][:MOST_AGENTS]
-    x, y, track = (objects.numbers(name) for name in ("world_x", "world_y", "track"))
-    sweep = objects.integers("sweep")
-    code, names = objects.words("topic")
+    x, y, track = (trajectories.numbers(name) for name in ("x", "y", "track"))
+    sweep = trajectories.integers("sweep")
+    code, names = trajectories.words("topic")
     of_track, topics = tracks.words("topic")
     numbers = tracks.integers("track")
+    known = trajectories.are("frame", "world") & np.isfinite(x)
     found = []
     for row in sorted(rows.tolist()):
         topic = topics[of_track[row]]
         mine = np.flatnonzero(
-            (track == numbers[row])
-            & (objects.source == tracks.source[row])
+            known
+            & (track == numbers[row])
+            & (trajectories.source == tracks.source[row])
             & (code == (names.index(topic) if topic in names else -2))
-            & np.isfinite(x)
         )
-        if not len(mine):
-            continue
-        places, part, size = np.unique(sweep[mine], return_inverse=True, return_counts=True)
-        kept = _thinned(np.arange(len(places)))
-        way_x, way_y = (np.bincount(part, values[mine]) / size for values in (x, y))
-        found.append((int(numbers[row]), way_x[kept], way_y[kept]))
+        if len(mine):
+            kept = _thinned(mine[np.argsort(sweep[mine], kind="stable")])
+            found.append((int(numbers[row]), x[kept], y[kept]))
     return found
 
 

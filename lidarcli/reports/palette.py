@@ -38,6 +38,8 @@ SHAPE_COLOURS = {
     "unknown": DARK,
     "wall": YELLOW,
 }
+SHAPE_DOTS = {"irregular": (0.0, (1.2, 0.7))}
+"""Shape → dots of its outline: in print its colour is as grey as that of another box."""
 TRACK_COLOURS = (ORANGE, SKY, GREEN, YELLOW, VERMILION, PURPLE, BLUE)
 """Colours of tracks, by their number."""
 SHAPE_WORDS = {
@@ -56,9 +58,9 @@ ZONE_COLOURS = {
     "approach": BLUE,
     "slowdown": YELLOW,
     "limit": ORANGE,
-    "none": GREY,
+    "none": PURPLE,
 }
-"""Action of a zone, the gravest first → its colour."""
+"""Action of a zone, the gravest first → its colour; none is that of beams on walls."""
 
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -126,7 +128,7 @@ _NAMES = {light.lower(): name for name, (light, _) in COLOURS.items()} | {BLACK:
 def page_style() -> str:
     """Return the colours as CSS properties; on paper, and in `.paper`, they are those for light ground."""
     light, dark = (
-        "".join(f" --{name}: {pair[k]};" for name, pair in COLOURS.items()) + _shapes(k) for k in (0, 1)
+        "".join(f" --{name}: {pair[k]};" for name, pair in COLOURS.items()) + _kinds(k) for k in (0, 1)
     )
     return (
         f":root, .paper {{ color-scheme: light;{light} }}\n"
@@ -134,11 +136,13 @@ def page_style() -> str:
     )
 
 
-def _shapes(ground: int) -> str:
+def _kinds(ground: int) -> str:
+    """Return the colours of shapes, and those of zones by action, as CSS properties."""
     found = ""
-    for name, colour in SHAPE_COLOURS.items():
-        known = _NAMES.get(colour.lower())
-        found += f" --shape-{name}: {COLOURS[known][ground] if known else colour};"
+    for kind, colours in (("shape", SHAPE_COLOURS), ("zone", ZONE_COLOURS)):
+        for name, colour in colours.items():
+            known = _NAMES.get(colour.lower())
+            found += f" --{kind}-{name}: {COLOURS[known][ground] if known else colour};"
     return found
 
 

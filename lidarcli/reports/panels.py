@@ -12,7 +12,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 
-from lidarcli.formalism.detection import CORNER, ROUND, SETS, VERTEX_KINDS
+from lidarcli.formalism.detection import CORNER, SETS, VERTEX_KINDS
 from lidarcli.reports import palette
 from lidarcli.reports.ground import TrackPath
 from lidarcli.reports.labels import Label, add_labels, along
@@ -31,10 +31,13 @@ BREAK_STEPS = 20.0
 """Least such distance by the distance from beam to beam across their bearing; both must be exceeded."""
 ARROW = {"arrowstyle": "-|>", "lw": 1.0, "mutation_scale": 6, "shrinkA": 0.0, "shrinkB": 0.0}
 """The velocity of a track: the way of one second."""
-CIRCLE = np.stack([np.cos(turns := np.linspace(0.0, 2.0 * np.pi, 73)), np.sin(turns)], axis=1)
-"""(N, 2) points of the unit circle, closed."""
+OFF_CIRCLE = 0.5
+"""Greatest distance of a beam of a round object from its circle, by the radius."""
 FILL, TRIGGERS = 0.25, 1.8
 """Alpha of a zone that is occupied, and size of a beam in it by that of others."""
+DASH = 3.0
+"""Length of the dashes of a zone that is not occupied [pt]; the gaps are half as long."""
+SHADE: dict[str, Any] = {"color": palette.SKY, "alpha": 0.25, "lw": 0, "label": "bearings of an object"}
 CURVE_DOT = 1.7
 """Diameter of a beam's dot [pt]."""
 LINEAR = 2.0
@@ -121,7 +124,7 @@ def scene(
     had : frame that the axes have, here and below
     vertices : mark start, end and corners of each object, and the point that is nearest to the sensor
     """
-    limits = limits or limits_of([picture.batch])
+    limits = limits or limits_of([picture])
     x, y = picture.points()
     frame = Frame(limits.x, limits.y, ("x [m]", "y [m]"), equal=True).on(axes, had)
     dot = _dot(axes, limits)
@@ -130,13 +133,9 @@ def scene(
     # The gravest lie on top.
     gravity = [*palette.ZONE_COLOURS]
     ordered = sorted(picture.zones, key=lambda one: -gravity.index(one.zone.action))
-    zones = [_zone(axes, one, x, y, dot) for one in ordered]
-    found = picture.detection
-    for k in range(len(found)):
-        if picture.is_wall(k):
-            _wall(axes, picture, k, x, y)
-        else:
-            _thing(axes, picture, k, x, y)
+    zones = [_zone(axes, one, at, x, y, dot) for one in ordered if len(at := one.in_view(limits))]
+    _walls(axes, picture, x, y)
+    _things(axes, picture, x, y)
     mark_vertices(axes, picture, lambda theta, r: (r * np.cos(theta), r * np.sin(theta)), vertices)
     if vertices:
         mark_nearest(axes, picture, lambda theta, r: (r * np.cos(theta), r * np.sin(theta)))
@@ -214,40 +213,57 @@ def _dot(axes: Axes, limits: Limits) -> float:
     return float(np.clip(DOT * scale, LEAST_DOT, LARGEST_DOT))
 
 
-def _thing(axes: Axes, picture: Picture, k: int, x: Float64, y: Float64) -> None:
-    """Draw the outline of an object and its faces in the colour of its shape."""
-    shape = picture.shape(k)
-    colour = palette.SHAPE_COLOURS[shape]
-    outline = _outline(picture, k)
-    axes.plot(outline[:, 0], outline[:, 1], color=colour, lw=0.7, zorder=4, label=palette.SHAPE_WORDS[shape])
-    for beams in _faces(picture, k):
-        axes.plot(x[beams], y[beams], color=colour, lw=1.2, solid_capstyle="butt", zorder=5)
+def _things(axes: Axes, picture: Picture, x: Float64, y: Float64) -> None:
+    """Draw the outlines of objects and their faces in the colours of their shapes."""
+    outlines: dict[str, list[Float64]] = {}
+    faces: dict[str, list[Float64]] = {}
+    for k in picture.things:
+        shape = picture.shape(k)
+        outlines.setdefault(shape, []).append(picture.outline(k))
+        seen = [_arc(picture, k, x, y)] if picture.is_round(k) else _faces(picture, k)
+        faces.setdefault(shape, []).extend(np.stack([x[beams], y[beams]], axis=1) for beams in seen)
+    for shape, lines in outlines.items():
+        colour, words = palette.SHAPE_COLOURS[shape], palette.SHAPE_WORDS[shape]
+        dots = palette.SHAPE_DOTS.get(shape, "-")
+        axes.plot(*_as_one(lines), color=colour, lw=0.7, ls=dots, zorder=4, label=words)
+        axes.plot(*_as_one(faces[shape]), color=colour, lw=1.2, solid_capstyle="butt", zorder=5)
 
 
-def _wall(axes: Axes, picture: Picture, k: int, x: Float64, y: Float64) -> None:
-    """Draw a wall as a pale band under its beams, where these lie side by side."""
-    words = palette.SHAPE_WORDS["wall"]
-    for beams in _faces(picture, k):
-        step = np.hypot(np.diff(x[beams]), np.diff(y[beams]))
-        across = picture.step * np.minimum(picture.ranges[beams][1:], picture.ranges[beams][:-1])
-        ends = np.flatnonzero(step > np.maximum(BREAK, BREAK_STEPS * across)) + 1
-        for run in np.split(beams, ends):
-            if len(run) > 1:
-                axes.plot(
-                    x[run], y[run], color=palette.WALL, lw=2.4, solid_capstyle="butt", zorder=2, label=words
-                )
+def _walls(axes: Axes, picture: Picture, x: Float64, y: Float64) -> None:
+    """Draw walls as pale bands under their beams, where these lie side by side."""
+    bands = []
+    for k in range(len(picture.detection)):
+        for beams in _faces(picture, k) if picture.is_wall(k) else ():
+            step = np.hypot(np.diff(x[beams]), np.diff(y[beams]))
+            across = picture.step * np.minimum(picture.ranges[beams][1:], picture.ranges[beams][:-1])
+            ends = np.flatnonzero(step > np.maximum(BREAK, BREAK_STEPS * across)) + 1
+            bands += [np.stack([x[run], y[run]], axis=1) for run in np.split(beams, ends) if len(run) > 1]
+    if bands:
+        style: dict[str, Any] = {"color": palette.WALL, "lw": 2.4, "solid_capstyle": "butt", "zorder": 2}
+        axes.plot(*_as_one(bands), label=palette.SHAPE_WORDS["wall"], **style)
 
 
-def _zone(axes: Axes, one: ZoneInSight, x: Float64, y: Float64, dot: float) -> Label:
-    """Draw the outline of a zone, filled where it is occupied, and the beams that count; return its label."""
+def _as_one(lines: Iterable[Float64]) -> tuple[Float64, Float64]:
+    """Return x and y of lines, (N, 2) each, as one line that breaks between them: it is drawn much faster."""
+    gap = np.full((1, 2), np.nan)
+    x, y = np.concatenate([gap, *(part for line in lines for part in (line, gap))])[1:-1].T
+    return x, y
+
+
+def _zone(axes: Axes, one: ZoneInSight, at: Float64, x: Float64, y: Float64, dot: float) -> Label:
+    """Draw the outline of a zone, filled where it is occupied, and the beams that count; return its label.
+
+    `at`, (N, 2), is what is in view of its outline.
+    """
     colour = palette.ZONE_COLOURS[one.zone.action]
     words = "zone" if one.zone.action == "none" else f"zone: {one.zone.action}"
-    around = np.concatenate([one.corners, one.corners[:1]])
     if one.is_occupied:
         axes.fill(*one.corners.T, color=colour, alpha=FILL, lw=0, zorder=1)
     # A dark seam lets yellow be seen on white.
-    axes.plot(*around.T, color=palette.DARK, lw=1.6 if one.is_occupied else 1.0, zorder=1.5)
-    axes.plot(*around.T, color=colour, lw=1.1 if one.is_occupied else 0.6, zorder=1.6, label=words)
+    for seam, paint, order, name in ((0.5, palette.DARK, 1.5, None), (0.0, colour, 1.6, words)):
+        width = (1.1 if one.is_occupied else 0.8) + seam
+        dashes = "-" if one.is_occupied else (0, (DASH / width, 0.5 * DASH / width))
+        axes.plot(*one.outline.T, color=paint, lw=width, ls=dashes, zorder=order, label=name)
     if one.is_occupied:
         axes.scatter(
             x[one.beams],
@@ -260,18 +276,18 @@ def _zone(axes: Axes, one: ZoneInSight, x: Float64, y: Float64, dot: float) -> L
             zorder=7,
             label=f"beam in a {words}",
         )
-    # At the corner that is farthest to the left and ahead, as a title.
-    first = one.corners[np.argmax(one.corners[:, 1] - 1e-3 * one.corners[:, 0])]
+    # At the place that is farthest to the left and ahead, as a title.
+    first = at[np.argmax(at[:, 1] - 1e-3 * at[:, 0])]
     return Label(one.words, first[None], palette.BLACK)
 
 
-def _outline(picture: Picture, k: int) -> Float64:
-    """Return (N, 2) the box of an object, closed; of a round one the circle that was fitted to it [m]."""
+def _arc(picture: Picture, k: int, x: Float64, y: Float64) -> Any:
+    """Return the beams of a round object that end near to its circle: one beside it belongs to no arc."""
     found = picture.detection
-    if int(found.shape[k]) != ROUND:
-        return picture.corners(k)
-    outline: Float64 = 0.5 * float(found.box_length[k]) * CIRCLE + np.array([found.box_x[k], found.box_y[k]])
-    return outline
+    beams, _ = picture.members(k)
+    radius = 0.5 * float(found.box_length[k])
+    away = np.hypot(x[beams] - found.box_x[k], y[beams] - found.box_y[k]) - radius
+    return beams[np.abs(away) <= OFF_CIRCLE * radius]
 
 
 def _faces(picture: Picture, k: int) -> Iterator[Any]:
@@ -286,7 +302,7 @@ def _label(axes: Axes, picture: Picture, labels: Iterable[Label]) -> None:
     """Set labels, which avoid beams, outlines, the sensor and the ways of tracks."""
     there = np.isfinite(picture.ranges)
     points = np.stack(picture.points(), axis=1)[there]
-    lines = [_outline(picture, k) for k in range(len(picture.detection)) if not picture.is_wall(k)]
+    lines = [picture.outline(k) for k in picture.things]
     for path in picture.tracks or ():
         way = np.stack([path.x, path.y], axis=1)
         lines.append(np.concatenate([way, way[-1:] + path.velocity]))
@@ -295,11 +311,9 @@ def _label(axes: Axes, picture: Picture, labels: Iterable[Label]) -> None:
 
 def _numbers(picture: Picture) -> Iterator[Label]:
     """Yield the numbers of the objects; none where they are too many to be read."""
-    found = picture.detection
-    things = [k for k in range(len(found)) if not picture.is_wall(k)]
-    if len(things) <= MANY:
-        for k in things:
-            yield Label(str(int(found.object[k])), _outline(picture, k))
+    if len(picture.things) <= MANY:
+        for k in picture.things:
+            yield Label(str(int(picture.detection.object[k])), picture.outline(k))
 
 
 def _tracks(axes: Axes, paths: Sequence[TrackPath]) -> list[Label]:
@@ -312,10 +326,8 @@ def _tracks(axes: Axes, paths: Sequence[TrackPath]) -> list[Label]:
             mark = "o"
         axes.plot(path.x, path.y, color=colour, lw=0.9 if path.is_agent else 0.6, zorder=8)
         x, y = float(path.x[-1]), float(path.y[-1])
-        face = colour if path.seen else "white"
-        axes.plot(
-            x, y, mark, mfc=face, mec=colour, ms=3.0, mew=0.7, ls="none", zorder=9, label=f"track: {name}"
-        )
+        face, words = (colour, f"track: {name}") if path.seen else ("white", f"track: {name}, hidden")
+        axes.plot(x, y, mark, mfc=face, mec=colour, ms=3.0, mew=0.7, ls="none", zorder=9, label=words)
         vx, vy = path.velocity
         tip = (x + vx, y + vy)
         if np.hypot(vx, vy) > 0:
@@ -411,7 +423,7 @@ def polar(
             continue
         width = max(float(found.theta_f[k] - found.theta_i[k]), picture.step)
         middle = 0.5 * float(found.theta_f[k] + found.theta_i[k])
-        axes.bar(middle, limits.r, width=width, color=palette.SKY, alpha=0.25, lw=0, zorder=1)
+        axes.bar(middle, limits.r, width=width, zorder=1, **SHADE)
         beams, theta = picture.members(k)
         if len(beams):
             labels.append((int(found.object[k]), np.stack([theta, picture.ranges[beams]], axis=1)))
@@ -524,7 +536,7 @@ def _shade(axes: Axes, picture: Picture) -> None:
         shade = Path.make_compound_path_from_polys(corners)
         # From the foot of the axes to their top.
         whole = axes.get_xaxis_transform()
-        axes.add_patch(PathPatch(shade, color=palette.SKY, alpha=0.25, lw=0, zorder=1, transform=whole))
+        axes.add_patch(PathPatch(shade, zorder=1, transform=whole, **SHADE))
 
 
 def _broken(theta: Float64, values: Float64) -> tuple[Float64, Float64]:

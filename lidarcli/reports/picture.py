@@ -9,10 +9,16 @@ import numpy as np
 
 from lidarcli.display import counted, stamp
 from lidarcli.formalism import Detection
-from lidarcli.formalism.detection import OBJECT, SHAPES, WALL
+from lidarcli.formalism.detection import OBJECT, ROUND, SHAPES, WALL
+from lidarcli.masks import Polygon
 from lidarcli.reports.ground import TrackPath
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
-from lidarcli.zone import Zone
+from lidarcli.zone import Line, Zone, inside
+
+CIRCLE = np.stack([np.cos(turns := np.linspace(0.0, 2.0 * np.pi, 73)), np.sin(turns)], axis=1)
+"""(N, 2) points of the unit circle, closed."""
+FAR = 1.5
+"""Greatest distance of what a scene shows of an outline, by that of its farthest beam."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +33,25 @@ class ZoneInSight:
     is_occupied: bool
 
     @property
+    def outline(self) -> Float64:
+        """(N, 2) its outline, closed, or its line [m]."""
+        closing = 0 if isinstance(self.zone.shape, Line) else 1
+        return np.concatenate([self.corners, self.corners[:closing]])
+
+    def in_view(self, limits: Limits) -> Float64:
+        """Return (N, 2) ends of the pieces of its outline in view; of a zone around all of that the upper left corner."""
+        (left, right), (low, high) = limits.x, limits.y
+        at = _clipped(self.outline, np.array([left, low]), np.array([right, high]))
+        if len(at) or isinstance(self.zone.shape, Line):
+            return at
+        corner = np.array([[left, high]])
+        around = inside(Polygon(tuple(map(tuple, self.corners.tolist()))), *corner.T)
+        return corner[around]
+
+    @property
     def words(self) -> str:
         """Name, and what it asks for; whether it is occupied is told by the number of its points."""
-        asked = "" if self.zone.action == "none" else f" ({self.zone.action})"
+        asked = "" if self.zone.action in ("none", self.zone.name) else f" ({self.zone.action})"
         count = int(np.count_nonzero(self.beams))
         return f"{printable(self.zone.name)}{asked}" + (
             f": {counted(count, 'point')}" if self.is_occupied else ""
@@ -139,9 +161,28 @@ class Picture:
         corners: Float64 = turned + np.array([found.box_x[k], found.box_y[k]])
         return corners
 
+    def outline(self, k: int) -> Float64:
+        """Return (N, 2) the box of object k, closed; of a round one the circle that was fitted to it [m]."""
+        if not self.is_round(k):
+            return self.corners(k)
+        found = self.detection
+        outline: Float64 = 0.5 * float(found.box_length[k]) * CIRCLE + np.array(
+            [found.box_x[k], found.box_y[k]]
+        )
+        return outline
+
+    @property
+    def things(self) -> list[int]:
+        """Objects that are no walls."""
+        return [k for k in range(len(self.detection)) if not self.is_wall(k)]
+
     def shape(self, k: int) -> str:
         """Return the name of the shape of object k."""
         return SHAPES[int(self.detection.shape[k])]
+
+    def is_round(self, k: int) -> bool:
+        """Return True if object k is round."""
+        return int(self.detection.shape[k]) == ROUND
 
     def is_wall(self, k: int) -> bool:
         """Return True if object k is a wall (`--walls`)."""
@@ -171,27 +212,49 @@ class Limits:
         return (self.x[1] - self.x[0]) / (self.y[1] - self.y[0])
 
 
-def limits_of(batches: Sequence[SweepBatch]) -> Limits:
-    """Return limits that hold all the sweeps, with some air around them."""
-    parts = []
+def limits_of(pictures: Sequence[Picture]) -> Limits:
+    """Return limits that hold the beams, objects and tracks of all pictures, with some air around them."""
+    parts = [np.zeros((1, 2))]
     jumps = [0.1]
-    for batch in batches:
-        ranges, theta = batch.ranges[0], batch.bearings()[0]
-        there = np.isfinite(ranges)
-        parts.append(np.stack([ranges[there] * np.cos(theta[there]), ranges[there] * np.sin(theta[there])]))
-        steps = np.abs(np.diff(ranges.astype(np.float64)))
-        jumps.append(float(np.nanmax(steps, initial=0.0)))
-    xy = np.concatenate([*parts, np.zeros((2, 1))], axis=1)
+    reach = 0.0
+    for picture in pictures:
+        beams = np.stack(picture.points(), axis=1)
+        beams = beams[np.isfinite(picture.ranges)]
+        mine = float(np.hypot(*beams.T).max(initial=0.0))
+        seen = [picture.outline(k) for k in picture.things]
+        for path in picture.tracks or ():
+            head = np.array([[path.x[-1], path.y[-1]]])
+            seen.append(np.concatenate([head, head + path.velocity]))
+        outlines = np.concatenate([np.empty((0, 2)), *seen])
+        # A profile without a largest size fits circles to walls.
+        parts += [beams, outlines[np.hypot(*outlines.T) <= FAR * mine]]
+        jumps.append(float(np.nanmax(np.abs(np.diff(picture.ranges)), initial=0.0)))
+        reach = max(reach, mine)
+    xy = np.concatenate(parts).T
     low, high = xy.min(axis=1), xy.max(axis=1)
     sides = high - low
     air = max(0.09 * float(sides.min()), 0.03 * float(sides.max()), 0.1)
-    reach = float(np.hypot(*xy).max())
     return Limits(
         (float(low[0]) - air, float(high[0]) + air),
         (float(low[1]) - air, float(high[1]) + air),
         max(1.05 * reach, 0.1),
         1.1 * max(jumps),
     )
+
+
+def _clipped(line: Float64, low: Float64, high: Float64) -> Float64:
+    """Return (N, 2) ends of the pieces of a line, (M, 2), that lie in a rectangle of these corners."""
+    start, way = line[:-1], np.diff(line, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack([(low - start) / way, (high - start) / way])
+    # Along an edge all of a piece is on one side of it.
+    within = np.where((low <= start) & (start <= high), np.inf, -np.inf)
+    first = np.where(way == 0.0, -within, ends.min(axis=0)).max(axis=1, initial=0.0)
+    last = np.where(way == 0.0, within, ends.max(axis=0)).min(axis=1, initial=1.0)
+    kept = first <= last
+    pieces = [start[kept] + share[kept, None] * way[kept] for share in (first, last)]
+    clipped: Float64 = np.concatenate(pieces)
+    return clipped
 
 
 def unwound(angle: Float64) -> Float64:

@@ -18,11 +18,14 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
+from lidarcli.formalism import Parameters
+from lidarcli.formalism.detection import SETS
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline import plotting
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.plotting import PlotOptions, take_pictures
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular import TRAJECTORIES
@@ -212,6 +215,25 @@ def test_tracks_are_drawn(lidarcli: Run, logs: Path, tracked: Path, tmp_path: Pa
     # The objects of the sweep have numbers, or their tracks.
     assert ("1" in without, "3 box" in without) == (True, False)
     assert ("1" in found, "3 box" in found) == (False, True)
+
+
+@pytest.mark.slow
+def test_beams_on_agents_are_those_that_the_tables_count(lidarcli: Run, tmp_path: Path) -> None:
+    log = SAMPLES / "people.csv.gz"
+    assert lidarcli("-q", "track", log, "-o", tmp_path).code == 0
+    counted = pq.read_table(tmp_path / "people.sweeps.parquet")["agent_beams"].to_pylist()
+    sweeps = (0, 20, 40, 60, 79)
+    source = Source(str(log), "people")
+    # Also where other options than those of the tables join the legs of a person.
+    for parameters in (Parameters(), Parameters(group_gap=0.6)):
+        options = PlotOptions(sweeps, parameters=parameters, tracks=str(tmp_path))
+        drawn = take_pictures(source, options).pictures
+        found = [np.count_nonzero(one.detection.beam_set == SETS.index("A")) for one in drawn]
+        assert found == [counted[k] for k in sweeps]
+        assert min(found) > 15
+    out = tmp_path / "a.svg"
+    assert lidarcli("plot", log, "--sweep", 40, "--tracks", tmp_path, "-o", out).code == 0
+    assert "beams on agents" in words_of(out)
 
 
 def test_tracks_that_cannot_be_drawn(lidarcli: Run, logs: Path, tracked: Path, tmp_path: Path) -> None:

@@ -58,7 +58,8 @@ def test_every_format_and_what_is_said(lidarcli: Run, tmp_path: Path) -> None:
         assert out.read_bytes() == again.read_bytes()
     words = words_of(tmp_path / "a.svg")
     assert "path of the sensor" in words
-    assert "drive  odom" in words
+    assert "path of the sensor: start" in words
+    assert "drive  frame odom" in words
 
 
 def test_a_sweep(lidarcli: Run, tmp_path: Path) -> None:
@@ -112,7 +113,23 @@ def test_tracks(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     drawn = take_map(source(), MapOptions(), tracks=str(tables))
     (picture,) = drawn.pictures
     assert len(picture.boxes) >= 5
+    assert [mark for mark in words_of(tmp_path / "m.svg").splitlines() if mark.startswith("path")] == [
+        "path of the sensor",
+        "path of the sensor: start",
+    ]
     assert all(-4.6 < box.x < 4.6 and -3.6 < box.y < 3.6 for box in picture.boxes)
+
+
+@pytest.mark.slow
+def test_tables_of_another_world(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.png"
+    ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "--pose", "match", "-o", out)
+    assert (ran.code, ran.err.splitlines()[-1]) == (
+        2,
+        f"lidarcli: {tables}: tracked in another world (frame odom) than that of the map (path matched from the sweeps); "
+        "give both commands the same --pose",
+    )
+    assert not out.exists()
 
 
 def test_tables_without_poses(lidarcli: Run, tmp_path: Path) -> None:

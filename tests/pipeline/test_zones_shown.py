@@ -135,6 +135,13 @@ def test_pictures_name_zones_and_their_points(logs: Path) -> None:
     assert np.count_nonzero(first.zones[0].beams) == INSIDE
 
 
+def test_a_zone_outside_of_the_picture_is_told(logs: Path) -> None:
+    far, across = Line((90.0, -1.0), (90.0, 1.0)), Line((1.0, -90.0), (1.0, 90.0))
+    zones = Zones((Zone("far", far), Zone("across", across)))
+    drawn = take_pictures(Source(str(logs / "run.mcap"), "run"), PlotOptions((3, 15), zones=zones))
+    assert [note for note in drawn.notes if "zone" in note] == ["zone far lies outside of the picture"]
+
+
 ZONES = f"""\
 [[zone]]
 name = "box"

@@ -134,10 +134,13 @@ def trajectories(
 ) -> list[dict[str, Any]]:
     """Where the tracks of these objects are in each sweep: amid their objects, and while hidden where they were."""
     rows: list[dict[str, Any]] = []
-    for number in sorted({row["track"] for row in objects if row.get("track") is not None}):
-        mine = [row for row in objects if row.get("track") == number]
+    followed = {(row["topic"], row["track"]) for row in objects if row.get("track") is not None}
+    for topic, number in sorted(followed):
+        mine = [row for row in objects if (row["topic"], row.get("track")) == (topic, number)]
         first, last = (end(row["sweep"] for row in mine) for end in (min, max))
-        for one in (one for one in sweeps if first <= one["sweep"] <= last):
+        for one in sweeps:
+            if one["topic"] != topic or not first <= one["sweep"] <= last:
+                continue
             here = [row for row in mine if row["sweep"] == one["sweep"]]
             if here:
                 frame = "world" if here[0].get("world_x") is not None else "sensor"

@@ -15,7 +15,17 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
 from lidarcli.reports import panels
 from lidarcli.reports.drawing import project_style
-from lidarcli.reports.labels import Label, Labels, Rectangle, Wanted, add_labels, line_to, set_labels
+from lidarcli.reports.labels import (
+    Label,
+    Labels,
+    Rectangle,
+    Wanted,
+    _Counts,
+    _Tried,
+    add_labels,
+    line_to,
+    set_labels,
+)
 from lidarcli.reports.panels import scene
 from lidarcli.reports.picture import limits_of
 from tests.places import SAMPLES
@@ -45,6 +55,36 @@ def test_a_label_stays_on_the_ground_and_off_the_points() -> None:
     points = np.array([(104.0 + dx, 98.0 + dy) for dx in range(9) for dy in range(5)])
     (place,) = set_labels([wanted(100, 100)], points, GROUND, 1.0)
     assert not any(place.left < x < place.right and place.low < y < place.high for x, y in points)
+
+
+def test_points_in_rectangles_are_counted_as_one_by_one() -> None:
+    drawn = np.random.default_rng(5)
+    points = np.floor(drawn.uniform(-20.0, 220.0, (3_000, 2))) + 0.5
+    low = np.floor(drawn.uniform(-30.0, 200.0, (50, 2)))
+    high = low + np.floor(drawn.uniform(1.0, 60.0, (50, 2)))
+    inside = (points >= 0.0).all(axis=1) & (points < 200.0).all(axis=1)
+    one_by_one = [
+        np.count_nonzero(inside & (points > first).all(axis=1) & (points < last).all(axis=1))
+        for first, last in zip(low, high, strict=True)
+    ]
+    assert _Counts(points, GROUND, 1.0).within(low, high).tolist() == one_by_one
+    assert max(one_by_one) > 50
+
+
+def test_a_line_crosses_what_any_of_its_points_lies_in() -> None:
+    drawn = np.random.default_rng(6)
+    start, end = drawn.uniform(0.0, 10.0, (200, 2)), np.array([5.0, 5.0])
+    corner = drawn.uniform(0.0, 9.0, (40, 2))
+    others = np.concatenate([corner, corner + drawn.uniform(0.2, 3.0, (40, 2))], axis=1)
+    steps = np.linspace(0.0, 1.0, 2_000)[None, :, None]
+    way = start[:, None] * (1.0 - steps) + end * steps
+    found = _Tried._crossed(start, end, others)
+    for k, (left, low, right, high) in enumerate(others):
+        x, y = way[..., 0], way[..., 1]
+        sampled = ((left < x) & (x < right) & (low < y) & (y < high)).any(axis=1)
+        # Between two samples a corner may be cut off.
+        assert np.count_nonzero(found[:, k] != sampled) <= 1
+        assert (found[:, k] >= sampled).all()
 
 
 def test_labels_of_a_crowd_do_not_meet() -> None:
@@ -98,7 +138,7 @@ def test_no_two_labels_of_a_sample_meet(log: str, number: int, inches: float) ->
     one = take_pictures(source, PlotOptions((number,), parameters=Parameters.for_profile("robust"))).pictures[
         0
     ]
-    limits = limits_of([one.batch])
+    limits = limits_of([one])
     for panel, projection in ((scene, None), (panels.polar, "polar")):
         with project_style():
             figure = Figure(figsize=(inches, inches), layout="constrained")

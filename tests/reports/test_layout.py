@@ -26,7 +26,7 @@ def sample(name: str, number: int) -> Picture:
 def laid_out(one: Picture, view: str, look: Look) -> Figure:
     with drawing.project_style():
         figure = drawing.new_figure(drawing.width_of(view, look))
-        drawing.draw_whole(figure, one, view, limits_of([one.batch]), look)
+        drawing.draw_whole(figure, one, view, limits_of([one]), look)
     return figure
 
 

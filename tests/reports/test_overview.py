@@ -12,9 +12,9 @@ import pytest
 
 from lidarcli.reports.columns import Rows, Run
 from lidarcli.reports.map_picture import MOST_AGENTS, MOST_POINTS, MapPicture, overview, paths_of
-from lidarcli.tabular.schemas import OBJECTS, SWEEPS, TRACKS
+from lidarcli.tabular.schemas import SWEEPS, TRACKS, TRAJECTORIES
 from tests.places import SAMPLES
-from tests.reports.runs import run_of, sweep, table, thing, track
+from tests.reports.runs import run_of, sweep, table, thing, track, trajectories
 from tests.reports.test_paths import driving
 
 Words = Callable[..., Any]
@@ -38,7 +38,7 @@ def uncharted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def seen(run: Run) -> MapPicture:
-    found = overview(run.sweeps, run.objects, run.tracks)
+    found = overview(run.sweeps, run.tracks, run.trajectories)
     assert found is not None
     return found
 
@@ -61,7 +61,7 @@ def test_path_and_boxes() -> None:
 def test_without_poses() -> None:
     for run in (run_of([sweep(0), sweep(1)], [thing(0, 1, track=1)], [track(1)]), run_of([])):
         assert paths_of(run.sweeps) == []
-        assert overview(run.sweeps, run.objects, run.tracks) is None
+        assert overview(run.sweeps, run.tracks, run.trajectories) is None
 
 
 def test_without_tracks() -> None:
@@ -125,7 +125,7 @@ def test_ways_of_what_moved() -> None:
     )
     assert [number for number, *_ in found.agents] == [2, 5]
     (_, x, y), (_, late, _) = found.agents
-    # The mean of both legs in each sweep; without a place in the world there is no point.
+    # The middle of both legs, as the trajectories have it; without a place in the world there is no point.
     assert x == pytest.approx(0.1 + 0.1 * np.arange(5))
     assert y.tolist() == [3.0] * 5
     assert late == pytest.approx([0.3, 0.4])
@@ -149,7 +149,7 @@ def test_long_ways_are_thinned_out() -> None:
     for name, values in (("sweep", k), ("pose_x", 0.1 * k), ("pose_y", 0.0 * k)):
         at = sweeps.schema.get_field_index(name)
         sweeps = sweeps.set_column(at, sweeps.schema.field(at), [values])
-    found = overview(Rows.join([sweeps]), Rows.join([table(OBJECTS, [])]), None)
+    found = overview(Rows.join([sweeps]), None, None)
     assert found is not None
     ((x, _),) = found.paths
     assert (len(x), x[0], x[-1]) == (MOST_POINTS, 0.0, pytest.approx(0.1 * (count - 1)))
@@ -161,7 +161,8 @@ def test_only_so_many_agents() -> None:
     objects = [thing(0, 1, set="A", track=k, world_x=1.0, world_y=0.1 * k) for k in range(count)]
     tracks = [track(k, set="A", sweeps=1 + (k % 2) * 5 + k) for k in range(count)]
     rows = Rows.join([table(TRACKS, tracks)])
-    found = overview(Rows.join([table(SWEEPS, placed())]), Rows.join([table(OBJECTS, objects)]), rows)
+    paths = Rows.join([table(TRAJECTORIES, trajectories(placed(), objects))])
+    found = overview(Rows.join([table(SWEEPS, placed())]), rows, paths)
     assert found is not None
     numbers = [number for number, *_ in found.agents]
     assert len(numbers) == MOST_AGENTS

@@ -6,6 +6,7 @@ import csv
 import io
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 
 from lidarcli.reports.palette import COLOURS
 from tests.reports.browser import CHROMIUM, Page, browser
-from tests.reports.runs import START, crossing, sweep, thing, write_run
+from tests.reports.runs import START, crossing, sweep, thing, track, write_run
 from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.whole, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
@@ -302,6 +303,29 @@ def test_a_sweep_is_saved(page: Page, made: Callable[..., Path]) -> None:
     assert saved(page, "png").startswith(b"\x89PNG")
     assert page.evaluate("savedAs") == "run-scan-1.png"
     assert page.evaluate("document.getElementById('save-beams').disabled") is True
+    assert page.complaints == []
+
+
+def test_no_number_covers_another(page: Page, made: Callable[..., Path]) -> None:
+    """Fourteen things within a decimetre, without tracks and with them."""
+    objects = [
+        thing(k, number, box_x=2.0 + 0.02 * (number % 4), box_y=0.02 * (number // 4), track=number)
+        for k in range(3)
+        for number in range(1, 15)
+    ]
+    for tracks in (None, [track(number) for number in range(1, 15)]):
+        things = [row if tracks else row | {"track": None} for row in objects]
+        page.open(made(sweeps=[sweep(k, 14) for k in range(3)], objects=things, tracks=tracks), 1280)
+        root = ET.fromstring(saved(page, "svg").decode())
+        drawn = [
+            (text.text, float(text.get("x", "nan")), float(text.get("y", "nan")))
+            for text in root.iter("{http://www.w3.org/2000/svg}text")
+            if "bold 12px" in text.get("style", "") and text.get("stroke") is None
+        ]
+        assert sorted(int(text or "") for text, *_ in drawn) == [*range(1, 15)]
+        for (one, x, y), (other, u, v) in combinations(drawn, 2):
+            wide = 3.8 * (len(one or "") + len(other or ""))
+            assert abs(x - u) >= wide or abs(y - v) >= 12.0, (one, other)
     assert page.complaints == []
 
 

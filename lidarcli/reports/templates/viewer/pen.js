@@ -4,9 +4,10 @@ const FONT = "11px system-ui, sans-serif", BOLD = "bold 12px system-ui, sans-ser
 // The colours of the page as it is shown, or those for paper, which are light.
 function coloursOf(paper) {
   const style = getComputedStyle(paper ? get("paper") : document.documentElement);
-  const found = { shapes: data.shapes.map((name) => style.getPropertyValue("--shape-" + name).trim()) };
+  const told = (name) => style.getPropertyValue("--" + name).trim();
+  const found = { shapes: data.shapes.map((name) => told("shape-" + name)), zone: (action) => told("zone-" + action) };
   for (const name of ["ink", "quiet", "grid", "paper", "blue", "vermilion", "green", "grey", "dark", "light", "yellow", "orange", "shade", "bar-objects", "bar-agents"]) {
-    found[name] = style.getPropertyValue("--" + name).trim();
+    found[name] = told(name);
   }
   return found;
 }
@@ -78,6 +79,18 @@ function word(pen, text, x, y, colour, ground) {
   pen.strokeStyle = ground; pen.lineWidth = 3; pen.lineJoin = "round"; pen.strokeText(text, x, y);
   pen.fillStyle = colour; pen.fillText(text, x, y);
   pen.textAlign = "start"; pen.textBaseline = "alphabetic"; pen.font = FONT;
+}
+
+// Names where they are wanted, or around (u, v), what they name, where no other is; a line leads from one that stands apart.
+function drawNames(pen, names, ground) {
+  const taken = names.reduce((others, one) => {
+    const half = 4.2 * one.text.length + 1, places = [[one.x, one.y]];
+    for (const r of [14, 22, 32, 44]) for (let n = 0; n < 12; n++) places.push([one.u + (r + half) * Math.cos(n * TURN / 12), one.v + r * Math.sin(n * TURN / 12)]);
+    const [x, y] = places.find(([x, y]) => others.every((other) => Math.abs(x - other.x) >= half + other.half || Math.abs(y - other.y) >= 14)) || places[0];
+    if (Math.hypot(Math.max(0, Math.abs(x - one.u) - half), y - one.v) > 16) { pen.strokeStyle = one.colour; pen.lineWidth = 0.8; line(pen, one.u, one.v, x, y); }
+    return [...others, { ...one, x: x, y: y, half: half }];
+  }, []);
+  for (const one of taken) word(pen, one.text, one.x, one.y, one.colour, ground);
 }
 
 // Round numbers from low to high, at most so many, each with its text.

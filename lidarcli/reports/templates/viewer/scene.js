@@ -57,16 +57,17 @@ function projection(view, width, height) {
 
 // Everything of one scene; `chosen` is the row of an object that is marked, or -1.
 function drawScene(pen, width, height, scene, colours) {
-  const { s, k, world, chosen } = scene, p = projection(scene.view, width, height), frame = frameOf(s, k, world);
+  const { s, k, world, chosen } = scene, p = projection(scene.view, width, height), frame = frameOf(s, k, world), names = [];
   axes(pen, p, frame.origin, colours);
   pen.save(); pen.beginPath(); pen.rect(MARGIN.left, MARGIN.top, p.w, p.h); pen.clip();
   if (world) { drawWalls(pen, p, frame.origin, colours); drawPath(pen, s, k, p, colours); }
   if (frame.known) {
-    const active = drawOutlines(pen, s, k, p, frame, colours);
+    const active = drawOutlines(pen, s, k, p, frame, colours, names);
     if (s.raw) drawPoints(pen, s, k, p, frame, colours, active);
-    for (const j of members(s, k)) drawBox(pen, s, j, p, frame, colours, j === chosen);
+    for (const j of members(s, k)) drawBox(pen, s, j, p, frame, colours, names, j === chosen);
   }
-  if (s.paths) drawTracks(pen, s, k, p, frame, colours, world);
+  if (s.paths) drawTracks(pen, s, k, p, frame, colours, names, world);
+  drawNames(pen, names, colours.paper);
   if (frame.known) {
     const tip = [[0, 0, 8, 0], [0, 0, -5, -5], [0, 0, -5, 5]].map(([x, y, a, b]) => {
       const [u, v] = frame.beam(x + a / p.scale, y + b / p.scale);
@@ -98,20 +99,20 @@ function axes(pen, p, origin, colours) {
 }
 
 // The outlines of zones; thick, with their names, while an event goes on. Returns those, in pixels.
-function drawOutlines(pen, s, k, p, frame, colours) {
+function drawOutlines(pen, s, k, p, frame, colours, names) {
   const active = [];
   for (const zone of s.zones) {
     if (!zone.outline.length || (zone.frame === "world" && !s.pose)) continue;
     const place = zone.frame === "world" ? ([x, y]) => frame.ground(x - s.pose.origin[0], y - s.pose.origin[1]) : ([x, y]) => frame.beam(x, y);
     const points = zone.outline.map(place).map(([x, y]) => [p.X(x), p.Y(y)]), on = isActive(s, k, zone);
-    pen.strokeStyle = colours[ZONE_COLOURS[zone.action]]; pen.lineWidth = on ? 3 : 1;
+    pen.strokeStyle = colours.zone(zone.action); pen.lineWidth = on ? 3 : 1;
     pen.setLineDash(on ? [] : [5, 3]);
     polygon(pen, points); pen.stroke();
     pen.setLineDash([]);
     if (!on) continue;
     active.push({ points: points, colour: pen.strokeStyle });
     const [u, v] = points.reduce((top, one) => (one[1] < top[1] ? one : top));
-    word(pen, zone.name, u, v - 9, colours.ink, colours.paper);
+    names.push({ text: zone.name, x: u, y: v - 9, u: u, v: v, colour: colours.ink });
   }
   return active;
 }
@@ -146,7 +147,7 @@ function outline(s, j) {
   return found;
 }
 
-function drawBox(pen, s, j, p, frame, colours, marked) {
+function drawBox(pen, s, j, p, frame, colours, names, marked) {
   const box = outline(s, j).map(([x, y]) => { const [a, b] = frame.beam(x, y); return [p.X(a), p.Y(b)]; });
   if (marked) { pen.strokeStyle = colours.ink; pen.lineWidth = 6; polygon(pen, box); pen.stroke(); }
   pen.strokeStyle = colours.shapes[s.shape[j]]; pen.lineWidth = 2;
@@ -157,11 +158,11 @@ function drawBox(pen, s, j, p, frame, colours, marked) {
   const u = p.X(a), v = p.Y(b), far = Math.hypot(a - c, b - d) || 1, x = (a - c) / far, y = (d - b) / far;
   const out = Math.max(...box.map(([e, f]) => (e - u) * x + (f - v) * y)) + 11;
   const label = s.tracks ? "" : labelOf(s, j);
-  word(pen, s.object[j] + (label ? " " + label : ""), u + x * out, v + y * out, colours.ink, colours.paper);
+  names.push({ text: s.object[j] + (label ? " " + label : ""), x: u + x * out, y: v + y * out, u: u, v: v, colour: colours.ink });
 }
 
 // Agents are triangles, objects circles; hollow where the thing is hidden in this sweep. The arrow is the way of a second.
-function drawTracks(pen, s, k, p, frame, colours, world) {
+function drawTracks(pen, s, k, p, frame, colours, names, world) {
   const found = paths(s, k, world ? Infinity : PATH_SECONDS, world ? Infinity : PATH_SWEEPS, world);
   const named = found.filter((one) => one.over).length <= MOST_NUMBERS;
   for (const one of found) {
@@ -174,7 +175,7 @@ function drawTracks(pen, s, k, p, frame, colours, world) {
     pen.stroke();
     if (one.over) {
       pen.fillStyle = colour; dot(pen, u, v, 2);
-      if (named) word(pen, String(one.number), u + 8, v - 8, colour, colours.paper);
+      if (named) names.push({ text: String(one.number), x: u + 8, y: v - 8, u: u, v: v, colour: colour });
       continue;
     }
     const [vx, vy] = frame.turned(one.vx, one.vy), speed = Math.hypot(vx, vy);
@@ -188,7 +189,7 @@ function drawTracks(pen, s, k, p, frame, colours, world) {
     const [c, d] = frame.beam(0, 0), far = Math.hypot(x - c, y - d) || 1;
     const dx = speed > 0 ? -vx / speed : (x - c) / far || 0, dy = speed > 0 ? -vy / speed : (y - d) / far || 0;
     const words = one.number + (one.label ? " " + one.label : "");
-    word(pen, words, u + dx * (12 + 3 * words.length), v - dy * 16, colour, colours.paper);
+    names.push({ text: words, x: u + dx * (12 + 3 * words.length), y: v - dy * 16, u: u, v: v, colour: colour });
   }
 }
 

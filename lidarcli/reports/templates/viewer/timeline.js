@@ -37,7 +37,7 @@ function drawTimeline(s, k, colours) {
 }
 
 // A band for each zone: when its events went on, in the colour of what it asks for, and visits as thin bars.
-const BAND = 16, ZONE_COLOURS = { stop: "vermilion", approach: "blue", slowdown: "yellow", limit: "orange", none: "grey" };
+const BAND = 16;
 
 function drawZones(s, k, colours) {
   const canvas = get("zones");
@@ -52,7 +52,7 @@ function drawZones(s, k, colours) {
   s.zones.forEach((zone, i) => {
     const y = BAND * i;
     pen.fillStyle = colours.grid; pen.fillRect(THUMB / 2, y + BAND - 2, width - THUMB, 1);
-    pen.fillStyle = colours[ZONE_COLOURS[zone.action]];
+    pen.fillStyle = colours.zone(zone.action);
     for (const one of zone.events) bar(one, y + 2, BAND - 4);
     pen.fillStyle = colours.dark;
     for (const one of zone.visits) bar(one, y + BAND - 5, 3);
