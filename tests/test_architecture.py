@@ -39,18 +39,18 @@ MAY_IMPORT = {
     "zone": {"masks", "sweeps"},
     "range_rules": {"errors", "masks", "ranges", "sweeps"},
     "logs": CORE | {"foxglove", "ros"},
-    "poses": CORE | {"foxglove", "formalism", "logs", "ros"},
+    "pose": CORE | {"foxglove", "formalism", "logs", "ros"},
     "formalism": CORE,
     "tabular": CORE | {"formalism", "machine", "newfiles", "stores"},
     "ros": CORE,
-    "simulate": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "tabular", "tomlfiles"},
+    "simulation": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "tabular", "tomlfiles"},
     "reports": CORE | {"formalism", "tabular"},
     "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
     "overlays": CORE | {"maps", "ros", "tabular"},
     "copying": CORE | {"logs", "ros"},
     "pipeline": CORE
     | OPTIONS
-    | {"logs", "poses", "formalism", "tabular", "reports", "maps", "overlays", "copying", "ros"}
+    | {"logs", "pose", "formalism", "tabular", "reports", "maps", "overlays", "copying", "ros"}
     | {"compiled", "machine", "newfiles", "stores", "tomlfiles", "yamlfiles"},
     "cli": CORE
     | OPTIONS
@@ -61,7 +61,7 @@ MAY_IMPORT = {
         "machine",
         "newfiles",
         "formalism",
-        "simulate",
+        "simulation",
         "pipeline",
         "stores",
         "tomlfiles",
@@ -93,10 +93,10 @@ ROOMS_OF = {
     "matplotlib": {"reports"},
     "jinja2": {"reports"},
     "pandas": {"pipeline", "sweeps"},
-    "mcap": {"logs", "simulate", "ros", "copying"},
-    "rosbags": {"simulate", "ros"},
-    "sqlite3": {"logs", "simulate", "copying"},
-    "pyarrow": {"tabular", "pipeline", "logs", "simulate", "reports", "maps", "overlays", "stores"},
+    "mcap": {"logs", "simulation", "ros", "copying"},
+    "rosbags": {"simulation", "ros"},
+    "sqlite3": {"logs", "simulation", "copying"},
+    "pyarrow": {"tabular", "pipeline", "logs", "simulation", "reports", "maps", "overlays", "stores"},
     "distributed": {"pipeline"},
     "PIL": {"maps", "reports"},
     "ruamel": {"maps", "yamlfiles"},

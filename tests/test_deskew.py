@@ -17,11 +17,11 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.mapping.occupancy import compare
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.truth import true_map
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
+from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.truth import true_map
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import Float64, SweepBatch, concatenate
 from tests.formalism.tracking.following import GivenPaths, follow
 from tests.going import SENSORS, Drive, in_the_world, seen_going, told_backwards

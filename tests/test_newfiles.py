@@ -19,7 +19,7 @@ from lidarcli import newfiles
 from lidarcli.cli import run
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.newfiles import NewFiles, refuse, refuse_lost, write_whole
-from lidarcli.simulate import simulate
+from lidarcli.simulation import simulate
 from lidarcli.tabular.writing import TableFiles
 from tests.places import SAMPLES
 from tests.unprivileged import lidarcli

@@ -93,7 +93,7 @@ def simulate(say: Messages, told: SimulateCommand) -> int:
     if told["map"] is None and told["map_resolution"] is not None:
         raise click.UsageError("--map-resolution is that of --map: name its file, too")
 
-    from lidarcli.simulate import simulate as run
+    from lidarcli.simulation import simulate as run
 
     scene, resolution = told["scene"], told["map_resolution"]
     same = (

@@ -16,7 +16,7 @@ from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Lo
 from lidarcli.overlays.files import topic_name
 from lidarcli.overlays.objects import COLUMNS, PATH_COLUMNS, Poses, Trajectories
 from lidarcli.pipeline.inputs.tables import Pair
-from lidarcli.poses.messages import TRANSFORMS
+from lidarcli.pose.messages import TRANSFORMS
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Bool, Int64, RawSweeps

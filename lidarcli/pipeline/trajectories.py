@@ -33,7 +33,7 @@ from lidarcli.tabular.schemas import POSES, STAMP
 from lidarcli.tabular.writing import ParquetSink, table_metadata
 
 if TYPE_CHECKING:
-    from lidarcli.poses.tracks import Motion
+    from lidarcli.pose.tracks import Motion
 
 TUM, PARQUET = ".tum", ".parquet"
 SUFFIXES = (TUM, ".txt", PARQUET)
@@ -121,13 +121,13 @@ class _Part:
 
     def lines(self) -> bytes:
         """Return the poses as TUM text."""
-        from lidarcli.poses.tracks import trajectory_lines
+        from lidarcli.pose.tracks import trajectory_lines
 
         return trajectory_lines(self.batch.stamp_ns, self.motion).encode()
 
     def rows(self, log: str) -> pa.RecordBatch:
         """Return the poses as rows of the poses table."""
-        from lidarcli.poses.tracks import planar, upright
+        from lidarcli.pose.tracks import planar, upright
 
         count = len(self.batch)
         position, rotation = self.motion.position, upright(self.motion.rotation)

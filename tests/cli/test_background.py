@@ -15,7 +15,7 @@ import pytest
 import lidarcli as package
 from lidarcli.cli import run
 from lidarcli.errors import NoScanError
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, room_sweeps, round_room

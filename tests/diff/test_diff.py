@@ -17,8 +17,8 @@ import pytest
 import lidarcli as package
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.differing import Difference
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Course, Entity, Odometry, Sensor, super_ellipse
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Course, Entity, Odometry, Sensor, super_ellipse
 from lidarcli.tabular.schemas import CHANGES
 from tests.diff.drawn import ODOMETRY, ROOM, SENSORS, closed, parked, write_run
 from tests.places import REAL_LOGS, needs_real_logs

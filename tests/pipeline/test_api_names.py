@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import click
 import pytest
@@ -165,14 +164,3 @@ def test_importing_the_package_imports_no_work() -> None:
     assert done.stdout.splitlines()[1] == "[]"
     first = set(ast.literal_eval(done.stdout.splitlines()[0]))
     assert first <= {"lidarcli", "lidarcli._version", "lidarcli.compiled"}
-
-
-def test_poses_that_are_called_say_where_poses_are() -> None:
-    import lidarcli.poses as package
-
-    with pytest.raises(
-        TypeError, match=r"^lidarcli\.poses is no function: .* batch\.poses of lidarcli\.read"
-    ) as told:
-        package("run.mcap", pose="/odom")
-    assert "\n" not in str(told.value)
-    assert isinstance(package, ModuleType)

@@ -16,7 +16,7 @@ from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading.pose_sources import NO_POSES
 from lidarcli.sweeps import Float64
 from tests.places import REAL_LOGS, needs_real_logs
-from tests.poses.pose_messages import ROS1
+from tests.pose.pose_messages import ROS1
 
 FOLDER = REAL_LOGS / "leg_tracker"
 LOG = FOLDER / "demo_stationary_simple_environment.bag"
