@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.api.cleaning import clean
     from lidarcli.pipeline.api.differing import diff
     from lidarcli.pipeline.api.finding import Tables, detect, tables, track
-    from lidarcli.pipeline.api.logs import info, learn, map, read
+    from lidarcli.pipeline.api.logs import background, info, map, read
     from lidarcli.pipeline.api.showing import RunReport, plot, report
     from lidarcli.pipeline.api.zoning import zones
     from lidarcli.pipeline.detecting import TrackTables
@@ -56,7 +56,7 @@ _HOMES = {
     "lidarcli.pipeline.api.differing": ("diff",),
     "lidarcli.pipeline.api.cleaning": ("clean",),
     "lidarcli.pipeline.api.finding": ("Tables", "detect", "tables", "track"),
-    "lidarcli.pipeline.api.logs": ("info", "learn", "map", "read"),
+    "lidarcli.pipeline.api.logs": ("background", "info", "map", "read"),
     "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
     "lidarcli.pipeline.api.zoning": ("zones",),
     "lidarcli.pipeline.detecting": ("TrackTables",),
@@ -87,12 +87,12 @@ __all__ = [
     "UnreadableError",
     "ZoneTables",
     "__version__",
+    "background",
     "clean",
     "detect",
     "diff",
     "formalism",
     "info",
-    "learn",
     "map",
     "plot",
     "read",

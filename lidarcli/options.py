@@ -415,7 +415,7 @@ class Comparing(TypedDict, total=False):
 
     background: Annotated[
         "AnyPath | Sequence[Background] | None",
-        Option(BACKGROUND, File("FILE"), shown="none", python="Python also takes what `learn` returns."),
+        Option(BACKGROUND, File("FILE"), shown="none", python="Python also takes what `background` returns."),
         "Find only what differs from this background (docs/background.md); --threshold in metres is then the smallest "
         "difference.",
     ]
@@ -504,7 +504,7 @@ class Tabling(Tracking, Trajectories, Beams, total=False):
 
 
 class Learning(Reading, total=False):
-    """Keywords of `learn`."""
+    """Keywords of `background`."""
 
     station_distance: Annotated[
         float,

@@ -22,7 +22,7 @@ FUNCTIONS: dict[str, Any] = {
     "track": options.Tracking,
     "tables": options.Tabling,
     "clean": options.Cleaning,
-    "learn": options.Learning,
+    "background": options.Learning,
     "map": options.Mapping,
     "zones": options.Zoning,
     "diff": options.Diffing,

@@ -324,7 +324,7 @@ def test_a_log_beside_a_map(maps: Path) -> None:
 @pytest.mark.slow
 def test_a_background_beside_a_log(monday: str, tmp_path: Path) -> None:
     background = tmp_path / "empty.background.parquet"
-    package.learn(monday, background)
+    package.background(monday, background)
     new = make.box(1.3, 0.3, 0.5, 0.4, 0.6)
     tuesday = write_run(tmp_path / "t.mcap", (*SCENE, new), seed=1)
     found = package.diff(background, tuesday)

@@ -16,9 +16,9 @@ import lidarcli
 from lidarcli.cli.options import DeclaredOption
 from tools.reference import commands
 
-FUNCTIONS = ("read", "learn", "detect", "track", "tables", "map", "zones", "plot", "info", "report")
+FUNCTIONS = ("read", "background", "detect", "track", "tables", "map", "zones", "plot", "info", "report")
 COMMANDS = {
-    "learn": "background",
+    "background": "background",
     "detect": "detect",
     "track": "track",
     "map": "map",
@@ -45,7 +45,7 @@ OF_THE_SHELL = {
 }
 """Options of how a command is run, prints or writes."""
 ONLY_SHELL = {
-    "learn": {"plot"},
+    "background": {"plot"},
     "detect": {"output", "beams"},
     "track": {"output", "beams", "trajectories"},
     "map": {"jobs"},
@@ -101,9 +101,11 @@ def test_every_keyword_is_in_the_signature_and_explained(name: str) -> None:
 
 def test_defaults_are_plain_numbers() -> None:
     """One was `np.float64(0.08726646259971647)`."""
-    signature = inspect.signature(lidarcli.learn)
+    signature = inspect.signature(lidarcli.background)
     assert str(signature.parameters["station_angle"]) == "station_angle: float = 5.0"
-    assert "[degrees]" in re.search(r"^station_angle : .*", inspect.getdoc(lidarcli.learn), re.MULTILINE)[0]
+    assert (
+        "[degrees]" in re.search(r"^station_angle : .*", inspect.getdoc(lidarcli.background), re.MULTILINE)[0]
+    )
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -126,7 +128,7 @@ def test_a_wrong_name_is_told_with_the_nearest(name: str) -> None:
     [
         ("lidarcli.detect('run.mcap', max_", ["max_gap=", "max_width="]),
         ("lidarcli.plot(batch, vi", ["view="]),
-        ("lidarcli.learn('run.mcap', station_", ["station_angle=", "station_distance="]),
+        ("lidarcli.background('run.mcap', station_", ["station_angle=", "station_distance="]),
     ],
 )
 def test_keywords_are_completed(line: str, names: list[str]) -> None:

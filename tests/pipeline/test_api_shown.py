@@ -57,7 +57,7 @@ def test_they_print_what_they_are() -> None:
     (batch,) = lidarcli.read(SAMPLES / "drive.db3")
     assert str(batch) == BATCH
     assert repr([batch]) == "[<SweepBatch /scan: 150 sweeps x 361 beams>]"
-    (background,) = lidarcli.learn(SAMPLES / "room_empty.mcap")
+    (background,) = lidarcli.background(SAMPLES / "room_empty.mcap")
     assert str(background) == BACKGROUND
     assert repr(background) == "<Background of /scan: 1 station x 361 beams>"
     grid = lidarcli.map(SAMPLES / "drive.db3")

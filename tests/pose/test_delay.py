@@ -78,8 +78,8 @@ def test_detect_and_learn_take_the_delay(folder: Path, tmp_path: Path) -> None:
     for name in ("world_x", "world_y"):
         kept = right["sweep"].to_numpy() < COUNT - 1
         np.testing.assert_allclose(late[name].to_numpy()[kept], right[name].to_numpy()[kept], atol=1e-9)
-    (one,) = lidarcli.learn(folder / "right.mcap")
-    (other,) = lidarcli.learn(folder / "late.mcap", pose_delay=0.2)
+    (one,) = lidarcli.background(folder / "right.mcap")
+    (other,) = lidarcli.background(folder / "late.mcap", pose_delay=0.2)
     same = min(len(other), len(one)) - 1
     np.testing.assert_allclose(other.poses.x[:same], one.poses.x[:same], atol=1e-9)
     file = tmp_path / "route.parquet"

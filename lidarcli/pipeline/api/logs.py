@@ -1,4 +1,4 @@
-"""`lidarcli.read`, `info`, `learn` and `map`: sweeps of logs, their contents, their background, their map."""
+"""`lidarcli.read`, `info`, `background` and `map`: sweeps of logs, their contents, their background, their map."""
 
 from __future__ import annotations
 
@@ -111,7 +111,9 @@ def info(log: Paths, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
 
 
 @with_keywords
-def learn(log: Paths, output: AnyPath | None = None, **options: Unpack[Learning]) -> tuple[Background, ...]:
+def background(
+    log: Paths, output: AnyPath | None = None, **options: Unpack[Learning]
+) -> tuple[Background, ...]:
     """The background of every sensor of one or more logs of a scene without objects of interest.
 
     Parameters
