@@ -23,6 +23,7 @@ MAY_IMPORT = {
     "options": {"choices", "errors", "formalism", "range_rules", "option_forms", "times"},
     "interrupts": set[str](),
     "newfiles": {"errors", "machine", "stores"},
+    "screen": {"stores"},
     "stores": {"errors", "machine"},
     "foxglove": set[str](),
     "tomlfiles": {"errors"},
@@ -51,7 +52,7 @@ MAY_IMPORT = {
     "pipeline": CORE
     | OPTIONS
     | {"logs", "pose", "formalism", "tabular", "reports", "maps", "overlays", "copying", "ros"}
-    | {"compiled", "machine", "newfiles", "stores", "tomlfiles", "yamlfiles"},
+    | {"simulation", "screen", "compiled", "machine", "newfiles", "stores", "tomlfiles", "yamlfiles"},
     "cli": CORE
     | OPTIONS
     | {
@@ -63,10 +64,11 @@ MAY_IMPORT = {
         "formalism",
         "simulation",
         "pipeline",
+        "screen",
         "stores",
         "tomlfiles",
     },
-    "__init__": {"_version", "compiled", "errors", "formalism", "pipeline", "sweeps"},
+    "__init__": {"_version", "compiled", "errors", "formalism", "pipeline", "simulation", "sweeps"},
 }
 """Room → the rooms below it that it may import."""
 
@@ -89,7 +91,7 @@ SHARED = {"detection", "parameters"}
 
 ROOMS_OF = {
     "click": {"cli"},
-    "rich": {"cli", "reports"},
+    "rich": {"reports", "screen"},
     "matplotlib": {"reports"},
     "jinja2": {"reports"},
     "pandas": {"pipeline", "sweeps"},

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 
 from lidarcli.choices import CONTAINER_BY_SUFFIX, MAP_RESOLUTION
@@ -41,7 +42,7 @@ class Simulated:
 
 def simulate(
     scene_path: str | Path,
-    out: str | Path,
+    out: str | PathLike[str],
     *,
     sweeps: int | None = None,
     duration: float | None = None,
@@ -53,13 +54,13 @@ def simulate(
     clouds: bool = False,
     chunk_size: int = 1 << 20,
     overwrite: bool = False,
-    map_file: str | Path | None = None,
-    map_resolution: float = MAP_RESOLUTION,
-    progress: Callable[[int, int], None] | None = None,
+    map: str | PathLike[str] | None = None,
+    map_resolution: float | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Simulated:
     """Ray-cast the scene into the log `out`, with `<log>.truth.parquet` and `<log>.truth-beams.parquet` beside it.
 
-    The number of sweeps comes from `sweeps`, else from `duration` [s], else from the scene. `map_file`, a .yaml in any
+    The number of sweeps comes from `sweeps`, else from `duration` [s], else from the scene. `map`, a .yaml in any
     folder, and a .pgm beside it get the true map of the run in cells of `map_resolution` [m]: see `true_map`. All files
     appear whole, under their own names, or not at all; files that exist are refused without `overwrite`. See `write_log`
     for the formats. `progress` is called with the number of sweeps that are done, and of all.
@@ -79,14 +80,17 @@ def simulate(
         )
     if not 0 <= seed <= MAX_SEED:
         raise OptionError(f"--seed must be at least 0 and at most {MAX_SEED}, not {seed}")
-    if not LEAST_CELL <= map_resolution <= LARGEST_CELL:
+    if map is None and map_resolution is not None:
+        raise OptionError("--map-resolution is that of --map: name its file, too")
+    resolution = MAP_RESOLUTION if map_resolution is None else map_resolution
+    if not LEAST_CELL <= resolution <= LARGEST_CELL:
         raise OptionError(
-            f"--map-resolution must be at least {LEAST_CELL:g} and at most {LARGEST_CELL:g} m, not {map_resolution:g}"
+            f"--map-resolution must be at least {LEAST_CELL:g} and at most {LARGEST_CELL:g} m, not {resolution:g}"
         )
     log = Path(out)
     check_options(log, container, compression, encoding, layout, clouds)
     targets = (log, *truth_paths(log))
-    map_files = () if map_file is None else _map_files(Path(map_file), targets)
+    map_files = () if map is None else _map_files(Path(map), targets)
     scene = load_scene(scene_path)
     count = scene.sweeps if sweeps is None else sweeps
     if duration is not None:
@@ -109,7 +113,7 @@ def simulate(
             raise OutputError(
                 f"{target}: is a folder that holds more than a ROS 2 bag; it will not be replaced"
             )
-    map_data = _map_data(scene, count, map_resolution, map_files[1].name) if map_files else ()
+    map_data = _map_data(scene, count, resolution, map_files[1].name) if map_files else ()
     with ExitStack() as stack:
         # What stands in the folder of the log gets its name together with it, the map of another folder just before.
         beside = map_files if map_files and map_files[0].parent == log.parent else ()

@@ -181,7 +181,7 @@ def test_seed_and_noise_make_no_difference(tmp_path: Path) -> None:
     written = []
     for name, seed, noise in (("a", 1, 0.05), ("b", 2, 0.05), ("c", 1, 0.0)):
         scene = scene_file(tmp_path, noise=noise)
-        simulate(scene, tmp_path / f"{name}.mcap", seed=seed, map_file=tmp_path / name / "true.yaml")
+        simulate(scene, tmp_path / f"{name}.mcap", seed=seed, map=tmp_path / name / "true.yaml")
         written.append([(tmp_path / name / file).read_bytes() for file in ("true.yaml", "true.pgm")])
     assert written[0] == written[1] == written[2]
     assert (tmp_path / "a.mcap").read_bytes() != (tmp_path / "b.mcap").read_bytes()
@@ -258,12 +258,12 @@ def test_what_is_refused(
     assert true_map(large, 1, 50.0).occupied > 0
     scene = scene_file(tmp_path)
     for options, message in [
-        ({"map_file": tmp_path / "a.png"}, f"{tmp_path}/a.png: the suffix of a true map has to be .yaml"),
+        ({"map": tmp_path / "a.png"}, f"{tmp_path}/a.png: the suffix of a true map has to be .yaml"),
         ({"map_resolution": 0.0}, "--map-resolution must be at least 0.001 and at most 1000 m, not 0"),
         ({"map_resolution": math.nan}, "--map-resolution must be at least 0.001 and at most 1000 m, not nan"),
-        ({"map_file": tmp_path / "log" / "a.yaml"}, f"{tmp_path}/log/a.yaml and {tmp_path}/log are in each"),
+        ({"map": tmp_path / "log" / "a.yaml"}, f"{tmp_path}/log/a.yaml and {tmp_path}/log are in each"),
         (
-            {"map_file": tmp_path / "a.yaml", "sweeps": 0},
+            {"map": tmp_path / "a.yaml", "sweeps": 0},
             "--map: no beam of 0 sweeps ends at anything that stands still",
         ),
     ]:
@@ -272,7 +272,7 @@ def test_what_is_refused(
         assert str(caught.value).startswith(message)
     for log in ("a.yaml", "a.pgm", "sub/../a.yaml", "a.yaml/log"):
         with pytest.raises(OptionError, match="in each other's way"):
-            simulate(scene, tmp_path / log, container="csv", map_file=tmp_path / "a.yaml")
+            simulate(scene, tmp_path / log, container="csv", map=tmp_path / "a.yaml")
     alone = lidarcli("simulate", scene, "-o", tmp_path / "log", "--map-resolution", "0.1")
     assert (alone.code, alone.err.splitlines()[-1]) == (
         2,
@@ -280,7 +280,7 @@ def test_what_is_refused(
     )
     monkeypatch.setattr(truth, "MOST_BEAMS", 720)
     with pytest.raises(OptionError, match="--map: 1,440 beams that take time are more than"):
-        simulate(scene, tmp_path / "log", sweeps=2, map_file=tmp_path / "a.yaml")
+        simulate(scene, tmp_path / "log", sweeps=2, map=tmp_path / "a.yaml")
     assert list(tmp_path.iterdir()) == [scene]
 
 
@@ -292,15 +292,15 @@ def test_files_that_exist(tmp_path: Path, taken: str, folder: str) -> None:
     mine = tmp_path / folder / taken
     mine.write_text("mine")
     with pytest.raises(OutputError, match=f"{taken} exists; use --overwrite"):
-        simulate(scene, log, map_file=tmp_path / folder / "true.yaml")
+        simulate(scene, log, map=tmp_path / folder / "true.yaml")
     assert mine.read_text() == "mine"
     assert not log.exists()
-    simulate(scene, log, map_file=tmp_path / folder / "true.yaml", overwrite=True)
+    simulate(scene, log, map=tmp_path / folder / "true.yaml", overwrite=True)
     assert read_map(tmp_path / folder / "true.yaml").occupied > 0
     mine.unlink()
     mine.mkdir()
     with pytest.raises(OutputError, match=f"{taken} is a folder; it is not replaced"):
-        simulate(scene, log, map_file=tmp_path / folder / "true.yaml", overwrite=True)
+        simulate(scene, log, map=tmp_path / folder / "true.yaml", overwrite=True)
 
 
 @pytest.mark.parametrize("folder", [".", "maps"])
@@ -313,7 +313,7 @@ def test_nothing_is_left_when_it_fails_half_way(
     scene = scene_file(tmp_path)
     monkeypatch.setattr("lidarcli.simulation.truth.TruthWriter.write", broken)
     with pytest.raises(OutputError):
-        simulate(scene, tmp_path / "log.mcap", map_file=tmp_path / folder / "true.yaml")
+        simulate(scene, tmp_path / "log.mcap", map=tmp_path / folder / "true.yaml")
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [scene]
 
 

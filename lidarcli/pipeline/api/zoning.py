@@ -15,6 +15,7 @@ from lidarcli.masks import Polygon
 from lidarcli.options import Paths, Zoning
 from lidarcli.pipeline.api.options import (
     LogOptions,
+    Progress,
     Values,
     detect_options,
     log_options,
@@ -22,17 +23,19 @@ from lidarcli.pipeline.api.options import (
     several,
     sources_of,
     tracking_of,
+    watched,
     with_keywords,
 )
 from lidarcli.pipeline.detecting import Failed
 from lidarcli.pipeline.inputs.zones import read_zones
+from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.watching.options import ZoneOptions, refuse_options
 from lidarcli.pipeline.zoning import ZoneTables, watch
 from lidarcli.zone import crossing_edges, on_one_line
 
 
 @with_keywords
-def zones(log: Paths, **options: Unpack[Zoning]) -> ZoneTables:
+def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) -> ZoneTables:
     """Tell who or what was in a zone, when, and how near: an offline check of a recording, no safety function.
 
     Parameters
@@ -58,12 +61,13 @@ def zones(log: Paths, **options: Unpack[Zoning]) -> ZoneTables:
     sources = sources_of(log, options["join"])
     failed = Failed(len(sources))
     found: list[ZoneTables] = []
-    for source in sources:
-        with failed.noted(source):
-            summary = watch(source, how)
-            found.append(summary.tables)
-            for line in summary.damage:
-                warn(f"{source.label}: {line}")
+    with watched(progress, sources) as report:
+        for source in sources:
+            with failed.noted(source):
+                summary = watch(source, how, progress=progress_of(source, report))
+                found.append(summary.tables)
+                for line in summary.damage:
+                    warn(f"{source.label}: {line}")
     failed.conclude()
     if len(found) == 1:
         return found[0]
