@@ -80,13 +80,13 @@ def simulate(
         )
     if not 0 <= seed <= MAX_SEED:
         raise OptionError(f"--seed must be at least 0 and at most {MAX_SEED}, not {seed}")
-    if map is None and map_resolution is not None:
-        raise OptionError("--map-resolution is that of --map: name its file, too")
     resolution = MAP_RESOLUTION if map_resolution is None else map_resolution
     if not LEAST_CELL <= resolution <= LARGEST_CELL:
         raise OptionError(
             f"--map-resolution must be at least {LEAST_CELL:g} and at most {LARGEST_CELL:g} m, not {resolution:g}"
         )
+    if map is None and map_resolution is not None:
+        raise OptionError("--map-resolution is that of --map: name its file, too")
     log = Path(out)
     check_options(log, container, compression, encoding, layout, clouds)
     targets = (log, *truth_paths(log))

@@ -256,6 +256,10 @@ def _nullable(field: pa.Field) -> pa.Field:
 def _columns_there(path: Readable, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
     """Return the wanted columns that a file has; refuse one that is missing, but for `LATER`, or there twice."""
     missing = sorted(name for name in wanted.names if name not in {*there, *LATER.get(kind, ())})
+    if missing and isinstance(path, HeldTable):
+        raise UnreadableError(
+            f"{path} (in memory): no column {', '.join(missing)}; leave the table all of its columns"
+        )
     if missing:
         maker = MAKERS.get(kind, "detect")
         other = next(
@@ -298,8 +302,8 @@ def _castable(found: pa.DataType, wanted: pa.DataType) -> bool:
     """Tell whether values of one type can stand for those of the other, if each of them fits."""
     if pa.types.is_null(found) or found.equals(wanted):
         return True
-    if _is_text(wanted):
-        return _is_text(found)
+    if is_text(wanted):
+        return is_text(found)
     if pa.types.is_integer(wanted) or pa.types.is_floating(wanted):
         return _is_number(found)
     if pa.types.is_timestamp(wanted):
@@ -352,7 +356,8 @@ def _refuse_values(place: str, field: pa.Field, column: pa.ChunkedArray) -> None
         raise UnreadableError(f"{place} holds {found['max']}; the most that it can be is {most:g}")
 
 
-def _is_text(kind: pa.DataType) -> bool:
+def is_text(kind: pa.DataType) -> bool:
+    """Tell whether values of a type are text, in whatever form."""
     if pa.types.is_dictionary(kind):
         kind = kind.value_type
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_string_view(kind))
@@ -378,7 +383,7 @@ def _words(kind: pa.DataType) -> str:
     >>> _words(pa.float64()), _words(pa.list_(pa.struct([("theta", pa.float64())])))
     ('double', 'list of struct (theta)')
     """
-    if _is_text(kind):
+    if is_text(kind):
         return "text"
     if _is_list(kind):
         return f"list of {_words(kind.value_type)}"

@@ -16,17 +16,13 @@ import lidarcli
 from lidarcli.cli.options import DeclaredOption
 from tools.reference import commands
 
-FUNCTIONS = ("read", "background", "detect", "track", "tables", "map", "zones", "plot", "info", "report")
-COMMANDS = {
-    "background": "background",
-    "detect": "detect",
-    "track": "track",
-    "map": "map",
-    "zones": "zones",
-    "plot": "plot",
-    "info": "info",
-    "report": "report",
-}
+COMMANDS = (
+    *("background", "clean", "detect", "diff", "export", "info", "map", "overlay"),
+    *("plot", "poses", "report", "simulate", "track", "zones"),
+)
+FUNCTIONS = (*COMMANDS, "read", "tables")
+READING = {*COMMANDS} - {"export", "plot", "report"}
+"""Functions that tell how far they are."""
 OF_THE_SHELL = {
     *(
         "help",
@@ -47,16 +43,15 @@ OF_THE_SHELL = {
 ONLY_SHELL = {
     "background": {"plot"},
     "detect": {"output", "beams"},
-    "track": {"output", "beams", "trajectories"},
+    "track": {"output", "beams"},
     "map": {"jobs"},
     "zones": {"output", "check"},
-    "diff": {"output", "check", "overwrite"},
+    "diff": {"check"},
     "info": {"output", "check"},
     "plot": {"sweeps", "map", "animate", "fps", "start", "end"},
 }
-"""Options whose work Python has elsewhere, or not: `tables(beams=True)`, its trajectories, `map` for a map,
-a loop for several sweeps."""
-OWN = {"log", "tables", "parameters", "axes"}
+"""Options whose work Python has elsewhere, or not: `tables(beams=True)`, `map` for a map, a loop for several sweeps."""
+OWN = {"log", "tables", "scene", "before", "after", "parameters", "axes", "overwrite", "progress"}
 """What stands in the place of the arguments of a command, and what only Python has."""
 
 
@@ -71,7 +66,7 @@ def options_of(command: str) -> dict[str, click.Option]:
 
 @pytest.mark.parametrize("function", COMMANDS)
 def test_names_and_defaults_are_those_of_the_command_line(function: str) -> None:
-    options = options_of(COMMANDS[function])
+    options = options_of(function)
     parameters = inspect.signature(getattr(lidarcli, function)).parameters
     names = {name.replace("_", "-") for name in parameters.keys() - OWN}
     named = {
@@ -93,8 +88,10 @@ def test_every_keyword_is_in_the_signature_and_explained(name: str) -> None:
     function = getattr(lidarcli, name)
     words = inspect.getdoc(function)
     for parameter in inspect.signature(function).parameters.values():
-        assert parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
+        assert parameter.kind is not parameter.VAR_KEYWORD
+        assert (parameter.kind is parameter.VAR_POSITIONAL) == (parameter.name == "after")
         assert re.search(rf"^{parameter.name} : \S", words, re.MULTILINE), parameter.name
+    assert ("progress" in inspect.signature(function).parameters) == (name in {*READING, "tables"})
     assert "\nReturns\n-------\n" in words
     assert "\nRaises\n------\n" in words
 
@@ -166,3 +163,23 @@ def test_importing_the_package_imports_no_work() -> None:
     assert done.stdout.splitlines()[1] == "[]"
     first = set(ast.literal_eval(done.stdout.splitlines()[0]))
     assert first <= {"lidarcli", "lidarcli._version", "lidarcli.compiled"}
+
+
+def test_functions_stay_when_packages_of_like_names_are_imported() -> None:
+    """`import lidarcli.poses.fit` made of a function a module that cannot be called."""
+    code = (
+        "import importlib, pkgutil, lidarcli; "
+        "names = [each.name for each in pkgutil.iter_modules(lidarcli.__path__)]; "
+        "[importlib.import_module(f'lidarcli.{name}') for name in names if name != '__main__']; "
+        "from lidarcli.pose import fit; from lidarcli.simulation import run; "
+        "print([name for name in lidarcli.__all__ if type(getattr(lidarcli, name)).__name__ == 'module'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "['formalism']\n"
+
+
+def test_a_function_for_each_command() -> None:
+    """Beside them only `read`, and `tables` for data frames."""
+    functions = {name for name in lidarcli.__all__ if inspect.isfunction(getattr(lidarcli, name))}
+    assert functions == {*FUNCTIONS, "read_catalogue"}
+    assert {*COMMANDS} <= {*dict(commands())}

@@ -261,6 +261,7 @@ def test_what_is_refused(
         ({"map": tmp_path / "a.png"}, f"{tmp_path}/a.png: the suffix of a true map has to be .yaml"),
         ({"map_resolution": 0.0}, "--map-resolution must be at least 0.001 and at most 1000 m, not 0"),
         ({"map_resolution": math.nan}, "--map-resolution must be at least 0.001 and at most 1000 m, not nan"),
+        ({"map_resolution": 0.1}, "--map-resolution is that of --map: name its file, too"),
         ({"map": tmp_path / "log" / "a.yaml"}, f"{tmp_path}/log/a.yaml and {tmp_path}/log are in each"),
         (
             {"map": tmp_path / "a.yaml", "sweeps": 0},

@@ -237,7 +237,9 @@ def tables_of(values: Any) -> list[str | Pair]:
 
 def tables_to_export(values: Any) -> list[str | HeldTable]:
     """Return tables of any kind, each named by a path or in memory (`TypeError` if one is neither)."""
-    given = [part for each in _each_table(values) for part in (each if isinstance(each, list) else [each])]
+    given = [*_each_table(values)]
+    if any(isinstance(each, list) for each in given):
+        raise TypeError("tables of one kind are exported at a time: give one of these, as .objects")
     return [each if isinstance(each, str) else HeldTable("the table", arrow_of(each)) for each in given]
 
 

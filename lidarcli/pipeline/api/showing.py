@@ -107,7 +107,6 @@ def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None,
         rules=read.rules,
         opening=opening,
         background=None if told["background"] is None else fspath(told["background"]),
-        tracks=None if told["tracks"] is None else _tracks(told["tracks"]),
         trail=TRAIL if told["trail"] is None else told["trail"],
         poses=poses,
         zones=read_zones(several(told["zones"])) if told["zones"] else None,
@@ -116,8 +115,9 @@ def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None,
         refuse_reading(told, _OfLogs, "topic", "at")
         if told["zones"]:
             raise TypeError("zones are drawn into the sweep of a log, not of a batch")
-        return picture_of(log, sweep, wanted)
+        return picture_of(log, sweep, replace(wanted, tracks=_tracks(told["tracks"], log.log)))
     source = one_log(paths_of(log), told["join"])
+    wanted = replace(wanted, tracks=_tracks(told["tracks"], source.name))
     if (at := told["at"]) is not None:
         if sweep:
             raise OptionError("--at names one sweep: give either at or sweep")
@@ -132,12 +132,15 @@ def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None,
     return drawn.pictures[0]
 
 
-def _tracks(tables: Tables) -> str | Pair:
-    """Return the tables of the one log that is drawn."""
+def _tracks(tables: Tables | None, log: str) -> str | Pair | None:
+    """Return the tables of the log that is drawn: of those of several logs its own."""
+    if tables is None:
+        return None
     found = tables_of(tables)
-    if len(found) != 1:
-        raise OptionError(f"--tracks: give the tables of one log, not of {len(found)}")
-    return found[0]
+    mine = [each for each in found if isinstance(each, Pair) and each.log == log]
+    if len(found) != 1 and len(mine) != 1:
+        raise OptionError(f"--tracks: give the tables of {log or 'one log'}, not those of {len(found)} logs")
+    return found[0] if len(found) == 1 else mine[0]
 
 
 @dataclass(frozen=True, slots=True, repr=False)

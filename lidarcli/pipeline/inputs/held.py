@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from lidarcli.errors import OptionError
 from lidarcli.pipeline.inputs.tables import Pair
-from lidarcli.tabular.reading import HeldTable, note_value, notes_of
+from lidarcli.tabular.reading import HeldTable, is_text, note_value, notes_of
 from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.tabular.writing import DAMAGE, SOURCE
 
@@ -41,7 +41,8 @@ def remember(objects: Any, others: Sequence[Any]) -> None:
 
 def is_table(value: Any) -> bool:
     """Tell whether a value is a table: of Arrow, pandas, polars or any library that hands out Arrow streams."""
-    return hasattr(value, "__arrow_c_stream__") or _is_frame(value)
+    # A series of paths hands out a stream, too, but has no columns.
+    return _is_frame(value) or (hasattr(value, "__arrow_c_stream__") and hasattr(value, "columns"))
 
 
 def arrow_of(value: Any) -> pa.Table:
@@ -76,10 +77,10 @@ def pairs_of(tables: Sequence[Any]) -> list[HeldPair]:
     kinds = {kind for kind, _ in known}
     beside = [other for table in tables for other in _BESIDE.get(id(table), ())]
     known += [(kind, table) for table in map(arrow_of, beside) if (kind := _kind_of(table)) not in kinds]
-    # Sweeps come first: every log has some.
-    known.sort(key=lambda each: each[0] != "sweeps")
     split = [(kind, table, _by_log(table)) for kind, table in known]
-    logs = dict.fromkeys(log for _, _, parts in split for log in parts)
+    # The order of the logs is that of their sweeps, which every log has.
+    ordered = sorted(split, key=lambda each: each[0] != "sweeps")
+    logs = dict.fromkeys(log for _, _, parts in ordered for log in parts)
     found = []
     for log in logs or {"": None}:
         held: dict[str, pa.Table] = {}
@@ -115,10 +116,9 @@ def _by_log(table: pa.Table) -> dict[str, pa.Table]:
     """Return the rows of each log."""
     import pyarrow.compute as pc
 
-    try:
-        names = table["log"].cast(pa.string())
-    except pa.ArrowException:
-        raise OptionError(f"column log holds {table['log'].type}, not the names of logs") from None
+    if not is_text(table["log"].type):
+        raise OptionError(f"column log is {table['log'].type}, not text: it names the log of each row")
+    names = table["log"].cast(pa.string())
     logs = names.unique().drop_null().to_pylist()
     return {log: table if len(logs) == 1 else table.filter(pc.equal(names, log)) for log in logs}
 
