@@ -80,6 +80,7 @@ def test_paths_and_tables_mix(files: str) -> None:
     assert mixed.figures["delta.objects"] == 0
 
 
+@pytest.mark.slow
 def test_tables_of_several_logs_are_those_of_each(tracked: Any) -> None:
     both = lidarcli.tables([PEOPLE, ROOM])
     told = lidarcli.report(both).as_dict()
@@ -88,6 +89,7 @@ def test_tables_of_several_logs_are_those_of_each(tracked: Any) -> None:
     assert [*lidarcli.report(both.objects).figures.items()] == [*lidarcli.report(both).figures.items()]
 
 
+@pytest.mark.slow
 def test_damage_stays_with_its_log(tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     write_log(cut, [block(sweeps=200, first=k) for k in (0, 200)], chunk_size=10_000)
@@ -116,11 +118,12 @@ def test_events_of_zones(tmp_path: Path) -> None:
     zones = tmp_path / "near.toml"
     zones.write_text(ZONE)
     found = lidarcli.zones(PEOPLE, zones=zones)
-    report = lidarcli.report(found, check=["zones.near.events == 1", "events where kind == visit == 1"])
+    report = lidarcli.report(found, check=["zones.near.events == 1", "events where points >= 10 == 1"])
     assert report.holds
-    assert lidarcli.report([*found]).as_dict() == report.as_dict()
+    assert lidarcli.report([*found]).figures == report.figures
 
 
+@pytest.mark.slow
 def test_paths_in_a_picture_are_those_of_the_files(tracked: Any, frames: Any, files: str) -> None:
     def lines(tables: Any) -> list[Any]:
         figure = lidarcli.plot(PEOPLE, 60, tracks=tables, view="scene")
@@ -160,7 +163,7 @@ def test_what_is_no_table(tracked: Any, frames: Any) -> None:
     with pytest.raises(TypeError, match=r"^tables of one kind are exported at a time"):
         lidarcli.export(tracked, "x.csv")
     twice = tracked.objects.append_column("log", tracked.objects["log"])
-    with pytest.raises(OptionError, match=r"^column log is there 2 times"):
+    with pytest.raises(OptionError, match=r"^a table in memory has 2 columns log, not one$"):
         lidarcli.report([twice, tracked.sweeps])
 
 

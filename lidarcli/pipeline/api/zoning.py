@@ -12,7 +12,7 @@ import pyarrow as pa
 from lidarcli.choices import SIGNIFICANCE
 from lidarcli.errors import OptionError, warn
 from lidarcli.masks import Polygon
-from lidarcli.options import Paths, Zoning
+from lidarcli.options import BACKGROUND, OBJECTS, THINGS, Paths, Zoning
 from lidarcli.pipeline.api.options import (
     LogOptions,
     Progress,
@@ -20,6 +20,7 @@ from lidarcli.pipeline.api.options import (
     detect_options,
     log_options,
     path_text,
+    refuse_finding,
     several,
     sources_of,
     tracking_of,
@@ -57,6 +58,9 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
     """
     if not options["zones"]:
         raise TypeError("zones() needs zones=FILE")
+    if options["objects"] is not None or options["no_objects"]:
+        why = "--objects names some that have been found" if options["objects"] else "--no-objects finds none"
+        refuse_finding(options, Zoning, (OBJECTS, THINGS, BACKGROUND), why)
     how = zone_options(options, log_options(options))
     sources = sources_of(log, options["join"])
     failed = Failed(len(sources))

@@ -109,6 +109,9 @@ def _kind_of(table: pa.Table) -> str:
         raise OptionError(
             f"a table with the columns {some} is none of lidarcli: no column {' or '.join(KEYS)}"
         )
+    for name in KEYS:
+        if (times := table.column_names.count(name)) > 1:
+            raise OptionError(f"a table in memory has {times} columns {name}, not one")
     return max(SCHEMAS, key=lambda kind: len(names & {*SCHEMAS[kind].names}) - len(SCHEMAS[kind]) / 1000)
 
 
