@@ -51,10 +51,7 @@ WIDTH = 100
 """Columns of a docstring."""
 Progress = bool | Callable[[int, int | None], object]
 """Wish to see how far the work is."""
-_PROGRESS = (
-    "True for a bar on standard error (in a notebook with ipywidgets), or a function that is called with how much is done "
-    "and how much there is in all, None where nobody knows: bytes of the logs, for `simulate` sweeps"
-)
+_PROGRESS = "True for a bar on standard error, or a function of how much is done and how much there is (docs/python.md)"
 OPENING = ("angle_min", "angle_increment", "fov", "range_max", "degrees", "range_unit", "echo")
 
 
