@@ -116,7 +116,7 @@ def _system(environment: dict[str, str]) -> Any:
 
 def made(folder: Path, count: int, sweeps: int) -> Path:
     """A folder of logs of one scene."""
-    from lidarcli.simulate.run import simulate
+    from lidarcli.simulation.run import simulate
 
     scene = Path(__file__).parents[1] / "samples" / "room.toml"
     first = folder / "first.mcap"

@@ -14,10 +14,10 @@ from mcap.writer import Writer
 
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.simulate.generate import simulate_blocks
-from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.scene import Sensor
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.generate import simulate_blocks
+from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.scene import Sensor
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import TURN, RawSweeps, concatenate
 
 BLOCK = 512

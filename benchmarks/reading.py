@@ -20,7 +20,7 @@ from lidarcli.logs.base import POINTCLOUD2, OpenOptions, ReadReport, Slice
 from lidarcli.machine import keep_freed_memory
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.ros.messages import ROS2, ros2_definition
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 
 BEAMS = 181

@@ -32,13 +32,15 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.api.cleaning import clean
     from lidarcli.pipeline.api.differing import diff
     from lidarcli.pipeline.api.finding import Tables, detect, tables, track
-    from lidarcli.pipeline.api.logs import info, learn, map, read
+    from lidarcli.pipeline.api.logs import background, info, map, poses, read
     from lidarcli.pipeline.api.showing import RunReport, plot, report
+    from lidarcli.pipeline.api.writing import export, overlay, simulate
     from lidarcli.pipeline.api.zoning import zones
     from lidarcli.pipeline.detecting import TrackTables
     from lidarcli.pipeline.differing import Difference
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
     from lidarcli.pipeline.zoning import ZoneTables
+    from lidarcli.simulation.run import Simulated
     from lidarcli.sweeps import Status, SweepBatch, SweepPoses
 
 _HOMES = {
@@ -56,13 +58,15 @@ _HOMES = {
     "lidarcli.pipeline.api.differing": ("diff",),
     "lidarcli.pipeline.api.cleaning": ("clean",),
     "lidarcli.pipeline.api.finding": ("Tables", "detect", "tables", "track"),
-    "lidarcli.pipeline.api.logs": ("info", "learn", "map", "read"),
+    "lidarcli.pipeline.api.logs": ("background", "info", "map", "poses", "read"),
     "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
+    "lidarcli.pipeline.api.writing": ("export", "overlay", "simulate"),
     "lidarcli.pipeline.api.zoning": ("zones",),
     "lidarcli.pipeline.detecting": ("TrackTables",),
     "lidarcli.pipeline.differing": ("Difference",),
     "lidarcli.pipeline.inputs.catalogue": ("read_catalogue",),
     "lidarcli.pipeline.zoning": ("ZoneTables",),
+    "lidarcli.simulation.run": ("Simulated",),
     "lidarcli.sweeps": ("Status", "SweepBatch", "SweepPoses"),
 }
 """Module → the public names that it holds, as type checkers see them above; each is imported on first use."""
@@ -79,6 +83,7 @@ __all__ = [
     "OutputError",
     "Parameters",
     "RunReport",
+    "Simulated",
     "Status",
     "SweepBatch",
     "SweepPoses",
@@ -87,17 +92,21 @@ __all__ = [
     "UnreadableError",
     "ZoneTables",
     "__version__",
+    "background",
     "clean",
     "detect",
     "diff",
+    "export",
     "formalism",
     "info",
-    "learn",
     "map",
+    "overlay",
     "plot",
+    "poses",
     "read",
     "read_catalogue",
     "report",
+    "simulate",
     "tables",
     "track",
     "zones",

@@ -9,12 +9,13 @@ Nothing here imports click or numpy, so that `--help` answers soon.
 import math
 from collections.abc import Iterable, Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypedDict
 
 from lidarcli.choices import (
     ALIGN,
     BEAM_ORDERS,
     BINS,
+    CONTAINERS,
     ECHOES,
     GREATEST_COUNT,
     LAST_SWEEP,
@@ -49,6 +50,18 @@ if TYPE_CHECKING:
 AnyPath = str | PathLike[str]
 Paths = AnyPath | Iterable[AnyPath]
 """One file, folder, pattern or URL, or several."""
+
+
+class Table(Protocol):
+    """A table in memory: of Arrow, pandas, polars or any library that hands out Arrow streams."""
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object: ...
+
+
+TableOrPath = AnyPath | Table | tuple[Any, ...]
+"""A table in memory or its path, or the named tuple of tables that a function returned."""
+Tables = TableOrPath | Iterable[TableOrPath]
+"""One table of the kinds that lidarcli makes, or several."""
 STDOUT = "-"
 """As the name of an output: standard output."""
 
@@ -59,8 +72,11 @@ CLOUDS, ECHO = "Point clouds", "Beams with several echoes"
 OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
 BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
+OF_FINDING = (SELECT, POSES, OBJECTS, THINGS, RANGES, ECHO)
+"""Headings of options that say how objects are found."""
 PICTURE, LOOK, GATES, ZONES, FINDINGS = "Picture", "Look", "Gates", "Zones", "Findings"
 PLACES, CLEANING = "Places", "Beams that say nothing"
+RUN, LOG = "Run", "Log"
 
 
 def _time(text: str) -> Any:
@@ -120,6 +136,11 @@ def parse_value(text: str) -> str | float:
     return LENGTH.parse(text)
 
 
+def parse_names(text: str) -> tuple[str, ...]:
+    """Names of columns, comma separated."""
+    return tuple(name for part in text.split(",") if (name := part.strip()))
+
+
 def _share(text: str) -> tuple[int, int]:
     """(I, N): the I-th of N shares."""
     number, _, count = text.partition("/")
@@ -132,6 +153,7 @@ def _share(text: str) -> tuple[int, int]:
 
 WIDTH, LENGTH = Number("METRES", 0, above=True), Number("METRES", 0)
 COUNT, COUNT_OR_NONE = Number("N", 1, GREATEST_COUNT, whole=True), Number("N", 0, GREATEST_COUNT, whole=True)
+ANY_COUNT = Number("N", 0, math.inf, whole=True)
 ANGLE, TURN = Number("ANGLE"), Number("DEGREES", 0, above=True)
 SWEEP = Number("N", 0, LAST_SWEEP, whole=True)
 TIME = Text("TIME", _time)
@@ -415,7 +437,7 @@ class Comparing(TypedDict, total=False):
 
     background: Annotated[
         "AnyPath | Sequence[Background] | None",
-        Option(BACKGROUND, File("FILE"), shown="none", python="Python also takes what `learn` returns."),
+        Option(BACKGROUND, File("FILE"), shown="none", python="Python also takes what `background` returns."),
         "Find only what differs from this background (docs/background.md); --threshold in metres is then the smallest "
         "difference.",
     ]
@@ -470,7 +492,17 @@ class Detecting(Finding, total=False):
     memory: Annotated[bool, Option(OBJECTS, None, False, both=True), _MEMORY]
 
 
-class Tracking(Finding, total=False):
+class Trajectories(TypedDict, total=False):
+    """Where the things were between their sights."""
+
+    trajectories: Annotated[
+        bool,
+        Option(OUTPUT, None, True),
+        "Make the table <log>.trajectories.parquet, one row per thing and sweep, hidden sweeps too.",
+    ]
+
+
+class Tracking(Finding, Trajectories, total=False):
     """Keywords of `track`."""
 
     memory: Annotated[bool, Option(OBJECTS, None, True, both=True), _MEMORY]
@@ -489,22 +521,19 @@ class Beams(TypedDict, total=False):
     ]
 
 
-class Trajectories(TypedDict, total=False):
-    """Where the things were between their sights."""
+class Tabling(Tracking, Beams, total=False):
+    """Keywords of `tables`."""
 
-    trajectories: Annotated[
-        bool,
-        Option(OUTPUT, None, True),
-        "Make the table <log>.trajectories.parquet, one row per thing and sweep, hidden sweeps too.",
+    columns: Annotated[
+        str | Iterable[str] | None,
+        Option(OUTPUT, Text("LIST", parse_names, is_list=True), shown="all"),
+        "Columns to keep, in this order, in each table those that it has; 'brief': a few of each table that tell what was "
+        "where (docs/python.md).",
     ]
 
 
-class Tabling(Tracking, Trajectories, Beams, total=False):
-    """Keywords of `tables`."""
-
-
 class Learning(Reading, total=False):
-    """Keywords of `learn`."""
+    """Keywords of `background`."""
 
     station_distance: Annotated[
         float,
@@ -669,8 +698,8 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
         "Background to compare with (docs/background.md): also r_w, r_e and their difference.",
     ]
     tracks: Annotated[
-        AnyPath | None,
-        Option(PICTURE, File("FILE"), shown="none"),
+        Tables | None,
+        Option(PICTURE, File("FILE"), shown="none", python="Python also takes what `track` returns."),
         "Tracks table (the tables beside it are read, too): paths up to the sweep, numbers, velocities.",
     ]
     trail: Annotated[
@@ -717,8 +746,15 @@ class Reporting(Joining, total=False):
         "Condition that must hold, else the exit code is 1; may be repeated (docs/reports.md).",
     ]
     baseline: Annotated[
-        Paths,
-        Option(GATES, File("TABLE"), (), shown="none", several=True, python="Python takes a list."),
+        Tables,
+        Option(
+            GATES,
+            File("TABLE"),
+            (),
+            shown="none",
+            several=True,
+            python="Python takes a list, and tables in memory.",
+        ),
         "Tables to compare with, may be repeated; checks may then name delta.FIGURE.",
     ]
     log: Annotated[
@@ -732,4 +768,101 @@ class Reporting(Joining, total=False):
             python="Python takes a list.",
         ),
         "Log of the tables, may be repeated: HTML then shows its raw sweeps.",
+    ]
+
+
+class Overlaying(Joining, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, total=False):
+    """Keywords of `overlay`."""
+
+    objects: Annotated[
+        AnyPath | None,
+        Option(OUTPUT, File("TABLE"), shown="find and follow, as track does"),
+        "Show what is in <log>.objects.parquet, as detect or track have written it, with the sweeps table beside.",
+    ]
+    with_log: Annotated[
+        bool,
+        Option(OUTPUT, None, False),
+        "Copy scans, transforms, odometry and poses into the same file, for viewers that open one file only.",
+    ]
+    map: Annotated[
+        AnyPath | None,
+        Option(OUTPUT, File("FILE.yaml"), shown="none"),
+        "Show this map, too, in the world frame of the log.",
+    ]
+    zones: Annotated[
+        Paths,
+        Option(OUTPUT, File("FILE"), (), shown="none", several=True, python="Python takes a list."),
+        "Show the zones of this file, too (docs/zones.md), brighter while they are occupied; may be repeated.",
+    ]
+    layout: Annotated[
+        bool,
+        Option(OUTPUT, None, True, both=True),
+        "Also write settings of viewers: NAME.layout.json and NAME.rviz.",
+    ]
+
+
+class Simulating(TypedDict, total=False):
+    """Keywords of `simulate`."""
+
+    container: Annotated[
+        Literal[
+            "mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "aria", "player", "rplidar", "jsonl"
+        ]
+        | None,
+        Option(LOG, CONTAINERS, shown="by suffix"),
+        "Format, where the name does not say it.",
+    ]
+    compression: Annotated[
+        str | None,
+        Option(LOG, Text("NAME"), shown="zstd for mcap, else none"),
+        "none, lz4, zstd (mcap); none, bz2, lz4 (bag); none, zstd, zstd-message (ros2).",
+    ]
+    encoding: Annotated[
+        str | None,
+        Option(LOG, Text("NAME"), shown="cdr"),
+        "Messages of an mcap: cdr, cdr-idl, ros1, json, protobuf.",
+    ]
+    layout: Annotated[
+        str | None, Option(LOG, Text("NAME"), shown="rostopic"), "Layout of a csv (docs/formats.md)."
+    ]
+    clouds: Annotated[
+        bool,
+        Option(LOG, None, False),
+        "Write point clouds with a floor and a ceiling instead of LaserScan, to be read by --slice.",
+    ]
+    map: Annotated[
+        AnyPath | None,
+        Option(LOG, File("FILE.yaml", is_output=True), shown="none"),
+        "Also write the true map of the run, without noise and without what moves, as map_server has it: the .yaml and a "
+        ".pgm beside it, for diff TRUTH.yaml MAP.yaml.",
+    ]
+    map_resolution: Annotated[
+        float | None, Option(LOG, WIDTH, shown=f"{MAP_RESOLUTION:g}"), "Side of the cells of that map."
+    ]
+    sweeps: Annotated[
+        int | None, Option(RUN, ANY_COUNT, shown="from the scene", unless=("duration",)), "Number of sweeps."
+    ]
+    duration: Annotated[
+        float | None,
+        Option(RUN, Number("SECONDS", 0, math.inf), shown="from the scene", unless=("sweeps",)),
+        "Length of the run, instead of --sweeps.",
+    ]
+    seed: Annotated[
+        int, Option(RUN, ANY_COUNT, 0), "Seed of noise and lost beams; the same seed gives the same bytes."
+    ]
+
+
+class Exporting(TypedDict, total=False):
+    """Keywords of `export`."""
+
+    columns: Annotated[
+        str | Iterable[str],
+        Option(
+            OUTPUT,
+            Text("LIST", parse_names, is_list=True),
+            "",
+            shown="all",
+            python="Python also takes a list.",
+        ),
+        "Columns to write, comma separated, in this order.",
     ]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import TYPE_CHECKING, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, SupportsIndex, TypeVar, dataclass_transform
 
 import numpy as np
 from numpy.typing import NDArray
@@ -332,10 +332,28 @@ class SweepBatch:
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
-    def rows(self, index: NDArray[np.intp] | Int64) -> SweepBatch:
-        """Return a batch of the sweeps of `index` alone: (K,) rows, or truth values (S,)."""
-        if np.ndim(index) != 1:
-            raise TypeError(f"rows are given as an array or list, not as {index!r}: rows([{index!r}])")
+    def __getitem__(self, index: SupportsIndex | slice | list[int] | NDArray[Any]) -> SweepBatch:
+        """Return a batch of one sweep, or of those of a slice (which shares their values), rows or truth values (S,)."""
+        if isinstance(index, slice | list | np.ndarray):
+            return self.rows(np.asarray(index) if isinstance(index, list) else index)
+        if not isinstance(index, SupportsIndex):
+            raise TypeError(f"batch[{index!r}]: sweeps are taken by their row, a slice, or an array of rows")
+        row = int(index.__index__())
+        if not -len(self) <= row < len(self):
+            raise IndexError(f"batch[{row}]: the batch has {counted(len(self), 'sweep')}")
+        row %= len(self)
+        return self.rows(slice(row, row + 1))
+
+    def __iter__(self) -> Iterator[SweepBatch]:
+        """Yield each sweep as a batch of its own."""
+        return (self.rows(slice(row, row + 1)) for row in range(len(self)))
+
+    def rows(self, index: NDArray[np.intp] | Int64 | slice) -> SweepBatch:
+        """Return a batch of the sweeps of `index` alone: (K,) rows, truth values (S,), or a slice."""
+        if not isinstance(index, slice) and np.ndim(index) != 1:
+            raise TypeError(
+                f"rows are given as an array, a list or a slice, not as {index!r}: rows([{index!r}])"
+            )
         picked = {name: getattr(self, name)[index] for name in _BATCH_ROW_FIELDS}
         picked["poses"] = None if self.poses is None else self.poses.rows(index)
         for name in ("duration", "intensities", "still", "fits"):

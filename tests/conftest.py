@@ -18,7 +18,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from lidarcli.cli import run
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tests.sweeping import room_sweeps
 from tests.waiting import HANG
 

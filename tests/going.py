@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.scene import Entity, Scene, Sensor
+from lidarcli.simulation.generate import simulate_sweep_arrays
+from lidarcli.simulation.scene import Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, Float64, SweepBatch, SweepPoses
 
 BEAMS = 720

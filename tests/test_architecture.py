@@ -23,6 +23,7 @@ MAY_IMPORT = {
     "options": {"choices", "errors", "formalism", "range_rules", "option_forms", "times"},
     "interrupts": set[str](),
     "newfiles": {"errors", "machine", "stores"},
+    "screen": {"stores"},
     "stores": {"errors", "machine"},
     "foxglove": set[str](),
     "tomlfiles": {"errors"},
@@ -39,19 +40,19 @@ MAY_IMPORT = {
     "zone": {"masks", "sweeps"},
     "range_rules": {"errors", "masks", "ranges", "sweeps"},
     "logs": CORE | {"foxglove", "ros"},
-    "poses": CORE | {"foxglove", "formalism", "logs", "ros"},
+    "pose": CORE | {"foxglove", "formalism", "logs", "ros"},
     "formalism": CORE,
     "tabular": CORE | {"formalism", "machine", "newfiles", "stores"},
     "ros": CORE,
-    "simulate": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "tabular", "tomlfiles"},
+    "simulation": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "tabular", "tomlfiles"},
     "reports": CORE | {"formalism", "tabular"},
     "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
     "overlays": CORE | {"maps", "ros", "tabular"},
     "copying": CORE | {"logs", "ros"},
     "pipeline": CORE
     | OPTIONS
-    | {"logs", "poses", "formalism", "tabular", "reports", "maps", "overlays", "copying", "ros"}
-    | {"compiled", "machine", "newfiles", "stores", "tomlfiles", "yamlfiles"},
+    | {"logs", "pose", "formalism", "tabular", "reports", "maps", "overlays", "copying", "ros"}
+    | {"simulation", "screen", "compiled", "machine", "newfiles", "stores", "tomlfiles", "yamlfiles"},
     "cli": CORE
     | OPTIONS
     | {
@@ -61,12 +62,13 @@ MAY_IMPORT = {
         "machine",
         "newfiles",
         "formalism",
-        "simulate",
+        "simulation",
         "pipeline",
+        "screen",
         "stores",
         "tomlfiles",
     },
-    "__init__": {"_version", "compiled", "errors", "formalism", "pipeline", "sweeps"},
+    "__init__": {"_version", "compiled", "errors", "formalism", "pipeline", "simulation", "sweeps"},
 }
 """Room → the rooms below it that it may import."""
 
@@ -89,14 +91,14 @@ SHARED = {"detection", "parameters"}
 
 ROOMS_OF = {
     "click": {"cli"},
-    "rich": {"cli", "reports"},
+    "rich": {"reports", "screen"},
     "matplotlib": {"reports"},
     "jinja2": {"reports"},
     "pandas": {"pipeline", "sweeps"},
-    "mcap": {"logs", "simulate", "ros", "copying"},
-    "rosbags": {"simulate", "ros"},
-    "sqlite3": {"logs", "simulate", "copying"},
-    "pyarrow": {"tabular", "pipeline", "logs", "simulate", "reports", "maps", "overlays", "stores"},
+    "mcap": {"logs", "simulation", "ros", "copying"},
+    "rosbags": {"simulation", "ros"},
+    "sqlite3": {"logs", "simulation", "copying"},
+    "pyarrow": {"tabular", "pipeline", "logs", "simulation", "reports", "maps", "overlays", "stores"},
     "distributed": {"pipeline"},
     "PIL": {"maps", "reports"},
     "ruamel": {"maps", "yamlfiles"},

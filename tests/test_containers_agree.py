@@ -13,10 +13,10 @@ import pytest
 
 import lidarcli
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.csv_writer import LAYOUTS
-from lidarcli.simulate.generate import simulate_blocks
-from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.writers import ENCODINGS, MCAP_COMPRESSIONS, write_log
+from lidarcli.simulation.csv_writer import LAYOUTS
+from lidarcli.simulation.generate import simulate_blocks
+from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.writers import ENCODINGS, MCAP_COMPRESSIONS, write_log
 from lidarcli.sweeps import RawSweeps, SweepBatch
 from tests.places import SAMPLES
 

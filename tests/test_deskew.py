@@ -17,11 +17,11 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.mapping.occupancy import compare
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.truth import true_map
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
+from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.truth import true_map
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import Float64, SweepBatch, concatenate
 from tests.formalism.tracking.following import GivenPaths, follow
 from tests.going import SENSORS, Drive, in_the_world, seen_going, told_backwards
@@ -237,7 +237,7 @@ def test_sweeps_before_the_first_pose_are_no_trouble(drives: Logs) -> None:
     x = table["world_x"].to_pylist()
     assert {x[k] is None for k in np.flatnonzero(early)} == {True}
     assert None not in [x[k] for k in np.flatnonzero(~early)]
-    (background,) = lidarcli.learn(log)
+    (background,) = lidarcli.background(log)
     assert int(background.sweeps.sum()) == 126 - 6
     assert np.isfinite(background.poses.x).all()
     assert np.nanmean(background.support) > 0.9
@@ -248,7 +248,7 @@ def test_a_background_of_the_drive_is_where_the_walls_are(drives: Logs, clockwis
     # Sweeps of one place are skewed alike, and agree with each other: only the world shows it. Seen are 5 and 65 mm.
     away = []
     for deskew in (True, False):
-        (background,) = lidarcli.learn(drives.made(clockwise=clockwise), deskew=deskew)
+        (background,) = lidarcli.background(drives.made(clockwise=clockwise), deskew=deskew)
         assert background.poses.way is None
         theta = background.grid.bearings() + background.poses.yaw[:, None]
         x = background.poses.x[:, None] + background.r_e * np.cos(theta)

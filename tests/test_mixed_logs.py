@@ -16,7 +16,7 @@ import pytest
 
 from lidarcli.cli import run
 from lidarcli.logs.mcap.log import McapLog
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.sweeping import START, STEP, raw_sweeps, round_room
 

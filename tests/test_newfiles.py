@@ -19,7 +19,7 @@ from lidarcli import newfiles
 from lidarcli.cli import run
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.newfiles import NewFiles, refuse, refuse_lost, write_whole
-from lidarcli.simulate import simulate
+from lidarcli.simulation import simulate
 from lidarcli.tabular.writing import TableFiles
 from tests.places import SAMPLES
 from tests.unprivileged import lidarcli
@@ -231,11 +231,11 @@ def test_a_background_has_no_name_of_a_log(tmp_path: Path, capsys: pytest.Captur
     words = f"{log} is the name of a log; a background is a .parquet"
     assert capsys.readouterr().err == f"lidarcli: {words}\n"
     with pytest.raises(OptionError, match=f"^{re.escape(words)}$"):
-        lidarcli_package.learn(ROOM, log)
+        lidarcli_package.background(ROOM, log)
     linked = tmp_path / "linked.parquet"
     linked.symlink_to(log)
     with pytest.raises(OutputError, match="is an input of this run"):
-        lidarcli_package.learn(log, linked)
+        lidarcli_package.background(log, linked)
     assert log.read_bytes() == ROOM.read_bytes()
 
 

@@ -20,7 +20,7 @@ import pytest
 
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tests.sweeping import BOX, raw_sweeps, round_room
 from tests.waiting import HANG, endless, wait_until
 

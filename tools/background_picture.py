@@ -20,7 +20,7 @@ from lidarcli.reports.drawing import project_style
 
 def main(log: str, picture: str) -> None:
     """Learn the background from the log itself, find the objects twice, draw their centres."""
-    (sensor,) = lidarcli.learn(log)
+    (sensor,) = lidarcli.background(log)
     found = {
         "every sweep by itself": lidarcli.detect(log),
         "against the background": lidarcli.detect(log, background=[sensor]),

@@ -21,18 +21,22 @@ FUNCTIONS: dict[str, Any] = {
     "detect": options.Detecting,
     "track": options.Tracking,
     "tables": options.Tabling,
-    "clean": options.Cleaning,
-    "learn": options.Learning,
-    "map": options.Mapping,
     "zones": options.Zoning,
     "diff": options.Diffing,
-    "plot": options.Plotting,
+    "poses": options.Reading,
+    "background": options.Learning,
+    "map": options.Mapping,
     "info": options.Inspecting,
     "report": options.Reporting,
+    "plot": options.Plotting,
+    "clean": options.Cleaning,
+    "overlay": options.Overlaying,
+    "export": options.Exporting,
+    "simulate": options.Simulating,
 }
 GROUPS: dict[str, Any] = {
     "Sweeps to read": options.Topics,
-    "Poses": options.Poses,
+    "Source of the poses": options.Poses,
     "Delay of the poses": options.Delay,
     "Ranges and geometry": options.Ranges,
     "Objects": options.Objects,
@@ -49,6 +53,7 @@ CLASSES = (
     "ZoneTables",
     "Difference",
     "RunReport",
+    "Simulated",
     "Parameters",
 )
 ERRORS = ("LidarcliError", "OptionError", "UnreadableError", "NoScanError", "OutputError")
@@ -180,6 +185,7 @@ def _type(kind: Any) -> str:
     """A type without the places of its parts."""
     words = inspect.formatannotation(kind)
     words = re.sub(r"\b(?:[a-z_]\w*\.)+(?=[A-Z])", "", words)
+    words = re.sub(r"^Optional\[(.*)\]$", r"\1 | None", words)
     return re.sub(
         r"Union\[(.*), NoneType\]", lambda found: f"{found[1].replace('], ', '] | ')} | None", words
     )

@@ -13,7 +13,7 @@ import pyarrow as pa
 from lidarcli import errors
 from lidarcli.cli import cli
 from lidarcli.reports import figures, runs
-from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
+from lidarcli.simulation.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tabular import writing
 from lidarcli.tabular.background import GEOMETRY
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES, CLEANED, CLOUD, POSES, RUNS, SCHEMAS

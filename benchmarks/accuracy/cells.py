@@ -20,8 +20,8 @@ from benchmarks.scenes.random import (
     sensor_with,
 )
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.scene import Entity, Scene, Sensor
+from lidarcli.simulation.generate import simulate_sweep_arrays
+from lidarcli.simulation.scene import Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, Float64, Int32, RawSweeps, SweepBatch, UInt8, concatenate
 
 Things = Literal["plain", "whole", "legs"]

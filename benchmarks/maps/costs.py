@@ -16,9 +16,9 @@ from benchmarks.maps.program import make_map
 from benchmarks.maps.recordings import RESOLUTION, Drive, write_drive
 from benchmarks.maps.rules import counts_of
 from lidarcli.formalism.mapping.occupancy import SKIPPED
-from lidarcli.simulate.generate import START_NS, SimulatedPoses
-from lidarcli.simulate.scene import Odometry
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.generate import START_NS, SimulatedPoses
+from lidarcli.simulation.scene import Odometry
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import Float64, RawSweeps
 
 ROUNDS = 20

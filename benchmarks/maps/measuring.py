@@ -26,7 +26,7 @@ from benchmarks.maps.rules import counts_of, maps_by_rules, maps_once
 from benchmarks.maps.scenes import FAST, ROLLING, SENSOR, Kind, drive, fastest_turn, length, walkers
 from benchmarks.maps.scoring import score
 from lidarcli.choices import MIN_MOVE
-from lidarcli.simulate.scene import Scene
+from lidarcli.simulation.scene import Scene
 from lidarcli.sweeps import Float64
 
 STANDING = ("box", "cylinder")

@@ -19,11 +19,11 @@ from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, open_source
 from lidarcli.pipeline.reading.path_check import check_paths
-from lidarcli.poses.fit import steps_between
-from lidarcli.poses.matched import MatchedPath, Timing
+from lidarcli.pose.fit import steps_between
+from lidarcli.pose.matched import MatchedPath, Timing
 from lidarcli.range_rules import RangeRules
-from lidarcli.simulate.generate import simulate_odometry
-from lidarcli.simulate.scene import Odometry, Scene
+from lidarcli.simulation.generate import simulate_odometry
+from lidarcli.simulation.scene import Odometry, Scene
 from lidarcli.sweeps import Float64, Int64, SweepBatch, record
 
 STRETCH = 5.0

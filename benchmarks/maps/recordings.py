@@ -12,10 +12,10 @@ from lidarcli.choices import MAP_RESOLUTION
 from lidarcli.formalism.mapping.counts import Beams, MotionFilter, placed
 from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED, Occupancy
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulate.scene import Scene
-from lidarcli.simulate.truth import true_map
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
+from lidarcli.simulation.scene import Scene
+from lidarcli.simulation.truth import true_map
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, RawSweeps, Status, SweepPoses, concatenate, record
 
 RESOLUTION = MAP_RESOLUTION

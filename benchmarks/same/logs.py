@@ -17,9 +17,9 @@ from benchmarks.same.odd import odd_logs
 from benchmarks.scenes.random import FAULTS, KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.scene import LOST_AS, Sensor
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.generate import simulate_sweep_arrays
+from lidarcli.simulation.scene import LOST_AS, Sensor
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import TURN, RawSweeps, concatenate
 
 SAMPLES = HERE.parent / "samples"

@@ -14,8 +14,8 @@ import numpy as np
 
 from benchmarks.scenes.clearance import distance, outline
 from benchmarks.scenes.random import Plan, Rng, draw_thing
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Course, Entity, Scene, Sensor
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
 from lidarcli.sweeps import Float64
 
 Kind = Literal["passage", "chamber"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Entity
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Entity
 from lidarcli.sweeps import Float64
 
 

@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.scenes.clearance import covers, distance, in_polygon, outline
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Course, Entity, Scene, Sensor
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, Float64
 
 Kind = Literal["room", "corridor", "hall"]

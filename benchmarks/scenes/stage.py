@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from benchmarks.scenes.clearance import covers, distance, in_polygon, outline, to_segments
-from lidarcli.simulate.route import AHEAD, Corner, Route, Waypoint
-from lidarcli.simulate.scene import Course, Entity
+from lidarcli.simulation.route import AHEAD, Corner, Route, Waypoint
+from lidarcli.simulation.scene import Course, Entity
 from lidarcli.sweeps import Float64
 
 Rng = np.random.Generator

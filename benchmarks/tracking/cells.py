@@ -9,7 +9,7 @@ from typing import Literal
 
 from benchmarks.scenes.moving import DRIVEN, Kind, moving_scene
 from benchmarks.scenes.random import SENSORS, sensor_with
-from lidarcli.simulate.scene import Scene
+from lidarcli.simulation.scene import Scene
 
 PERSONS: Kind = "people"
 """The kind of scene with persons; in all others everything is rigid."""

@@ -9,11 +9,12 @@ import click
 from lidarcli import compiled
 from lidarcli._version import __version__
 from lidarcli.cli.commands import command
-from lidarcli.cli.messages import Messages, one_line
+from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import ORIGINS, DeclaredOption, Refused
 from lidarcli.cli.settings import commands, options, strange_variables, unknown_variables
 from lidarcli.option_forms import Argument, Text
 from lidarcli.options import TextOrJson
+from lidarcli.screen import one_line
 
 LIBRARIES = ("numpy", "pyarrow", "mcap", "rosbags", "pandas", "matplotlib", "click", "rich")
 EXTRAS = ("distributed",)

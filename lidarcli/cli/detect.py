@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
+from lidarcli.choices import TABLE_BY_SUFFIX
 from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import log_options
@@ -17,8 +18,6 @@ from lidarcli.stores.url import place
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
 
-FILES = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow"}
-"""Suffix of an output that is a file → its format."""
 OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db", ".sqlite", ".html", ".png")
 """Suffixes of files that nobody means as the name of a folder."""
 
@@ -139,6 +138,6 @@ def _one_file(output: str) -> str | None:
     suffix = place(output).suffix.lower()
     if suffix in OTHER_FILES:
         raise click.UsageError(
-            f"{output}: objects are written as {', '.join(FILES)}; a folder of such a name ends with {os.sep}"
+            f"{output}: objects are written as {', '.join(TABLE_BY_SUFFIX)}; a folder of such a name ends with {os.sep}"
         )
-    return FILES.get(suffix)
+    return TABLE_BY_SUFFIX.get(suffix)

@@ -5,19 +5,13 @@ from typing import Annotated
 import click
 
 from lidarcli.cli.commands import command
-from lidarcli.cli.detect import FILES
 from lidarcli.cli.messages import Messages, standard_output
-from lidarcli.option_forms import Argument, File, Option, Text
-from lidarcli.options import OUTPUT, STDOUT, Overwrite, output
+from lidarcli.option_forms import Argument, File, Option
+from lidarcli.options import OUTPUT, STDOUT, Exporting, Overwrite, output
 from lidarcli.stores.url import place
 
 
-def _names(text: str) -> tuple[str, ...]:
-    """Names of columns, comma separated."""
-    return tuple(name for part in text.split(",") if (name := part.strip()))
-
-
-class ExportCommand(Overwrite, total=False):
+class ExportCommand(Overwrite, Exporting, total=False):
     """Options of `export`."""
 
     tables: Annotated[tuple[str, ...], Argument("TABLE...", File("TABLE"), several=True)]
@@ -30,11 +24,6 @@ class ExportCommand(Overwrite, total=False):
         str | None,
         Option(OUTPUT, ("csv", "ndjson", "arrow", "parquet"), shown="csv"),
         "Format of the stream of -o -.",
-    ]
-    columns: Annotated[
-        tuple[str, ...],
-        Option(OUTPUT, Text("LIST", _names, is_list=True), "", shown="all"),
-        "Columns to write, comma separated, in this order.",
     ]
 
 
@@ -55,13 +44,11 @@ def export(say: Messages, told: ExportCommand) -> int:
     output, kind = told["output"], told["format"]
     if output != STDOUT and kind is not None:
         raise click.UsageError("--format is for the stream of -o -; a file has the format of its suffix")
-    form = (kind or "csv") if output == STDOUT else FILES.get(place(output).suffix.lower())
-    if form is None:
-        raise click.BadParameter(f"'{output}' is none of {', '.join(FILES)}.", param_hint="'--output'")
 
-    from lidarcli.pipeline.exporting import chosen, export_file, export_stream
+    from lidarcli.pipeline.exporting import chosen, export_file, export_stream, format_of
 
-    wanted = chosen(told["tables"], told["columns"])
+    form = (kind or "csv") if output == STDOUT else format_of(place(output))
+    wanted = chosen(told["tables"], [*told["columns"]])
     for problem in wanted.problems:
         say.error(str(problem))
     if output == STDOUT:

@@ -9,12 +9,13 @@ import click
 
 from lidarcli.cli.background import background_dict, background_line, background_lines
 from lidarcli.cli.commands import command
-from lidarcli.cli.messages import Messages, one_line, progress_bar
+from lidarcli.cli.messages import Messages, progress_bar
 from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted, moment
 from lidarcli.option_forms import Option, Text
 from lidarcli.options import FINDINGS, OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
+from lidarcli.screen import one_line
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:

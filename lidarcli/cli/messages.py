@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import click
 
@@ -16,11 +15,9 @@ from lidarcli import compiled
 from lidarcli.choices import beams_on
 from lidarcli.display import counted
 from lidarcli.errors import OutputError
-from lidarcli.stores.url import blotted
+from lidarcli.screen import Count, Screen, byte_bar, count_bar, one_line
 
 if TYPE_CHECKING:
-    from rich.progress import ProgressColumn
-
     from lidarcli.pipeline.inputs.sources import Nothing, Source
     from lidarcli.pipeline.reading.one_log import RunSummary
     from lidarcli.pipeline.runs.outcomes import Outcome
@@ -58,45 +55,13 @@ def coloured(stream: TextIO) -> bool:
     return stream.isatty()
 
 
-LONGEST_LINE = 1000
-"""A longer line [characters] loses its middle: a log may hold names of any length."""
-
-
-def one_line(text: str) -> str:
-    r"""Text from a log or a file name, with escapes for what would break the line or steer the terminal.
-
-    Credentials that somebody has typed into a URL are left out.
-
-    >>> one_line("/scan\n\x1b[2J °")
-    '/scan\\n\\x1b[2J °'
-    """
-    text = blotted(text)
-    if not text.isprintable():
-        text = "".join(char if char.isprintable() else repr(char)[1:-1] for char in text[:LONGEST_LINE])
-    return (
-        text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE // 2]} ... {text[-LONGEST_LINE // 4 :]}"
-    )
-
-
-class Bar(Protocol):
-    """A progress bar that can be taken off the screen and put back."""
-
-    def stop(self) -> None: ...
-
-    def start(self) -> None: ...
-
-
 @dataclass(slots=True)
-class Messages:
+class Messages(Screen):
     """Writes to stderr as loudly as the user wants it."""
 
+    write: Callable[[str], None] = field(default=_to_stderr)
     quiet: bool = False
     verbose: bool = False
-    write: Callable[[str], None] = field(default=_to_stderr)
-    """Takes one line; a progress bar puts its own in here while it is on the screen."""
-
-    bar: Bar | None = None
-    """The progress bar on the screen."""
 
     def error(self, *parts: str) -> None:
         """`lidarcli: run.mcap: what is wrong`, always shown."""
@@ -145,18 +110,7 @@ class Messages:
         self.write("lidarcli: this is a bug in lidarcli; please report it with the lines above")
 
 
-# Progress bars: only on a terminal, only for work that takes long, gone when it is done.
-
-PATIENCE = 0.5
-"""Work shorter than this [s] shows no bar: one that comes and goes at once only disturbs."""
-LONGEST_NAME = 18
-"""Characters of a name in front of a bar, of the 80 of a line."""
-
-
-class Count(Protocol):
-    """A function that takes the number of things done, and of all things once that is known."""
-
-    def __call__(self, done: int, total: int | None = None, /) -> None: ...
+# Progress bars: only on a terminal.
 
 
 @contextmanager
@@ -167,109 +121,26 @@ def progress_bar(
     if not _is_seen(say):
         yield None
         return
-    from rich.progress import DownloadColumn, TransferSpeedColumn
+    from lidarcli.pipeline.runs.over_logs import summed
 
-    from lidarcli.pipeline.inputs.sources import Source
-
-    sizes = {source: source.size for source in sources if isinstance(source, Source)}
-    total = sum(sizes.values()) if all(sizes.values()) else None
-    read: dict[Source, int] = {}
-    with _bar("", total, (DownloadColumn(), TransferSpeedColumn()), say) as show:
-
-        def report(source: Source, position: int) -> None:
-            read[source] = position
-            show(sum(read.values()), total, source.name)
-
-        yield report
+    with byte_bar(say) as show:
+        yield summed(sources, show)
 
 
 @contextmanager
 def counted_bar(description: str, total: int | None, unit: str, say: Messages) -> Iterator[Count | None]:
-    """A bar by things done, such as sweeps: yields what the work calls with their number, None where nobody looks.
-
-    Parameters
-    ----------
-    description : what is worked on
-    total : number of all things, None where the work will tell
-    unit : what is counted, in the plural
-    """
+    """A bar by things done, as of `count_bar`; yields None where nobody looks."""
     if not _is_seen(say):
         yield None
         return
-    from rich.progress import MofNCompleteColumn, ProgressColumn, Task
-    from rich.text import Text
-
-    class Speed(ProgressColumn):
-        """Things per second."""
-
-        def render(self, task: Task) -> Text:
-            if not task.speed:
-                return Text(unit)
-            return Text(f"{task.speed:,.{0 if task.speed >= 10 else 1}f} {unit}/s")
-
-    with _bar(description, total, (MofNCompleteColumn(), Speed()), say) as show:
-        known = total
-
-        def report(done: int, total: int | None = None, /) -> None:
-            nonlocal known
-            known = known if total is None else total
-            show(done, known, description)
-
-        yield report
+    with count_bar(description, total, unit, say) as show:
+        yield show
 
 
 def _is_seen(say: Messages) -> bool:
     """Return True if stderr is a terminal that can take a line back."""
     on_terminal = sys.stderr is not None and sys.stderr.isatty()
     return on_terminal and not say.quiet and os.environ.get("TERM") != "dumb"
-
-
-@contextmanager
-def _bar(
-    description: str, total: int | None, columns: Sequence[ProgressColumn], say: Messages
-) -> Iterator[Callable[[int, int | None, str], None]]:
-    """A bar that comes up after `PATIENCE`: yields what is called with things done, of how many, and the name beside it."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    bar = Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=10),
-        TaskProgressColumn(text_format_no_percentage=""),
-        *columns,
-        TimeRemainingColumn(),
-        TextColumn("left"),
-        console=console,
-        transient=True,
-    )
-    task = bar.add_task(_short(description), total=total)
-    begun = time.monotonic()
-    quiet_write = say.write
-
-    def show(done: int, total: int | None, name: str) -> None:
-        bar.update(task, completed=done, total=total, description=_short(name))
-        if say.bar is None and time.monotonic() - begun >= PATIENCE:
-            say.write = lambda line: console.print(line, markup=False, highlight=False, soft_wrap=True)
-            say.bar = bar
-            bar.start()
-
-    try:
-        yield show
-    finally:
-        if say.bar is bar:
-            bar.stop()
-        say.write, say.bar = quiet_write, None
-
-
-def _short(name: str) -> str:
-    """A name that leaves room for the bar: its end, which tells logs apart.
-
-    >>> _short("2026-01-31/robot-7/run.mcap")
-    '...obot-7/run.mcap'
-    """
-    line = one_line(name)
-    return line if len(line) <= LONGEST_NAME else f"...{line[3 - LONGEST_NAME :]}"
 
 
 # Summaries.

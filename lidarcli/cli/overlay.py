@@ -1,73 +1,21 @@
 """`lidarcli overlay`: objects and tracks to be played in step with their log."""
 
-from pathlib import Path
 from typing import Annotated
 
-from lidarcli.choices import SIGNIFICANCE
 from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, progress_bar, show_reading
 from lidarcli.cli.options import log_options, refuse_finding
-from lidarcli.option_forms import File, Option
-from lidarcli.options import (
-    ECHO,
-    OBJECTS,
-    OUTPUT,
-    POSES,
-    RANGES,
-    SELECT,
-    THINGS,
-    Delay,
-    Jobs,
-    Joining,
-    Objects,
-    OneLog,
-    Overwrite,
-    Poses,
-    Ranges,
-    Things,
-    Topics,
-    output,
-)
+from lidarcli.options import OF_FINDING, OneLog, Overlaying, Overwrite, output
 from lidarcli.stores.url import place
 
-OF_FINDING = (SELECT, POSES, OBJECTS, THINGS, RANGES, ECHO)
-"""Headings of options that say how objects are found."""
 
-
-class OverlayCommand(
-    OneLog, Joining, Overwrite, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, total=False
-):
+class OverlayCommand(OneLog, Overwrite, Overlaying, total=False):
     """Options of `overlay`."""
 
     output: Annotated[
         str,
         output("FILE"),
         "File to write: .mcap (ROS 2, for Foxglove, Lichtblick and RViz) or .bag (ROS 1).",
-    ]
-    objects: Annotated[
-        str | None,
-        Option(OUTPUT, File("TABLE"), shown="find and follow, as track does"),
-        "Show what is in <log>.objects.parquet, as detect or track have written it, with the sweeps table beside.",
-    ]
-    with_log: Annotated[
-        bool,
-        Option(OUTPUT, None, False),
-        "Copy scans, transforms, odometry and poses into the same file, for viewers that open one file only.",
-    ]
-    map: Annotated[
-        str | None,
-        Option(OUTPUT, File("FILE.yaml"), shown="none"),
-        "Show this map, too, in the world frame of the log.",
-    ]
-    zones: Annotated[
-        tuple[str, ...],
-        Option(OUTPUT, File("FILE"), (), shown="none", several=True),
-        "Show the zones of this file, too (docs/zones.md), brighter while they are occupied; may be repeated.",
-    ]
-    layout: Annotated[
-        bool,
-        Option(OUTPUT, None, True, both=True),
-        "Also write settings of viewers: NAME.layout.json and NAME.rviz.",
     ]
 
 
@@ -93,29 +41,16 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
         refuse_finding(OF_FINDING)
 
     from lidarcli.machine import keep_freed_memory
-    from lidarcli.pipeline.api.options import detect_options, tracking_of
+    from lidarcli.pipeline.api.writing import overlay_options
     from lidarcli.pipeline.inputs.search import one_log
-    from lidarcli.pipeline.overlaying import OverlayOptions, refuse_overlay, write_overlay
+    from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
     from lidarcli.pipeline.runs.outcomes import outcome_of
     from lidarcli.pipeline.runs.over_logs import progress_of
 
-    zones = None
-    if told["zones"]:
-        from lidarcli.pipeline.inputs.zones import read_zones
-
-        zones = read_zones(told["zones"])
+    options = overlay_options(told, logs, overwrite=told["overwrite"])
     keep_freed_memory()
     say.of_missing_core()
     source, path = one_log(told["log"], told["join"]), place(told["output"])
-    options = OverlayOptions(
-        detect_options(told, logs, tracking_of({"significance": SIGNIFICANCE, "memory": True})),
-        told["objects"],
-        told["with_log"],
-        None if told["map"] is None else Path(told["map"]),
-        zones,
-        told["layout"],
-        told["overwrite"],
-    )
     refuse_overlay(path, source, options)
     with progress_bar([source], say) as report:
         outcome = outcome_of(source, lambda one: write_overlay(one, path, options, progress_of(one, report)))

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lidarcli.cli.messages import Messages, Total, one_line, progress_bar, show, standard_output
+from lidarcli.cli.messages import Messages, Total, progress_bar, show, standard_output
 from lidarcli.display import counted
 from lidarcli.options import STDOUT
+from lidarcli.screen import one_line
 from lidarcli.stores.url import Place, is_url, place
 
 if TYPE_CHECKING:

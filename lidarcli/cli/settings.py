@@ -16,9 +16,10 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from lidarcli.cli.messages import Messages, one_line
+from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import ORIGINS, DeclaredOption, Refused
 from lidarcli.errors import LidarcliError, OptionError
+from lidarcli.screen import one_line
 
 NAME = "lidarcli.toml"
 NONE = "none"

@@ -1,22 +1,17 @@
 """`lidarcli simulate`: a log with known truth from a scene file."""
 
-import math
 from typing import Annotated
 
 import click
 
-from lidarcli.choices import CONTAINERS, MAP_RESOLUTION
 from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, counted_bar
 from lidarcli.display import counted
-from lidarcli.option_forms import Argument, File, Number, Option, Text
-from lidarcli.options import WIDTH, Overwrite, output
-
-RUN, LOG = "Run", "Log"
-COUNT = Number("N", 0, math.inf, whole=True)
+from lidarcli.option_forms import Argument, File, options_of
+from lidarcli.options import Overwrite, Simulating, output
 
 
-class SimulateCommand(Overwrite, total=False):
+class SimulateCommand(Overwrite, Simulating, total=False):
     """Options of `simulate`."""
 
     scene: Annotated[str, Argument("SCENE.toml", File("SCENE.toml"))]
@@ -25,47 +20,6 @@ class SimulateCommand(Overwrite, total=False):
         output("LOG"),
         "Log to write: .mcap, .bag, .db3, .csv, .csv.gz, .log or .clf (CARMEN), .2d (ARIA), .txt (RPLIDAR), .jsonl, or a "
         "name without suffix for a ROS 2 bag folder.",
-    ]
-    container: Annotated[
-        str | None, Option(LOG, CONTAINERS, shown="by suffix"), "Format, where the name does not say it."
-    ]
-    compression: Annotated[
-        str | None,
-        Option(LOG, Text("NAME"), shown="zstd for mcap, else none"),
-        "none, lz4, zstd (mcap); none, bz2, lz4 (bag); none, zstd, zstd-message (ros2).",
-    ]
-    encoding: Annotated[
-        str | None,
-        Option(LOG, Text("NAME"), shown="cdr"),
-        "Messages of an mcap: cdr, cdr-idl, ros1, json, protobuf.",
-    ]
-    layout: Annotated[
-        str | None, Option(LOG, Text("NAME"), shown="rostopic"), "Layout of a csv (docs/formats.md)."
-    ]
-    clouds: Annotated[
-        bool,
-        Option(LOG, None, False),
-        "Write point clouds with a floor and a ceiling instead of LaserScan, to be read by --slice.",
-    ]
-    map: Annotated[
-        str | None,
-        Option(LOG, File("FILE.yaml", is_output=True), shown="none"),
-        "Also write the true map of the run, without noise and without what moves, as map_server has it: the .yaml and a "
-        ".pgm beside it, for diff TRUTH.yaml MAP.yaml.",
-    ]
-    map_resolution: Annotated[
-        float | None, Option(LOG, WIDTH, shown=f"{MAP_RESOLUTION:g}"), "Side of the cells of that map."
-    ]
-    sweeps: Annotated[
-        int | None, Option(RUN, COUNT, shown="from the scene", unless=("duration",)), "Number of sweeps."
-    ]
-    duration: Annotated[
-        float | None,
-        Option(RUN, Number("SECONDS", 0, math.inf), shown="from the scene", unless=("sweeps",)),
-        "Length of the run, instead of --sweeps.",
-    ]
-    seed: Annotated[
-        int, Option(RUN, COUNT, 0), "Seed of noise and lost beams; the same seed gives the same bytes."
     ]
 
 
@@ -90,31 +44,17 @@ def simulate(say: Messages, told: SimulateCommand) -> int:
     """
     if told["sweeps"] is not None and told["duration"] is not None:
         raise click.UsageError("--sweeps and --duration exclude each other")
-    if told["map"] is None and told["map_resolution"] is not None:
-        raise click.UsageError("--map-resolution is that of --map: name its file, too")
 
-    from lidarcli.simulate import simulate as run
+    from lidarcli.simulation import simulate as run
 
-    scene, resolution = told["scene"], told["map_resolution"]
-    same = (
-        "sweeps",
-        "duration",
-        "seed",
-        "container",
-        "compression",
-        "encoding",
-        "layout",
-        "clouds",
-        "overwrite",
-    )
+    scene = told["scene"]
     with counted_bar(scene, None, "sweeps", say) as progress:
         result = run(
             scene,
             told["output"],
-            map_file=told["map"],
-            map_resolution=MAP_RESOLUTION if resolution is None else resolution,
+            overwrite=told["overwrite"],
             progress=progress,
-            **{field: told[field] for field in same},  # type: ignore[literal-required]
+            **{field: told[field] for field in options_of(Simulating)},  # type: ignore[literal-required]
         )
     say.info(f"{scene}: {counted(result.sweeps, 'sweep')}")
     written = (result.log, result.truth, result.truth_beams, result.true_map)

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from lidarcli.cli.commands import command
 from lidarcli.cli.detect import Tables, find
 from lidarcli.cli.messages import Messages
-from lidarcli.options import Tracking, Trajectories
+from lidarcli.options import Tracking
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
 
 
-class TrackCommand(Tables, Tracking, Trajectories, total=False):
+class TrackCommand(Tables, Tracking, total=False):
     """Options of `track`."""
 
 

@@ -115,7 +115,7 @@ def refuse_output(
     Raises
     ------
     OptionError
-        The name is that of a log: `-o *.mcap`, or two logs given to `learn`, would replace one by the background.
+        The name is that of a log: `-o *.mcap`, or two logs given to `background`, would replace one by the background.
     OutputError
         As of `newfiles.refuse`.
     """

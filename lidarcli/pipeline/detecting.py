@@ -20,7 +20,7 @@ from lidarcli.pipeline.objects.making import Made, Rows, Splitting, finder, rows
 from lidarcli.pipeline.objects.options import OF_TRACKS, DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, read_log
 from lidarcli.pipeline.runs.outcomes import Outcome
-from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
+from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs, progress_of
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.schemas import OBJECTS, SCHEMAS
@@ -212,9 +212,7 @@ def detect_file(
     yield from waiting
 
 
-class TrackTables(NamedTuple):
-    """Tables that `track` returns, with the schemas of `lidarcli.tabular.SCHEMAS`."""
-
+class _TrackTables(NamedTuple):
     objects: pa.Table
     """One row per object per sweep, with its track."""
     sweeps: pa.Table
@@ -223,7 +221,23 @@ class TrackTables(NamedTuple):
     """One row per track."""
 
 
-def of_logs(sources: Sequence[Source], tables: Sequence[str], options: DetectOptions) -> dict[str, pa.Table]:
+class TrackTables(_TrackTables):
+    """Tables that `track` returns, with the columns of docs/tables.md: `objects`, `sweeps`, `tracks`, to be unpacked.
+
+    Attributes
+    ----------
+    trajectories : one row per thing and sweep, from its first sight to its last; None with `trajectories=False`
+    """
+
+    trajectories: pa.Table | None = None
+
+
+def of_logs(
+    sources: Sequence[Source],
+    tables: Sequence[str],
+    options: DetectOptions,
+    report: LogProgress | None = None,
+) -> dict[str, pa.Table]:
     """Return some tables of all logs; warns of damage, and of logs that cannot be read while others can."""
     collected = {table: _Collected() for table in tables}
     described: list[dict[str, Any]] = []
@@ -231,9 +245,9 @@ def of_logs(sources: Sequence[Source], tables: Sequence[str], options: DetectOpt
     failed = Failed(len(sources))
     for source in sources:
         with failed.noted(source):
-            summary, origin = detect_to_sinks(source, collected, options)
+            summary, origin = detect_to_sinks(source, collected, options, progress_of(source, report))
             described.append(origin)
-            damage += summary.damage
+            damage += [line if len(sources) == 1 else f"{source.name}: {line}" for line in summary.damage]
             # Notes are for reading, but a table without a sweep needs its reason.
             for line in [*summary.damage, *(summary.doubts if summary.sweeps else summary.notes)]:
                 warn(f"{source.label}: {line}")

@@ -9,11 +9,12 @@ from difflib import get_close_matches
 
 import pyarrow as pa
 
+from lidarcli.choices import TABLE_BY_SUFFIX
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.newfiles import new_files, refuse
 from lidarcli.pipeline.inputs.files import files_named
 from lidarcli.stores.url import Place
-from lidarcli.tabular.reading import read_as_is, schema_of
+from lidarcli.tabular.reading import HeldTable, Readable, read_as_is, schema_of
 from lidarcli.tabular.stream import write_stream
 from lidarcli.tabular.writing import Output
 
@@ -26,7 +27,7 @@ APART = "export each kind of table by itself, as '*.objects.parquet'"
 class Export:
     """Tables with the same columns, one after the other."""
 
-    files: tuple[Place, ...]
+    files: tuple[Readable, ...]
     schema: pa.Schema
     """The columns that are written, with the metadata that all tables share."""
     problems: tuple[UnreadableError, ...] = ()
@@ -39,8 +40,8 @@ class Export:
                 yield rows.cast(self.schema.remove_metadata())
 
 
-def chosen(tables: Sequence[str], columns: Sequence[str] = ()) -> Export:
-    """Choose some columns, or all, of all tables that files, folders and patterns name.
+def chosen(tables: Sequence[str | HeldTable], columns: Sequence[str] = ()) -> Export:
+    """Choose some columns, or all, of all tables that are in memory, or that files, folders and patterns name.
 
     Raises
     ------
@@ -50,7 +51,7 @@ def chosen(tables: Sequence[str], columns: Sequence[str] = ()) -> Export:
         The tables are of several kinds, or have no such column, or it is named twice.
     """
     # A table that is named twice is one.
-    found = [_tables(text) for text in tables]
+    found = [_tables(each) for each in tables]
     files = [*dict.fromkeys(file for named, _ in found for file in named)]
     problems = tuple(problem for _, denied in found for problem in denied)
     if not files:
@@ -83,9 +84,17 @@ def chosen(tables: Sequence[str], columns: Sequence[str] = ()) -> Export:
     return Export(tuple(files), schema, problems)
 
 
+def format_of(path: Place) -> str:
+    """Return the format that the suffix of an output names (`OptionError` where it names none)."""
+    form = TABLE_BY_SUFFIX.get(path.suffix.lower())
+    if form is None:
+        raise OptionError(f"{path}: the suffix of a table has to be one of {', '.join(TABLE_BY_SUFFIX)}")
+    return form
+
+
 def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tuple[int, list[str]]:
     """Write a file of `kind` (parquet, csv, ndjson, arrow); returns the number of rows and notes on them."""
-    refuse([path], overwrite, [str(file) for file in export.files])
+    refuse([path], overwrite, [str(file) for file in export.files if not isinstance(file, HeldTable)])
     with new_files([path], overwrite) as new:
         with new.part(path).open("wb") as out:
             rows, notes = export_stream(export, out, kind, str(path))
@@ -105,15 +114,17 @@ def _common(schemas: Sequence[pa.Schema]) -> dict[bytes, bytes]:
     return {key: value for key, value in first.items() if all(each.get(key) == value for each in others)}
 
 
-def _tables(text: str) -> tuple[list[Place], list[UnreadableError]]:
+def _tables(text: str | HeldTable) -> tuple[list[Readable], list[UnreadableError]]:
     """Return the Parquet files that a name stands for, and the folders that cannot be searched for more."""
+    if isinstance(text, HeldTable):
+        return [text], []
     _, files, denied = files_named(text)
     if not files and not denied:
         raise UnreadableError(f"{text}: no Parquet table there")
-    return files, denied
+    return [*files], denied
 
 
-def _column(name: str, file: Place, schema: pa.Schema) -> str:
+def _column(name: str, file: Readable, schema: pa.Schema) -> str:
     if name in schema.names:
         return name
     near = get_close_matches(name, schema.names, 1)

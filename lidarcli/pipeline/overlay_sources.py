@@ -16,12 +16,11 @@ from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Lo
 from lidarcli.overlays.files import topic_name
 from lidarcli.overlays.objects import COLUMNS, PATH_COLUMNS, Poses, Trajectories
 from lidarcli.pipeline.inputs.tables import Pair
-from lidarcli.poses.messages import TRANSFORMS
+from lidarcli.pose.messages import TRANSFORMS
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
-from lidarcli.stores.url import Place
 from lidarcli.sweeps import Bool, Int64, RawSweeps
 from lidarcli.tabular.arrays import are, held, numbers, plain
-from lidarcli.tabular.reading import read_columns, read_pieces, read_schema
+from lidarcli.tabular.reading import Readable, read_columns, read_pieces, read_schema
 from lidarcli.tabular.schemas import SCHEMAS
 
 WINDOW = 4096
@@ -251,7 +250,7 @@ class Tables:
 class Cursor:
     """The rows of one topic of a table, taken in their order."""
 
-    def __init__(self, path: Place, table: str, columns: tuple[str, ...], topic: str) -> None:
+    def __init__(self, path: Readable, table: str, columns: tuple[str, ...], topic: str) -> None:
         self._path = path
         self._schema = read_schema(SCHEMAS[table], columns)
         self._pieces = self._read(table, columns, topic)

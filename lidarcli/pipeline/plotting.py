@@ -36,6 +36,7 @@ from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
 
 if TYPE_CHECKING:
+    from lidarcli.pipeline.inputs.tables import Pair
     from lidarcli.pipeline.mapping import MapOptions
     from lidarcli.pipeline.objects.subtracting import Subtracting
     from lidarcli.pipeline.watching.showing import Showing, ShownZone
@@ -61,7 +62,7 @@ class PlotOptions:
     opening: OpenOptions = field(default_factory=OpenOptions)
     background: str | None = None
     """A background table, to draw r_w - r_e."""
-    tracks: str | None = None
+    tracks: str | Pair | None = None
     """Tables of `track`, to draw the paths up to each sweep."""
     trail: float = TRAIL
     """Length of these paths [s]."""
@@ -339,12 +340,14 @@ class _Work:
 
     def _paths_of(self, batch: SweepBatch) -> Paths | None:
         """Return the tracks of the topic of all sweeps; None without tables (`OptionError` where they lack this sweep)."""
-        if (name := self._options.tracks) is None:
+        if (tables := self._options.tracks) is None:
             return None
+        # The objects table stands for those in memory.
+        name = tables if isinstance(tables, str) else str(tables.objects)
         if self._paths is None:
             from lidarcli.pipeline.inputs.tables import one_pair, read_table
 
-            pair = one_pair(name)
+            pair = one_pair(tables)
             read = {kind: Rows.join([read_table(pair, kind, columns)]) for kind, columns in COLUMNS.items()}
             self._paths = Paths(read["sweeps"], read["objects"], read["trajectories"], batch.topic)
             if not self._paths.are_there:

@@ -87,9 +87,9 @@ NAMED = 10
 class ReportOptions:
     """Options of a report."""
 
-    tables: tuple[str, ...]
+    tables: tuple[str | Pair, ...]
     checks: tuple[str, ...] = ()
-    baseline: tuple[str, ...] = ()
+    baseline: tuple[str | Pair, ...] = ()
     logs: tuple[str, ...] = ()
     """Logs whose raw sweeps the viewer of the HTML shows."""
     join: bool = False
@@ -251,9 +251,10 @@ def _command(options: ReportOptions) -> str:
     return shlex.join([*words, "-o", "report.html"])
 
 
-def _names(paths: Sequence[str]) -> list[str]:
+def _names(paths: Sequence[str | Pair]) -> list[str]:
     """Return the names of files, of many the first."""
-    names = [path.rstrip("/").split("/")[-1] or path for path in paths]
+    told = [str(path.objects) if isinstance(path, Pair) else path for path in paths]
+    names = [path.rstrip("/").split("/")[-1] or path for path in told]
     return names if len(names) <= NAMED else [*names[:NAMED], "..."]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -33,7 +33,7 @@ from lidarcli.tabular.schemas import POSES, STAMP
 from lidarcli.tabular.writing import ParquetSink, table_metadata
 
 if TYPE_CHECKING:
-    from lidarcli.poses.tracks import Motion
+    from lidarcli.pose.tracks import Motion
 
 TUM, PARQUET = ".tum", ".parquet"
 SUFFIXES = (TUM, ".txt", PARQUET)
@@ -65,9 +65,29 @@ def refuse_path(path: Place, source: Source, options: PathOptions) -> None:
     refuse([path], options.overwrite, [*files_of([source]), *named_files(options)])
 
 
+@dataclass(slots=True)
+class PathSummary(RunSummary):
+    """The counts of one run over one log, and the path of its sensors."""
+
+    table: pa.Table = field(default_factory=POSES.empty_table)
+    """One row per pose."""
+
+
+def read_path(source: Source, options: PathOptions, progress: Progress | None = None) -> PathSummary:
+    """Return the poses of the sensors of a log at its sweeps; sweeps without one are left out.
+
+    Raises
+    ------
+    UnreadableError
+        Nothing tells where the sensor was.
+    """
+    with read_log(source, options, Need.ALL) as reading:
+        return _read(source, reading, _Written(True, options.poses.source == MATCH), options, progress)
+
+
 def write_path(
     source: Source, path: Place, options: PathOptions, progress: Progress | None = None
-) -> RunSummary:
+) -> PathSummary:
     """Write the pose of the sensor at each sweep of a log; sweeps without one are left out.
 
     Raises
@@ -85,21 +105,15 @@ def write_path(
         written = _Written(is_table, options.poses.source == MATCH)
         try:
             with new.part(path).open("wb") as out:
-                sink = ParquetSink(out, POSES) if is_table else None
-                try:
-                    for batch in reading.batches(progress):
-                        for part in written.take(batch, reading):
-                            if sink is None:
-                                out.write(part.lines())
-                            else:
-                                sink.write(part.rows(source.name))
-                    summary = reading.close()
-                    written.conclude(summary)
-                    if sink is not None:
-                        parameters = reading_as_dict(options.read, options.opening, options.poses)
-                        sink.finish(table_metadata(parameters, reading.describe(source), summary.damage))
-                finally:
-                    if sink is not None:
+                lines = None if is_table else out
+                summary = _read(source, reading, written, options, progress, lines)
+                if is_table:
+                    sink = ParquetSink(out, POSES)
+                    try:
+                        for rows in summary.table.to_batches():
+                            sink.write(rows)
+                        sink.finish(summary.table.schema.metadata)
+                    finally:
                         sink.abandon()
         except OSError as err:
             if err.filename is None:
@@ -108,6 +122,31 @@ def write_path(
         summary.notes += new.publish()
         summary.outputs = [str(path)]
     return summary
+
+
+def _read(
+    source: Source,
+    reading: Reading,
+    written: _Written,
+    options: PathOptions,
+    progress: Progress | None,
+    lines: IO[bytes] | None = None,
+) -> PathSummary:
+    """Read the poses as rows, and write them as lines where there is a stream for these."""
+    rows: list[pa.RecordBatch] = []
+    for batch in reading.batches(progress):
+        for part in written.take(batch, reading):
+            rows.append(part.rows(source.name))
+            if lines is not None:
+                lines.write(part.lines())
+    found = reading.close()
+    written.conclude(found)
+    parameters = reading_as_dict(options.read, options.opening, options.poses)
+    metadata = table_metadata(parameters, reading.describe(source), found.damage)
+    table = pa.Table.from_batches(rows, POSES).unify_dictionaries().replace_schema_metadata(metadata)
+    return PathSummary(
+        **{name: getattr(found, name) for name in RunSummary.__dataclass_fields__}, table=table
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,13 +160,13 @@ class _Part:
 
     def lines(self) -> bytes:
         """Return the poses as TUM text."""
-        from lidarcli.poses.tracks import trajectory_lines
+        from lidarcli.pose.tracks import trajectory_lines
 
         return trajectory_lines(self.batch.stamp_ns, self.motion).encode()
 
     def rows(self, log: str) -> pa.RecordBatch:
         """Return the poses as rows of the poses table."""
-        from lidarcli.poses.tracks import planar, upright
+        from lidarcli.pose.tracks import planar, upright
 
         count = len(self.batch)
         position, rotation = self.motion.position, upright(self.motion.rotation)

@@ -21,8 +21,8 @@ from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.ground import Raw, Walls, walls_of
 from lidarcli.reports.html import Choice, choose_sweeps, pack, pack_walls
 from lidarcli.reports.summary import Summary
-from lidarcli.stores.url import Place
 from lidarcli.sweeps import Float64, Int64, UInt8
+from lidarcli.tabular.reading import Readable
 
 BEAM_COLUMNS = ["topic", "sweep", "beam", "theta", "r"]
 MOST_CELLS = 50_000_000
@@ -172,7 +172,7 @@ def _from_beams(number: int, pair: Pair, topics: dict[str, Int64]) -> dict[tuple
     return found
 
 
-def _table(path: Place, sweep: Int64, beam: Int64, theta: Float64, r: Float64) -> Raw:
+def _table(path: Readable, sweep: Int64, beam: Int64, theta: Float64, r: Float64) -> Raw:
     """Turn rows of the beams table into one row per sweep."""
     indices, row, beams = np.unique(sweep, return_inverse=True, return_counts=True)
     width = int(beam.max()) + 1

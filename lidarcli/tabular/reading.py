@@ -11,6 +11,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import pyarrow as pa
@@ -41,7 +42,44 @@ MOST_WHOLE = 1 << 53
 """Greatest count or index: up to here a double holds every whole number."""
 
 
-def read_columns(path: Place, kind: str, schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Table:
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldTable:
+    """A table in memory, which is read as a Parquet file is, under the name that a file of it would have."""
+
+    name: str
+    table: pa.Table | None
+    """None where there is no such table."""
+
+    def __str__(self) -> str:
+        return self.name
+
+    def exists(self) -> bool:
+        """Return True if there is such a table."""
+        return self.table is not None
+
+    @property
+    def schema_arrow(self) -> pa.Schema:
+        """Return its columns with its metadata, as of a file."""
+        assert self.table is not None
+        return self.table.schema
+
+    def read(self, columns: Sequence[str], use_threads: bool = False) -> pa.Table:
+        """Return some columns, as of a file."""
+        assert self.table is not None
+        return self.table.select(list(columns))
+
+    def iter_batches(self, columns: Sequence[str], use_threads: bool = False) -> Iterator[pa.RecordBatch]:
+        """Yield some columns piece by piece, as of a file."""
+        yield from self.read(columns).to_batches()
+
+
+Readable = Place | HeldTable
+"""A table that can be read: a file, or one in memory."""
+
+
+def read_columns(
+    path: Readable, kind: str, schema: pa.Schema, names: Iterable[str] | None = None
+) -> pa.Table:
     """Read columns of a table in their declared types, with its metadata; columns that earlier versions lack are null.
 
     Parameters
@@ -70,7 +108,9 @@ def read_columns(path: Place, kind: str, schema: pa.Schema, names: Iterable[str]
         return pa.Table.from_arrays(columns, schema=wanted.with_metadata(file.schema_arrow.metadata))
 
 
-def read_pieces(path: Place, kind: str, schema: pa.Schema, names: Iterable[str]) -> Iterator[pa.RecordBatch]:
+def read_pieces(
+    path: Readable, kind: str, schema: pa.Schema, names: Iterable[str]
+) -> Iterator[pa.RecordBatch]:
     """Yield columns as `read_columns` does, piece by piece, for a table that may be large."""
     wanted = read_schema(schema, names)
     with _opened(path, kind) as file:
@@ -85,26 +125,26 @@ def read_pieces(path: Place, kind: str, schema: pa.Schema, names: Iterable[str])
             yield pa.RecordBatch.from_arrays(columns, schema=wanted)
 
 
-def column_names(path: Place, kind: str) -> list[str]:
+def column_names(path: Readable, kind: str) -> list[str]:
     """Return the names of all columns of a table."""
     with _opened(path, kind) as file:
         return list(file.schema_arrow.names)
 
 
-def schema_of(path: Place) -> pa.Schema:
+def schema_of(path: Readable) -> pa.Schema:
     """Return the columns of any table, with the metadata of the file."""
     with _opened(path, ANY) as file:
         return file.schema_arrow
 
 
-def read_as_is(path: Place, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
+def read_as_is(path: Readable, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
     """Yield columns of any table piece by piece, as they are."""
     with _opened(path, ANY) as file:
         for rows in file.iter_batches(columns=list(names), use_threads=False):
             yield rows.select(list(names))
 
 
-def file_metadata(path: Place) -> dict[str, str]:
+def file_metadata(path: Readable) -> dict[str, str]:
     """Read the metadata of a table alone, as text."""
     with _opened(path, ANY) as file:
         return _as_text(file.schema_arrow.metadata)
@@ -161,8 +201,11 @@ def _finite(text: str) -> float:
 
 
 @contextmanager
-def _opened(path: Place, kind: str) -> Iterator[pq.ParquetFile]:
+def _opened(path: Readable, kind: str) -> Iterator[pq.ParquetFile | HeldTable]:
     """Open a file and close it in the end; errors of Arrow become one line."""
+    if isinstance(path, HeldTable):
+        yield path
+        return
     refused = "no background" if kind == "background" else "cannot be read as Parquet"
     if not path.exists():
         raise UnreadableError(f"{path}: no such file")
@@ -210,9 +253,13 @@ def _nullable(field: pa.Field) -> pa.Field:
     return field.with_type(kind).with_nullable(True)
 
 
-def _columns_there(path: Place, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
+def _columns_there(path: Readable, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
     """Return the wanted columns that a file has; refuse one that is missing, but for `LATER`, or there twice."""
     missing = sorted(name for name in wanted.names if name not in {*there, *LATER.get(kind, ())})
+    if missing and isinstance(path, HeldTable):
+        raise UnreadableError(
+            f"{path} (in memory): no column {', '.join(missing)}; leave the table all of its columns"
+        )
     if missing:
         maker = MAKERS.get(kind, "detect")
         other = next(
@@ -230,7 +277,7 @@ def _columns_there(path: Place, kind: str, there: list[str], wanted: pa.Schema) 
     return [name for name in wanted.names if name in there]
 
 
-def _fitted(path: Place, kind: str, field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray:
+def _fitted(path: Readable, kind: str, field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray:
     """Return the column in its declared type, its values checked."""
     place = f"{path}: column {field.name}"
     if not _castable(column.type, field.type):
@@ -255,8 +302,8 @@ def _castable(found: pa.DataType, wanted: pa.DataType) -> bool:
     """Tell whether values of one type can stand for those of the other, if each of them fits."""
     if pa.types.is_null(found) or found.equals(wanted):
         return True
-    if _is_text(wanted):
-        return _is_text(found)
+    if is_text(wanted):
+        return is_text(found)
     if pa.types.is_integer(wanted) or pa.types.is_floating(wanted):
         return _is_number(found)
     if pa.types.is_timestamp(wanted):
@@ -309,7 +356,8 @@ def _refuse_values(place: str, field: pa.Field, column: pa.ChunkedArray) -> None
         raise UnreadableError(f"{place} holds {found['max']}; the most that it can be is {most:g}")
 
 
-def _is_text(kind: pa.DataType) -> bool:
+def is_text(kind: pa.DataType) -> bool:
+    """Tell whether values of a type are text, in whatever form."""
     if pa.types.is_dictionary(kind):
         kind = kind.value_type
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_string_view(kind))
@@ -335,7 +383,7 @@ def _words(kind: pa.DataType) -> str:
     >>> _words(pa.float64()), _words(pa.list_(pa.struct([("theta", pa.float64())])))
     ('double', 'list of struct (theta)')
     """
-    if _is_text(kind):
+    if is_text(kind):
         return "text"
     if _is_list(kind):
         return f"list of {_words(kind.value_type)}"

@@ -452,3 +452,21 @@ LATER = {name: frozenset(one.name for one in TABLES[name] if one.later) for name
 """Table → columns that tables of earlier versions do not have: read as null."""
 INFINITE = frozenset(one.name for table in TABLES.values() for one in table if one.infinite)
 """Columns that may be infinite: in these directions the scene is open."""
+
+BRIEF = {
+    "objects": (
+        *("log", "topic", "sweep", "t", "object", "set", "track", "shape", "label", "r_min", "width"),
+        *("box_x", "box_y", "vx", "vy", "world_x", "world_y"),
+    ),
+    "sweeps": (
+        *("log", "topic", "sweep", "t", "beams", "valid", "nearest", "objects", "agents"),
+        *("pose_x", "pose_y", "pose_yaw"),
+    ),
+    "tracks": (
+        *("log", "topic", "track", "set", "shape", "label", "sweeps", "duration"),
+        *("x", "y", "length", "width", "distance", "speed_mean", "speed_max"),
+    ),
+    "trajectories": ("log", "topic", "sweep", "t", "track", "x", "y", "vx", "vy", "seen"),
+    "beams": ("log", "topic", "sweep", "beam", "theta", "r", "status", "set", "object"),
+}
+"""Table → a few columns that tell what was where: names, time, set and size, distance, place and velocity."""

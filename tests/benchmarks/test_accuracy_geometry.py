@@ -10,8 +10,8 @@ from benchmarks.accuracy.cells import CELLS, cells_of, kind_of, simulate, with_l
 from benchmarks.accuracy.objects import MISSED, Part, Tally, confusion, measure
 from benchmarks.scenes.random import SENSORS
 from lidarcli.formalism import SHAPES, sweep
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Scene
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Scene
 
 
 def test_drawn_boxes_show_two_faces() -> None:

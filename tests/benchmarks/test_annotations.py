@@ -30,8 +30,8 @@ from benchmarks.annotations.table import (
     write,
 )
 from lidarcli.formalism import Parameters, detect, sweep
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Course
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Course
 from lidarcli.sweeps import TURN, SweepBatch
 from tests.formalism.tracking.following import scene_of, simulated
 

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.scenes.building import KINDS, SWEEPS, WAY, building_scene
 from benchmarks.scenes.clearance import distance, outline
 from benchmarks.scenes.random import SENSORS, cheap
-from lidarcli.simulate.generate import simulate_sweep_arrays
+from lidarcli.simulation.generate import simulate_sweep_arrays
 
 SENSOR = SENSORS["361"]
 

@@ -9,8 +9,8 @@ from benchmarks.scenes.clearance import distance
 from benchmarks.scenes.moving import DRIVEN, FASTEST_TURN, KINDS, moving_scene
 from benchmarks.scenes.random import SENSORS
 from lidarcli.errors import OptionError
-from lidarcli.simulate.generate import place, simulate_sweep_arrays
-from lidarcli.simulate.scene import Entity
+from lidarcli.simulation.generate import place, simulate_sweep_arrays
+from lidarcli.simulation.scene import Entity
 from lidarcli.sweeps import TURN, Float64
 
 CELLS = [*((kind, False) for kind in KINDS), *((kind, True) for kind in DRIVEN)]

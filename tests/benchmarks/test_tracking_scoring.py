@@ -20,8 +20,8 @@ from benchmarks.tracking.recordings import (
     simulate,
 )
 from benchmarks.tracking.scoring import Share, score, too_small, undetected
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Course, Motion, Scene, Sensor
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Course, Motion, Scene, Sensor
 from lidarcli.sweeps import Float64
 
 WALL, BOX, MOVER = 0, 1, 2

@@ -14,7 +14,7 @@ from lidarcli.maps.mapserver import read_map
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.map_files import Mapped, MapRun
 from lidarcli.pipeline.mapping import MapOptions
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps

@@ -15,7 +15,7 @@ import pytest
 import lidarcli as package
 from lidarcli.cli import run
 from lidarcli.errors import NoScanError
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, room_sweeps, round_room
@@ -40,7 +40,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with `empty.mcap` and its background, `empty.parquet`."""
     folder = tmp_path_factory.mktemp("scene")
     write_log(folder / "empty.mcap", [empty_room()])
-    package.learn(folder / "empty.mcap", folder / "empty.parquet")
+    package.background(folder / "empty.mcap", folder / "empty.parquet")
     return folder
 
 
@@ -628,7 +628,7 @@ def test_sweeps_without_a_station_are_counted(tmp_path: Path, lidarcli: Run) -> 
 
 
 def test_from_python(scene: Path, logs: Path) -> None:
-    sensors = package.learn([scene / "empty.mcap"])
+    sensors = package.background([scene / "empty.mcap"])
     assert [len(sensor) for sensor in sensors] == [1]
     table = package.detect(logs / "run.mcap", background=sensors)
     assert table["change"].to_pylist() == ["appeared"] * 30
@@ -636,12 +636,12 @@ def test_from_python(scene: Path, logs: Path) -> None:
     batches = package.detect(package.read(logs / "run.mcap"), background=sensors)
     assert batches.drop_columns("log").equals(table.drop_columns("log"))
     with pytest.raises(NoScanError, match="no sweep to learn a background from"):
-        package.learn(scene / "empty.mcap", start=60.0)
+        package.background(scene / "empty.mcap", start=60.0)
 
 
 def test_the_signature_shows_plain_numbers_in_the_units_of_the_options() -> None:
     for name, value in (("station_distance", 0.25), ("station_angle", 5.0)):
-        default = inspect.signature(package.learn).parameters[name].default
+        default = inspect.signature(package.background).parameters[name].default
         assert type(default) is float
         assert default == value
 

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
 
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLEANED
 from tests.places import SAMPLES
 from tests.sweeping import START, STEP, room_sweeps

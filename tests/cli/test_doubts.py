@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import lidarcli as package
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tests.sweeping import raw_sweeps, room_sweeps, round_room
 
 NOTE = "most ranges of /scan are beyond 1,000 m: they are probably millimetres (--range-unit mm)"

@@ -16,11 +16,11 @@ import pytest
 
 from lidarcli import machine
 from lidarcli.cli.about import version_text
-from lidarcli.cli.messages import one_line
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.reading import one_log
-from lidarcli.simulate.writers import write_log
+from lidarcli.screen import one_line
+from lidarcli.simulation.writers import write_log
 from tests.waiting import HANG, endless, wait_until
 
 Run = Callable[..., Any]

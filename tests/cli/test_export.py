@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tests.sweeping import room_sweeps
 from tests.tabular.writing import shortest
 
@@ -87,7 +87,10 @@ def test_several_tables_of_one_kind(lidarcli: Run, tables: Path) -> None:
 
 def test_what_is_refused(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     source = str(tables / "run.sweeps.parquet")
-    assert "is none of .parquet, .csv" in lidarcli("export", source, "-o", "x.xlsx").err
+    assert (
+        "x.xlsx: the suffix of a table has to be one of .parquet, .csv, "
+        in lidarcli("export", source, "-o", "x.xlsx").err
+    )
     assert "--format is for the stream" in lidarcli("export", source, "-o", "x.csv", "--format", "csv").err
     (tmp_path / "there.csv").write_text("mine")
     ran = lidarcli("export", source, "-o", str(tmp_path / "there.csv"))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tests.sweeping import raw_sweeps
 
 Run = Callable[..., Any]

@@ -19,7 +19,7 @@ from lidarcli.logs.base import Topic
 from lidarcli.masks import Mask, Masks, Mount, Sector
 from lidarcli.pipeline.inspecting import LogInfo
 from lidarcli.pipeline.reading import deep
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tests.sweeping import raw_sweeps, room_sweeps
 
 Run = Callable[..., Any]

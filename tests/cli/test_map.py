@@ -24,7 +24,7 @@ from lidarcli.maps.mapserver import read_map
 from lidarcli.pipeline.map_files import WRITERS
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.pipeline.runs import over_logs
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLOUD
 from tests.cli.maps import (
     COUNTED,
@@ -38,7 +38,7 @@ from tests.cli.maps import (
     ply,
     still,
 )
-from tests.poses.pose_messages import accepted
+from tests.pose.pose_messages import accepted
 from tests.sweeping import START, STEP, raw_sweeps, round_room
 
 

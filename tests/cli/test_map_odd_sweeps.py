@@ -14,7 +14,7 @@ import pytest
 
 from lidarcli.formalism.mapping.occupancy import OCCUPIED
 from lidarcli.maps.mapserver import read_map
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.cli.maps import (
     COUNTED,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tests.sweeping import raw_sweeps
 
 Run = Callable[..., Any]

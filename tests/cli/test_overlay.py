@@ -27,7 +27,7 @@ from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, ReadReport
 from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
 from lidarcli.overlays import files
 from lidarcli.overlays.objects import PART
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.overlays.reading import Read, read_back, stamp_ns
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs

@@ -26,7 +26,7 @@ from lidarcli.pipeline import plotting
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular import TRAJECTORIES
 from tests.places import SAMPLES

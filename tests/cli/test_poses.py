@@ -11,11 +11,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.poses.tracks import read_trajectory
-from lidarcli.simulate.writers import write_log
+from lidarcli.pose.tracks import read_trajectory
+from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import POSES
 from tests.places import SAMPLES
-from tests.poses.pose_messages import accepted
+from tests.pose.pose_messages import accepted
 from tests.sweeping import START, STEP, raw_sweeps, room_sweeps, round_room
 
 Run = Callable[..., Any]

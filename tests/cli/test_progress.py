@@ -16,7 +16,7 @@ from threading import Thread
 
 import pytest
 
-from lidarcli.cli import messages, run
+from lidarcli.cli import run
 from lidarcli.cli.messages import Messages, counted_bar
 from tests.cli.test_report_runs import row, write_manifest
 from tests.places import ROOT
@@ -48,7 +48,7 @@ def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("NO_COLOR", "FORCE_COLOR"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(messages, "PATIENCE", 0.0)
+    monkeypatch.setattr("lidarcli.screen.PATIENCE", 0.0)
 
 
 @contextmanager
@@ -107,7 +107,7 @@ def test_the_total_may_come_later_and_names_may_be_long() -> None:
 
 
 def test_short_work_shows_no_bar(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(messages, "PATIENCE", 60.0)
+    monkeypatch.setattr("lidarcli.screen.PATIENCE", 60.0)
     say = Messages()
     with terminal() as screen, counted_bar("room.toml", 200, "sweeps", say) as count:
         assert count is not None

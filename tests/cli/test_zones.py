@@ -15,9 +15,9 @@ import pyarrow.parquet as pq
 import pytest
 
 import lidarcli as package
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import START_NS
-from lidarcli.simulate.scene import Course, Odometry
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.generate import START_NS
+from lidarcli.simulation.scene import Course, Odometry
 from tests.cli.maps import Run, names
 from tests.pipeline.drawn import driven, round_about, told
 from tests.places import SAMPLES

@@ -19,9 +19,9 @@ from lidarcli.cli import run
 from lidarcli.foxglove import descriptors
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.simulate.generate import simulate_blocks
-from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.generate import simulate_blocks
+from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.copying.reading import bytes_that_differ, messages, ranges
 from tests.logs.scan_messages import scan

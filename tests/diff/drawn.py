@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulate.scene import Course, Entity, Odometry, Scene, Sensor, super_ellipse
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
+from lidarcli.simulation.scene import Course, Entity, Odometry, Scene, Sensor, super_ellipse
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import TURN, Bool, Float64
 
 SENSORS = (

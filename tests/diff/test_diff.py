@@ -17,8 +17,8 @@ import pytest
 import lidarcli as package
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.differing import Difference
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Course, Entity, Odometry, Sensor, super_ellipse
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Course, Entity, Odometry, Sensor, super_ellipse
 from lidarcli.tabular.schemas import CHANGES
 from tests.diff.drawn import ODOMETRY, ROOM, SENSORS, closed, parked, write_run
 from tests.places import REAL_LOGS, needs_real_logs
@@ -324,7 +324,7 @@ def test_a_log_beside_a_map(maps: Path) -> None:
 @pytest.mark.slow
 def test_a_background_beside_a_log(monday: str, tmp_path: Path) -> None:
     background = tmp_path / "empty.background.parquet"
-    package.learn(monday, background)
+    package.background(monday, background)
     new = make.box(1.3, 0.3, 0.5, 0.4, 0.6)
     tuesday = write_run(tmp_path / "t.mcap", (*SCENE, new), seed=1)
     found = package.diff(background, tuesday)

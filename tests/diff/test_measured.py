@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli.simulate.scene import Entity
+from lidarcli.simulation.scene import Entity
 from tests.diff.drawn import Pair, draw, write_run
 
 PAIRS = 120

@@ -70,9 +70,12 @@ def test_the_first_look_shows_what_it_says(ran: dict[str, list[Any]]) -> None:
     assert "SweepBatch /scan: 100 sweeps x 361 beams" in outputs(cells[2])
     assert "text/html" in kinds(cells[2])
     assert [sum("image/png" in each.get("data", {}) for each in cell.outputs) for cell in cells] == [
-        *(0, 0, 0, 1, 1, 0, 0, 1),
+        *(0, 0, 0, 1, 1, 0, 0, 1, 0),
     ]
     assert len(outputs(cells[5]).splitlines()) == 6
+    (shown,) = cells[8].outputs
+    assert shown["data"]["text/html"].startswith("<iframe srcdoc=")
+    assert outputs(cells[8]) == "<report on room: 100 sweeps, 499 objects, 1 of 1 checks hold>"
 
 
 @pytest.mark.whole

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.cli import run
-from lidarcli.simulate.generate import START_NS
+from lidarcli.simulation.generate import START_NS
 from tests.places import SAMPLES
 
 SCENE = SAMPLES / "room.toml"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tests.sweeping import room_sweeps
 
 

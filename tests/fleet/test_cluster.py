@@ -399,7 +399,7 @@ def test_ctrl_c_ends_a_cluster_of_our_own(bags: Path, tmp_path: Path, large_log:
 @pytest.fixture(scope="session")
 def large_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log whose work takes some seconds."""
-    from lidarcli.simulate.writers import write_log
+    from lidarcli.simulation.writers import write_log
     from tests.sweeping import room_sweeps
 
     path = tmp_path_factory.mktemp("large") / "long.mcap"

@@ -17,7 +17,7 @@ import pytest
 
 from lidarcli import __version__
 from lidarcli.pipeline.runs.manifest import read_entries
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.reading import read_schema
 from lidarcli.tabular.schemas import RUNS
 from tests import unprivileged

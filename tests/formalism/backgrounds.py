@@ -17,8 +17,8 @@ from lidarcli.formalism.background.stations import Grid
 from lidarcli.formalism.background.subtraction import Subtraction, Tolerance
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED
-from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.scene import Scene
+from lidarcli.simulation.generate import simulate_sweep_arrays
+from lidarcli.simulation.scene import Scene
 from lidarcli.sweeps import SweepBatch, SweepPoses
 
 WIDE = Parameters(max_width=np.inf)

@@ -15,7 +15,7 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.generate import simulate_sweep_arrays
+from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.sweeps import SweepBatch, concatenate
 from tests.formalism.odd_batches import odd_batches
 

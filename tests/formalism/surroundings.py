@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.scenes.random import FAULTS, KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.formalism import Parameters
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.generate import simulate_sweep_arrays
+from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.sweeps import SweepBatch, concatenate
 from tests.formalism.batches import batch_of
 from tests.formalism.random_sweeps import random_sweep

@@ -10,9 +10,9 @@ import numpy as np
 import lidarcli
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.scene import PARKED, Course, Scene, Sensor, super_ellipse
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.generate import simulate_sweep_arrays
+from lidarcli.simulation.scene import PARKED, Course, Scene, Sensor, super_ellipse
 from lidarcli.sweeps import TURN, SweepPoses
 
 SIDES = {"small": (0.70, 0.50), "middle": (0.75, 0.55), "large": (0.80, 0.60)}

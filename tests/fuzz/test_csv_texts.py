@@ -13,7 +13,7 @@ import pytest
 from lidarcli.errors import LidarcliError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
+from lidarcli.simulation.csv_writer import LAYOUTS, write_csv
 from tests.logs.watched import CsvLog
 from tests.sweeping import STEP, raw_sweeps
 

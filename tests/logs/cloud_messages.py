@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli.logs.base import POINTCLOUD2, Message
-from tests.poses.pose_messages import Maker
+from tests.pose.pose_messages import Maker
 
 KINDS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 """As numpy spells them → the numbers of PointField."""

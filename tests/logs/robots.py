@@ -11,7 +11,7 @@ import numpy as np
 from lidarcli.logs import open_log
 from lidarcli.logs.base import OpenOptions
 from lidarcli.pipeline.reading.pose_sources import PoseOptions, find_poses
-from lidarcli.poses.tracks import planar
+from lidarcli.pose.tracks import planar
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.watched import AriaLog, PlayerLog
 

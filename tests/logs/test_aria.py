@@ -17,7 +17,7 @@ from lidarcli.logs import open_log
 from lidarcli.logs.aria import sensor_of
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, OpenOptions, ReadReport
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.simulate import simulate
+from lidarcli.simulation import simulate
 from lidarcli.sweeps import Status
 from tests.logs.robots import Opener, only, pose_of
 from tests.logs.watched import AriaLog

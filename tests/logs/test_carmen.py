@@ -19,8 +19,8 @@ from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, OpenOptions, ReadReport
 from lidarcli.logs.carmen import LASERS
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.reading.pose_sources import PoseOptions, find_poses
-from lidarcli.poses.tracks import planar
-from lidarcli.simulate import simulate
+from lidarcli.pose.tracks import planar
+from lidarcli.simulation import simulate
 from lidarcli.sweeps import RawSweeps, Status, concatenate
 from tests.logs.watched import CarmenLog
 from tests.places import SAMPLES

@@ -18,7 +18,7 @@ from lidarcli.ros import cursor
 from lidarcli.sweeps import TURN
 from tests.logs.cloud_messages import XYZ, message, point_bytes
 from tests.logs.cloud_messages import pointcloud2 as make
-from tests.poses.pose_messages import Pose
+from tests.pose.pose_messages import Pose
 
 NAN = float("nan")
 POINTS = np.array(

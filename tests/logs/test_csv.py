@@ -14,7 +14,7 @@ import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, Damage, OpenOptions, Topic
-from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
+from lidarcli.simulation.csv_writer import LAYOUTS, write_csv
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
 from tests.logs.watched import CsvLog

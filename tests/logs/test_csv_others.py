@@ -8,7 +8,7 @@ import pytest
 
 from lidarcli.cli import run
 from lidarcli.logs.csv.dialect import OTHERS, other_format
-from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
+from lidarcli.simulation.csv_writer import LAYOUTS, write_csv
 from tests.logs.csv_sweeps import sweeps
 
 BEAMS = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"

@@ -18,7 +18,7 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import IN_DEGREES
 from lidarcli.logs.doubts import MOST, Doubts
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import TURN, RawSweeps, concatenate
 from lidarcli.times import as_time
 from tests.fake_log import FakeLog

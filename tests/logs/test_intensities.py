@@ -13,8 +13,8 @@ import pytest
 import lidarcli
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.simulate.csv_writer import LAYOUTS
-from lidarcli.simulate.writers import ENCODINGS, write_log
+from lidarcli.simulation.csv_writer import LAYOUTS
+from lidarcli.simulation.writers import ENCODINGS, write_log
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps

@@ -16,8 +16,8 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.logs import open_log
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, Damage, OpenOptions, ReadReport
-from lidarcli.simulate import simulate
-from lidarcli.simulate.text_logs import write_jsonlines
+from lidarcli.simulation import simulate
+from lidarcli.simulation.text_logs import write_jsonlines
 from lidarcli.sweeps import RawSweeps
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps

@@ -16,7 +16,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, OpenOptions, ReadReport
 from lidarcli.pipeline.reading.pose_sources import PoseOptions, find_poses
-from lidarcli.simulate import simulate
+from lidarcli.simulation import simulate
 from lidarcli.sweeps import Status
 from tests.logs.robots import Opener, only, pose_of
 from tests.logs.watched import PlayerLog

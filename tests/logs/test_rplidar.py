@@ -17,8 +17,8 @@ from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
 from lidarcli.logs.csv.long_form import cut_turns
 from lidarcli.logs.csv.rplidar import BARE, LISTED, MEASURED, PRINTED, SAVED
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.run import truth_paths
-from lidarcli.simulate.text_logs import write_rplidar
+from lidarcli.simulation.run import truth_paths
+from lidarcli.simulation.text_logs import write_rplidar
 from lidarcli.sweeps import RawSweeps, Status, concatenate
 from tests.logs.watched import CsvLog
 from tests.sweeping import raw_sweeps

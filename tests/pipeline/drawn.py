@@ -16,13 +16,13 @@ from lidarcli.pipeline.reading.path_check import CheckedPath, check_paths
 from lidarcli.pipeline.reading.pose_sources import find_poses
 from lidarcli.range_rules import RangeRules
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import START_NS, SimulatedPoses, relative, simulate_blocks
-from lidarcli.simulate.messages import ROS1_BYTES
-from lidarcli.simulate.scene import Odometry, Scene, Sensor
-from lidarcli.simulate.writers import outgoing, write_log
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.generate import START_NS, SimulatedPoses, relative, simulate_blocks
+from lidarcli.simulation.messages import ROS1_BYTES
+from lidarcli.simulation.scene import Odometry, Scene, Sensor
+from lidarcli.simulation.writers import outgoing, write_log
 from lidarcli.sweeps import TURN, Float64, Int64, RawSweeps
-from tests.poses.pose_messages import SECOND
+from tests.pose.pose_messages import SECOND
 
 SWEEPS = 200
 SENSOR = Sensor(beams=360, angle_increment=TURN / 360, noise=0.01)

@@ -25,7 +25,7 @@ from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.tabular import OBJECTS
 from tests.pipeline.folders import logs_apart
 from tests.pipeline.in_memory import block
@@ -269,7 +269,7 @@ def test_a_log_of_which_nothing_is_read_is_warned_of() -> None:
         (lidarcli.map, {"occupied_ratio": 1.5}, "--occupied-ratio: 1.5 is above 1"),
         (lidarcli.map, {"voxel": float("nan")}, "--voxel: nan is not a finite number"),
         (lidarcli.map, {"min_hits": 1.5}, "--min-hits: 1.5 is no whole number"),
-        (lidarcli.learn, {"station_distance": -1}, "--station-distance: -1 is not above 0"),
+        (lidarcli.background, {"station_distance": -1}, "--station-distance: -1 is not above 0"),
         (lidarcli.detect, {"jobs": -3}, "--jobs: -3 is below 1"),
         (lidarcli.plot, {"width": 1e9}, "--width: 1e+09 is above 2000"),
         (lidarcli.plot, {"dpi": 1}, "--dpi: 1 is below 30"),
@@ -298,12 +298,12 @@ def test_angles_are_radians_unless_they_are_said_to_be_degrees(tmp_path: Path) -
     (other,) = lidarcli.read(path, fov=np.pi, range_unit="mm", range_max=5)
     np.testing.assert_array_equal(batch.bearings(), other.bearings())
     empty = SAMPLES / "room_empty.mcap"
-    (one,) = lidarcli.learn(empty, station_angle=10.0, station_distance=0.5)
+    (one,) = lidarcli.background(empty, station_angle=10.0, station_distance=0.5)
     assert (one.angle, one.distance) == (np.deg2rad(10.0), 0.5)
 
 
 def test_a_background_and_how_it_is_compared() -> None:
-    learned = lidarcli.learn(SAMPLES / "room_empty.mcap")
+    learned = lidarcli.background(SAMPLES / "room_empty.mcap")
     there, gone = (
         lidarcli.detect(SAMPLES / "room.mcap", background=learned, removed=removed, end=1.0)
         for removed in (False, True)

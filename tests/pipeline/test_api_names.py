@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import click
 import pytest
@@ -17,17 +16,13 @@ import lidarcli
 from lidarcli.cli.options import DeclaredOption
 from tools.reference import commands
 
-FUNCTIONS = ("read", "learn", "detect", "track", "tables", "map", "zones", "plot", "info", "report")
-COMMANDS = {
-    "learn": "background",
-    "detect": "detect",
-    "track": "track",
-    "map": "map",
-    "zones": "zones",
-    "plot": "plot",
-    "info": "info",
-    "report": "report",
-}
+COMMANDS = (
+    *("background", "clean", "detect", "diff", "export", "info", "map", "overlay"),
+    *("plot", "poses", "report", "simulate", "track", "zones"),
+)
+FUNCTIONS = (*COMMANDS, "read", "tables")
+READING = {*COMMANDS} - {"export", "plot", "report"}
+"""Functions that tell how far they are."""
 OF_THE_SHELL = {
     *(
         "help",
@@ -46,18 +41,17 @@ OF_THE_SHELL = {
 }
 """Options of how a command is run, prints or writes."""
 ONLY_SHELL = {
-    "learn": {"plot"},
+    "background": {"plot"},
     "detect": {"output", "beams"},
-    "track": {"output", "beams", "trajectories"},
+    "track": {"output", "beams"},
     "map": {"jobs"},
     "zones": {"output", "check"},
-    "diff": {"output", "check", "overwrite"},
+    "diff": {"check"},
     "info": {"output", "check"},
     "plot": {"sweeps", "map", "animate", "fps", "start", "end"},
 }
-"""Options whose work Python has elsewhere, or not: `tables(beams=True)`, its trajectories, `map` for a map,
-a loop for several sweeps."""
-OWN = {"log", "tables", "parameters", "axes"}
+"""Options whose work Python has elsewhere, or not: `tables(beams=True)`, `map` for a map, a loop for several sweeps."""
+OWN = {"log", "tables", "scene", "before", "after", "parameters", "axes", "overwrite", "progress"}
 """What stands in the place of the arguments of a command, and what only Python has."""
 
 
@@ -72,7 +66,7 @@ def options_of(command: str) -> dict[str, click.Option]:
 
 @pytest.mark.parametrize("function", COMMANDS)
 def test_names_and_defaults_are_those_of_the_command_line(function: str) -> None:
-    options = options_of(COMMANDS[function])
+    options = options_of(function)
     parameters = inspect.signature(getattr(lidarcli, function)).parameters
     names = {name.replace("_", "-") for name in parameters.keys() - OWN}
     named = {
@@ -94,17 +88,21 @@ def test_every_keyword_is_in_the_signature_and_explained(name: str) -> None:
     function = getattr(lidarcli, name)
     words = inspect.getdoc(function)
     for parameter in inspect.signature(function).parameters.values():
-        assert parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
+        assert parameter.kind is not parameter.VAR_KEYWORD
+        assert (parameter.kind is parameter.VAR_POSITIONAL) == (parameter.name == "after")
         assert re.search(rf"^{parameter.name} : \S", words, re.MULTILINE), parameter.name
+    assert ("progress" in inspect.signature(function).parameters) == (name in {*READING, "tables"})
     assert "\nReturns\n-------\n" in words
     assert "\nRaises\n------\n" in words
 
 
 def test_defaults_are_plain_numbers() -> None:
     """One was `np.float64(0.08726646259971647)`."""
-    signature = inspect.signature(lidarcli.learn)
+    signature = inspect.signature(lidarcli.background)
     assert str(signature.parameters["station_angle"]) == "station_angle: float = 5.0"
-    assert "[degrees]" in re.search(r"^station_angle : .*", inspect.getdoc(lidarcli.learn), re.MULTILINE)[0]
+    assert (
+        "[degrees]" in re.search(r"^station_angle : .*", inspect.getdoc(lidarcli.background), re.MULTILINE)[0]
+    )
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -127,7 +125,7 @@ def test_a_wrong_name_is_told_with_the_nearest(name: str) -> None:
     [
         ("lidarcli.detect('run.mcap', max_", ["max_gap=", "max_width="]),
         ("lidarcli.plot(batch, vi", ["view="]),
-        ("lidarcli.learn('run.mcap', station_", ["station_angle=", "station_distance="]),
+        ("lidarcli.background('run.mcap', station_", ["station_angle=", "station_distance="]),
     ],
 )
 def test_keywords_are_completed(line: str, names: list[str]) -> None:
@@ -167,12 +165,21 @@ def test_importing_the_package_imports_no_work() -> None:
     assert first <= {"lidarcli", "lidarcli._version", "lidarcli.compiled"}
 
 
-def test_poses_that_are_called_say_where_poses_are() -> None:
-    import lidarcli.poses as package
+def test_functions_stay_when_packages_of_like_names_are_imported() -> None:
+    """`import lidarcli.poses.fit` made of a function a module that cannot be called."""
+    code = (
+        "import importlib, pkgutil, lidarcli; "
+        "names = [each.name for each in pkgutil.iter_modules(lidarcli.__path__)]; "
+        "[importlib.import_module(f'lidarcli.{name}') for name in names if name != '__main__']; "
+        "from lidarcli.pose import fit; from lidarcli.simulation import run; "
+        "print([name for name in lidarcli.__all__ if type(getattr(lidarcli, name)).__name__ == 'module'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "['formalism']\n"
 
-    with pytest.raises(
-        TypeError, match=r"^lidarcli\.poses is no function: .* batch\.poses of lidarcli\.read"
-    ) as told:
-        package("run.mcap", pose="/odom")
-    assert "\n" not in str(told.value)
-    assert isinstance(package, ModuleType)
+
+def test_a_function_for_each_command() -> None:
+    """Beside them only `read`, and `tables` for data frames."""
+    functions = {name for name in lidarcli.__all__ if inspect.isfunction(getattr(lidarcli, name))}
+    assert functions == {*FUNCTIONS, "read_catalogue"}
+    assert {*COMMANDS} <= {*dict(commands())}

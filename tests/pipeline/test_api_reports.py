@@ -88,19 +88,13 @@ def test_paths_may_be_given_by_whatever_holds_several() -> None:
 
 def test_tables_in_memory_are_no_paths() -> None:
     with pytest.raises(
-        TypeError, match=r"^tables, logs and outputs are named by their paths, not given as Table$"
+        TypeError, match=r"^logs, files and outputs are named by their paths, not given as Table$"
     ):
         several(pa.table({"log": ["run"]}))
     frame = lidarcli.detect(ROOM, end=0.1).to_pandas()
-    with pytest.raises(
-        TypeError, match=r"^tables, logs and outputs are named by their paths, not given as DataFrame$"
-    ):
-        lidarcli.report(frame)
+    with pytest.raises(TypeError, match=r"^logs, files and outputs are .*, not given as DataFrame$"):
+        lidarcli.report(frame, frame)
     with pytest.raises(TypeError, match=r"^a file is named by its path, not given as DataFrame$"):
-        lidarcli.report([frame])
+        lidarcli.report(frame, log=[frame])
     with pytest.raises(TypeError, match=r"^a file is named by its path, not given as DataFrame$"):
-        lidarcli.plot(ROOM, tracks=frame)
-    (batch,) = lidarcli.read(ROOM, end=0.5)
-    with pytest.raises(TypeError, match=r"^rows are given as an array or list, not as 1: rows\(\[1\]\)$"):
-        batch.rows(1)  # type: ignore[arg-type]
-    assert batch.rows([1]).sweep.tolist() == [1]  # type: ignore[arg-type]
+        lidarcli.overlay(ROOM, "x.mcap", objects=frame)

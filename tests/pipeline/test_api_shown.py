@@ -57,7 +57,7 @@ def test_they_print_what_they_are() -> None:
     (batch,) = lidarcli.read(SAMPLES / "drive.db3")
     assert str(batch) == BATCH
     assert repr([batch]) == "[<SweepBatch /scan: 150 sweeps x 361 beams>]"
-    (background,) = lidarcli.learn(SAMPLES / "room_empty.mcap")
+    (background,) = lidarcli.background(SAMPLES / "room_empty.mcap")
     assert str(background) == BACKGROUND
     assert repr(background) == "<Background of /scan: 1 station x 361 beams>"
     grid = lidarcli.map(SAMPLES / "drive.db3")
@@ -161,3 +161,33 @@ def test_help_tells_of_attributes() -> None:
         told = kind.__doc__.partition("----------\n")[2]
         for field in fields:
             assert field in told
+
+
+def test_a_batch_is_a_sequence_of_sweeps() -> None:
+    (batch,) = lidarcli.read(SAMPLES / "drive.db3")
+    for row in (0, 7, -1, np.int64(149)):
+        one = batch[row]
+        assert (len(one), one.sweep.tolist(), one.log) == (1, [row % 150], "drive")
+        np.testing.assert_array_equal(one.ranges[0], batch.ranges[row])
+        assert one.poses.x.tolist() == [batch.poses.x[row]]
+        assert np.shares_memory(one.ranges, batch.ranges)
+    assert batch[3:9:2].sweep.tolist() == [3, 5, 7]
+    assert batch[[5, 2]].sweep.tolist() == batch[np.array([5, 2])].sweep.tolist() == [5, 2]
+    assert batch[batch.seconds() >= 29].sweep.tolist() == [145, 146, 147, 148, 149]
+    assert len(batch[200:]) == 0
+    assert [one.sweep.tolist() for one in batch[:3]] == [[0], [1], [2]]
+    assert batch.rows(slice(2, 4)).sweep.tolist() == [2, 3]
+    # Sweeps of a batch are batches, too.
+    assert lidarcli.detect(batch).equals(lidarcli.detect(list(batch)))
+    for row in (150, -151):
+        with pytest.raises(IndexError, match=rf"^batch\[{row}\]: the batch has 150 sweeps$"):
+            batch[row]
+    for odd in ("0", 1.0, None, (0, 1)):
+        with pytest.raises(
+            TypeError, match=r"^batch\[.*\]: sweeps are taken by their row, a slice, or an array"
+        ):
+            batch[odd]
+    with pytest.raises(
+        TypeError, match=r"^rows are given as an array, a list or a slice, not as 3: rows\(\[3\]\)$"
+    ):
+        batch.rows(3)

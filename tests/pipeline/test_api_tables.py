@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+
 import pandas as pd
+import pytest
 
 import lidarcli
 from tests.places import SAMPLES
@@ -51,6 +54,42 @@ def test_trajectories_are_there_unless_they_are_left_out() -> None:
     assert rows["parts"].sum() == objects["track"].notna().sum()
     assert {*rows["frame"]} == {"sensor"}
     assert lidarcli.tables(ROOM, end=1.0, trajectories=False).trajectories is None
+
+
+def test_trajectories_of_track_are_those() -> None:
+    found, frames = lidarcli.track(ROOM, end=1.0), lidarcli.tables(ROOM, end=1.0)
+    assert found.trajectories.column_names == [*frames.trajectories]
+    assert found.trajectories["x"].to_pylist() == frames.trajectories["x"].tolist()
+    _, _, tracks = found
+    assert tracks is found.tracks
+    assert lidarcli.track(ROOM, end=1.0, trajectories=False).trajectories is None
+
+
+def test_a_few_columns() -> None:
+    whole = lidarcli.tables(ROOM, end=1.0, beams=True)
+    brief = lidarcli.tables(ROOM, end=1.0, beams=True, columns="brief")
+    assert len(brief.objects.columns) < 20 < len(whole.objects.columns)
+    for few, all_of_it in zip((*brief, brief.trajectories), (*whole, whole.trajectories), strict=True):
+        assert 3 < len(few.columns) < len(all_of_it.columns)
+        pd.testing.assert_frame_equal(few, all_of_it[[*few.columns]])
+    for columns in ("sweep, track ,x", ["sweep", "track", "x"]):
+        some = lidarcli.tables(ROOM, end=1.0, columns=columns)
+        assert [[*frame] for frame in (some.objects, some.sweeps, some.tracks)] == [
+            ["sweep", "track", "x"],
+            ["sweep"],
+            ["track", "x"],
+        ]
+    with pytest.raises(
+        lidarcli.OptionError, match=r"^--columns: no table has a column trck; did you mean track\?$"
+    ):
+        lidarcli.tables(ROOM, end=1.0, columns="trck")
+
+
+def test_data_frames_keep_what_the_tables_tell_of_the_run() -> None:
+    frames = lidarcli.tables(ROOM, end=1.0, max_width=1.5)
+    for frame in (*frames[:3], frames.trajectories, frames.objects.query("set == 'O'")):
+        assert frame.attrs["lidarcli.version"] == lidarcli.__version__
+        assert json.loads(frame.attrs["lidarcli.parameters"])["max_width"] == 1.5
 
 
 def test_they_take_what_track_takes() -> None:

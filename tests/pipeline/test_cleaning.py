@@ -20,9 +20,9 @@ from lidarcli.formalism.mapping.occupancy import compare
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.cleaned_beams import REASONS
-from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulate.scene import Odometry, Scene
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
+from lidarcli.simulation.scene import Odometry, Scene
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import Bool, Float64
 from tests.pipeline import drawn
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs

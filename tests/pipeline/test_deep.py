@@ -19,16 +19,16 @@ from lidarcli.pipeline.reading.deep import DeepFindings, deep_findings
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import START_NS, SimulatedPoses, relative, simulate_odometry
-from lidarcli.simulate.messages import ROS1_BYTES
-from lidarcli.simulate.scene import Entity, Mount, Odometry, Scene, Sensor
-from lidarcli.simulate.writers import outgoing, write_log
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.generate import START_NS, SimulatedPoses, relative, simulate_odometry
+from lidarcli.simulation.messages import ROS1_BYTES
+from lidarcli.simulation.scene import Entity, Mount, Odometry, Scene, Sensor
+from lidarcli.simulation.writers import outgoing, write_log
 from lidarcli.sweeps import TURN, Float64, RawSweeps
 from tests.fake_log import FakeLog
 from tests.pipeline.drawn import ROOM, SENSOR, Drive, round_about, scene_of, standing, straight, sweeps_of
 from tests.places import REAL_LOGS, needs_real_logs
-from tests.poses.pose_messages import SECOND
+from tests.pose.pose_messages import SECOND
 
 WHEELS = Odometry(noise=0.01, yaw_noise=np.deg2rad(0.3))
 """Odometry of wheels, which drifts."""

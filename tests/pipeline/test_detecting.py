@@ -18,7 +18,7 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.reading import one_log
 from lidarcli.pipeline.reading.one_log import damage_lines
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tests.pipeline.in_memory import CLOUD, SCAN, SOURCE, Opens, block
 
 

@@ -14,9 +14,9 @@ import lidarcli
 from benchmarks.scenes.building import WAY, building_scene
 from benchmarks.scenes.moving import moving_scene
 from benchmarks.scenes.random import SENSORS
-from lidarcli.simulate.generate import relative, simulate_odometry, simulate_sweep_arrays
-from lidarcli.simulate.scene import Course, Odometry, Scene
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.generate import relative, simulate_odometry, simulate_sweep_arrays
+from lidarcli.simulation.scene import Course, Odometry, Scene
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import Int64
 
 Timing = Literal["once", "told", "untold"]

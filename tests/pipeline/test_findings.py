@@ -19,10 +19,10 @@ from lidarcli.cli.info import as_json
 from lidarcli.findings import Finding, Fix
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.simulate.generate import START_NS, SimulatedPoses, simulate_blocks
-from lidarcli.simulate.messages import ROS1_BYTES
-from lidarcli.simulate.scene import Sensor
-from lidarcli.simulate.writers import outgoing, write_log
+from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_blocks
+from lidarcli.simulation.messages import ROS1_BYTES
+from lidarcli.simulation.scene import Sensor
+from lidarcli.simulation.writers import outgoing, write_log
 from lidarcli.sweeps import TURN, RawSweeps, concatenate
 from tests.pipeline import drawn
 from tests.pipeline.drawn import (

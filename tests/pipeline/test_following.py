@@ -27,7 +27,7 @@ from lidarcli.pipeline.objects import following, making
 from lidarcli.pipeline.objects.following import Following, TrackOptions
 from lidarcli.pipeline.objects.making import Made, rows_of
 from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from lidarcli.tabular import SCHEMAS
 from tests.pipeline.in_memory import SCAN, SOURCE, Opens, block

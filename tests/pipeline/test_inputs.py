@@ -15,7 +15,7 @@ from lidarcli.pipeline.inputs.files import matching
 from lidarcli.pipeline.inputs.search import find_logs, log_name, refuse_clashes
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tests.pipeline.folders import logs_apart
 from tests.sweeping import room_sweeps
 from tests.unprivileged import lidarcli as lidarcli_command

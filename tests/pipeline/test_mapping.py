@@ -15,7 +15,7 @@ from lidarcli.pipeline.map_files import MapRun
 from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.pipeline.runs import over_logs
-from lidarcli.simulate import simulate
+from lidarcli.simulation import simulate
 from tests.places import SAMPLES
 
 TOGETHER = ("grid.pgm", "grid.yaml", "grid.mcap")

@@ -19,11 +19,11 @@ from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import Masking, masking_of
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.range_rules import RangeRules
-from lidarcli.simulate.generate import simulate_odometry, simulate_sweep_arrays
-from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.scene import PARKED, Entity, Motion, Odometry, Scene
-from lidarcli.simulate.scene import Mount as Laser
-from lidarcli.simulate.writers import write_mcap
+from lidarcli.simulation.generate import simulate_odometry, simulate_sweep_arrays
+from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.scene import PARKED, Entity, Motion, Odometry, Scene
+from lidarcli.simulation.scene import Mount as Laser
+from lidarcli.simulation.writers import write_mcap
 from lidarcli.sweeps import Int32, RawSweeps, Status
 from tests.fake_log import FakeLog
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs

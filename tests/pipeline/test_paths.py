@@ -28,12 +28,12 @@ from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.reading import path_check
 from lidarcli.pipeline.reading.path_check import check_paths
 from lidarcli.pipeline.reading.pose_sources import PoseOptions, find_poses
-from lidarcli.poses.tracks import planar
+from lidarcli.pose.tracks import planar
 from lidarcli.range_rules import RangeRules
-from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.scene import Odometry, Scene, Sensor
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
+from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.scene import Odometry, Scene, Sensor
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import TURN, Float64, RawSweeps
 from tests.going import in_the_world
 from tests.pipeline.drawn import (
@@ -51,7 +51,7 @@ from tests.pipeline.drawn import (
     write,
 )
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
-from tests.poses.pose_messages import SECOND
+from tests.pose.pose_messages import SECOND
 
 LATE = 0.25
 

@@ -16,7 +16,7 @@ from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading.pose_sources import NO_POSES
 from lidarcli.sweeps import Float64
 from tests.places import REAL_LOGS, needs_real_logs
-from tests.poses.pose_messages import ROS1
+from tests.pose.pose_messages import ROS1
 
 FOLDER = REAL_LOGS / "leg_tracker"
 LOG = FOLDER / "demo_stationary_simple_environment.bag"
@@ -26,7 +26,7 @@ pytestmark = [needs_real_logs, pytest.mark.slow]
 
 def test_the_walls_vanish_and_the_people_remain() -> None:
     """The figures and the picture of docs/background.md."""
-    (sensor,) = lidarcli.learn(LOG)
+    (sensor,) = lidarcli.background(LOG)
     assert (len(sensor), sensor.grid.beams, int(sensor.sweeps[0])) == (1, 512, 1265)
     assert np.isinf(sensor.r_e).mean() == pytest.approx(0.69, abs=0.01)
     assert np.nanmedian(sensor.spread) < 0.01
@@ -69,7 +69,7 @@ def test_people_who_stand_in_most_sweeps_do_not_become_the_background(
 ) -> None:
     """A parked sensor among people. Of the misses all but three are labels on a part of the robot 1.06 m away."""
     raw, labelled = FOLDER / f"positive_{number}_raw.bag", FOLDER / f"positive_{number}_extracted.bag"
-    (sensor,) = lidarcli.learn(raw)
+    (sensor,) = lidarcli.background(raw)
     table = lidarcli.detect(raw, background=[sensor])
     sweeps, places = table["sweep"].to_numpy(), np.column_stack([table["x"], table["y"]])
     numbers = sweep_of(raw)
@@ -90,7 +90,7 @@ def test_people_who_stand_in_most_sweeps_do_not_become_the_background(
 def notes_against(background: str, log: str, folder: Path) -> list[str]:
     """What is told of a log that is compared with the background of another."""
     file = folder / "b.parquet"
-    lidarcli.learn(REAL_LOGS / background, file, pose="none")
+    lidarcli.background(REAL_LOGS / background, file, pose="none")
     options = DetectOptions(background=BackgroundOptions.of(file, any_frame=True), poses=NO_POSES)
     return detect_to_files(Source(str(REAL_LOGS / log), "log"), folder, options).notes
 
@@ -102,7 +102,7 @@ MOVED = ("leg_tracker/negative_2.bag", "comprobo24/drive_square", "scan_tools/la
 @pytest.mark.parametrize("log", [*PARKED, *MOVED])
 def test_a_sensor_that_moved_is_told_from_one_among_people(log: str) -> None:
     """Beams that find no range again: 7 % at most with the one, all with the other."""
-    sensors = lidarcli.learn(REAL_LOGS / log, pose="none")
+    sensors = lidarcli.background(REAL_LOGS / log, pose="none")
     assert {sensor.seems_moved for sensor in sensors} == {log in MOVED}
 
 

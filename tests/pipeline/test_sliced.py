@@ -21,12 +21,12 @@ from lidarcli.pipeline.inputs.sources import SlicedLog
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate import simulate
+from lidarcli.simulation import simulate
 from lidarcli.sweeps import Status
 from tests.fake_log import FakeLog
 from tests.logs.cloud_messages import message, pointcloud2
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
-from tests.poses.pose_messages import tf
+from tests.pose.pose_messages import tf
 from tests.sweeping import raw_sweeps
 
 SICK = REAL_LOGS / "sick" / "rms_1xxx_lms_1xx_movement_off.bag"

@@ -21,7 +21,7 @@ from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.objects.following import TrackOptions
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
-from lidarcli.simulate.generate import START_NS, relative
+from lidarcli.simulation.generate import START_NS, relative
 from lidarcli.sweeps import Float64
 from tests.pipeline.drawn import (
     SWEEPS,

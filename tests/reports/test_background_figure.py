@@ -18,7 +18,7 @@ from tests.places import SAMPLES
 
 @pytest.fixture(scope="module")
 def people() -> Background:
-    (sensor,) = lidarcli.learn(SAMPLES / "people.csv.gz")
+    (sensor,) = lidarcli.background(SAMPLES / "people.csv.gz")
     return sensor
 
 
@@ -53,7 +53,7 @@ def test_the_colour_bar_is_as_high_as_its_plot_and_shows_what_occurs(people: Bac
 
 
 def test_one_support_everywhere_is_one_end_of_the_colours() -> None:
-    (sensor,) = lidarcli.learn(SAMPLES / "room_empty.mcap")
+    (sensor,) = lidarcli.background(SAMPLES / "room_empty.mcap")
     (points,) = drawn(sensor).axes[0].collections
     assert points.get_clim() == pytest.approx((0.9, 1.0))
 

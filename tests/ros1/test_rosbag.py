@@ -19,7 +19,7 @@ from lidarcli.cli import run
 from lidarcli.logs.rosbag1.records import CODECS, MAGIC, Op, parse
 from lidarcli.ros import messages
 from lidarcli.ros.messages import ROS1
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tests.overlays.reading import read_back
 from tests.places import SAMPLES
 from tests.ros1.tools import HERE, PYTHON, master, needs_master, needs_rosbag, started

@@ -334,5 +334,5 @@ def test_from_python(store: Store, tmp_path: Path) -> None:
     here = package.detect(SAMPLES / "room.mcap")
     there = package.detect(url)
     assert there.drop_columns(["log"]).equals(here.drop_columns(["log"]))
-    package.learn(url, f"s3://{store.bucket}/run.background.parquet")
+    package.background(url, f"s3://{store.bucket}/run.background.parquet")
     assert "run.background.parquet" in set(store.keys())

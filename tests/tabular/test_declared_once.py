@@ -17,7 +17,7 @@ from lidarcli.sweeps import Float64, record
 from lidarcli.tabular.schemas import KINDS, TABLES
 
 PACKAGE = Path(lidarcli.__file__).parent
-SCHEMAS = ("tabular/schemas.py", "simulate/truth.py")
+SCHEMAS = ("tabular/schemas.py", "simulation/truth.py")
 """Files that turn declarations into the schemas of Arrow."""
 
 

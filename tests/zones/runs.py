@@ -15,15 +15,15 @@ import pytest
 import lidarcli
 from lidarcli.pipeline.zoning import ZoneTables
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import START_NS, SimulatedPoses, simulate_blocks, simulate_odometry
-from lidarcli.simulate.messages import ROS1_BYTES
-from lidarcli.simulate.route import Waypoint, plan_route
-from lidarcli.simulate.scene import Course, Entity, Motion, Scene, Sensor
-from lidarcli.simulate.writers import outgoing
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_blocks, simulate_odometry
+from lidarcli.simulation.messages import ROS1_BYTES
+from lidarcli.simulation.route import Waypoint, plan_route
+from lidarcli.simulation.scene import Course, Entity, Motion, Scene, Sensor
+from lidarcli.simulation.writers import outgoing
 from lidarcli.sweeps import TURN, Float64, Int64, RawSweeps
 from lidarcli.tabular.schemas import SCHEMAS
-from tests.poses.pose_messages import Maker
+from tests.pose.pose_messages import Maker
 from tests.zones.test_velocities import polygon, twist
 
 ROS1_MAKER = Maker("ros1")

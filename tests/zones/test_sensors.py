@@ -11,9 +11,9 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import NoScanError, OptionError
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import START_NS
-from lidarcli.simulate.scene import Course, Scene, Sensor
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.generate import START_NS
+from lidarcli.simulation.scene import Course, Scene, Sensor
 from lidarcli.sweeps import RawSweeps
 from tests.sweeping import STEP, raw_sweeps
 from tests.zones.runs import (

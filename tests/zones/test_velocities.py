@@ -22,7 +22,7 @@ from lidarcli.pipeline.reading.velocities import (
 from lidarcli.ros.cursor import ENCAPSULATION, SHORT
 from tests.fake_log import FakeLog
 from tests.logs.test_odd_logs import WRITERS, written
-from tests.poses.pose_messages import ODOMETRY, SECOND, Maker, message, odometry
+from tests.pose.pose_messages import ODOMETRY, SECOND, Maker, message, odometry
 
 TEXT = "std_msgs/msg/String"
 BOX = [(0.5, 0.25), (0.5, -0.25), (-0.5, -0.25), (-0.5, 0.25)]

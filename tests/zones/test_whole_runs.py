@@ -11,8 +11,8 @@ import pytest
 
 import lidarcli
 from lidarcli.cli import run
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Course, Odometry
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Course, Odometry
 from lidarcli.sweeps import Float64
 from tests.zones.runs import (
     column,

@@ -17,10 +17,10 @@ import lz4.frame
 import numpy as np
 import zstandard
 
-from lidarcli.simulate.csv_writer import LAYOUTS
-from lidarcli.simulate.generate import SimulatedPoses
-from lidarcli.simulate.scene import Odometry
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.csv_writer import LAYOUTS
+from lidarcli.simulation.generate import SimulatedPoses
+from lidarcli.simulation.scene import Odometry
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tools.fuzz.mutate import Random, mutate
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tools.fuzz.containers import SWEEPS, sweeps
 from tools.fuzz.logs import judge_log
 from tools.fuzz.place import Place

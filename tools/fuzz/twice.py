@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulation.writers import write_log
 from tools.fuzz.commands import run
 from tools.fuzz.containers import STEP_NS, SWEEPS, sweeps
 from tools.fuzz.place import Place

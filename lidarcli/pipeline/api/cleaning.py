@@ -13,21 +13,31 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.options import AnyPath, Cleaning, parse_removed, parse_value
 from lidarcli.pipeline.api.options import (
     LogOptions,
+    Progress,
     Values,
     detect_options,
     path_of,
     pose_options,
     read_options,
     tracking_of,
+    watched,
     with_keywords,
 )
 from lidarcli.pipeline.cleaning import CleanOptions, clean_log
 from lidarcli.pipeline.inputs.search import one_log
+from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.stores.url import place
 
 
 @with_keywords
-def clean(log: AnyPath, output: AnyPath, overwrite: bool = False, **options: Unpack[Cleaning]) -> pa.Table:
+def clean(
+    log: AnyPath,
+    output: AnyPath,
+    overwrite: bool = False,
+    *,
+    progress: Progress = False,
+    **options: Unpack[Cleaning],
+) -> pa.Table:
     """Write a log once more, bit for bit but for the beams of what moves, and beside it the table `.cleaned.parquet`.
 
     Parameters
@@ -51,7 +61,9 @@ def clean(log: AnyPath, output: AnyPath, overwrite: bool = False, **options: Unp
         A file exists, or cannot be written.
     """
     source = one_log([path_of(log)], False)
-    summary = clean_log(source, place(fspath(output)), clean_options(options, overwrite=overwrite))
+    how = clean_options(options, overwrite=overwrite)
+    with watched(progress, [source]) as report:
+        summary = clean_log(source, place(fspath(output)), how, progress_of(source, report))
     for line in summary.damage:
         warn(f"{source.label}: {line}")
     return summary.table

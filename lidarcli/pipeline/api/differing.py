@@ -10,12 +10,14 @@ from lidarcli.option_forms import defaults_of
 from lidarcli.options import AnyPath, Diffing, Finding, Paths
 from lidarcli.pipeline.api.options import (
     LogOptions,
+    Progress,
     Values,
     detect_options,
     log_options,
     paths_of,
     several,
     tracking_of,
+    watched,
     with_keywords,
 )
 from lidarcli.pipeline.differing import (
@@ -31,7 +33,12 @@ from lidarcli.stores.url import place
 
 @with_keywords
 def diff(
-    before: AnyPath, *after: AnyPath, output: Paths = (), overwrite: bool = False, **options: Unpack[Diffing]
+    before: AnyPath,
+    *after: AnyPath,
+    output: Paths = (),
+    overwrite: bool = False,
+    progress: Progress = False,
+    **options: Unpack[Diffing],
 ) -> Difference:
     """Find what changed from run to run.
 
@@ -63,7 +70,8 @@ def diff(
     inputs = inputs_of(paths_of([before, *after]))
     outputs = [place(each) for each in several(output)]
     refuse_outputs(outputs, inputs, how)
-    found = diff_inputs(inputs, how)
+    with watched(progress, [one.source for one in inputs if one.source is not None]) as report:
+        found = diff_inputs(inputs, how, report)
     for line in found.damage:
         warn(line)
     write_changes(found, outputs, overwrite)

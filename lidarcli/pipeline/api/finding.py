@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from itertools import chain
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import pyarrow as pa
 
+from lidarcli.errors import OptionError
 from lidarcli.formalism import Parameters
-from lidarcli.options import Detecting, Paths, Reading, Tabling, Tracking
+from lidarcli.options import Detecting, Paths, Reading, Tabling, Tracking, parse_names
 from lidarcli.pipeline.api.options import (
+    Progress,
     Values,
     detect_options,
     log_options,
@@ -19,10 +22,14 @@ from lidarcli.pipeline.api.options import (
     refuse_reading,
     sources_of,
     tracking_of,
+    watched,
     with_keywords,
 )
 from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
+from lidarcli.pipeline.inputs.held import remember
 from lidarcli.sweeps import SweepBatch
+from lidarcli.tabular.reading import notes_of
+from lidarcli.tabular.schemas import BRIEF
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +41,11 @@ LogsOrBatches = Paths | SweepBatch | Iterable[SweepBatch]
 
 @with_keywords
 def detect(
-    log: LogsOrBatches, parameters: Parameters | None = None, **options: Unpack[Detecting]
+    log: LogsOrBatches,
+    parameters: Parameters | None = None,
+    *,
+    progress: Progress = False,
+    **options: Unpack[Detecting],
 ) -> pa.Table:
     """The objects of every sweep as a table.
 
@@ -54,12 +65,18 @@ def detect(
     UnreadableError, NoScanError, OptionError
         As of `read`.
     """
-    return _found(log, ("objects",), parameters, options, memory_of(options))["objects"]
+    made = _found(log, ("objects", "sweeps"), parameters, options, memory_of(options), progress)
+    remember(made["objects"], [made["sweeps"]])
+    return made["objects"]
 
 
 @with_keywords
 def track(
-    log: LogsOrBatches, parameters: Parameters | None = None, **options: Unpack[Tracking]
+    log: LogsOrBatches,
+    parameters: Parameters | None = None,
+    *,
+    progress: Progress = False,
+    **options: Unpack[Tracking],
 ) -> TrackTables:
     """The objects and the sweeps of every log, and the things that its objects belong to, as tables.
 
@@ -71,14 +88,21 @@ def track(
     Returns
     -------
     TrackTables
-        `objects`, `sweeps` and `tracks`, each a pyarrow.Table as the command line writes it (docs/tables.md).
+        `objects`, `sweeps` and `tracks`, each a pyarrow.Table as the command line writes it (docs/tables.md); and
+        `trajectories`, which unpacking leaves out.
 
     Raises
     ------
     UnreadableError, NoScanError, OptionError
         As of `read`.
     """
-    return TrackTables(**_found(log, TrackTables._fields, parameters, options, tracking_of(options)))
+    names = [*TrackTables._fields, *(["trajectories"] if options["trajectories"] else [])]
+    made = _found(log, names, parameters, options, tracking_of(options), progress)
+    remember(made["objects"], [made[name] for name in names[1:]])
+    trajectories = made.pop("trajectories", None)
+    found = TrackTables(**made)
+    found.trajectories = trajectories
+    return found
 
 
 class _Tables(NamedTuple):
@@ -100,7 +124,13 @@ class Tables(_Tables):
 
 
 @with_keywords
-def tables(log: LogsOrBatches, parameters: Parameters | None = None, **options: Unpack[Tabling]) -> Tables:
+def tables(
+    log: LogsOrBatches,
+    parameters: Parameters | None = None,
+    *,
+    progress: Progress = False,
+    **options: Unpack[Tabling],
+) -> Tables:
     """All tables of one or more logs as pandas data frames: what `track` finds.
 
     Stamps are `datetime64[ns, UTC]`, names (log, topic, set, shape, label) categories, whole numbers `Int64` or
@@ -124,12 +154,31 @@ def tables(log: LogsOrBatches, parameters: Parameters | None = None, **options: 
     """
     more = [name for name in ("trajectories", "beams") if options[name]]
     names = ("objects", "sweeps", "tracks", *more)
-    made = _found(log, names, parameters, options, tracking_of(options))
+    made = _found(log, names, parameters, options, tracking_of(options), progress)
+    if (columns := options["columns"]) is not None:
+        made = narrowed(made, parse_names(columns) if isinstance(columns, str) else tuple(columns))
     frames = {name: _frame(table) for name, table in made.items()}
+    remember(frames["objects"], [frames[name] for name in names[1:]])
     trajectories = frames.pop("trajectories", None)
     found = Tables(**frames)
     found.trajectories = trajectories
     return found
+
+
+def narrowed(tables: Mapping[str, pa.Table], columns: Sequence[str]) -> dict[str, pa.Table]:
+    """Return of each table the columns that it has (`OptionError` where none has one)."""
+    if [*columns] == ["brief"]:
+        return {name: table.select(BRIEF[name]) for name, table in tables.items()}
+    there = [*dict.fromkeys(name for table in tables.values() for name in table.column_names)]
+    for name in columns:
+        if name not in there:
+            near = get_close_matches(name, there, 1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(there)}"
+            raise OptionError(f"--columns: no table has a column {name}; {hint}")
+    return {
+        kind: table.select([name for name in columns if name in table.column_names])
+        for kind, table in tables.items()
+    }
 
 
 def _frame(table: pa.Table) -> pd.DataFrame:
@@ -139,6 +188,8 @@ def _frame(table: pa.Table) -> pd.DataFrame:
     # Numbers and truths that may be missing: numpy would make fractions of one, and objects of the other.
     nullable = {pa.int32(): pd.Int32Dtype(), pa.int64(): pd.Int64Dtype(), pa.bool_(): pd.BooleanDtype()}
     frame: pd.DataFrame = table.to_pandas(types_mapper=nullable.get)
+    # What a report tells of the run, and of damage.
+    frame.attrs = dict[Any, Any](notes_of(table))
     return frame
 
 
@@ -148,12 +199,15 @@ def _found(
     parameters: Parameters | None,
     told: Values,
     tracking: TrackOptions | None,
+    progress: Progress,
 ) -> dict[str, pa.Table]:
     """Some tables of logs or of batches, by their names."""
     options = detect_options(told, log_options(told), tracking, parameters)
     items: Iterator[Any] = iter([log] if isinstance(log, str | PathLike | SweepBatch) else log)
     first = next(items, None)
     if not isinstance(first, SweepBatch):
-        return of_logs(sources_of([] if first is None else [first, *items], told["join"]), tables, options)
-    refuse_reading(told, Reading, "jobs")
+        sources = sources_of([] if first is None else [first, *items], told["join"])
+        with watched(progress, sources) as report:
+            return of_logs(sources, tables, options, report)
+    refuse_reading({**told, "progress": progress or None}, Reading, "jobs", "progress")
     return of_batches(chain([first], items), tables, options)

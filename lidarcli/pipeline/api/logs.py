@@ -1,4 +1,4 @@
-"""`lidarcli.read`, `info`, `learn` and `map`: sweeps of logs, their contents, their background, their map."""
+"""`lidarcli.read`, `info`, `background`, `map` and `poses`: sweeps of logs, and what they tell as a whole."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import replace
 from os import fspath
 from typing import Any, Unpack
 
+import pyarrow as pa
+
 from lidarcli.errors import NoScanError, warn
 from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.mapping.occupancy import Occupancy
@@ -16,9 +18,19 @@ from lidarcli.logs.batches import read_batches
 from lidarcli.logs.options import TopicChoice, clouds_hint, no_scan_topic
 from lidarcli.option_forms import options_of
 from lidarcli.options import AnyPath, Inspecting, Learning, Mapping, Paths, Reading, parse_without
-from lidarcli.pipeline.api.options import LogOptions, log_options, several, sources_of, with_keywords
+from lidarcli.pipeline.api.options import (
+    LogOptions,
+    Progress,
+    log_options,
+    paths_of,
+    several,
+    sources_of,
+    watched,
+    with_keywords,
+)
 from lidarcli.pipeline.building import Building, BuildOptions, refuse_nothing, refuse_output
 from lidarcli.pipeline.detecting import Failed
+from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inspecting import info_dict, inspect_log
 from lidarcli.pipeline.map_files import MapRun
@@ -26,6 +38,8 @@ from lidarcli.pipeline.mapping import MapOptions
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.runs.over_logs import progress_of
+from lidarcli.pipeline.trajectories import PathOptions, read_path, refuse_path, write_path
 from lidarcli.stores.url import place
 from lidarcli.sweeps import SweepBatch
 
@@ -77,7 +91,7 @@ def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBa
 
 
 @with_keywords
-def info(log: Paths, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
+def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
     """Topics, sweeps, geometry, clocks, beams, poses, findings and damage of a log, which is read from end to end.
 
     Parameters
@@ -98,20 +112,24 @@ def info(log: Paths, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
     sources = sources_of(log, options["join"])
     failed = Failed(len(sources))
     told = []
-    for source in sources:
-        with failed.noted(source):
-            found = inspect_log(source, opening, read.rules, poses, deep=options["deep"])
-            for line in found.damage:
-                warn(f"{source.label}: {line}")
-            if found.exit_code == NoScanError.exit_code:
-                warn(f"{source.label}: {no_scan_topic()}{clouds_hint(found.topics)}")
-            told.append(info_dict(found))
+    with watched(progress, sources) as report:
+        for source in sources:
+            with failed.noted(source):
+                tell = progress_of(source, report)
+                found = inspect_log(source, opening, read.rules, poses, tell, deep=options["deep"])
+                for line in found.damage:
+                    warn(f"{source.label}: {line}")
+                if found.exit_code == NoScanError.exit_code:
+                    warn(f"{source.label}: {no_scan_topic()}{clouds_hint(found.topics)}")
+                told.append(info_dict(found))
     failed.conclude()
     return told
 
 
 @with_keywords
-def learn(log: Paths, output: AnyPath | None = None, **options: Unpack[Learning]) -> tuple[Background, ...]:
+def background(
+    log: Paths, output: AnyPath | None = None, *, progress: Progress = False, **options: Unpack[Learning]
+) -> tuple[Background, ...]:
     """The background of every sensor of one or more logs of a scene without objects of interest.
 
     Parameters
@@ -141,9 +159,10 @@ def learn(log: Paths, output: AnyPath | None = None, **options: Unpack[Learning]
     sources = sources_of(log, options["join"])
     if output is not None:
         refuse_output(place(fspath(output)), sources, overwrite=True)
-    for source in sources:
-        for line in building.add(source).damage:
-            warn(f"{source.label}: {line}")
+    with watched(progress, sources) as report:
+        for source in sources:
+            for line in building.add(source, progress_of(source, report)).damage:
+                warn(f"{source.label}: {line}")
     sensors = building.sensors()
     refuse_nothing(sensors)
     if output is not None:
@@ -153,7 +172,9 @@ def learn(log: Paths, output: AnyPath | None = None, **options: Unpack[Learning]
 
 
 @with_keywords
-def map(log: Paths, output: Paths = (), **options: Unpack[Mapping]) -> Occupancy:
+def map(
+    log: Paths, output: Paths = (), *, progress: Progress = False, **options: Unpack[Mapping]
+) -> Occupancy:
     """One occupancy grid of one or several logs whose sensors moved.
 
     Parameters
@@ -184,13 +205,57 @@ def map(log: Paths, output: Paths = (), **options: Unpack[Mapping]) -> Occupancy
     )
     sources = sources_of(log, options["join"])
     failed = Failed(len(sources))
-    with MapRun(sources, [place(each) for each in several(output)], made_with) as run:
+    outputs = [place(each) for each in several(output)]
+    with MapRun(sources, outputs, made_with) as run, watched(progress, sources) as report:
         for source in sources:
             with failed.noted(source):
-                for line in run.add(source).damage:
+                for line in run.add(source, progress_of(source, report)).damage:
                     warn(f"{source.label}: {line}")
         failed.conclude()
         mapped = run.finish()
     for note in mapped.notes:
         warn(note)
     return mapped.grid
+
+
+@with_keywords
+def poses(
+    log: Paths,
+    output: AnyPath | None = None,
+    overwrite: bool = False,
+    *,
+    progress: Progress = False,
+    **options: Unpack[Reading],
+) -> pa.Table:
+    """The poses of the sensors of a log, one for each sweep where it is known.
+
+    Parameters
+    ----------
+    log : one log as of `read`, with `join` its parts
+    output : file to write: .tum or .txt (lines of timestamp x y z qx qy qz qw, of one sensor), or .parquet; by default none
+    overwrite : True to replace a file that exists
+
+    Returns
+    -------
+    pyarrow.Table
+        One row per pose, as `lidarcli poses` writes it (docs/poses.md); with an `output` of lines those that are in it.
+
+    Raises
+    ------
+    UnreadableError
+        As of `read`, or nothing tells where the sensor was.
+    NoScanError, OptionError
+        As of `read`; also where several sensors are to go into a file of lines.
+    OutputError
+        The file exists, or cannot be written.
+    """
+    source, how = one_log(paths_of(log), options["join"]), PathOptions(*log_options(options), overwrite)
+    path = None if output is None else place(fspath(output))
+    if path is not None:
+        refuse_path(path, source, how)
+    with watched(progress, [source]) as report:
+        tell = progress_of(source, report)
+        found = read_path(source, how, tell) if path is None else write_path(source, path, how, tell)
+    for line in found.damage:
+        warn(f"{source.label}: {line}")
+    return found.table

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from difflib import get_close_matches
 from functools import wraps
@@ -27,11 +28,16 @@ from lidarcli.masks import Masks
 from lidarcli.option_forms import Number, Option, defaults_of, options_of, python_words
 from lidarcli.options import Objects, Paths
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
+from lidarcli.pipeline.inputs.held import arrow_of, is_table, pairs_of
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.pipeline.reading.pose_sources import NONE, PoseOptions
+from lidarcli.pipeline.runs.over_logs import LogProgress, summed
 from lidarcli.range_rules import RangeRules, parse_no_return
+from lidarcli.screen import Screen, byte_bar, count_bar
+from lidarcli.tabular.reading import HeldTable
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
@@ -43,6 +49,9 @@ Values = Mapping[str, Any]
 """Values of options by their fields; all fields of a group are there."""
 WIDTH = 100
 """Columns of a docstring."""
+Progress = bool | Callable[[int, int | None], object]
+"""Wish to see how far the work is."""
+_PROGRESS = "True for a bar on standard error, or a function of how much is done and how much there is (docs/python.md)"
 OPENING = ("angle_min", "angle_increment", "fov", "range_max", "degrees", "range_unit", "echo")
 
 
@@ -77,7 +86,9 @@ def with_keywords(function: F) -> F:
         for name in known
     ]
     called.__signature__ = own.replace(parameters=[*positional, *keyword_only])  # type: ignore[attr-defined]
-    called.__doc__ = _documented(cleandoc(function.__doc__ or ""), known)
+    lines = [f"progress : {_PROGRESS}"] if "progress" in own.parameters else []
+    lines += [f"{name} : {python_words(name, option)}" for name, option in known.items()]
+    called.__doc__ = _documented(cleandoc(function.__doc__ or ""), lines)
     return cast(F, called)
 
 
@@ -109,16 +120,44 @@ def _check(name: str, option: Option, value: Any) -> None:
         raise OptionError(f"--{name.replace('_', '-')}: {err}") from None
 
 
-def _documented(text: str, known: dict[str, Option]) -> str:
-    """The docstring with the meanings of the keywords at the end of its list of parameters."""
-    lines = [
-        fill(f"{name} : {python_words(name, option)}", WIDTH, subsequent_indent="    ")
-        for name, option in known.items()
-    ]
+def _documented(text: str, meanings: list[str]) -> str:
+    """The docstring with the meanings of keywords at the end of its list of parameters."""
+    lines = [fill(each, WIDTH, subsequent_indent="    ") for each in meanings]
     head, mark, tail = text.partition("\n\nReturns\n")
     if not mark:
         head, mark, tail = text.partition("\n\nRaises\n")
     return "\n".join([head, *lines]) + mark + tail
+
+
+@contextmanager
+def watched(progress: Progress, sources: Sequence[Source | Nothing]) -> Iterator[LogProgress | None]:
+    """Yield what the work on some logs calls with a log and the position in it; None where nobody wants to know."""
+    if progress is True:
+        with byte_bar(Screen()) as show:
+            yield summed(sources, show)
+    else:
+        tell = _function(progress)
+        yield None if tell is None else summed(sources, lambda done, total, _: tell(done, total))
+
+
+@contextmanager
+def counting(
+    progress: Progress, description: str, unit: str
+) -> Iterator[Callable[[int, int | None], object] | None]:
+    """Yield what work that is no reading calls with the number of things done, and of all."""
+    if progress is True:
+        with count_bar(description, None, unit, Screen()) as show:
+            yield show
+    else:
+        yield _function(progress)
+
+
+def _function(progress: Progress) -> Callable[[int, int | None], object] | None:
+    if progress is False:
+        return None
+    if not callable(progress):
+        raise TypeError(f"progress is True, False or a function of what is done and of all, not {progress!r}")
+    return progress
 
 
 # Inputs.
@@ -164,11 +203,66 @@ def several(values: Paths) -> list[str]:
     if isinstance(values, str | PathLike):
         return [fspath(values)]
     # A data frame would give the names of its columns one by one.
-    if not isinstance(values, Iterable) or hasattr(values, "columns"):
+    if not isinstance(values, Iterable) or is_table(values):
         raise TypeError(
-            f"tables, logs and outputs are named by their paths, not given as {type(values).__name__}"
+            f"logs, files and outputs are named by their paths, not given as {type(values).__name__}"
         )
     return [path_text(each) for each in values]
+
+
+def tables_of(values: Any) -> list[str | Pair]:
+    """Return tables, each named by a path or in memory: those of a tuple that a function returned belong together.
+
+    Raises
+    ------
+    TypeError
+        One is neither a path nor a table.
+    OptionError
+        One is no table of lidarcli, or two of a kind are of the same log.
+    """
+    found: list[str | Pair] = []
+    loose: list[Any] = []
+    for each in _each_table(values):
+        if isinstance(each, str):
+            found.append(each)
+        elif isinstance(each, list):
+            found += pairs_of(each)
+        else:
+            loose.append(each)
+    return [*found, *pairs_of(loose)] if loose else found
+
+
+def tables_to_export(values: Any) -> list[str | HeldTable]:
+    """Return tables of any kind, each named by a path or in memory (`TypeError` if one is neither)."""
+    given = [*_each_table(values)]
+    if any(isinstance(each, list) for each in given):
+        raise TypeError("tables of one kind are exported at a time: give one of these, as .objects")
+    return [each if isinstance(each, str) else HeldTable("the table", arrow_of(each)) for each in given]
+
+
+def _each_table(values: Any) -> Iterator[Any]:
+    """Yield the path of each table as text, a table itself, or the list of those that a function returned together."""
+    made = isinstance(values, tuple) and hasattr(values, "_fields")
+    given = [values] if isinstance(values, str | PathLike) or is_table(values) or made else values
+    if not isinstance(given, Iterable) or isinstance(given, Mapping):
+        raise TypeError(_no_table(values))
+    for each in given:
+        if isinstance(each, str | PathLike):
+            yield fspath(each)
+        elif is_table(each):
+            yield each
+        elif isinstance(each, tuple) and hasattr(each, "_fields"):
+            together = [*each, getattr(each, "trajectories", None)]
+            yield [table for table in together if table is not None]
+        else:
+            raise TypeError(_no_table(each))
+
+
+def _no_table(value: Any) -> str:
+    return (
+        "tables are named by their paths, or are what detect, track, tables and zones return, Arrow tables or data frames, "
+        f"not {type(value).__name__}"
+    )
 
 
 def path_text(value: Any) -> str:
@@ -327,3 +421,10 @@ def refuse_reading(told: Values, group: type, *more: str) -> None:
     unasked = defaults_of(group) | dict.fromkeys(more)
     if asked := [name for name, value in unasked.items() if told[name] != value]:
         raise TypeError(f"only a log can be read with {', '.join(asked)}")
+
+
+def refuse_finding(told: Values, group: type, headings: Collection[str], why: str) -> None:
+    """Refuse options of finding objects, those below some headings, where there is nothing to find (`OptionError`)."""
+    for name, option in options_of(group).items():
+        if option.heading in headings and told[name] != option.default:
+            raise OptionError(f"--{name.replace('_', '-')} is for finding objects, and {why}")

@@ -12,19 +12,19 @@ from lidarcli.choices import TRAIL, VIEWS, Look
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism import Parameters
 from lidarcli.newfiles import refuse, write_whole
-from lidarcli.options import AnyPath, Delay, Joining, Paths, Plotting, Poses, Ranges, Reporting
+from lidarcli.options import AnyPath, Delay, Joining, Paths, Plotting, Poses, Ranges, Reporting, Tables
 from lidarcli.pipeline.api.options import (
     Values,
     log_options,
     parameters_of,
-    path_text,
     paths_of,
     refuse_reading,
     several,
+    tables_of,
     with_keywords,
 )
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
-from lidarcli.pipeline.inputs.tables import table_files
+from lidarcli.pipeline.inputs.tables import Pair, table_files
 from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_pictures, write_pictures
 from lidarcli.pipeline.reporting import (
@@ -107,7 +107,6 @@ def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None,
         rules=read.rules,
         opening=opening,
         background=None if told["background"] is None else fspath(told["background"]),
-        tracks=None if told["tracks"] is None else path_text(told["tracks"]),
         trail=TRAIL if told["trail"] is None else told["trail"],
         poses=poses,
         zones=read_zones(several(told["zones"])) if told["zones"] else None,
@@ -116,8 +115,9 @@ def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None,
         refuse_reading(told, _OfLogs, "topic", "at")
         if told["zones"]:
             raise TypeError("zones are drawn into the sweep of a log, not of a batch")
-        return picture_of(log, sweep, wanted)
+        return picture_of(log, sweep, replace(wanted, tracks=_tracks(told["tracks"], log.log)))
     source = one_log(paths_of(log), told["join"])
+    wanted = replace(wanted, tracks=_tracks(told["tracks"], source.name))
     if (at := told["at"]) is not None:
         if sweep:
             raise OptionError("--at names one sweep: give either at or sweep")
@@ -130,6 +130,17 @@ def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None,
     for line in drawn.damage:
         warn(f"{source.label}: {line}")
     return drawn.pictures[0]
+
+
+def _tracks(tables: Tables | None, log: str) -> str | Pair | None:
+    """Return the tables of the log that is drawn: of those of several logs its own."""
+    if tables is None:
+        return None
+    found = tables_of(tables)
+    mine = [each for each in found if isinstance(each, Pair) and each.log == log]
+    if len(found) != 1 and len(mine) != 1:
+        raise OptionError(f"--tracks: give the tables of {log or 'one log'}, not those of {len(found)} logs")
+    return found[0] if len(found) == 1 else mine[0]
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -193,12 +204,13 @@ class RunReport:
 
 
 @with_keywords
-def report(tables: Paths, output: Paths = (), **options: Unpack[Reporting]) -> RunReport:
-    """The figures of one or many runs, held against checks, from the tables that the command line wrote.
+def report(tables: Tables, output: Paths = (), **options: Unpack[Reporting]) -> RunReport:
+    """The figures of one or many runs, held against checks, from tables that are in memory or in files.
 
     Parameters
     ----------
-    tables : objects, sweeps or tracks tables (the others of a log are found beside each), folders or patterns
+    tables : what `detect`, `track`, `tables` or `zones` returned, or such tables, as Arrow tables or data frames; paths of
+        objects, sweeps or tracks tables (the others of a log are found beside each), folders or patterns; or several of all
     output : files to write, replaced where they exist, each in the format that its suffix says: .txt, .md, .html, .json
         or .xml (JUnit); by default none
 
@@ -211,22 +223,25 @@ def report(tables: Paths, output: Paths = (), **options: Unpack[Reporting]) -> R
     ------
     UnreadableError
         None of the tables can be read, or the baseline cannot.
+    TypeError
+        Something is neither a path nor a table.
     OptionError
-        A check cannot be understood, or a suffix names no format.
+        A table in memory is none of lidarcli, or its others are missing; a check cannot be understood, or a suffix names
+        no format.
     OutputError
         A file cannot be written.
     """
     check = options["check"]
     asked = ReportOptions(
-        tables=tuple(several(tables)),
+        tables=tuple(tables_of(tables)),
         checks=(check,) if isinstance(check, str) else tuple(check),
-        baseline=tuple(several(options["baseline"])),
+        baseline=tuple(tables_of(options["baseline"])),
         logs=tuple(several(options["log"])),
         join=options["join"],
     )
     understand(asked)
     files = {place(name): format_of(place(name)) for name in several(output)}
-    read = map(str, table_files([*asked.tables, *asked.baseline]))
+    read = map(str, table_files(each for each in (*asked.tables, *asked.baseline) if isinstance(each, str)))
     refuse(files, True, [*read, *files_of(find_logs(asked.logs))], devices=True)
     made = make_report(asked, viewer="html" in files.values())
     for problem in made.report.problems:

@@ -12,27 +12,31 @@ import pyarrow as pa
 from lidarcli.choices import SIGNIFICANCE
 from lidarcli.errors import OptionError, warn
 from lidarcli.masks import Polygon
-from lidarcli.options import Paths, Zoning
+from lidarcli.options import BACKGROUND, OBJECTS, THINGS, Paths, Zoning
 from lidarcli.pipeline.api.options import (
     LogOptions,
+    Progress,
     Values,
     detect_options,
     log_options,
     path_text,
+    refuse_finding,
     several,
     sources_of,
     tracking_of,
+    watched,
     with_keywords,
 )
 from lidarcli.pipeline.detecting import Failed
 from lidarcli.pipeline.inputs.zones import read_zones
+from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.watching.options import ZoneOptions, refuse_options
 from lidarcli.pipeline.zoning import ZoneTables, watch
 from lidarcli.zone import crossing_edges, on_one_line
 
 
 @with_keywords
-def zones(log: Paths, **options: Unpack[Zoning]) -> ZoneTables:
+def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) -> ZoneTables:
     """Tell who or what was in a zone, when, and how near: an offline check of a recording, no safety function.
 
     Parameters
@@ -54,16 +58,20 @@ def zones(log: Paths, **options: Unpack[Zoning]) -> ZoneTables:
     """
     if not options["zones"]:
         raise TypeError("zones() needs zones=FILE")
+    if options["objects"] is not None or options["no_objects"]:
+        why = "--objects names some that have been found" if options["objects"] else "--no-objects finds none"
+        refuse_finding(options, Zoning, (OBJECTS, THINGS, BACKGROUND), why)
     how = zone_options(options, log_options(options))
     sources = sources_of(log, options["join"])
     failed = Failed(len(sources))
     found: list[ZoneTables] = []
-    for source in sources:
-        with failed.noted(source):
-            summary = watch(source, how)
-            found.append(summary.tables)
-            for line in summary.damage:
-                warn(f"{source.label}: {line}")
+    with watched(progress, sources) as report:
+        for source in sources:
+            with failed.noted(source):
+                summary = watch(source, how, progress=progress_of(source, report))
+                found.append(summary.tables)
+                for line in summary.damage:
+                    warn(f"{source.label}: {line}")
     failed.conclude()
     if len(found) == 1:
         return found[0]

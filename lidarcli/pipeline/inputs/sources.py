@@ -19,8 +19,8 @@ from lidarcli.stores.url import State, Url, is_url, place
 from lidarcli.sweeps import RawSweeps
 
 if TYPE_CHECKING:
-    from lidarcli.poses.tracks import Track
-    from lidarcli.poses.tree import TreeLevels
+    from lidarcli.pose.tracks import Track
+    from lidarcli.pose.tree import TreeLevels
 
 STDIN = "-"
 
@@ -122,7 +122,7 @@ class PoseMessages:
 def read_pose_messages(log: Log) -> PoseMessages:
     """Read all poses of a log that can be read twice, in one pass."""
     # Most logs have no poses and should not wait for this import.
-    from lidarcli.poses.tracks import Tracks
+    from lidarcli.pose.tracks import Tracks
 
     tracks = Tracks()
     report = ReadReport()
@@ -442,7 +442,7 @@ class SlicedLog(ChangedLog):
 
     def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         from lidarcli.logs.slicing import Slicer
-        from lidarcli.poses.tree import TreeLevels
+        from lidarcli.pose.tree import TreeLevels
 
         if self._levels is None:
             self._levels = TreeLevels(self.poses().tracks if self.size is not None else ())

@@ -13,7 +13,16 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.files import Named, files_named
 from lidarcli.reports.columns import Origin, Rows
 from lidarcli.stores.url import Place, Url, place
-from lidarcli.tabular.reading import MAKERS, column_names, note_value, notes_of, read_columns, read_pieces
+from lidarcli.tabular.reading import (
+    MAKERS,
+    HeldTable,
+    Readable,
+    column_names,
+    note_value,
+    notes_of,
+    read_columns,
+    read_pieces,
+)
 from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, table_suffix
 
@@ -36,37 +45,37 @@ class Pair:
     """Rest of their paths after the name of the table: `.parquet` or `/run.parquet`."""
 
     @property
-    def objects(self) -> Place:
+    def objects(self) -> Readable:
         """The objects table."""
         return self._table("objects")
 
     @property
-    def sweeps(self) -> Place:
+    def sweeps(self) -> Readable:
         """The sweeps table."""
         return self._table("sweeps")
 
     @property
-    def tracks(self) -> Place:
+    def tracks(self) -> Readable:
         """The tracks table; it is there where things were followed."""
         return self._table("tracks")
 
     @property
-    def trajectories(self) -> Place:
+    def trajectories(self) -> Readable:
         """The trajectories table; it need not be there."""
         return self._table("trajectories")
 
     @property
-    def beams(self) -> Place:
+    def beams(self) -> Readable:
         """The beams table; it need not be there."""
         return self._table("beams")
 
     @property
-    def events(self) -> Place:
+    def events(self) -> Readable:
         """The events of zones; it need not be there."""
         return self._table("events")
 
     @property
-    def zones(self) -> Place:
+    def zones(self) -> Readable:
         """The zones in every sweep; it is there where the events are."""
         return self._table("zones")
 
@@ -76,17 +85,20 @@ class Pair:
         name = self.objects.name
         return name.removesuffix(_OBJECTS) if name.endswith(_OBJECTS) else name.removesuffix(".parquet")
 
-    def _table(self, table: str) -> Place:
+    def _table(self, table: str) -> Readable:
         return place(f"{self.before}{table}{self.after}")
 
 
-def find_pairs(inputs: Iterable[str]) -> tuple[list[Pair], list[UnreadableError]]:
-    """Return the pairs that files, folders and patterns name, each once, in their order, and errors of other names."""
+def find_pairs(inputs: Iterable[str | Pair]) -> tuple[list[Pair], list[UnreadableError]]:
+    """Return the pairs that files, folders and patterns name, each once, in their order, and errors of other names.
+
+    Pairs that are known stay as they are.
+    """
     found: dict[Pair, None] = {}
     problems = []
     for text in inputs:
         try:
-            pairs, denied = _pairs(text)
+            pairs, denied = ([text], []) if isinstance(text, Pair) else _pairs(text)
         except UnreadableError as err:
             problems.append(err)
             continue
@@ -95,7 +107,7 @@ def find_pairs(inputs: Iterable[str]) -> tuple[list[Pair], list[UnreadableError]
     return [*found], problems
 
 
-def one_pair(text: str) -> Pair:
+def one_pair(text: str | Pair) -> Pair:
     """Return the tables of the one log that a file, folder or pattern names.
 
     Raises
@@ -173,8 +185,13 @@ def _table_of(file: Place) -> tuple[str, Pair] | None:
 
 
 def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
-    """Read columns of one of the tables of a log, or raise `UnreadableError` with one line."""
+    """Read columns of one of the tables of a log, or raise `UnreadableError`, of those in memory `OptionError`."""
     path = getattr(pair, kind)
+    if not path.exists() and isinstance(path, HeldTable):
+        raise OptionError(
+            f"no {kind} table {f'of {pair.log} ' if pair.log else ''}among those in memory: give what "
+            f"lidarcli.{MAKERS.get(kind, 'track')} returns as a whole"
+        )
     if not path.exists():
         raise UnreadableError(f"{path}: not there; lidarcli {MAKERS.get(kind, 'detect')} writes it")
     return read_columns(path, kind, SCHEMAS[kind], columns)
@@ -250,7 +267,7 @@ def batches(pair: Pair, columns: list[str]) -> Iterator[pa.RecordBatch]:
 class TracksTable:
     """The tracks of one log."""
 
-    path: Place
+    path: Readable
     rows: pa.Table
     worlds: dict[str, str]
     """Sensor frame → world frame of its positions; positions of other frames are in the sensor frame."""
@@ -284,7 +301,7 @@ def _tables(text: str) -> list[Place]:
     return tables
 
 
-def read_tracks_table(path: Place) -> TracksTable:
+def read_tracks_table(path: Readable) -> TracksTable:
     """Read a tracks table, or `UnreadableError` with one line."""
     rows = read_columns(path, "tracks", SCHEMAS["tracks"], TRACK_COLUMNS)
     worlds = {frame: way["world"].strip("/") for frame, way in poses_of(notes_of(rows)).items()}

@@ -22,7 +22,7 @@ from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, Masking
 from lidarcli.pipeline.reading.path_check import CheckedPath
 from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions, of_one_run
 from lidarcli.pipeline.reading.posing import Posing
-from lidarcli.poses.calibration import (
+from lidarcli.pose.calibration import (
     Outlines,
     Settled,
     cells_filled,
@@ -35,12 +35,12 @@ from lidarcli.poses.calibration import (
     stretches_of,
     surfaces,
 )
-from lidarcli.poses.fit import ACCEPTED, mount_between, pairs_of, steps_between, wrapped
-from lidarcli.poses.matched import AUTO
-from lidarcli.poses.messages import frame_name
-from lidarcli.poses.sources import Way
-from lidarcli.poses.tracks import SECOND_NS, planar
-from lidarcli.poses.tree import FrameTree, Step, along
+from lidarcli.pose.fit import ACCEPTED, mount_between, pairs_of, steps_between, wrapped
+from lidarcli.pose.matched import AUTO
+from lidarcli.pose.messages import frame_name
+from lidarcli.pose.sources import Way
+from lidarcli.pose.tracks import SECOND_NS, planar
+from lidarcli.pose.tree import FrameTree, Step, along
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import TURN, Float64, Int64, Status, SweepBatch, UInt8
 

@@ -107,9 +107,9 @@ def masking_of(
 
 def _mounts(log: Log, frames: list[str]) -> Iterator[Mount]:
     """Yield where the static transforms of a log place its frames in others."""
-    from lidarcli.poses.messages import frame_name
-    from lidarcli.poses.tracks import planar
-    from lidarcli.poses.tree import FrameTree, along
+    from lidarcli.pose.messages import frame_name
+    from lidarcli.pose.tracks import planar
+    from lidarcli.pose.tree import FrameTree, along
 
     told = log.poses() if isinstance(log, SlicedLog) else read_pose_messages(log)
     links = [track for track in told.tracks if track.is_link and track.static]

@@ -32,7 +32,7 @@ from lidarcli.times import Instant
 
 if TYPE_CHECKING:
     from lidarcli.formalism.tracking.results import Followed
-    from lidarcli.poses.tracks import Motion
+    from lidarcli.pose.tracks import Motion
 
 
 @dataclass(slots=True)

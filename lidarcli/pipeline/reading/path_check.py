@@ -16,7 +16,7 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.reading.pose_sources import Need
-from lidarcli.poses.fit import (
+from lidarcli.pose.fit import (
     ACCEPTED,
     CORRECTED,
     JUMP_LENGTH,
@@ -31,15 +31,15 @@ from lidarcli.poses.fit import (
     stands,
     still_at,
 )
-from lidarcli.poses.matched import AUTO, LEAST_SKEWED, SKEWED, MatchedPath, Timing, duration_of, order_of
-from lidarcli.poses.sources import Correction, Way, later
-from lidarcli.poses.tracks import SECOND_NS, Motion, planar
-from lidarcli.poses.tree import Step
+from lidarcli.pose.matched import AUTO, LEAST_SKEWED, SKEWED, MatchedPath, Timing, duration_of, order_of
+from lidarcli.pose.sources import Correction, Way, later
+from lidarcli.pose.tracks import SECOND_NS, Motion, planar
+from lidarcli.pose.tree import Step
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
 
 if TYPE_CHECKING:
-    from lidarcli.poses.sources import GivenPaths, PoseSources
+    from lidarcli.pose.sources import GivenPaths, PoseSources
 
 MOST_MATCHED = 16
 """Topics and frames whose paths are matched: each has a map in memory."""

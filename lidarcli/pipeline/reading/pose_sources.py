@@ -14,7 +14,7 @@ from lidarcli.logs.base import POSE_TYPES, Log, ReadReport, Topic
 from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
 
 if TYPE_CHECKING:
-    from lidarcli.poses.sources import GivenPaths, PoseSources
+    from lidarcli.pose.sources import GivenPaths, PoseSources
 
 SECOND = 1e-9
 NONE = "none"
@@ -125,8 +125,8 @@ def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | Non
     if options.source == NONE:
         return None
     if options.file is not None:
-        from lidarcli.poses.sources import GivenPaths
-        from lidarcli.poses.tracks import read_trajectory
+        from lidarcli.pose.sources import GivenPaths
+        from lidarcli.pose.tracks import read_trajectory
 
         return FoundPoses(GivenPaths((read_trajectory(Path(options.file)),)))
     if options.source == MATCH:
@@ -145,7 +145,7 @@ def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | Non
     if not any(topic.messages != 0 for topic in there):
         return None
     # Most logs have no poses and should not wait for this import.
-    from lidarcli.poses.sources import PoseSources
+    from lidarcli.pose.sources import PoseSources
 
     told = log.poses() if isinstance(log, SlicedLog) else read_pose_messages(log)
     return FoundPoses(PoseSources(told.tracks, wanted), told.notes, told.report)

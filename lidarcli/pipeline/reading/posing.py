@@ -20,8 +20,8 @@ from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.reading.path_check import CheckedPath
-    from lidarcli.poses.sources import GivenPaths, PoseSources, Way
-    from lidarcli.poses.tracks import Motion
+    from lidarcli.pose.sources import GivenPaths, PoseSources, Way
+    from lidarcli.pose.tracks import Motion
 
 AUTO, _, REVERSE, _ = BEAM_ORDERS
 TILTED = np.deg2rad(10.0)
@@ -145,8 +145,8 @@ class Posing:
         """Return the batch with its poses, if the log has some for its sensor."""
         if (self.found is None and not self.paths) or not len(batch):
             return batch
-        from lidarcli.poses.sources import later
-        from lidarcli.poses.tracks import planar, tilt
+        from lidarcli.pose.sources import later
+        from lidarcli.pose.tracks import planar, tilt
 
         some = False
         takes_time = batch.duration is not None or any(path.timing.takes_time for path in self.paths.values())
@@ -196,7 +196,7 @@ class Posing:
         way = None if self.found is None else self.found.sources.way(frame)
         if way is None or not self.delay:
             return way
-        from lidarcli.poses.sources import Correction
+        from lidarcli.pose.sources import Correction
 
         return replace(way, correction=Correction(round(self.delay / SECOND)))
 
@@ -204,7 +204,7 @@ class Posing:
         """Return the times of the first beams after the header stamps, and from the first beam to the last [ns]."""
         if not self.deskew or (path is None and sweeps.duration is None):
             return np.zeros(len(sweeps), np.int64), None
-        from lidarcli.poses.matched import Timing
+        from lidarcli.pose.matched import Timing
 
         timing = Timing(self.order) if path is None else path.timing
         firsts, lasts = (np.rint(times / SECOND).astype(np.int64) for times in timing.of(sweeps))
@@ -229,7 +229,7 @@ class Posing:
         told = list(self._of_paths())
         found = [note for note in told if isinstance(note, Finding)]
         if self.found is not None:
-            from lidarcli.poses.faults import pose_findings
+            from lidarcli.pose.faults import pose_findings
 
             jumping = {(each.topic, each.frame) for each in found if each.id == "steps"}
             found += pose_findings(self.found.sources, keys, jumping)
@@ -267,7 +267,7 @@ class Posing:
         name = frame or "without a name"
         if way is None and (alike := sources.alike(frame)):
             return [alike_note(frame, alike, others)]
-        from lidarcli.poses.faults import unplaced, way_findings
+        from lidarcli.pose.faults import unplaced, way_findings
 
         if way is None:
             return [unplaced(frame, others).message]

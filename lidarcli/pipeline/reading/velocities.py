@@ -9,7 +9,7 @@ import numpy as np
 
 from lidarcli.logs.base import Log, Message, ReadReport
 from lidarcli.masks import same_name
-from lidarcli.poses.messages import ODOMETRY, frame_name
+from lidarcli.pose.messages import ODOMETRY, frame_name
 from lidarcli.ros.cursor import BadMessageError, Cursor
 from lidarcli.sweeps import Float64, Int64
 

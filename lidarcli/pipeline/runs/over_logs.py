@@ -62,6 +62,21 @@ def progress_of(source: Source, report: LogProgress | None) -> Callable[[int], N
     return None if report is None else lambda position: report(source, position)
 
 
+def summed(
+    sources: Sequence[Source | Nothing], show: Callable[[int, int | None, str], object]
+) -> LogProgress:
+    """Return the progress of several logs that tells `show` of the bytes read, of all (None: not known), and the log."""
+    sizes = [source.size for source in sources if isinstance(source, Source)]
+    total = sum(sizes) if all(sizes) else None
+    read: dict[Source, int] = {}
+
+    def report(source: Source, position: int) -> None:
+        read[source] = position
+        show(sum(read.values()), total, source.name)
+
+    return report
+
+
 def logs_at_once(sources: Sequence[Source | Nothing], jobs: int) -> int:
     """Return the number of logs to process at the same time: more than one only where it pays, and at most `jobs`."""
     logs = [source for source in sources if isinstance(source, Source)]

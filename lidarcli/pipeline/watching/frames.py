@@ -12,9 +12,9 @@ from lidarcli.errors import NoScanError
 from lidarcli.logs.base import Log
 from lidarcli.masks import Mask, Masks, Mount, mounted, same_name
 from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
-from lidarcli.poses.messages import frame_name
-from lidarcli.poses.tracks import Track, planar
-from lidarcli.poses.tree import WORLDS, FrameTree, along
+from lidarcli.pose.messages import frame_name
+from lidarcli.pose.tracks import Track, planar
+from lidarcli.pose.tree import WORLDS, FrameTree, along
 from lidarcli.sweeps import Float64, Int64, SweepBatch, SweepPoses
 from lidarcli.zone import ROBOT, SENSOR, Zones
 

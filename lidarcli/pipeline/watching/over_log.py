@@ -33,8 +33,8 @@ from lidarcli.pipeline.watching.counting import (
 from lidarcli.pipeline.watching.events import Counted, Settled, Tracked, settle
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.pipeline.watching.options import ZoneOptions, refuse_resting
-from lidarcli.poses.messages import frame_name
-from lidarcli.poses.tree import WORLDS
+from lidarcli.pose.messages import frame_name
+from lidarcli.pose.tree import WORLDS
 from lidarcli.reports.wording import counted
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.arrays import are

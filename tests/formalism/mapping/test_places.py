@@ -17,8 +17,8 @@ from lidarcli.formalism.detection import NOISE, OBJECT, WALL
 from lidarcli.formalism.mapping import places, votes
 from lidarcli.formalism.mapping.lines import lines
 from lidarcli.formalism.mapping.places import ByPlace, Places, Standing
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Course, Entity
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Course, Entity
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.tracking.following import batches, scene_of, simulated
 

@@ -17,9 +17,9 @@ from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import Followed, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.scene import PARKED, Course, Entity, Scene, Sensor
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.generate import simulate_sweep_arrays
+from lidarcli.simulation.scene import PARKED, Course, Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 
 SENSOR = Sensor(beams=720, angle_increment=TURN / 720, noise=0.01)

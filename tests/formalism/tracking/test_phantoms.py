@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.scenes.random import KINDS, SENSORS, random_scene, sensor_with
-from lidarcli.simulate.scene import Course, Scene, super_ellipse
+from lidarcli.simulation.scene import Course, Scene, super_ellipse
 from tests.formalism.tracking.following import GivenPaths, follow, simulated
 
 SWEEPS = 300

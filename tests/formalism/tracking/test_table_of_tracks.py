@@ -10,7 +10,7 @@ import pytest
 from benchmarks.scenes.moving import moving_scene
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, ENDS
-from lidarcli.simulate.scene import Sensor
+from lidarcli.simulation.scene import Sensor
 from tests.formalism.tracking.following import GivenPaths, follow, moving_log, repeated, simulated
 
 LOGS = (("room", False), ("hall", True), ("crossing", False), ("people", False))

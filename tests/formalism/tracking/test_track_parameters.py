@@ -16,8 +16,8 @@ from lidarcli.formalism.detection import REMOVED
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Motion
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Motion
 from tests.formalism.tracking.following import follow, scene_of, simulated
 from tests.places import ROOT
 from tests.sweeping import raw_sweeps

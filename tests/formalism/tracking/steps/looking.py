@@ -13,8 +13,8 @@ from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import observation
 from lidarcli.formalism.tracking.observation import Seen, Views
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.scene import Course, Entity, Scene, Sensor
+from lidarcli.simulation.generate import simulate_sweep_arrays
+from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
 from lidarcli.sweeps import SweepBatch
 
 Pose = tuple[float, float, float, float]

@@ -11,8 +11,8 @@ import pytest
 from lidarcli.formalism.tracking import estimation, observation
 from lidarcli.formalism.tracking.estimation import Sides
 from lidarcli.formalism.tracking.observation import Views
-from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Sensor
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Sensor
 from lidarcli.sweeps import TURN
 from tests.formalism.tracking.steps.looking import Pose, seen_from
 

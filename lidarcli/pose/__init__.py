@@ -1,0 +1,1 @@
+"""Poses of the sensor: pose messages of a log, the tree of frames, and the choice of a source."""

@@ -1,0 +1,255 @@
+"""The path of a sensor from its sweeps alone, as a track of poses, and the order in which it sends its beams."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.choices import BEAM_ORDERS, MATCH
+from lidarcli.formalism.scan_matching import Matcher
+from lidarcli.pose.tracks import SECOND_NS, Track, gathered
+from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
+
+TYPE = "matched"
+"""Stands where a track has the type of its messages."""
+AUTO, FORWARD, REVERSE, ONCE = BEAM_ORDERS
+SHORTEST_SWEEP = 0.005
+"""Duration below which headers do not count [s]: all beams are taken at once."""
+LEAST_SHARE, MOST_SHARE, USUAL_SHARE = 0.2, 1.25, 0.9
+"""Shares of the time from sweep to sweep that a sweep can take, and the share where headers tell another."""
+SKEWED, TYPICAL_RANGE = 0.03, 2.0
+"""Motion during a sweep from which on it tells the order of its beams [m]; the range at which turns move points [m]."""
+LEAST_SKEWED, BLOCKS, CLEAR = 40, 20, 2.0
+"""Least sweeps that tell an order, the blocks they are compared in, and the deviations from which a difference is clear."""
+LONGEST_SLIDE = 1.0
+"""A slide without a guess loses its poses from this duration on, and no pose is between poses further apart [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Times at which the beams of sweeps are sent."""
+
+    order: str = AUTO
+    """Order of the beams, of `BEAM_ORDERS`; `auto`: as the headers tell."""
+    duration: float = 0.0
+    """Duration of a sweep [s] where the headers tell none that can be; 0 for that of the headers."""
+
+    @property
+    def takes_time(self) -> bool:
+        """True where a sweep takes time whatever the headers tell."""
+        return self.duration > 0.0 and self.order in (FORWARD, REVERSE)
+
+    def of(self, sweeps: SweepBatch) -> tuple[Float64, Float64]:
+        """Return (S,) the times of the first and of the last beam after the header stamp [s]."""
+        none = np.zeros(len(sweeps))
+        headers = none if sweeps.duration is None else np.nan_to_num(sweeps.duration)
+        if self.order == AUTO:
+            return none, np.where(np.abs(headers) < SHORTEST_SWEEP, 0.0, headers)
+        if self.order == ONCE:
+            return none, none
+        lasts = np.full(len(sweeps), self.duration) if self.duration else headers
+        return (none, lasts) if self.order == FORWARD else (lasts, none)
+
+
+def duration_of(sweeps: Sequence[SweepBatch]) -> tuple[float, float]:
+    """Return the duration of a sweep where the headers tell none that can be, else 0, and the one that counts [s]."""
+    stamps = np.concatenate([batch.stamp_ns for batch in sweeps])
+    steps = np.diff(stamps)
+    steps = steps[steps > 0]
+    if not len(steps):
+        return 0.0, 0.0
+    period = float(np.median(steps)) / SECOND_NS
+    told = [np.nan_to_num(batch.duration) for batch in sweeps if batch.duration is not None]
+    headers = float(np.median(np.concatenate(told))) if told else 0.0
+    if LEAST_SHARE * period <= headers <= MOST_SHARE * period:
+        return 0.0, headers
+    return USUAL_SHARE * period, USUAL_SHARE * period
+
+
+class MatchedPath:
+    """The path of one sensor: a fold over its batches in log order, however they are cut.
+
+    A sweep has no pose where it has fewer than 15 points, repeats a stamp, or fits nowhere. Such sweeps do not change the
+    map. After 10 that fit nowhere the map begins anew at the last known pose: the path is not to be trusted across that.
+    """
+
+    def __init__(self, timing: Timing | None = None) -> None:
+        self.timing = timing or Timing()
+        self._matcher = Matcher(0)
+        self._first_ns: int | None = None
+        self._stamp_ns: list[Int64] = []
+        self._record_ns: list[Int64] = []
+        self._found: list[Float64] = []
+
+    def add(self, sweeps: SweepBatch, told: Float64 | None = None) -> None:
+        """Take sweeps of one topic and frame.
+
+        Parameters
+        ----------
+        told : (S, 4) x, y, yaw of poses told for the sensor, NaN for none, and the part of the told path they belong to;
+            the search begins with the steps between them
+        """
+        if not len(sweeps):
+            return
+        if self._first_ns is None:
+            self._first_ns = int(sweeps.stamp_ns[0])
+        seconds = (sweeps.stamp_ns - self._first_ns) / SECOND_NS
+        found = np.empty((len(sweeps), self._matcher.columns))
+        self._matcher.follow(
+            np.ascontiguousarray(sweeps.ranges, np.float32),
+            np.ascontiguousarray(sweeps.beams, np.int32),
+            np.ascontiguousarray(sweeps.angle_min, np.float64),
+            np.ascontiguousarray(sweeps.angle_increment, np.float64),
+            np.column_stack([seconds, *self.timing.of(sweeps)]),
+            np.full((len(sweeps), 4), np.nan) if told is None else np.ascontiguousarray(told),
+            found,
+        )
+        self._stamp_ns.append(sweeps.stamp_ns)
+        self._record_ns.append(sweeps.record_ns)
+        self._found.append(found)
+
+    @property
+    def stamp_ns(self) -> Int64:
+        """(S,) stamps of all sweeps [ns]."""
+        return _one(self._stamp_ns) if self._stamp_ns else np.zeros(0, np.int64)
+
+    @property
+    def poses(self) -> Float64:
+        """(S, 3) x, y [m] and yaw [rad] of all sweeps, from the first; NaN without a pose."""
+        return self._column(slice(0, 3))
+
+    @property
+    def sharp(self) -> Float64:
+        """(S,) share of the points that lie on the map within 15 mm."""
+        return self._column(5)
+
+    @property
+    def sharpness(self) -> float:
+        """Mean of `sharp` over the sweeps that have a pose; 0 of none."""
+        sharp = self.sharp[np.isfinite(self.sharp)]
+        return float(sharp.mean()) if len(sharp) else 0.0
+
+    @property
+    def pieces(self) -> Float64:
+        """(S,) number of the piece of the path, from 1: it is not known how one lies to the next."""
+        return self._column(6)
+
+    @property
+    def slides(self) -> Float64:
+        """(S,) 1 where the walls in view do not fix the place along some direction, NaN without a pose."""
+        return self._column(8)
+
+    @property
+    def restarts(self) -> int:
+        """Times that the map began anew."""
+        return max(self._matcher.pieces - 1, 0)
+
+    @property
+    def placed(self) -> float:
+        """Share of the sweeps that have a pose; 0 of none."""
+        poses = self.poses
+        return float(np.isfinite(poses[:, 0]).mean()) if len(poses) else 0.0
+
+    @property
+    def length(self) -> float:
+        """Length of the path [m]."""
+        steps = np.diff(self.poses[:, :2], axis=0)
+        return float(np.nansum(np.hypot(steps[:, 0], steps[:, 1])))
+
+    def skews(self, duration: float) -> Float64:
+        """Return (S - 1,) the motion of the sensor during each sweep but the first [m], 0 where it is not known."""
+        poses, seconds = self.poses, np.diff(self.stamp_ns) / SECOND_NS
+        steps = np.diff(poses, axis=0)
+        moved = np.hypot(steps[:, 0], steps[:, 1]) + TYPICAL_RANGE * np.abs(steps[:, 2])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found: Float64 = np.nan_to_num(moved * (duration / seconds), nan=0.0, posinf=0.0, neginf=0.0)
+        return found
+
+    def track(self, topic: str, frame: str) -> Track | None:
+        """Return the path from the frame of the first sweep; None where no sweep has a pose.
+
+        Long slides without a guess have no poses.
+        """
+        poses, there = self.poses, self._there()
+        if not len(there):
+            return None
+        half, flat = 0.5 * poses[there, 2], np.zeros(len(there))
+        numbers = np.column_stack([poses[there, :2], flat, flat, flat, np.sin(half), np.cos(half)])
+        record_ns = _one(self._record_ns)
+        return gathered(
+            (topic, TYPE, MATCH, frame), self.stamp_ns[there], numbers, record_ns[there], Counter()
+        )
+
+    @property
+    def gaps(self) -> Int64:
+        """(G, 2) stamps of the sweeps before and after each stretch without poses [ns].
+
+        It is longer than `LONGEST_SLIDE`, or the map began anew after it.
+        """
+        there, stamps = self._there(), self.stamp_ns
+        there = there[np.argsort(stamps[there], kind="stable")]
+        ends = np.column_stack([stamps[there[:-1]], stamps[there[1:]]])
+        is_long = ends[:, 1] - ends[:, 0] > LONGEST_SLIDE * SECOND_NS
+        is_lost = np.diff(self.pieces[there]) != 0
+        found: Int64 = ends[(np.diff(there) > 1) & (is_long | is_lost)]
+        return found
+
+    def _there(self) -> Int64:
+        """Return the numbers of the sweeps whose poses are those of the path."""
+        return np.flatnonzero(~np.isnan(self.poses[:, 0]) & ~self._long_slides())
+
+    def _long_slides(self) -> Bool:
+        """Return (S,) True in slides without a guess that are longer than `LONGEST_SLIDE`."""
+        sliding = (np.nan_to_num(self.slides) > 0) & (np.nan_to_num(self._column(7)) == 0)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], sliding.astype(np.int8), [0]])))
+        long, stamps = np.zeros(len(sliding), bool), self.stamp_ns
+        for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            long[begin:end] = stamps[end - 1] - stamps[begin] > LONGEST_SLIDE * SECOND_NS
+        return long
+
+    def _column(self, which: int | slice) -> Float64:
+        found = _one(self._found) if self._found else np.zeros((0, self._matcher.columns))
+        column: Float64 = found[:, which]
+        return column
+
+
+def _one(parts: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return parts as one array, and keep this in their place: a path is asked for after each batch."""
+    if len(parts) > 1:
+        parts[:] = [np.concatenate(parts)]
+    return parts[0]
+
+
+def order_of(paths: Mapping[str, MatchedPath], duration: float) -> str:
+    """Return the order of beams by which the sweeps fit the map best, empty where it is not clear.
+
+    Parameters
+    ----------
+    paths : order → path that was matched by it, of the same sweeps
+    duration : of a sweep [s]
+    """
+    skewed = 1 + np.flatnonzero(paths[FORWARD].skews(duration) > SKEWED)
+    if len(skewed) < LEAST_SKEWED:
+        return ""
+    sharp = {order: path.sharp[skewed] for order, path in paths.items()}
+
+    def betters(one: str, other: str) -> float:
+        """Return by how many standard deviations one order is better than the other."""
+        apart = sharp[one] - sharp[other]
+        means = np.array(
+            [np.nanmean(block) for block in np.array_split(apart, BLOCKS) if np.isfinite(block).any()]
+        )
+        if len(means) < 2:
+            return 0.0
+        spread = float(np.std(means, ddof=1) / np.sqrt(len(means)))
+        return float(np.mean(means)) / max(spread, 1e-9)
+
+    for order in paths:
+        if all(betters(order, other) > CLEAR for other in paths if other != order):
+            return order
+    return ""

@@ -1,0 +1,514 @@
+"""Poses over time: rigid motions as arrays, the tracks that pose messages make, and trajectories as TUM text."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
+from typing import NamedTuple, TextIO
+
+import numpy as np
+
+from lidarcli.errors import UnreadableError
+from lidarcli.logs.base import Message
+from lidarcli.logs.planar import ENCODING as PLANAR
+from lidarcli.pose.messages import TRANSFORMS, PoseRows, decode_foxglove, decode_planar, decode_ros
+from lidarcli.sweeps import Bool, Float64, Int64, SweepPoses
+
+SMALL_TURN = 1e-4
+"""Largest angle [rad] at which a straight line replaces the arc between two rotations."""
+
+_STAMPS = np.iinfo(np.int64)
+
+
+class Motion(NamedTuple):
+    """N poses of one frame in another; NaN where unknown."""
+
+    position: Float64
+    """(N, 3) metres."""
+    rotation: Float64
+    """(N, 4) unit quaternions x, y, z, w."""
+
+
+def compose(outer: Motion, inner: Motion) -> Motion:
+    """Return the pose of c in a from that of b in a and that of c in b."""
+    return Motion(
+        outer.position + rotate(outer.rotation, inner.position), multiply(outer.rotation, inner.rotation)
+    )
+
+
+def inverse(motion: Motion) -> Motion:
+    """Return the pose of a in b from that of b in a."""
+    back = motion.rotation * np.array([-1.0, -1.0, -1.0, 1.0])
+    return Motion(-rotate(back, motion.position), back)
+
+
+def multiply(first: Float64, second: Float64) -> Float64:
+    """Return (N, 4) products of quaternions: the second rotation, then the first."""
+    a, b = first[:, :3], second[:, :3]
+    v, w = first[:, 3:], second[:, 3:]
+    vector = v * b + w * a + np.cross(a, b)
+    scalar = v * w - np.sum(a * b, axis=1, keepdims=True)
+    return np.concatenate([vector, scalar], axis=1)
+
+
+def rotate(rotation: Float64, vectors: Float64) -> Float64:
+    """Return (N, 3) vectors turned by (N, 4) quaternions."""
+    axis = rotation[:, :3]
+    twice = 2.0 * np.cross(axis, vectors)
+    turned: Float64 = vectors + rotation[:, 3:] * twice + np.cross(axis, twice)
+    return turned
+
+
+def interpolate(at_ns: Int64, stamp_ns: Int64, motion: Motion, hold_ns: int = 0) -> Motion:
+    """Return poses at the times `at_ns` (S,) between those at `stamp_ns` (N, increasing), NaN outside their span.
+
+    The first and the last pose hold for `hold_ns` before and after it: what stands there is no motion made up.
+
+    Positions go along the straight line, rotations along the shortest arc at constant rate: in the plane that is linear
+    in x, y and, by the shorter way round, in yaw.
+    """
+    if not len(stamp_ns):
+        return Motion(np.full((len(at_ns), 3), np.nan), np.full((len(at_ns), 4), np.nan))
+    first, last = int(stamp_ns[0]), int(stamp_ns[-1])
+    # A stamp may be as great as its type allows.
+    earliest, latest = max(first - hold_ns, _STAMPS.min), min(last + hold_ns, _STAMPS.max)
+    held = (at_ns >= earliest) & (at_ns <= latest)
+    at_ns = np.where(held, np.clip(at_ns, first, last), at_ns)
+    before = np.clip(np.searchsorted(stamp_ns, at_ns, side="right") - 1, 0, max(len(stamp_ns) - 2, 0))
+    after = np.minimum(before + 1, len(stamp_ns) - 1)
+    step = np.maximum(stamp_ns[after] - stamp_ns[before], 1)
+    share = ((at_ns - stamp_ns[before]) / step)[:, None]
+    share[(at_ns < first) | (at_ns > last)] = np.nan
+    position = motion.position[before] * (1.0 - share) + motion.position[after] * share
+    return Motion(position, _arc(motion.rotation[before], motion.rotation[after], share))
+
+
+def _arc(start: Float64, end: Float64, share: Float64) -> Float64:
+    """Return (N, 4) rotations a share (N, 1) of the way from start to end."""
+    cosine = np.sum(start * end, axis=1, keepdims=True)
+    # A quaternion and its negative are one rotation; the nearer of the two is the shorter way.
+    end = np.where(cosine < 0, -end, end)
+    angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
+    wide = angle > SMALL_TURN
+    sine = np.where(wide, np.sin(angle), 1.0)
+    first = np.where(wide, np.sin((1.0 - share) * angle) / sine, 1.0 - share)
+    second = np.where(wide, np.sin(share * angle) / sine, share)
+    between = first * start + second * end
+    turned: Float64 = between / np.linalg.norm(between, axis=1, keepdims=True)
+    return turned
+
+
+def planar(motion: Motion) -> SweepPoses:
+    """Return the poses seen from above: the direction of the frame's x axis is the yaw."""
+    x, y, z, w = motion.rotation.T
+    up = 1.0 - 2.0 * (x * x + y * y)
+    yaw = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+    return SweepPoses(
+        x=motion.position[:, 0].copy(), y=motion.position[:, 1].copy(), yaw=yaw, upside_down=up < 0.0
+    )
+
+
+def tilt(motion: Motion) -> float:
+    """Return the largest angle between the plane of the frame and the ground [rad], either way up; 0 without a pose."""
+    x, y = motion.rotation[:, 0], motion.rotation[:, 1]
+    flat = np.abs(1.0 - 2.0 * (x * x + y * y))
+    known = flat[~np.isnan(flat)]
+    return float(np.arccos(np.clip(known.min(), 0.0, 1.0))) if len(known) else 0.0
+
+
+MAX_POSES = 2_000_000
+"""Most poses of one log that are kept, 64 bytes each; those after them are left out."""
+MAX_TRACKS = 10_000
+"""Most pairs of frames of one log that are followed."""
+TOGETHER = 2048
+TOGETHER_BYTES = 4 << 20
+"""Messages of a topic that are decoded at once, and bytes of all that wait."""
+
+FLAT = 0.02
+"""Components of a quaternion below this are zero."""
+ROLLS = 0.05
+"""A component with a larger spread changes (6 degrees)."""
+GOES = 0.5
+"""A frame that has moved this far [m] is no joint."""
+
+NOT_FINITE = "its pose is not finite"
+_SAME_PLACE = 1e-6
+"""Numbers of one static pose differ by no more."""
+_LARGEST = 1e12
+"""Largest coordinate [m]."""
+NO_TURN = "its quaternion is zero"
+ENCODING = "its encoding is not read"
+
+SECOND_NS = 1_000_000_000
+HOLD_STEPS = 2
+"""Average steps for which the first and last pose of a track hold outside of its span."""
+HOLD_NS = 100_000_000
+"""Longest such time [ns]: nobody gets far in a tenth of a second."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Track:
+    """The poses of one frame in another that one topic tells, by increasing stamp."""
+
+    topic: str
+    type: str
+    parent: str
+    child: str
+    """Empty where the messages do not name it."""
+    static: bool
+    """True if it holds for the whole log (/tf_static); the last pose counts."""
+    messages: int
+    """Number of poses; of runs of equal ones only the ends are kept."""
+    stamp_ns: Int64
+    """(N,) header stamps (record time where the header has none), each once."""
+    motion: Motion
+    """N poses."""
+    record_ns: tuple[int, int]
+    """First and last record time."""
+    jumps_back: int
+    """Stamps at least a second before the previous one."""
+    stretched: float = 0.0
+    """Largest deviation of the length of a quaternion from 1, before it was made 1."""
+    differs: bool = False
+    """True for a static one that was told with other numbers, too."""
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """First and last stamp."""
+        return int(self.stamp_ns[0]), int(self.stamp_ns[-1])
+
+    @property
+    def seems_w_first(self) -> bool:
+        """True if its quaternions seem to be written w first: a turning robot then only rolls.
+
+        What goes straight ahead has 1 0 0 0 then, always; a sensor that hangs head down turns a little on its way.
+        """
+        x, y, z, w = np.abs(self.motion.rotation).T
+        rolls = max(y.max(), z.max()) < FLAT and (np.ptp(x) > ROLLS or max(y.max(), z.max(), w.max()) == 0.0)
+        return bool(rolls and np.ptp(self.motion.position[:, :2], axis=0).max() > GOES)
+
+    @property
+    def rate(self) -> float | None:
+        """Poses per second, on average; None for a single one."""
+        seconds = (self.span_ns[1] - self.span_ns[0]) / SECOND_NS
+        return (self.messages - 1) / seconds if seconds > 0 else None
+
+    @property
+    def is_link(self) -> bool:
+        """True for links of the tree of frames."""
+        return self.type in TRANSFORMS
+
+    @property
+    def hold_ns(self) -> int:
+        """Time for which its first and last pose hold outside of its span [ns]; 0 for a single pose."""
+        return min(round(HOLD_STEPS * SECOND_NS / self.rate), HOLD_NS) if self.rate else 0
+
+    def at(self, stamp_ns: Int64) -> Motion:
+        """Return the pose at each time, NaN where the track does not reach."""
+        if self.static:
+            last = np.full(len(stamp_ns), len(self.stamp_ns) - 1)
+            return Motion(self.motion.position[last], self.motion.rotation[last])
+        return interpolate(stamp_ns, self.stamp_ns, self.motion, self.hold_ns)
+
+
+@dataclass(slots=True)
+class _Growing:
+    """A track that is being read, in log order."""
+
+    stamps: list[Int64] = field(default_factory=list)
+    numbers: list[Float64] = field(default_factory=list)
+    messages: int = 0
+    record_ns: tuple[int, int] = (np.iinfo(np.int64).max, np.iinfo(np.int64).min)
+    latest: int = -(1 << 62)
+    before: int = -(1 << 62)
+    """Stamp of the pose before."""
+    jumps_back: int = 0
+    stretched: float = 0.0
+
+    def add(self, stamp_ns: Int64, numbers: Float64, record_ns: Int64) -> int:
+        """Take poses in log order, and make their quaternions unit ones; return how many are kept."""
+        numbers, off = _with_units(numbers)
+        self.stretched = max(self.stretched, off)
+        self.messages += len(stamp_ns)
+        self.record_ns = (
+            min(self.record_ns[0], int(record_ns.min())),
+            max(self.record_ns[1], int(record_ns.max())),
+        )
+        latest = np.maximum.accumulate(np.concatenate([[self.latest], stamp_ns]))
+        before = np.maximum(np.concatenate([[self.before], stamp_ns[:-1]]), -(1 << 62))
+        self.jumps_back += int(np.count_nonzero(stamp_ns <= before - SECOND_NS))
+        self.before = max(int(stamp_ns[-1]), -(1 << 62))
+        in_order = bool((stamp_ns >= latest[:-1]).all())
+        self.latest = int(latest[-1])
+        if in_order and len(stamp_ns) > 2:
+            same = (numbers[1:] == numbers[:-1]).all(axis=1)
+            kept = np.ones(len(stamp_ns), bool)
+            kept[1:-1] = ~(same[:-1] & same[1:])
+            stamp_ns, numbers = stamp_ns[kept], numbers[kept]
+        self.stamps.append(stamp_ns)
+        self.numbers.append(numbers)
+        return len(stamp_ns)
+
+    def finish(self, key: tuple[str, str, str, str]) -> Track:
+        """Return the sorted track; of several poses at one stamp the last counts."""
+        topic, kind, parent, child = key
+        stamps, numbers = np.concatenate(self.stamps), np.concatenate(self.numbers)
+        static = topic.rpartition("/")[2] == "tf_static"
+        differs = static and bool(np.abs(numbers - numbers[-1:]).max() > _SAME_PLACE)
+        if static:
+            stamps, numbers = stamps[-1:], numbers[-1:]
+        elif (np.diff(stamps) <= 0).any():
+            order = np.argsort(stamps, kind="stable")
+            stamps, numbers = stamps[order], numbers[order]
+            last = np.append(stamps[1:] != stamps[:-1], True)
+            stamps, numbers = stamps[last], numbers[last]
+        motion = Motion(numbers[:, :3], numbers[:, 3:])
+        return Track(
+            topic,
+            kind,
+            parent,
+            child,
+            static,
+            self.messages,
+            stamps,
+            motion,
+            self.record_ns,
+            self.jumps_back,
+            self.stretched,
+            differs,
+        )
+
+
+class Tracks:
+    """Folds pose messages into tracks, in bounded memory."""
+
+    def __init__(self, most: int = MAX_POSES) -> None:
+        self.refused: Counter[tuple[str, str]] = Counter()
+        """(topic, cause) → messages that cannot be a pose."""
+        self.left_out = 0
+        """Poses beyond the most that are kept, or of more frames than are followed."""
+        self._room = most
+        self._waiting: dict[tuple[str, str, str], tuple[list[int], list[bytes]]] = {}
+        """Topic, type and encoding → record times and messages."""
+        self._bytes = 0
+        self._growing: dict[tuple[str, str, str, str], _Growing] = {}
+
+    def add(self, messages: Iterable[Message]) -> None:
+        """Take messages in log order."""
+        for topic, kind, encoding, record_ns, message in messages:
+            key = topic, kind, encoding
+            if (waiting := self._waiting.get(key)) is None:
+                waiting = self._waiting[key] = [], []
+            waiting[0].append(record_ns)
+            waiting[1].append(message)
+            self._bytes += len(message)
+            if len(waiting[0]) >= TOGETHER:
+                self._flush(key)
+            elif self._bytes >= TOGETHER_BYTES:
+                self._flush_all()
+
+    def finish(self) -> list[Track]:
+        """Return all tracks, in the order in which they first appear."""
+        self._flush_all()
+        return [growing.finish(key) for key, growing in self._growing.items()]
+
+    def _flush_all(self) -> None:
+        for key in list(self._waiting):
+            self._flush(key)
+
+    def _flush(self, key: tuple[str, str, str]) -> None:
+        topic, kind, encoding = key
+        times, data = self._waiting.pop(key)
+        self._bytes -= sum(map(len, data))
+        refused: Counter[str] = Counter()
+        found: dict[tuple[str, str], list[PoseRows]] = {}
+        for rows in _decode(kind, encoding, data, refused):
+            found.setdefault((rows.parent, rows.child), []).append(rows)
+        record_ns = np.array(times, np.int64)
+        for (parent, child), parts in found.items():
+            self._take((topic, kind, parent, child), parts, record_ns, refused)
+        for cause, count in refused.items():
+            self.refused[(topic, cause)] += count
+
+    def _take(
+        self,
+        key: tuple[str, str, str, str],
+        parts: Sequence[PoseRows],
+        record_ns: Int64,
+        refused: Counter[str],
+    ) -> None:
+        row = np.concatenate([part.row for part in parts])
+        stamps = np.concatenate([part.stamp_ns for part in parts])
+        numbers = np.concatenate([part.numbers for part in parts])
+        order = np.argsort(row, kind="stable")
+        row, stamps, numbers = row[order], stamps[order], numbers[order]
+        keep = _usable(numbers, refused)
+        row, stamps, numbers = row[keep], stamps[keep], numbers[keep]
+        known = key in self._growing or len(self._growing) < MAX_TRACKS
+        fits = max(self._room, 0) if known else 0
+        self.left_out += max(len(row) - fits, 0)
+        row, stamps, numbers = row[:fits], stamps[:fits], numbers[:fits]
+        if not len(row):
+            return
+        stamps = np.where(stamps == 0, record_ns[row], stamps)
+        self._room -= self._growing.setdefault(key, _Growing()).add(stamps, numbers, record_ns[row])
+
+
+def gathered(
+    key: tuple[str, str, str, str], stamp_ns: Int64, numbers: Float64, record_ns: Int64, refused: Counter[str]
+) -> Track | None:
+    """Return a track of N poses; None without a usable one.
+
+    Parameters
+    ----------
+    key : topic, type, parent and child
+    numbers : (N, 7) x, y, z [m] and the quaternion's x, y, z, w
+    refused : takes the causes of poses that say nothing, which are left out
+    """
+    keep = _usable(numbers, refused)
+    if not keep.any():
+        return None
+    growing = _Growing()
+    growing.add(stamp_ns[keep], numbers[keep], record_ns[keep])
+    return growing.finish(key)
+
+
+def _with_units(numbers: Float64) -> tuple[Float64, float]:
+    """Return poses (N, 7) with quaternions of length 1, and the largest deviation of one from that."""
+    lengths = np.linalg.norm(numbers[:, 3:], axis=1, keepdims=True)
+    off = float(np.abs(lengths - 1.0).max(initial=0.0))
+    return np.concatenate([numbers[:, :3], numbers[:, 3:] / lengths], axis=1), off
+
+
+def _decode(kind: str, encoding: str, data: Sequence[bytes], refused: Counter[str]) -> Iterable[PoseRows]:
+    if encoding in ("cdr", "ros1") and not kind.startswith("foxglove."):
+        return decode_ros(kind, encoding, data, refused)
+    if encoding in ("json", "protobuf") and kind.startswith("foxglove."):
+        return decode_foxglove(kind, encoding, data, refused)
+    if encoding == PLANAR:
+        return decode_planar(data)
+    refused[ENCODING] += len(data)
+    return ()
+
+
+def _usable(numbers: Float64, refused: Counter[str]) -> Bool:
+    """Return the mask of usable poses; count the others."""
+    # Squares of larger numbers overflow; a comparison with NaN does not hold.
+    finite = np.asarray((np.abs(numbers) < _LARGEST).all(axis=1))
+    turns = np.abs(np.where(finite[:, None], numbers[:, 3:], 1.0)).max(axis=1, initial=0.0) > 1e-6
+    for bad, cause in ((~finite, NOT_FINITE), (~turns, NO_TURN)):
+        if bad.any():
+            refused[cause] += int(np.count_nonzero(bad))
+    usable: Bool = finite & turns
+    return usable
+
+
+TUM = "tum"
+"""Type of a trajectory."""
+WORLD = "world"
+"""The frame of a trajectory, which its file does not name."""
+COLUMNS = 8
+LONGEST_LINE = 1000
+"""Characters of a line that can be a pose."""
+MOST_NS = 1 << 62
+"""Farthest stamp from 1970 [ns]: 146 years, so that differences of two fit."""
+MOST_DIGITS = 11
+"""Digits of such a stamp before the point."""
+
+
+def read_trajectory(path: Path) -> Track:
+    """Read the path of a sensor from a file of TUM lines; empty lines and those that begin with `#` are left out.
+
+    Raises
+    ------
+    UnreadableError
+        The file cannot be read, a line is no pose, or there is none.
+    """
+    stamps: list[int] = []
+    numbers: list[list[float]] = []
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            for number, line in _lines(file):
+                if not (text := line.strip()) or text.startswith("#"):
+                    continue
+                if len(stamps) == MAX_POSES:
+                    raise UnreadableError(f"{path}: more than {MAX_POSES:,} poses")
+                stamp, values = _pose(path, number, text)
+                stamps.append(stamp)
+                numbers.append(values)
+    except OSError as err:
+        raise UnreadableError(f"{path}: {err.strerror or err}") from err
+    if not stamps:
+        raise UnreadableError(f"{path}: holds no pose; lines are timestamp x y z qx qy qz qw")
+    at, poses = np.array(stamps, np.int64), np.array(numbers, np.float64)
+    refused: Counter[str] = Counter()
+    track = gathered((path.name, TUM, WORLD, ""), at, poses, at, refused)
+    if track is None or refused:
+        cause, count = next(iter(refused.items()))
+        raise UnreadableError(f"{path}: {count:,} of {len(stamps):,} poses cannot be used: {cause}")
+    return track
+
+
+def _lines(file: TextIO) -> Iterator[tuple[int, str]]:
+    """Yield the lines of a file with their numbers; only the beginning of one that is too long."""
+    number = 0
+    while line := file.readline(LONGEST_LINE):
+        number += 1
+        yield number, line
+        while line and not line.endswith("\n"):
+            line = file.readline(LONGEST_LINE)
+
+
+def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
+    """Return stamp [ns], and x, y, z [m] and quaternion x, y, z, w of a line."""
+    words = text.replace(",", " ").split()
+    try:
+        if len(words) != COLUMNS:
+            raise ValueError
+        # Seconds since 1970 with nine decimals are more than a float holds.
+        seconds = Decimal(words[0])
+        if not seconds.is_finite() or seconds.adjusted() > MOST_DIGITS:
+            raise ValueError
+        stamp = int((seconds * SECOND_NS).to_integral_value())
+        if abs(stamp) > MOST_NS:
+            raise ValueError
+        return stamp, [float(word) for word in words[1:]]
+    except (ValueError, ArithmeticError):
+        shown = text if len(text) <= 60 else f"{text[:57]}..."
+        raise UnreadableError(
+            f"{path}: line {number}: '{shown}' is no pose; lines are timestamp x y z qx qy qz qw"
+        ) from None
+
+
+def trajectory_lines(stamp_ns: Int64, motion: Motion) -> str:
+    """Return N poses as TUM lines, without unknown ones."""
+    known = ~np.isnan(motion.position).any(axis=1)
+    rows = zip(
+        stamp_ns[known].tolist(),
+        motion.position[known].tolist(),
+        upright(motion.rotation[known]).tolist(),
+        strict=True,
+    )
+    return "".join(
+        f"{_seconds(stamp)} {_numbers(position, 6)} {_numbers(turn, 9)}\n" for stamp, position, turn in rows
+    )
+
+
+def _seconds(stamp_ns: int) -> str:
+    sign = "-" if stamp_ns < 0 else ""
+    whole, rest = divmod(abs(stamp_ns), SECOND_NS)
+    return f"{sign}{whole}.{rest:09d}"
+
+
+def _numbers(values: list[float], decimals: int) -> str:
+    # What is rounded to 0 has no sign.
+    return " ".join(f"{round(value, decimals) + 0.0:.{decimals}f}" for value in values)
+
+
+def upright(rotation: Float64) -> Float64:
+    """Return the quaternion of each rotation with a non-negative last number."""
+    turned: Float64 = np.where(rotation[:, 3:] < 0, -rotation, rotation)
+    return turned

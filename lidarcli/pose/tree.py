@@ -1,0 +1,314 @@
+"""The tree of frames: which links lead from one frame to another, and what is level for the points of a sensor."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from lidarcli.logs.slicing import Levelled
+from lidarcli.pose.messages import frame_name
+from lidarcli.pose.tracks import Motion, Track, compose, inverse, planar, rotate
+from lidarcli.sweeps import Bool, Float64, Int64
+
+WORLDS = ("map", "odom", "world", "camera_init")
+"""Names of fixed frames, the better one first; a prefix (robot_0/odom) does not matter."""
+
+
+BASES = ("base_footprint", "base_link", "base")
+"""Names of the frame of the robot itself, the one on the floor first."""
+
+
+class Step(NamedTuple):
+    """A link on the way from a frame to another one."""
+
+    track: Track
+    down: bool
+    """True for a step from the parent to the child, against the direction of the link."""
+
+    @property
+    def target(self) -> str:
+        """The frame that the step leads to."""
+        return self.track.child if self.down else self.track.parent
+
+    @property
+    def source(self) -> str:
+        """The frame that the step comes from."""
+        return self.track.parent if self.down else self.track.child
+
+
+def along(steps: Sequence[Step], stamp_ns: Int64, *, held: bool = False) -> Motion:
+    """Return the pose of the frame that the steps begin at in the one that they lead to, at each time (S,).
+
+    NaN outside the span of any link that moves; `held`: there its first or last pose, as a mount stays where it is.
+    """
+    count = len(stamp_ns)
+    pose = Motion(np.zeros((count, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+    for track, down in steps:
+        link = track.at(np.clip(stamp_ns, *track.span_ns) if held else stamp_ns)
+        pose = compose(inverse(link) if down else link, pose)
+    return pose
+
+
+class FrameTree:
+    """The links of a log, both ways."""
+
+    def __init__(self, links: Sequence[Track]) -> None:
+        self._near: dict[str, dict[str, Step]] = {}
+        self._parent: dict[str, Track] = {}
+        for track in sorted(links, key=lambda link: (not link.static, -link.messages)):
+            if track.parent == track.child or not track.parent or not track.child:
+                continue
+            # Of two links that join the same frames the better one has come first.
+            self._near.setdefault(track.child, {}).setdefault(track.parent, Step(track, down=False))
+            self._near.setdefault(track.parent, {}).setdefault(track.child, Step(track, down=True))
+            self._parent.setdefault(track.child, track)
+
+    @property
+    def frames(self) -> list[str]:
+        """The frames that links join."""
+        return [*self._near]
+
+    def path(self, start: str, target: str, avoid: Collection[str] = ()) -> tuple[Step, ...] | None:
+        """Return the shortest way between two frames, empty if they are one; None if there is none."""
+        reached = self._reached(start, avoid)
+        return _way(reached, target) if target in reached else None
+
+    def to_world(self, start: str) -> tuple[Step, ...] | None:
+        """Return the way to the best fixed frame: `WORLDS` in their order, else the root of the tree; None without one.
+
+        The root counts only if something on the way to it moves and it is not the robot itself (base_link): a tree that
+        ends at the robot says nothing of the world.
+        """
+        if _last(start) in WORLDS:
+            return None
+        reached = self._reached(start)
+        if (world := _named(reached, WORLDS)) is not None:
+            return _way(reached, world)
+        climbed: list[Step] = []
+        seen = {start}
+        frame = start
+        while (link := self._parent.get(frame)) is not None and link.parent not in seen:
+            climbed.append(Step(link, down=False))
+            frame = link.parent
+            seen.add(frame)
+        moves = any(not step.track.static for step in climbed)
+        return tuple(climbed) if moves and not _last(frame).startswith("base") else None
+
+    def to_base(self, start: str) -> tuple[Step, ...]:
+        """Return the way to the robot itself: to the best of `BASES`, else to the last frame that is fixed to `start`.
+
+        From a fixed frame without one of these it is the way to what moves there, unless several do.
+        """
+        in_world = _last(start) in WORLDS
+        # Beyond a fixed frame there are other robots.
+        reached = self._reached(start, () if in_world else self._worlds())
+        if (base := _named(reached, BASES)) is not None:
+            return _way(reached, base)
+        if in_world:
+            moving = _moving(reached)
+            return _way(reached, moving[0]) if len(moving) == 1 else ()
+        climbed: list[Step] = []
+        frame = start
+        while (link := self._parent.get(frame)) is not None and link.static and len(climbed) < len(reached):
+            climbed.append(Step(link, down=False))
+            frame = link.parent
+        return tuple(climbed)
+
+    def _worlds(self) -> set[str]:
+        return {frame for frame in self._near if _last(frame) in WORLDS}
+
+    def _reached(self, start: str, avoid: Collection[str] = ()) -> dict[str, Step | None]:
+        """Return every frame that can be reached, the nearest first, with the step that leads to it."""
+        found: dict[str, Step | None] = {start: None}
+        waiting = deque([start])
+        while waiting:
+            for neighbour, step in self._near.get(waiting.popleft(), {}).items():
+                if neighbour not in found and neighbour not in avoid:
+                    found[neighbour] = step
+                    waiting.append(neighbour)
+        return found
+
+
+def _way(reached: Mapping[str, Step | None], target: str) -> tuple[Step, ...]:
+    """Return the steps to a frame that can be reached, from the start on."""
+    steps: list[Step] = []
+    while (step := reached[target]) is not None:
+        steps.append(step)
+        target = step.source
+    return tuple(reversed(steps))
+
+
+def _moving(reached: Mapping[str, Step | None]) -> list[str]:
+    """Return the frames that move in a fixed one and that no other moving thing carries; the nearest frames come first."""
+    carried: set[str] = set()
+    found = []
+    for frame, step in reached.items():
+        if step is None:
+            continue
+        if step.source in carried:
+            carried.add(frame)
+        elif not step.track.static and _last(frame) not in WORLDS:
+            carried.add(frame)
+            found += [frame] if step.down else []
+    return found
+
+
+def _named(frames: Iterable[str], names: Sequence[str]) -> str | None:
+    """Return the frame that has the best of some names, whatever its prefix; the first of several."""
+    known = [frame for frame in frames if _last(frame) in names]
+    return min(known, key=lambda frame: names.index(_last(frame)), default=None)
+
+
+def _last(frame: str) -> str:
+    return frame.rpartition("/")[2]
+
+
+UPRIGHT = 0.5
+"""Sweeps are in a frame whose z axis is within 60 degrees of the vertical: the cosine of that."""
+
+_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Axes of an optical frame (z ahead, y down) in a frame with x ahead and z up (REP 103)."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Level:
+    """Leveling of the points of one frame."""
+
+    frame: str
+    """Frame of the sweeps."""
+    inward: tuple[Step, ...]
+    """Steps from the frame of the points to that of the sweeps."""
+    base: tuple[Step, ...]
+    """Steps from there to the robot."""
+    world: tuple[Step, ...] | None
+    """Steps from there to the world, if known."""
+    words: str
+
+    def at(self, stamp_ns: Int64, frame_id: str) -> Levelled:
+        """Return the leveling of points of `frame_id` at times (K,)."""
+        points = along(self.inward, stamp_ns, held=not _is_world(frame_name(frame_id)))
+        base = along(self.base, stamp_ns, held=True)
+        leaning, height = base.rotation, base.position[:, 2]
+        if self.world is not None:
+            world = along(self.world, stamp_ns)
+            robot = compose(world, inverse(base))
+            told = ~_unknown(world.rotation)
+            leaning = np.where(told[:, None], world.rotation, leaning)
+            height = np.where(told, world.position[:, 2] - robot.position[:, 2], height)
+        level = _seen_from_above(leaning)
+        offset = np.einsum("kij,kj->ki", level, points.position)
+        offset[:, 2] += height
+        name = self.frame if self.inward else frame_id
+        return Levelled(name, level @ _matrices(points.rotation), offset)
+
+
+@dataclass(slots=True)
+class TreeLevels:
+    """Leveling by the tree of frames of a log, for each frame of points."""
+
+    tracks: Sequence[Track]
+    _tree: FrameTree = field(init=False)
+    _found: dict[str, _Level | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Find the links."""
+        self._tree = FrameTree([track for track in self.tracks if track.is_link])
+
+    def of(self, frame_id: str, stamp_ns: Int64) -> Levelled | None:
+        """Return the leveling of points of one frame at times (K,); None if unknown."""
+        frame = frame_name(frame_id)
+        if frame not in self._found:
+            self._found[frame] = self._level(frame, stamp_ns[:1])
+        level = self._found[frame]
+        if level is not None:
+            return level.at(stamp_ns, frame_id)
+        if not _is_optical(frame):
+            return None
+        count = len(stamp_ns)
+        return Levelled(frame_id, np.broadcast_to(_OPTICAL, (count, 3, 3)), np.zeros((count, 3)))
+
+    def words(self, frame_id: str) -> str:
+        """Return what heights of the points of a frame are counted from, for people."""
+        frame = frame_name(frame_id)
+        level = self._found.get(frame)
+        name = frame or "without a name"
+        if level is not None:
+            return level.words
+        if _is_world(frame):
+            return f"above the origin of frame {name}, which is no sensor's: sweeps are seen from there"
+        if _is_optical(frame):
+            return (
+                f"above the camera of frame {name}, which is taken for level: no transform leads to the robot"
+            )
+        return f"along z of frame {name}, which is taken for level: no transform leads to the robot"
+
+    def _level(self, frame: str, stamp_ns: Int64) -> _Level | None:
+        base = self._tree.to_base(frame)
+        robot = base[-1].target if base else frame
+        if not base and self._tree.to_world(frame) is None:
+            return None
+        inward = base if _is_world(frame) else base[: self._inward(frame, base, stamp_ns)]
+        here = inward[-1].target if inward else frame
+        world = self._tree.to_world(here)
+        topics = dict.fromkeys(step.track.topic for step in (*base, *(world or ())))
+        return _Level(
+            here, inward, base[len(inward) :], world, f"above {robot}, level by {' and '.join(topics)}"
+        )
+
+    def _inward(self, frame: str, base: tuple[Step, ...], stamp_ns: Int64) -> int:
+        """Return the number of steps to a frame whose z axis stands up; a camera frame looks ahead."""
+        for count in range(len(base) + 1):
+            world = self._tree.to_world(base[count - 1].target if count else frame)
+            pose = along(base[count:], stamp_ns, held=True)
+            if world is not None and not _unknown((told := along(world, stamp_ns)).rotation).any():
+                pose = told
+            if abs(_upward(pose)) >= UPRIGHT:
+                return count
+        return 0
+
+
+def _is_world(frame: str) -> bool:
+    return frame.rpartition("/")[2] in WORLDS
+
+
+def _is_optical(frame: str) -> bool:
+    return frame.endswith(("_optical_frame", "_optical"))
+
+
+def _upward(pose: Motion) -> float:
+    """Return the cosine between a frame's z axis and the vertical."""
+    up = rotate(pose.rotation[:1], np.array([[0.0, 0.0, 1.0]]))
+    return float(up[0, 2])
+
+
+def _unknown(rotation: Float64) -> Bool:
+    return np.asarray(np.isnan(rotation).any(axis=1))
+
+
+def _seen_from_above(rotation: Float64) -> Float64:
+    """Return (K, 3, 3) rotations from leaning frames (K, 4) to a level view: x ahead, y left, z up.
+
+    A frame that hangs head down keeps its own left, as its poses do.
+    """
+    matrices = _matrices(rotation)
+    seen = planar(Motion(np.zeros((len(rotation), 3)), rotation))
+    cos, sin = np.cos(seen.yaw)[:, None], np.sin(seen.yaw)[:, None]
+    side = np.where(seen.upside_down, -1.0, 1.0)[:, None]
+    ahead, left = matrices[:, 0], matrices[:, 1]
+    return np.stack([cos * ahead + sin * left, side * (cos * left - sin * ahead), matrices[:, 2]], axis=1)
+
+
+def _matrices(rotation: Float64) -> Float64:
+    """Return (K, 3, 3) rotations as matrices; of those that hardly turn nothing is left of rounding."""
+    axes = [rotate(rotation, np.tile(axis, (len(rotation), 1))) for axis in np.eye(3)]
+    found: Float64 = np.stack(axes, axis=2)
+    found[np.abs(found) < _NOTHING] = 0.0
+    found[np.abs(found - 1.0) < _NOTHING] = 1.0
+    return found
+
+
+_NOTHING = 1e-12

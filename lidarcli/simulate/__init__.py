@@ -1,5 +1,0 @@
-"""Simulated scenes: ray casting, logs in every container, and the truth beside them."""
-
-from lidarcli.simulate.run import Simulated, simulate
-
-__all__ = ["Simulated", "simulate"]

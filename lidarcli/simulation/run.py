@@ -1,0 +1,195 @@
+"""Simulation of a scene file: the log and its truth tables."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+
+from lidarcli.choices import CONTAINER_BY_SUFFIX, MAP_RESOLUTION
+from lidarcli.errors import OptionError, OutputError
+from lidarcli.newfiles import NewFiles, refuse, unwritable
+from lidarcli.simulation.load import MAX_SWEEPS, load_scene
+from lidarcli.simulation.scene import Scene
+from lidarcli.sweeps import RawSweeps
+
+MAX_SECONDS = 400_000_000
+"""Longest log [s]: the seconds of a ROS 2 stamp end in 2038."""
+MAX_SEED = (1 << 63) - 1
+LEAST_CELL, LARGEST_CELL = 0.001, 1000.0
+"""Bounds of the cells of a true map [m]."""
+_SUFFIXES = (*(f"{suffix}.gz" for suffix in CONTAINER_BY_SUFFIX), *CONTAINER_BY_SUFFIX)
+"""Suffixes of logs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """Files and size of a run."""
+
+    scene: str
+    sweeps: int
+    log: Path
+    truth: Path
+    truth_beams: Path
+    true_map: Path | None = None
+    """The YAML file of the true map, which has its image beside it; None where none was wanted."""
+    notes: tuple[str, ...] = ()
+    """Notes for the user."""
+
+
+def simulate(
+    scene_path: str | Path,
+    out: str | PathLike[str],
+    *,
+    sweeps: int | None = None,
+    duration: float | None = None,
+    seed: int = 0,
+    container: str | None = None,
+    compression: str | None = None,
+    encoding: str | None = None,
+    layout: str | None = None,
+    clouds: bool = False,
+    chunk_size: int = 1 << 20,
+    overwrite: bool = False,
+    map: str | PathLike[str] | None = None,
+    map_resolution: float | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> Simulated:
+    """Ray-cast the scene into the log `out`, with `<log>.truth.parquet` and `<log>.truth-beams.parquet` beside it.
+
+    The number of sweeps comes from `sweeps`, else from `duration` [s], else from the scene. `map`, a .yaml in any
+    folder, and a .pgm beside it get the true map of the run in cells of `map_resolution` [m]: see `true_map`. All files
+    appear whole, under their own names, or not at all; files that exist are refused without `overwrite`. See `write_log`
+    for the formats. `progress` is called with the number of sweeps that are done, and of all.
+    """
+    # The writers bring half a second of imports along, which `import lidarcli.simulation` need not pay.
+    from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
+    from lidarcli.simulation.truth import TruthWriter
+    from lidarcli.simulation.writers import check_options, write_log
+
+    if sweeps is not None and duration is not None:
+        raise OptionError("--sweeps and --duration exclude each other: leave one out")
+    if sweeps is not None and not 0 <= sweeps <= MAX_SWEEPS:
+        raise OptionError(f"--sweeps must be at least 0 and at most {MAX_SWEEPS:,}, not {sweeps}")
+    if duration is not None and not 0 <= duration <= MAX_SECONDS:
+        raise OptionError(
+            f"--duration must be at least 0 and at most {MAX_SECONDS:,} seconds, not {duration:g}"
+        )
+    if not 0 <= seed <= MAX_SEED:
+        raise OptionError(f"--seed must be at least 0 and at most {MAX_SEED}, not {seed}")
+    resolution = MAP_RESOLUTION if map_resolution is None else map_resolution
+    if not LEAST_CELL <= resolution <= LARGEST_CELL:
+        raise OptionError(
+            f"--map-resolution must be at least {LEAST_CELL:g} and at most {LARGEST_CELL:g} m, not {resolution:g}"
+        )
+    if map is None and map_resolution is not None:
+        raise OptionError("--map-resolution is that of --map: name its file, too")
+    log = Path(out)
+    check_options(log, container, compression, encoding, layout, clouds)
+    targets = (log, *truth_paths(log))
+    map_files = () if map is None else _map_files(Path(map), targets)
+    scene = load_scene(scene_path)
+    count = scene.sweeps if sweeps is None else sweeps
+    if duration is not None:
+        count = round(duration * scene.sensor.rate)
+        if count > MAX_SWEEPS:
+            raise OptionError(
+                f"--duration {duration:g}: {count:,} sweeps at {scene.sensor.rate:g} per second are more than a log "
+                f"may have ({MAX_SWEEPS:,})"
+            )
+    if count > MAX_SECONDS * scene.sensor.rate:
+        raise OptionError(
+            f"{scene_path}: {count:,} sweeps at {scene.sensor.rate:g} per second take longer than a log may "
+            f"({MAX_SECONDS:,} seconds)"
+        )
+    result = Simulated(scene.name, count, *targets, true_map=map_files[0] if map_files else None)
+    refuse(targets, overwrite, [scene_path], folders=True)
+    refuse(map_files, overwrite, [scene_path])
+    for target in targets:
+        if target.is_dir() and not _is_bag(target):
+            raise OutputError(
+                f"{target}: is a folder that holds more than a ROS 2 bag; it will not be replaced"
+            )
+    map_data = _map_data(scene, count, resolution, map_files[1].name) if map_files else ()
+    with ExitStack() as stack:
+        # What stands in the folder of the log gets its name together with it, the map of another folder just before.
+        beside = map_files if map_files and map_files[0].parent == log.parent else ()
+        apart = () if beside else map_files
+        new = {log.parent: stack.enter_context(NewFiles([*targets, *beside], overwrite, folders=True))}
+        if apart:
+            new[apart[0].parent] = stack.enter_context(NewFiles(apart, overwrite))
+        for file, data in zip(map_files, map_data, strict=True):
+            try:
+                new[file.parent].part(file).write_bytes(data)
+            except OSError as err:
+                raise unwritable(file, err) from err
+        logs = new[log.parent]
+        try:
+            with TruthWriter(logs.part(result.truth), logs.part(result.truth_beams), scene, seed) as truth:
+
+                def raw() -> Iterator[RawSweeps]:
+                    for block in simulate_blocks(scene, count, seed):
+                        truth.write(block)
+                        yield block.raw
+                        if progress is not None:
+                            progress(block.first + len(block.seconds), count)
+
+                write_log(
+                    logs.part(log),
+                    raw(),
+                    container=container,
+                    compression=compression,
+                    encoding=encoding,
+                    layout=layout,
+                    clouds=clouds,
+                    chunk_size=chunk_size,
+                    poses=simulate_odometry(scene, count, seed),
+                )
+        except OSError as err:
+            raise unwritable(log, err) from err
+        notes = [note for files in reversed(new.values()) for note in files.publish()]
+        return replace(result, notes=tuple(notes))
+
+
+def _map_files(path: Path, others: Sequence[Path]) -> tuple[Path, Path]:
+    """Return the two files of a map, which must not be, hold or stand in another file of the run."""
+    if path.suffix.lower() != ".yaml":
+        raise OptionError(f"{path}: the suffix of a true map has to be .yaml; it comes with a .pgm")
+    files = path, path.with_suffix(".pgm")
+    for file in files:
+        mine = _absolute(file)
+        for other in others:
+            theirs = _absolute(other)
+            if mine == theirs or mine in theirs.parents or theirs in mine.parents:
+                raise OptionError(f"{file} and {other} are in each other's way; write elsewhere with --map")
+    return files
+
+
+def _map_data(scene: Scene, sweeps: int, resolution: float, image: str) -> tuple[bytes, bytes]:
+    """Return the true map as YAML and PGM."""
+    from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
+    from lidarcli.simulation.truth import true_map
+
+    grid = true_map(scene, sweeps, resolution)
+    return yaml_bytes(grid, image), pgm_bytes(grid)
+
+
+def _absolute(path: Path) -> Path:
+    return Path(os.path.realpath(path.parent)) / path.name
+
+
+def truth_paths(log: Path) -> tuple[Path, Path]:
+    """Return the paths of the truth tables of a log: beside it, with its stem."""
+    name = log.name
+    stem = next((name[: -len(suffix)] for suffix in _SUFFIXES if name.lower().endswith(suffix)), name)
+    return log.with_name(f"{stem}.truth.parquet"), log.with_name(f"{stem}.truth-beams.parquet")
+
+
+def _is_bag(folder: Path) -> bool:
+    """Return True for an empty folder, or one that holds one ROS 2 bag alone: several logs are recordings."""
+    names = [entry.name for entry in folder.iterdir()]
+    storage = [name for name in names if name.endswith((".db3", ".mcap", ".zstd"))]
+    return not names or ("metadata.yaml" in names and len(storage) == len(names) - 1)

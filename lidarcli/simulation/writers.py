@@ -1,0 +1,328 @@
+"""Sweeps in any supported container: MCAP, bags of ROS 1 and ROS 2, text; the suffix says which, unless told otherwise."""
+
+from __future__ import annotations
+
+import sqlite3
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.writer import CompressionType, Writer
+from rosbags import rosbag1, rosbag2
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.typesys.store import Typestore
+
+from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS, TEXT_CONTAINERS
+from lidarcli.errors import OptionError, OutputError
+from lidarcli.foxglove import descriptors, json_schema
+from lidarcli.ros.messages import (
+    BAG_COMPRESSIONS,
+    ROS1,
+    ROS2,
+    SCAN,
+    Outgoing,
+    bag_writer,
+    ros1_definition,
+    ros2_definition,
+)
+from lidarcli.simulation.generate import SimulatedPoses
+from lidarcli.simulation.messages import CDR, JSON, LASERSCAN_IDL, PROTOBUF, ROS1_BYTES, Encoding, as_clouds
+from lidarcli.simulation.text_logs import (
+    write_aria,
+    write_carmen,
+    write_jsonlines,
+    write_player,
+    write_rplidar,
+)
+from lidarcli.sweeps import RawSweeps
+
+
+def outgoing(
+    blocks: Iterable[RawSweeps], poses: SimulatedPoses | None, encoding: Encoding
+) -> Iterator[Outgoing]:
+    """Encode sweeps block by block, merging in the poses."""
+    pose = 0
+    if poses is not None and len(poses) and poses.odometry.tf:
+        first = int(poses.stamp_ns[0])
+        yield Outgoing("/tf_static", encoding.tf_type, first, first, encoding.mounting(poses))
+    for block in blocks:
+        records, stamps = block.record_ns.tolist(), block.stamp_ns.tolist()
+        for record_ns, stamp_ns, data in zip(records, stamps, encoding.scans(block), strict=True):
+            while poses is not None and pose < len(poses) and poses.stamp_ns[pose] <= record_ns:
+                yield from _pose(poses, pose, encoding)
+                pose += 1
+            yield Outgoing(block.topic, encoding.scan_type, record_ns, stamp_ns, data)
+
+
+def _pose(poses: SimulatedPoses, row: int, encoding: Encoding) -> Iterator[Outgoing]:
+    stamp_ns = int(poses.stamp_ns[row])
+    odometry = encoding.odometry(poses, row)
+    yield Outgoing(poses.odometry.topic, encoding.odometry_type, stamp_ns, stamp_ns, odometry)
+    if poses.odometry.tf:
+        yield Outgoing("/tf", encoding.tf_type, stamp_ns, stamp_ns, encoding.transform(poses, row))
+
+
+MCAP_COMPRESSIONS = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
+
+SchemaOf = Callable[[str], tuple[str, str, bytes]]
+"""Message type → name, encoding and text of its schema."""
+
+
+def _ros2_schema(name: str) -> tuple[str, str, bytes]:
+    return name, SchemaEncoding.ROS2, ros2_definition(name).encode()
+
+
+def _idl_schema(name: str) -> tuple[str, str, bytes]:
+    return (name, "ros2idl", LASERSCAN_IDL.encode()) if name == SCAN else _ros2_schema(name)
+
+
+def _ros1_schema(name: str) -> tuple[str, str, bytes]:
+    return name.replace("/msg/", "/"), SchemaEncoding.ROS1, ros1_definition(name).encode()
+
+
+def _json_schema(name: str) -> tuple[str, str, bytes]:
+    return name, SchemaEncoding.JSONSchema, json_schema(name).encode()
+
+
+def _protobuf_schema(name: str) -> tuple[str, str, bytes]:
+    return name, SchemaEncoding.Protobuf, descriptors().SerializeToString(deterministic=True)
+
+
+ENCODINGS: dict[str, tuple[Encoding, str, str, SchemaOf]] = {
+    "cdr": (CDR, MessageEncoding.CDR, "ros2", _ros2_schema),
+    "cdr-idl": (CDR, MessageEncoding.CDR, "ros2", _idl_schema),
+    "ros1": (ROS1_BYTES, MessageEncoding.ROS1, "ros1", _ros1_schema),
+    "json": (JSON, MessageEncoding.JSON, "", _json_schema),
+    "protobuf": (PROTOBUF, MessageEncoding.Protobuf, "", _protobuf_schema),
+}
+"""Encoding → how to make bytes, what the channel calls it, the profile of the file, and its schemas."""
+
+
+def write_mcap(
+    path: Path,
+    blocks: Iterable[RawSweeps],
+    *,
+    encoding: str = "cdr",
+    compression: str = "zstd",
+    chunk_size: int = 1 << 20,
+    poses: SimulatedPoses | None = None,
+    clouds: bool = False,
+) -> None:
+    """Write an MCAP file, indexed and with checksums; with `clouds` its sweeps are point clouds."""
+    encode, channel_encoding, profile, schema_of = ENCODINGS[encoding]
+    encode = as_clouds(encode) if clouds else encode
+    with path.open("xb") as file:
+        writer = Writer(file, chunk_size=chunk_size, compression=MCAP_COMPRESSIONS[compression])
+        # The library names its version here by default, and the bytes would change with it.
+        writer.start(profile=profile, library="lidarcli")
+        schemas: dict[str, int] = {}
+        channels: dict[str, int] = {}
+        counts: dict[str, int] = {}
+        for message in outgoing(blocks, poses, encode):
+            if message.topic not in channels:
+                if message.type not in schemas:
+                    name, kind, text = schema_of(message.type)
+                    schemas[message.type] = writer.register_schema(name, kind, text)
+                channels[message.topic] = writer.register_channel(
+                    message.topic, channel_encoding, schemas[message.type]
+                )
+            number = counts[message.topic] = counts.get(message.topic, -1) + 1
+            writer.add_message(
+                channels[message.topic], message.record_ns, message.data, message.stamp_ns, number
+            )
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+DATABASE_ERRORS: tuple[type[Exception], ...] = (sqlite3.Error,)
+try:
+    import apsw
+except ImportError:  # older releases of rosbags write through the standard library
+    pass
+else:
+    DATABASE_ERRORS += (apsw.Error,)
+
+FOLDER_COMPRESSIONS = {
+    "none": CompressionMode.NONE,
+    "zstd": CompressionMode.FILE,
+    "zstd-message": CompressionMode.MESSAGE,
+}
+
+
+def write_bag(
+    path: Path,
+    blocks: Iterable[RawSweeps],
+    *,
+    compression: str = "none",
+    poses: SimulatedPoses | None = None,
+    clouds: bool = False,
+) -> None:
+    """Write a ROS 1 bag; with `clouds` its sweeps are point clouds."""
+    encode = as_clouds(ROS1_BYTES) if clouds else ROS1_BYTES
+    with bag_writer(path, compression) as writer:
+        _write_messages(writer, ROS1, outgoing(blocks, poses, encode))
+
+
+def _write_messages(
+    writer: rosbag1.Writer | rosbag2.Writer, definitions: Typestore, messages: Iterable[Outgoing]
+) -> None:
+    channels: dict[str, Connection] = {}
+    for message in messages:
+        if message.topic not in channels:
+            channels[message.topic] = writer.add_connection(
+                message.topic, message.type, typestore=definitions
+            )
+        writer.write(channels[message.topic], message.record_ns, message.data)
+
+
+def write_folder(
+    path: Path,
+    blocks: Iterable[RawSweeps],
+    *,
+    storage: str = "sqlite3",
+    compression: str = "none",
+    poses: SimulatedPoses | None = None,
+    clouds: bool = False,
+) -> None:
+    """Write a ROS 2 bag: a folder with its metadata and one file, `sqlite3` or `mcap`; sweeps as of `write_bag`."""
+    encode = as_clouds(CDR) if clouds else CDR
+    plugin = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}[storage]
+    writer = rosbag2.Writer(path, version=8, storage_plugin=plugin)
+    mode = FOLDER_COMPRESSIONS[compression]
+    if storage == "mcap" and compression == "zstd":
+        mode = CompressionMode.STORAGE  # the MCAP file packs its own chunks, and stays readable as it is
+    if mode != CompressionMode.NONE:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    try:
+        with writer:
+            _write_messages(writer, ROS2, outgoing(blocks, poses, encode))
+    except DATABASE_ERRORS as err:
+        raise OutputError(f"{path}: cannot write the database: {err}") from err
+
+
+def write_db3(
+    path: Path, blocks: Iterable[RawSweeps], *, poses: SimulatedPoses | None = None, clouds: bool = False
+) -> None:
+    """Write the bare database of a ROS 2 bag, without its folder; sweeps as of `write_bag`."""
+    with tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as scratch:
+        folder = Path(scratch) / path.stem
+        write_folder(folder, blocks, poses=poses, clouds=clouds)
+        next(folder.glob("*.db3")).replace(path)
+
+
+_COMPRESSIONS: dict[str, tuple[Iterable[str], str]] = {
+    "mcap": (MCAP_COMPRESSIONS, "zstd"),
+    "bag": (BAG_COMPRESSIONS, "none"),
+    "ros2": (FOLDER_COMPRESSIONS, "none"),
+    "ros2-mcap": (FOLDER_COMPRESSIONS, "none"),
+}
+"""Container → its compressions and the default; the others are not compressed."""
+_WITH_POSES = {"carmen": write_carmen, "aria": write_aria, "player": write_player}
+_WITHOUT_POSES = {"rplidar": write_rplidar, "jsonl": write_jsonlines}
+"""Containers of text that has one way to be written → what writes them; some have a place for poses."""
+
+
+def container_of(path: Path) -> str:
+    """Return the container that a path's suffix asks for; a name without a suffix is a ROS 2 bag folder."""
+    name = path.name.lower()
+    for suffix, container in CONTAINER_BY_SUFFIX.items():
+        if name.endswith(suffix) or (container in TEXT_CONTAINERS and name.endswith(f"{suffix}.gz")):
+            return container
+    if not path.suffix:
+        return "ros2"
+    raise OptionError(
+        f"{path}: no log format has the suffix '{path.suffix}'; use {', '.join(CONTAINER_BY_SUFFIX)} "
+        "(text also with .gz), or no suffix for a ROS 2 bag folder"
+    )
+
+
+def write_log(
+    path: str | Path,
+    blocks: Iterable[RawSweeps],
+    *,
+    container: str | None = None,
+    compression: str | None = None,
+    encoding: str | None = None,
+    layout: str | None = None,
+    chunk_size: int = 1 << 20,
+    poses: SimulatedPoses | None = None,
+    clouds: bool = False,
+) -> None:
+    """Write sweeps into a new log; the same sweeps and options give the same bytes.
+
+    `compression`: none, lz4, zstd for MCAP; none, bz2, lz4 for ROS 1 bags; none, zstd (the file), zstd-message for ROS 2
+    folders. `encoding` (MCAP): cdr, cdr-idl, ros1, json, protobuf. `layout`: of a CSV. `poses` go where they fit: CSV,
+    RPLIDAR text and JSON lines have no place for them. `clouds`: point clouds instead of LaserScan, in logs of messages.
+    Raises OptionError for options that do not fit the container, OutputError for a path that exists.
+    """
+    target = Path(path)
+    kind = container or container_of(target)
+    write = _writer(str(path), kind, compression, encoding, layout, chunk_size, poses, clouds)
+    if target.exists() or target.is_symlink():
+        raise OutputError(f"{path}: exists already")
+    write(target, blocks)
+
+
+def check_options(
+    path: Path,
+    container: str | None,
+    compression: str | None,
+    encoding: str | None,
+    layout: str | None,
+    clouds: bool = False,
+) -> None:
+    """Raise OptionError where `write_log` would, before any work is done."""
+    _writer(str(path), container or container_of(path), compression, encoding, layout, 1, None, clouds)
+
+
+def _writer(
+    path: str,
+    container: str,
+    compression: str | None,
+    encoding: str | None,
+    layout: str | None,
+    chunk_size: int,
+    poses: SimulatedPoses | None,
+    clouds: bool,
+) -> Callable[[Path, Iterable[RawSweeps]], None]:
+    """Check the options against the container and bind them to its writer."""
+
+    def one_of(option: str, value: str | None, choices: Sequence[str], default: str) -> str:
+        if value is None:
+            return default
+        if not choices:
+            raise OptionError(f"{path}: {option} '{value}' does not apply to the container '{container}'")
+        if value not in choices:
+            raise OptionError(f"{path}: {option} '{value}' is not one of {', '.join(choices)} ({container})")
+        return value
+
+    encodings = tuple(ENCODINGS) if container == "mcap" else ()
+    encode = one_of("encoding", encoding, encodings, "cdr")
+    if container != "csv":
+        one_of("layout", layout, (), "")
+    if clouds and container in TEXT_CONTAINERS:
+        raise OptionError(f"{path}: clouds do not apply to the container '{container}'")
+    if container not in CONTAINERS:
+        raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")
+    compressions, default = _COMPRESSIONS.get(container, (("none",), "none"))
+    packed = one_of("compression", compression, tuple(compressions), default)
+    if container == "mcap":
+        return partial(
+            write_mcap, encoding=encode, compression=packed, chunk_size=chunk_size, poses=poses, clouds=clouds
+        )
+    if container == "bag":
+        return partial(write_bag, compression=packed, poses=poses, clouds=clouds)
+    if container in ("ros2", "ros2-mcap"):
+        storage = "mcap" if container == "ros2-mcap" else "sqlite3"
+        return partial(write_folder, storage=storage, compression=packed, poses=poses, clouds=clouds)
+    if container == "db3":
+        return partial(write_db3, poses=poses, clouds=clouds)
+    if container == "csv":
+        from lidarcli.simulation.csv_writer import LAYOUTS, write_csv
+
+        return partial(write_csv, layout=one_of("layout", layout, tuple(LAYOUTS), next(iter(LAYOUTS))))
+    if container in _WITH_POSES:
+        return partial(_WITH_POSES[container], poses=poses)
+    return _WITHOUT_POSES[container]

@@ -1,0 +1,169 @@
+"""How far a sensor goes during each of its sweeps, by the poses of the log."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import cos, pi, sin
+
+import numpy as np
+import pytest
+
+from lidarcli.logs.base import Message
+from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.sweeps import SweepBatch
+from tests.pose.pose_messages import SECOND, odometry, tf
+from tests.pose.test_posing import PosesLog, batch_of, cut, posing_of
+from tests.sweeping import START
+
+TENTH = SECOND // 10
+
+
+def lasting(seconds: float | list[float], count: int = 40) -> SweepBatch:
+    """Sweeps at 10 Hz that take so long."""
+    return replace(batch_of(count), duration=np.broadcast_to(np.asarray(seconds, float), count).copy())
+
+
+def along(start: int = -5, stop: int = 60, frame: str = "laser") -> list[Message]:
+    """A robot goes at 1 m/s along x and 0.5 m/s against y, and turns by 1 rad/s; a pose each tenth of a second."""
+    return [
+        odometry(START + k * TENTH, "odom", frame, (0.1 * k, -0.05 * k, 0.1 * k)) for k in range(start, stop)
+    ]
+
+
+def ways(batch: SweepBatch, messages: list[Message], options: PoseOptions | None = None) -> np.ndarray:  # type: ignore[type-arg]
+    """(S, 3) how far it goes."""
+    poses = posing_of(PosesLog(messages), options).attach(batch).poses
+    assert poses is not None
+    assert poses.way is not None
+    return poses.way
+
+
+@pytest.mark.parametrize("seconds", [0.1, 0.04, -0.1, -0.07, 0.25])
+def test_the_way_from_the_first_beam_to_the_last(seconds: float) -> None:
+    way = ways(lasting(seconds), along())
+    np.testing.assert_allclose(way, np.tile([seconds, -0.5 * seconds, seconds], (40, 1)), atol=1e-9)
+
+
+def test_each_sweep_has_its_own_time() -> None:
+    seconds = np.resize([0.0, 0.1, -0.05, 0.02], 40)
+    way = ways(lasting(seconds.tolist()), along())
+    np.testing.assert_allclose(way, np.outer(seconds, [1.0, -0.5, 1.0]), atol=1e-9)
+
+
+def test_turns_go_the_short_way() -> None:
+    messages = [
+        odometry(
+            START + k * TENTH, "odom", "laser", (0.0, 0.0, float(np.angle(np.exp(1j * (3.0 + 0.3 * k)))))
+        )
+        for k in range(60)
+    ]
+    way = ways(lasting(0.1), messages)
+    np.testing.assert_allclose(way[:, 2], 0.3, atol=1e-9)
+
+
+def test_a_way_of_the_sensor_and_not_of_the_robot() -> None:
+    # The laser is 1 m ahead of a robot that turns on the spot.
+    messages = [tf(START + k * TENTH, "odom", "base_link", (0.0, 0.0, 0.1 * k)) for k in range(60)]
+    messages.append(tf(0, "base_link", "laser", (1.0, 0.0, 0.0), "/tf_static"))
+    way = ways(lasting(0.1), messages)
+    heading = 0.1 * np.arange(41)
+    np.testing.assert_allclose(way[:, 0], np.diff(np.cos(heading)), atol=1e-9)
+    np.testing.assert_allclose(way[:, 1], np.diff(np.sin(heading)), atol=1e-9)
+    np.testing.assert_allclose(way[:, 2], 0.1, atol=1e-9)
+
+
+def test_the_way_of_a_sensor_head_down() -> None:
+    # Turned by half a turn about its x axis, and then by its heading in the world.
+    messages = []
+    for k in range(60):
+        half = 0.05 * k
+        over = (0.1 * k, 0.0, 0.0, cos(half), sin(half), 0.0, 0.0)
+        messages.append(tf(START + k * TENTH, "map", "laser", over))
+    poses = posing_of(PosesLog(messages)).attach(lasting(0.1)).poses
+    assert poses is not None
+    assert poses.way is not None
+    assert poses.upside_down.all()
+    np.testing.assert_allclose(np.sin(poses.yaw - 0.1 * np.arange(40)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(poses.way, np.tile([0.1, 0.0, 0.1], (40, 1)), atol=1e-9)
+    # Seen by itself it turns the other way round.
+    own = poses.own_way()
+    assert own is not None
+    np.testing.assert_allclose(own[:, 2], -0.1, atol=1e-9)
+
+
+def test_nobody_goes_where_sweeps_take_no_time_or_nobody_asks() -> None:
+    log, batch = PosesLog(along()), batch_of()
+    for found in (
+        posing_of(log).attach(batch),
+        posing_of(log, PoseOptions(deskew=False)).attach(lasting(0.1)),
+    ):
+        assert found.poses is not None
+        assert found.poses.way is None
+    still = ways(lasting(0.0), along())
+    assert not still.any()
+
+
+@pytest.mark.parametrize("size", [1, 7])
+def test_the_batch_size_does_not_matter(size: int) -> None:
+    batch, log = lasting(0.1), PosesLog(along())
+    whole, parts = ways(batch, along()), []
+    posing = posing_of(log)
+    for first, part in zip(range(0, 40, size), cut(batch, size), strict=True):
+        assert batch.duration is not None
+        poses = posing.attach(replace(part, duration=batch.duration[first : first + size])).poses
+        assert poses is not None
+        parts.append(poses.way)
+    assert np.array_equal(np.concatenate(parts), whole)
+
+
+def test_without_a_pose_there_is_no_way() -> None:
+    # Poses from the tenth sweep on.
+    poses = posing_of(PosesLog(along(10))).attach(lasting(0.1)).poses
+    assert poses is not None
+    assert poses.way is not None
+    # The first one holds for a while before its stamp.
+    assert np.isnan(poses.x).tolist() == [True] * 9 + [False] * 31
+    assert not poses.way[:9].any()
+    np.testing.assert_allclose(poses.way[10:, 0], 0.1, atol=1e-9)
+
+
+@pytest.mark.parametrize("seconds", [0.1, 0.05])
+def test_after_its_last_pose_a_sensor_goes_on_as_before(seconds: float) -> None:
+    # A pose for each sweep, as many robots tell them: where the last sweep ends nobody says.
+    way = ways(lasting(seconds), along(0, 40))
+    np.testing.assert_allclose(way, np.tile([seconds, -0.5 * seconds, seconds], (40, 1)), atol=1e-9)
+
+
+def test_of_a_log_of_one_pose_nobody_goes() -> None:
+    poses = (
+        posing_of(PosesLog([odometry(START, "odom", "laser", (1.0, 2.0, 3.0))])).attach(lasting(0.1)).poses
+    )
+    assert poses is None or poses.way is None or not poses.way.any()
+
+
+def test_stamps_at_the_ends_of_time() -> None:
+    batch = lasting(0.5)
+    largest = np.iinfo(np.int64).max
+    batch.stamp_ns[:3] = (largest, -largest, largest - 10)
+    way = ways(batch, along())
+    assert not way[:3].any()
+    np.testing.assert_allclose(way[3:, 0], 0.5, atol=1e-9)
+
+
+def test_the_way_is_that_at_the_delay() -> None:
+    # It goes ever faster: 0.4 s later it is faster by as much.
+    messages = [
+        odometry(START + k * TENTH, "odom", "laser", (0.5 * (0.1 * k) ** 2, 0.0, 0.0)) for k in range(70)
+    ]
+    as_told, delayed = ways(lasting(0.1), messages), ways(lasting(0.1), messages, PoseOptions(delay=0.4))
+    np.testing.assert_allclose(delayed[:, 0] - as_told[:, 0], 0.04, atol=1e-9)
+
+
+def test_two_sensors_of_which_one_is_placed() -> None:
+    batch = replace(lasting(0.1, 4), frame_ids=("laser", "other"), frame=np.array([0, 1, 1, 0], np.int32))
+    poses = posing_of(PosesLog([tf(START + k * TENTH, "map", "laser", (0.1 * k, 0.0, pi)) for k in range(9)]))
+    found = poses.attach(batch).poses
+    assert found is not None
+    assert found.way is not None
+    np.testing.assert_allclose(found.way[:, 0], [0.1, 0.0, 0.0, 0.1], atol=1e-9)
+    assert np.isnan(found.x).tolist() == [False, True, True, False]

@@ -1,0 +1,526 @@
+"""Every sweep gets its pose: from logs in every container to the columns of the tables and the notes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import lidarcli
+from lidarcli.cli import run
+from lidarcli.logs.base import LASERSCAN, Damage, Message, ReadReport, Topic
+from lidarcli.logs.options import TopicChoice
+from lidarcli.pipeline.detecting import detect_to_files
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inspecting import inspect_log
+from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.reading.path_check import CheckedPath
+from lidarcli.pipeline.reading.pose_sources import NO_POSES, PoseOptions
+from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.range_rules import RangeRules, normalise
+from lidarcli.simulation.generate import SimulatedPoses, simulate_blocks, simulate_odometry
+from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.scene import Scene
+from lidarcli.simulation.writers import write_log
+from lidarcli.sweeps import RawSweeps, SweepBatch, SweepPoses
+from tests.fake_log import FakeLog
+from tests.places import SAMPLES
+from tests.pose.pose_messages import ODOMETRY, POSE, SECOND, TF, accepted, odometry, pose_stamped, tf
+from tests.sweeping import START, raw_sweeps
+
+
+def drive() -> tuple[Scene, SimulatedPoses]:
+    """The scene of a robot that drives around, and what it believes of its way."""
+    scene = load_scene(SAMPLES / "drive.toml")
+    poses = simulate_odometry(scene, 12, seed=0)
+    assert poses is not None
+    return scene, poses
+
+
+def scanned(scene: Scene, count: int = 12) -> list[RawSweeps]:
+    return [block.raw for block in simulate_blocks(scene, count, 0)]
+
+
+def poses_of(path: Path, pose: str | None = None) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """(S, 3) x, y, yaw of the sweeps as `read` gives them."""
+    parts = [batch.poses for batch in lidarcli.read(path, pose=pose)]
+    assert all(part is not None for part in parts)
+    return np.concatenate([np.column_stack([p.x, p.y, p.yaw]) for p in parts if p is not None])
+
+
+@pytest.mark.parametrize("pose", [None, "/odom"])
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("run.mcap", {"encoding": "cdr"}),
+        ("run.mcap", {"encoding": "ros1", "compression": "lz4"}),
+        ("run.mcap", {"encoding": "json"}),
+        ("run.mcap", {"encoding": "protobuf"}),
+        ("run.bag", {"compression": "bz2"}),
+        ("run.db3", {}),
+        ("run", {"compression": "zstd"}),
+        ("run", {"compression": "zstd-message"}),
+        ("run", {"container": "ros2-mcap"}),
+    ],
+)
+def test_every_container(tmp_path: Path, name: str, options: dict[str, str], pose: str | None) -> None:
+    scene, poses = drive()
+    write_log(tmp_path / name, scanned(scene), poses=poses, **options)
+    expected = poses.poses.copy()
+    found = poses_of(tmp_path / name, pose)
+    np.testing.assert_allclose(found[:, :2], expected[:, :2], atol=1e-12)
+    np.testing.assert_allclose(np.cos(found[:, 2] - expected[:, 2]), 1)
+
+
+def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
+    """Odometry at 7 Hz along a line while turning at a constant rate; sweeps at 5 Hz, some of them outside."""
+    scene, poses = drive()
+    stamps = START + 350_000_000 + np.arange(12, dtype=np.int64) * SECOND // 7
+
+    def truth(
+        stamp_ns: np.ndarray[tuple[int], np.dtype[np.int64]],
+    ) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        seconds = (stamp_ns - START) / SECOND
+        return np.column_stack([1 + 2 * seconds, -seconds, 3.0 + seconds])
+
+    rows = replace(poses, stamp_ns=stamps, poses=truth(stamps))
+    write_log(tmp_path / "run.mcap", scanned(scene), poses=rows)
+    found = poses_of(tmp_path / "run.mcap")
+    sweeps = START + np.arange(12) * 200_000_000
+    # 79 ms after the last pose it still holds; 150 ms before the first one nothing is known.
+    inside = (sweeps >= stamps[0]) & (sweeps <= stamps[-1] + 100_000_000)
+    assert inside.tolist() == [False] * 2 + [True] * 9 + [False]
+    np.testing.assert_array_equal(np.isnan(found).all(axis=1), ~inside)
+    expected = truth(np.minimum(sweeps, stamps[-1]))[inside]
+    np.testing.assert_allclose(found[inside, :2], expected[:, :2], atol=1e-9)
+    np.testing.assert_allclose(np.cos(found[inside, 2] - expected[:, 2]), 1, atol=1e-12)
+
+    summary = detect_to_files(Source(str(tmp_path / "run.mcap"), "run"), tmp_path, DetectOptions())
+    assert summary.notes == [
+        "poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)",
+        "without a pose: 3 of 12 sweeps of frame laser, whose stamps are outside the span of /tf",
+        "poses from /tf are taken as they are, unchecked: the sensor hardly moves",
+    ]
+    assert summary.exit_code == 0
+    sweeps_table = pq.read_table(tmp_path / "run.sweeps.parquet")
+    for name, column in zip(("pose_x", "pose_y", "pose_yaw"), found.T, strict=True):
+        values = [None if np.isnan(value) else value for value in column]
+        assert sweeps_table[name].to_pylist() == values
+    objects = pq.read_table(tmp_path / "run.objects.parquet").to_pylist()
+    assert {row["world_x"] is None for row in objects if not inside[row["sweep"]]} == {True}
+    for row in objects:
+        if inside[row["sweep"]]:
+            x, y, yaw = found[row["sweep"]]
+            assert row["world_x"] == pytest.approx(
+                x + np.cos(yaw) * row["box_x"] - np.sin(yaw) * row["box_y"]
+            )
+            assert row["world_y"] == pytest.approx(
+                y + np.sin(yaw) * row["box_x"] + np.cos(yaw) * row["box_y"]
+            )
+            assert abs(np.sin(row["world_yaw"] - yaw - row["box_yaw"])) < 1e-6
+            assert -np.pi / 2 < row["world_yaw"] <= np.pi / 2
+
+
+def test_the_batch_size_does_not_matter(tmp_path: Path) -> None:
+    batch, log = (
+        batch_of(40),
+        PosesLog(messages=[odometry(START + k * SECOND, "odom", "laser", (k, 0, k / 2)) for k in range(5)]),
+    )
+    whole = posing_of(log).attach(batch).poses
+    assert whole is not None
+    for size in (1, 7):
+        posing = posing_of(log)
+        parts = [posing.attach(part).poses for part in cut(batch, size)]
+        joined = np.concatenate([part.x for part in parts if part is not None])
+        np.testing.assert_array_equal(joined, whole.x)
+        assert posing.notes() == ["poses from /odom (odom > laser)"]
+
+
+# --- one log in memory ------------------------------------------------------------------------------------
+
+
+class PosesLog(FakeLog):
+    """A log in memory with sweeps that nobody reads here and some pose messages."""
+
+    def __init__(self, messages: Sequence[Message] = (), size: int | None = 1234, damage: str = "") -> None:
+        names = dict.fromkeys((message.topic, message.type) for message in messages)
+        topics = [Topic("/scan", LASERSCAN, "cdr", 40), *(Topic(*name, "cdr", 9) for name in names)]
+        super().__init__((), None if size is None else topics, messages, size=size)
+        self.damage = damage
+
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
+        if self.damage:
+            report.add_damage("byte 7", self.damage)
+        return super().messages(types, report)
+
+
+def posing_of(log: PosesLog, options: PoseOptions | None = None) -> Posing:
+    """The poses of a log in memory, of which nobody reads the sweeps."""
+    return Posing.of(log, options or PoseOptions(), TopicChoice(None, log.topics()), RangeRules())
+
+
+def batch_of(
+    count: int = 40, stamp_ns: int = START, record_ns: int = START, frame: str = "laser"
+) -> SweepBatch:
+    """Sweeps at 10 Hz."""
+    steps = np.arange(count) * 100_000_000
+    raw = raw_sweeps(
+        np.ones((count, 4)),
+        frame_ids=(frame,),
+        stamp_ns=stamp_ns + steps,
+        record_ns=record_ns + steps,
+        angle_min=0.0,
+        angle_increment=0.1,
+    )
+    return normalise(raw, np.arange(count), RangeRules())
+
+
+def cut(batch: SweepBatch, size: int) -> Iterator[SweepBatch]:
+    names = (
+        "frame",
+        "sweep",
+        "stamp_ns",
+        "record_ns",
+        "angle_min",
+        "angle_increment",
+        "range_min",
+        "range_max",
+    )
+    for first in range(0, len(batch), size):
+        rows = slice(first, first + size)
+        arrays = {
+            name: getattr(batch, name)[rows] for name in (*names, "beams", "ranges", "status", "closure")
+        }
+        yield replace(batch, **arrays)
+
+
+def posed(messages: list[Message], batch: SweepBatch | None = None) -> tuple[SweepPoses | None, list[str]]:
+    """The poses of some sweeps by a log with these messages, and the notes."""
+    posing = posing_of(PosesLog(messages))
+    poses = posing.attach(batch or batch_of()).poses
+    return poses, posing.notes()
+
+
+def test_two_sensors_have_a_chain_each() -> None:
+    front, rear = batch_of(3, frame="front"), batch_of(3, frame="/rear")
+    both = replace(front, frame_ids=("front", "/rear"), frame=np.array([0, 1, 0], np.int32))
+    messages = [odometry(START + k * SECOND, "odom", "base_link", (k, 0, 0)) for k in range(2)]
+    messages += [tf(START + k * SECOND, "odom", "base_link", (k, 0, 0)) for k in range(2)]
+    messages += [
+        tf(0, "base_link", "front", (1, 0, 0), "/tf_static"),
+        tf(0, "base_link", "rear", (-1, 0, np.pi), "/tf_static"),
+    ]
+    poses, notes = posed(messages, both)
+    assert poses is not None
+    np.testing.assert_allclose(poses.x, [1.0, -0.9, 1.2])
+    np.testing.assert_allclose(np.cos(poses.yaw), [1, -1, 1])
+    assert notes == [
+        "poses from /tf and /tf_static (odom > base_link > rear); also available: /odom (--pose TOPIC)",
+        "poses from /tf and /tf_static (odom > base_link > front); also available: /odom (--pose TOPIC)",
+    ]
+    assert len(rear) == 3
+
+
+def test_clocks_that_differ_are_not_mixed() -> None:
+    far = 93 * 86400 * SECOND
+    messages = [
+        odometry(START - far + k * SECOND, "odom", "laser", (k, 0, 0))._replace(record_ns=START + k * SECOND)
+        for k in range(6)
+    ]
+    poses, notes = posed(messages)
+    assert poses is not None
+    assert np.isnan(poses.x).all()
+    assert notes[1] == (
+        "without a pose: 40 of 40 sweeps of frame laser; their header stamps and those of /odom are 8,035,195.000 s "
+        "apart, though both were recorded at the same time: the clocks differ"
+    )
+    # Recorded at other times, it is no fault of a clock.
+    _, notes = posed([message._replace(record_ns=message.record_ns - far) for message in messages])
+    assert (
+        notes[1]
+        == "without a pose: 40 of 40 sweeps of frame laser, whose stamps are outside the span of /odom"
+    )
+
+
+def test_links_that_are_never_known_together() -> None:
+    messages = [tf(START + k * SECOND, "map", "odom", (0, 0, 0)) for k in range(2)]
+    messages += [tf(START + k * SECOND, "odom", "laser", (0, 0, 0)) for k in range(2, 4)]
+    _, notes = posed(messages)
+    assert notes[1] == (
+        "without a pose: 40 of 40 sweeps of frame laser; the links map > odom > laser are never known at the same time"
+    )
+
+
+def test_a_frame_that_nothing_places() -> None:
+    poses, notes = posed(
+        [tf(START, "map", "other", (0, 0, 0)), pose_stamped(START, "map", (0, 0, 0), "/red_pose")]
+    )
+    # A sensor whose place nobody tells is taken as standing.
+    assert poses is None
+    assert notes == [
+        "no pose for frame laser: nothing leads from it to a fixed frame; --pose may name /red_pose"
+    ]
+
+
+def test_between_topics_that_are_alike_the_user_chooses() -> None:
+    messages = [
+        pose_stamped(START + k * SECOND, "map", (0, 0, 0), topic)
+        for k in range(6)
+        for topic in ("/robot_1", "/robot_2", "/mocap_pose")
+    ]
+    poses, notes = posed(messages)
+    assert poses is None
+    assert notes == [
+        "no pose for frame laser: /robot_1, /robot_2 are alike, and nothing tells which is that of the sensor "
+        "(--pose TOPIC); also available: /mocap_pose"
+    ]
+
+
+def test_a_leaning_sensor_and_a_clock_that_jumps_are_noted() -> None:
+    lean = np.deg2rad(30)
+    tilted = (0, 0, 0, np.sin(lean / 2), 0, 0, np.cos(lean / 2))
+    messages = [tf(START + k * SECOND, "map", "laser", tilted) for k in (0, 2, 4, 1, 3)]
+    _, notes = posed(messages)
+    assert notes == [
+        "poses from /tf (map > laser)",
+        "frame laser leans by up to 30 degrees: its poses are their projection",
+        "stamps of /tf jump back once: poses there may mix two runs",
+    ]
+
+
+def test_quaternions_that_are_written_w_first_are_noted() -> None:
+    yaws = np.linspace(-1.0, 1.0, 6)
+    right = [(k, 0, 0, 0, 0, np.sin(yaw / 2), np.cos(yaw / 2)) for k, yaw in enumerate(yaws)]
+    wrong = [(x, y, z, w, qx, qy, qz) for x, y, z, qx, qy, qz, w in right]
+    joint = [(0, 0, 0, *turn) for _, _, _, *turn in wrong]
+    straight = [(k, 0, 0, 1, 0, 0, 0) for k in range(6)]
+    hanging = [(k, 0, 0, np.cos(yaw / 2), np.sin(yaw / 2), 0, 0) for k, yaw in enumerate(yaws / 100)]
+    told = []
+    for poses in (right, wrong, joint, straight, hanging):
+        _, notes = posed([tf(START + k * SECOND, "map", "laser", pose) for k, pose in enumerate(poses)])
+        told.append([note for note in notes if "w first" in note])
+    note = (
+        "quaternions of /tf roll or hang head down, and never turn: they are probably written w first, and x y z w is "
+        "the order; the sensor seems to hang head down until that is mended"
+    )
+    assert told == [[], [note], [], [note], []]
+
+
+def test_no_verdict_is_told_of_a_topic_that_is_not_used() -> None:
+    messages = [tf(START + k * SECOND, "map", "laser", (k, 0, 0, 0, 0, 0, 1)) for k in range(6)]
+    posing = posing_of(PosesLog(messages))
+    posing.paths = {
+        (topic, "laser"): CheckedPath("unchecked", notes=(f"poses of {topic}",))
+        for topic in ("/scan", "/stable_scan")
+    }
+    posing.attach(batch_of())
+    posing.leave_out({"/scan"})
+    assert posing.path_notes() == ["poses of /stable_scan"]
+    assert posing.notes()[-1] == "poses of /stable_scan"
+    assert posing.described()["laser"]["pose_verdict"] == {"/stable_scan": "unchecked"}
+
+
+def test_poses_that_could_not_be_checked_do_not_fit_unless_they_are_named() -> None:
+    messages = [tf(START + k * SECOND, "map", "laser", (k, 0, 0, 0, 0, 0, 1)) for k in range(6)]
+    posing = posing_of(PosesLog(messages))
+    checked = posing.paths[("/scan", "laser")] if posing.paths else CheckedPath("unchecked")
+    for verdict, named, fits in (
+        ("unchecked", False, False),
+        ("unchecked", True, True),
+        ("accepted", False, True),
+    ):
+        way = posing.found.sources.way("laser") if posing.found is not None else None
+        posing.paths = {("/scan", "laser"): replace(checked, verdict=verdict, way=way)}
+        posing.named = named
+        batch = posing.attach(batch_of())
+        assert batch.fits is not None
+        assert (batch.fits == fits).all()
+        assert batch.rows(np.arange(2)).fits is not None
+
+
+def test_an_upside_down_sensor() -> None:
+    over = (0, 0, 0, 1, 0, 0, 0)
+    messages = [tf(START + k * 5 * SECOND, "map", "laser", over) for k in range(2)]
+    poses, notes = posed(messages)
+    assert poses is not None
+    assert poses.upside_down.all()
+    assert notes == ["poses from /tf (map > laser)"]
+    row = np.array([0])
+    x, y, yaw = poses.to_world(row, np.array([1.0]), np.array([2.0]), np.array([0.3]))
+    assert (x[0], y[0], yaw[0]) == pytest.approx((1.0, -2.0, -0.3))
+
+
+def test_bad_poses_are_noted_and_do_not_end_the_run() -> None:
+    messages = [odometry(START + k * SECOND, "odom", "laser", (k, 0, 0)) for k in range(6)]
+    messages.append(Message("/odom", ODOMETRY, "cdr", START, b"\0\1\0\0"))
+    messages.append(pose_stamped(START, "map", (np.nan, 0, 0), "/pose"))
+    _, notes = posed(messages)
+    assert notes == [
+        "poses from /odom (odom > laser)",
+        "1 of /odom left out: shorter than its type",
+        "1 of /pose left out: its pose is not finite",
+    ]
+
+
+def test_damage_met_in_the_first_pass_is_kept_once() -> None:
+    log = PosesLog([odometry(START, "odom", "laser", (0, 0, 0))], damage="torn")
+    posing, report = posing_of(log), ReadReport()
+    assert posing.together(report).damage == [Damage("byte 7", "torn")]
+    report.add_damage("byte 7", "torn, as the sweeps show")
+    assert posing.together(report).damage == report.damage == [Damage("byte 7", "torn, as the sweeps show")]
+
+
+def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
+    plain, pipe = PosesLog(), PosesLog([odometry(START, "odom", "laser", (0, 0, 0))], size=None)
+    unasked = PosesLog([odometry(START, "odom", "laser", (0, 0, 0))])
+    assert posing_of(plain).notes() == []
+    assert posing_of(plain).attach(batch_of()).poses is None
+    assert posing_of(unasked, NO_POSES).notes() == []
+    assert posing_of(pipe, NO_POSES).notes() == []
+    assert posing_of(pipe).notes() == [
+        "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
+    ]
+    pipe.format = "json lines"
+    assert posing_of(pipe).notes() == []
+    assert (plain.passes, pipe.passes, unasked.passes) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("name", ["run.mcap", "run.bag", "run.db3"])
+def test_a_log_that_is_cut_off_says_so_once(tmp_path: Path, name: str) -> None:
+    scene, poses = drive()
+    one_by_one = [part.rows(slice(k, k + 1)) for part in scanned(scene) for k in range(len(part))]
+    write_log(tmp_path / name, one_by_one, poses=poses, chunk_size=4000)
+    data = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(data[: len(data) * 3 // 5])
+    said = [
+        detect_to_files(
+            Source(str(tmp_path / name), "run"),
+            tmp_path / pose.strip("/"),
+            DetectOptions(poses=PoseOptions(pose)),
+        ).damage
+        for pose in ("/odom", "none")
+    ]
+    assert len(said[0]) == 1
+    assert said[0] == said[1]
+    assert inspect_log(Source(str(tmp_path / name), "run")).damage == tuple(said[0])
+
+
+# --- the commands -----------------------------------------------------------------------------------------
+
+
+def test_a_topic_that_is_asked_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    log = str(SAMPLES / "drive.db3")
+    assert run(["detect", log, "-o", str(tmp_path), "--pose", "odom"]) == 0
+    said = capfd.readouterr().err
+    assert "note     poses from /odom and /tf_static (odom > base_link > laser); also available: /tf" in said
+    assert "note     poses from /odom fit the sweeps: 100% of 147 steps" in said
+    metadata = pq.read_schema(tmp_path / "drive.sweeps.parquet").metadata
+    assert json.loads(metadata[b"lidarcli.parameters"])["pose"] == "odom"
+    assert json.loads(metadata[b"lidarcli.source"])["poses"] == {"laser": accepted("/odom", "odom")}
+
+
+def test_no_poses_on_request(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["detect", str(SAMPLES / "drive.db3"), "-o", str(tmp_path), "--pose", "none"]) == 0
+    assert "note" not in capfd.readouterr().err
+    table = pq.read_table(tmp_path / "drive.sweeps.parquet")
+    assert table["pose_x"].null_count == table.num_rows
+    assert "poses" not in json.loads(table.schema.metadata[b"lidarcli.source"])
+
+
+@pytest.mark.parametrize(
+    ("topic", "words"),
+    [
+        ("/amcl", "no topic /amcl with poses in this log (it has /odom, /tf, /tf_static)"),
+        ("/scan", "topic /scan is sensor_msgs/msg/LaserScan, which holds no pose"),
+    ],
+)
+def test_a_topic_that_is_not_there(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], topic: str, words: str
+) -> None:
+    log = str(SAMPLES / "drive.db3")
+    assert run(["detect", log, "-o", str(tmp_path), "--pose", topic]) == 4
+    assert capfd.readouterr().err == f"lidarcli: {log}: {words}\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_pipe_has_no_poses(tmp_path: Path) -> None:
+    scene, poses = drive()
+    write_log(tmp_path / "run.mcap", scanned(scene), poses=poses)
+    with (tmp_path / "run.mcap").open("rb") as file:
+        done = subprocess.run(
+            [sys.executable, "-m", "lidarcli", "detect", "-", "-o", str(tmp_path)],
+            stdin=file,
+            capture_output=True,
+            text=True,
+            check=True,
+            env={**os.environ, "LC_ALL": "C.UTF-8"},
+        )
+    assert "  note     poses, if there are any, are not used: a pipe is read only once" in done.stderr
+    assert pq.read_table(tmp_path / "stdin.sweeps.parquet")["pose_x"].null_count == 12
+
+
+def test_detect_in_python_takes_the_topic() -> None:
+    path = SAMPLES / "drive.db3"
+    by_tree, by_odometry = lidarcli.detect(path), lidarcli.detect(path, pose="/odom")
+    np.testing.assert_allclose(by_tree["world_x"].to_numpy(), by_odometry["world_x"].to_numpy(), atol=1e-12)
+    without = lidarcli.detect(path, pose="none")
+    assert without["world_x"].null_count == without.num_rows == by_tree.num_rows
+
+
+def test_info_lists_the_sources() -> None:
+    info = inspect_log(Source(str(SAMPLES / "drive.db3"), "drive"))
+    assert info.pose_topics == ("/odom", "/tf", "/tf_static")
+    told = {source.topic: source for source in info.pose_sources}
+    assert {topic: (one.type, one.poses, one.frames) for topic, one in told.items()} == {
+        "/odom": (ODOMETRY, 150, (("odom", "base_link"),)),
+        "/tf": (TF, 150, (("odom", "base_link"),)),
+        "/tf_static": (TF, 1, (("base_link", "laser"),)),
+    }
+    assert told["/odom"].rate == pytest.approx(5)
+    assert told["/odom"].span == pytest.approx(29.8)
+    assert told["/tf_static"].rate is None
+    (scan,) = info.scans
+    assert scan.pose == "/tf and /tf_static (odom > base_link > laser)"
+
+
+def test_info_says_between_which_topics_to_choose(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Scanned(PosesLog):
+        def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
+            yield raw_sweeps(np.full((3, 8), 2.0, np.float32), frame_ids=("laser",))
+
+    messages = [pose_stamped(START, "map", (0, 0, 0), topic) for topic in ("/robot_1", "/robot_2")]
+    log = nullcontext(Scanned(messages))
+    monkeypatch.setattr("lidarcli.pipeline.inspecting.open_source", lambda source, csv: log)
+    info = inspect_log(Source("run.fake", "run"))
+    assert info.scans[0].pose == ""
+    assert info.notes == (
+        "no pose for frame laser: /robot_1, /robot_2 are alike, and nothing tells which is that of the sensor "
+        "(--pose TOPIC)",
+    )
+    assert info.exit_code == 0
+
+
+def test_info_as_json(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["info", str(SAMPLES / "drive.db3"), "--format", "json"]) == 0
+    (info,) = json.loads(capfd.readouterr().out)
+    assert info["pose_sources"][0] == {
+        "topic": "/tf_static",
+        "type": TF,
+        "poses": 1,
+        "rate": None,
+        "start_ns": START,
+        "end_ns": START,
+        "span": 0.0,
+        "frames": [{"parent": "base_link", "child": "laser"}],
+    }
+    assert info["scans"][0]["pose"] == "/tf and /tf_static (odom > base_link > laser)"
+    assert POSE not in {topic["type"] for topic in info["topics"]}

@@ -1,0 +1,288 @@
+"""The tree of frames and the choice of a source, with answers known by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lidarcli.logs.base import Message
+from lidarcli.pose.sources import PoseSources
+from lidarcli.pose.tracks import Tracks, planar
+from lidarcli.sweeps import Int64
+from tests.pose.pose_messages import Pose, odometry, pose_stamped, tf
+
+
+def sources(messages: list[Message], wanted: str | None = None) -> PoseSources:
+    tracks = Tracks()
+    tracks.add(messages)
+    return PoseSources(tracks.finish(), wanted)
+
+
+def moving(parent: str, child: str, topic: str = "/tf", speed: float = 1.0) -> list[Message]:
+    """A link that goes along x by `speed` from 0 to 100 ns, told every 10."""
+    return [tf(stamp, parent, child, (speed * stamp, 0, 0), topic) for stamp in range(0, 101, 10)]
+
+
+def static(parent: str, child: str, pose: Pose = (0, 0, 0)) -> list[Message]:
+    return [tf(0, parent, child, pose, "/tf_static")]
+
+
+def driven(parent: str, child: str, topic: str = "/odom") -> list[Message]:
+    return [odometry(stamp, parent, child, (0, stamp, 0), topic) for stamp in range(0, 101, 10)]
+
+
+def placed(parent: str, topic: str, covariance: bool = False) -> list[Message]:
+    return [pose_stamped(stamp, parent, (-stamp, 0, 0), topic, covariance) for stamp in range(0, 101, 10)]
+
+
+def taken(messages: list[Message], frame: str = "laser", wanted: str | None = None) -> tuple[str, str] | None:
+    """(topic, world) of the choice."""
+    way = sources(messages, wanted).way(frame)
+    return None if way is None else (way.topics[0], way.world)
+
+
+AT: Int64 = np.array([0, 5, 33, 100])
+
+
+def test_a_chain_with_a_static_mount() -> None:
+    mount = (0.5, 0.0, np.pi / 2)
+    turned = [
+        tf(stamp, "odom", "base_link", (1, 0, stamp * np.pi / 200), "/tf") for stamp in range(0, 101, 20)
+    ]
+    way = sources([*turned, *static("base_link", "laser", mount)]).way("/laser")
+    assert way is not None
+    assert (way.topics, way.world, way.chain) == (
+        ("/tf", "/tf_static"),
+        "odom",
+        "odom > base_link > laser",
+    )
+    poses = planar(way.at(AT))
+    yaw = AT * np.pi / 200
+    np.testing.assert_allclose(poses.x, 1 + 0.5 * np.cos(yaw))
+    np.testing.assert_allclose(poses.y, 0.5 * np.sin(yaw), atol=1e-15)
+    np.testing.assert_allclose(np.cos(poses.yaw - yaw - np.pi / 2), 1)
+    # Beyond its span a link holds for two of its steps.
+    np.testing.assert_array_equal(way.at(np.array([-40, 140])).position, way.at(np.array([0, 100])).position)
+    assert np.isnan(planar(way.at(np.array([-41, 141]))).x).all()
+
+
+def test_every_link_is_interpolated_on_its_own() -> None:
+    slow = [tf(stamp, "map", "odom", (0, stamp, 0), "/tf") for stamp in (0, 40, 80)]
+    way = sources([*slow, *moving("odom", "laser")]).way("laser")
+    assert way is not None
+    assert way.span_ns == (0, 80)
+    poses = planar(way.at(np.array([10, 33, 80, 81, 120, 121])))
+    np.testing.assert_allclose(poses.x[:5], [10, 33, 80, 81, 100])
+    np.testing.assert_allclose(poses.y[:5], [10, 33, 80, 80, 80])
+    assert np.isnan(poses.x[5])
+
+
+@pytest.mark.parametrize(
+    ("links", "world"),
+    [
+        ([("earth", "map"), ("map", "odom"), ("odom", "laser")], "map"),
+        ([("world", "odom"), ("odom", "laser")], "odom"),
+        ([("origin", "world"), ("world", "laser")], "world"),
+        ([("odom_combined", "base_footprint"), ("base_footprint", "laser")], "odom_combined"),
+        ([("/robot_0/odom", "/robot_0/base"), ("/robot_0/base", "laser")], "robot_0/odom"),
+    ],
+)
+def test_which_frame_is_the_world(links: list[tuple[str, str]], world: str) -> None:
+    messages = [one for link in links for one in moving(*link)]
+    assert taken(messages) == ("/tf", world)
+
+
+def test_a_tree_that_ends_at_the_robot_says_nothing() -> None:
+    joint = moving("base_link", "laser")
+    assert taken(joint) is None
+    # Nor does one in which nothing moves, unless its root is named as a fixed frame.
+    assert taken(static("stand", "laser")) is None
+    assert taken(static("map", "laser", (1, 2, 0))) == ("/tf_static", "map")
+    assert taken(moving("odom", "base_link")) is None
+    assert taken([*moving("map", "red_pose"), *moving("odom", "odom")]) is None
+
+
+def test_a_ring_of_frames_does_no_harm() -> None:
+    ring = [*moving("a", "b"), *moving("b", "c"), *moving("c", "a"), *moving("a", "laser")]
+    assert taken(ring) in (None, ("/tf", "c"), ("/tf", "b"), ("/tf", "a"))
+
+
+@pytest.mark.slow
+def test_a_very_long_chain() -> None:
+    chain = [one for k in range(3000) for one in static(f"f{k}", f"f{k + 1}", (0.001, 0, 0))]
+    way = sources([*chain, *moving("map", "f0")]).way("f3000")
+    assert way is not None
+    np.testing.assert_allclose(planar(way.at(AT)).x, AT + 3.0)
+
+
+def test_a_tree_told_upside_down() -> None:
+    # Some nodes tell the odometry frame as a child of the robot.
+    way = sources([*moving("base_link", "odom"), *static("base_link", "laser", (0, 2, 0))]).way("laser")
+    assert way is not None
+    np.testing.assert_allclose(planar(way.at(AT)).x, -AT)
+    np.testing.assert_allclose(planar(way.at(AT)).y, 2)
+
+
+def test_a_static_link_counts_before_a_moving_one() -> None:
+    both = [*moving("map", "laser"), *static("map", "laser", (7, 0, 0))]
+    way = sources(both).way("laser")
+    assert way is not None
+    assert planar(way.at(AT)).x.tolist() == [7] * 4
+
+
+def test_the_order_of_sources() -> None:
+    pose = placed("map", "/robot/pose")
+    amcl = placed("map", "/amcl_pose", covariance=True)
+    odom = driven("odom", "base_link")
+    tree = [*moving("odom", "base_link"), *static("base_link", "laser")]
+    assert taken(pose) == ("/robot/pose", "map")
+    assert taken([*pose, *amcl]) == ("/amcl_pose", "map")
+    assert taken([*pose, *amcl, *odom]) == ("/odom", "odom")
+    assert taken([*pose, *amcl, *odom, *tree]) == ("/tf", "odom")
+    found = sources([*pose, *amcl, *odom, *tree])
+    assert set(found.alternatives("laser")) == {"/robot/pose", "/amcl_pose", "/odom"}
+    # The tree does not reach another sensor.
+    assert taken([*pose, *amcl, *odom, *tree], "camera") == ("/odom", "odom")
+
+
+def test_odometry_with_its_mount() -> None:
+    mount = [*static("base_footprint", "base_link", (0, 0, 0)), *static("base_link", "laser", (0.2, 0, 1.0))]
+    way = sources([*driven("odom", "base_link"), *mount]).way("laser")
+    assert way is not None
+    assert (way.topics, way.chain, way.assumption) == (
+        ("/odom", "/tf_static"),
+        "odom > base_link > laser",
+        "",
+    )
+    poses = planar(way.at(AT))
+    np.testing.assert_allclose(poses.x, 0.2)
+    np.testing.assert_allclose(poses.y, AT)
+    np.testing.assert_allclose(poses.yaw, 1.0)
+    # Its child may also be a frame beside the way from the sensor to the root.
+    way = sources(
+        [*driven("odom", "base_footprint"), *mount[1:], *static("base_link", "base_footprint", (1, 0, 0))]
+    )
+    beside = way.way("laser")
+    assert beside is not None
+    np.testing.assert_allclose(planar(beside.at(AT)).x, -0.8)
+
+
+def test_odometry_without_a_mount_is_that_of_the_sensor() -> None:
+    way = sources(driven("odom", "base_link")).way("laser")
+    assert way is not None
+    assert way.assumption == "the sensor laser is taken to be at base_link: its mount is not in the log"
+    np.testing.assert_allclose(planar(way.at(AT)).y, AT)
+    nameless = sources(driven("odom", "")).way("laser")
+    assert nameless is not None
+    assert nameless.assumption == "the sensor laser is taken to be at the pose itself"
+    own = sources(driven("odom", "/laser")).way("laser")
+    assert own is not None
+    assert own.assumption == ""
+
+
+def test_of_several_odometries_the_mounted_one_then_odom_then_the_fullest() -> None:
+    mount = static("base_link", "laser")
+    assert taken([*driven("odom", "other"), *driven("odom", "base_link", "/wheel"), *mount]) == (
+        "/wheel",
+        "odom",
+    )
+    assert taken([*driven("w", "b", "/fused"), *driven("o", "b", "/x/odom")]) == ("/x/odom", "o")
+    assert taken([*driven("w", "b", "/fused")[:3], *driven("o", "b", "/wheel")]) == ("/wheel", "o")
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [*placed("map", "/robot_1"), *placed("map", "/robot_2")],
+        [*placed("map", "/robot_1"), *placed("other", "/robot_2"), *placed("map", "/mocap_pose")],
+        [*placed("map", "/robot_1/pose"), *placed("map", "/robot_2/pose")[:3]],
+        [*placed("map", "/vrpn/red/pose"), *placed("map", "/vrpn/blue/pose")],
+        [
+            *placed("map", "/a/amcl_pose", True),
+            *placed("map", "/b/amcl_pose", True),
+            *placed("map", "/ego_pose"),
+        ],
+        [*driven("odom", "a/base", "/a/odom"), *driven("odom", "b/base", "/b/odom")],
+    ],
+)
+def test_of_topics_that_are_alike_none_is_taken_unasked(messages: list[Message]) -> None:
+    """They may be those of several robots."""
+    found = sources(messages)
+    assert taken(messages) is None
+    topics = found.topics
+    assert set(found.alike("laser")) == set(topics[:2])
+    assert found.alternatives("laser") == topics[2:]
+    for topic in topics:
+        way = sources(messages, topic).way("laser")
+        assert way is not None
+        assert way.topics == (topic,)
+        assert sources(messages, topic).alike("laser") == ()
+
+
+@pytest.mark.parametrize("frame", ["robot_2/laser", "/robot_2/laser", "/robot_2/base/laser"])
+def test_the_name_of_the_frame_decides_between_topics_that_are_alike(frame: str) -> None:
+    poses = [*placed("map", "/robot_1/base/pose"), *placed("map", "/robot_2/base/pose")]
+    assert taken(poses, frame) == ("/robot_2/base/pose", "map")
+    odometry = [*driven("odom", "robot_1/base/link", "/one"), *driven("odom", "robot_2/base/link", "/two")]
+    assert taken(odometry, frame) == ("/two", "odom")
+
+
+def test_a_mount_or_the_tree_decides_between_topics_that_are_alike() -> None:
+    mount = static("b/base", "laser")
+    both = [*driven("odom", "a/base", "/a/odom"), *driven("odom", "b/base", "/b/odom")]
+    assert taken([*both, *mount]) == ("/b/odom", "odom")
+    assert taken([*both, *mount, *moving("odom", "b/base")]) == ("/tf", "odom")
+    # Two topics that tell of one frame are of one robot.
+    assert taken([*driven("odom", "base", "/a/odom"), *driven("odom", "base", "/b/odom")]) == (
+        "/a/odom",
+        "odom",
+    )
+
+
+@pytest.mark.parametrize(
+    "topic",
+    [
+        "/move_base_simple/goal",
+        "/initialpose",
+        "/target_pose",
+        "/red_pose",
+        "/clicked_pose",
+        "/robot/goal_pose",
+    ],
+)
+def test_poses_of_something_else_must_be_asked_for(topic: str) -> None:
+    messages = placed("map", topic, covariance=topic == "/initialpose")
+    assert taken(messages) is None
+    assert sources(messages).alternatives("laser") == (topic,)
+    assert taken(messages, wanted=topic) == (topic, "map")
+    assert taken(messages, wanted=topic.strip("/")) == (topic, "map")
+
+
+@pytest.mark.parametrize(
+    "topic", ["/ego_pose", "/pose", "/vrpn/car_1/pose", "/slam/tracked_pose", "robot_pose"]
+)
+def test_poses_of_the_robot_are_taken(topic: str) -> None:
+    assert taken(placed("map", topic)) == (topic, "map")
+
+
+def test_ego_comes_before_an_unnamed_pose() -> None:
+    assert taken([*placed("map", "/vrpn/red/pose"), *placed("map", "/ego_pose")]) == ("/ego_pose", "map")
+
+
+def test_a_topic_of_links_may_be_asked_for() -> None:
+    mount = static("base", "laser", (3, 0, 0))
+    messages = [*moving("map", "base", "/a/tf"), *moving("map", "base", "/b/tf", speed=2.0), *mount]
+    for topic, speed in (("/a/tf", 1.0), ("/b/tf", 2.0)):
+        way = sources(messages, topic).way("laser")
+        assert way is not None
+        assert way.topics == (topic, "/tf_static")
+        np.testing.assert_allclose(planar(way.at(AT)).x, 3 + speed * AT)
+    assert taken(messages, wanted="/tf_static") is None
+
+
+def test_a_sweep_without_a_frame_name() -> None:
+    assert taken(moving("odom", "base_link"), frame="") is None
+    way = sources(driven("odom", "base_link")).way("")
+    assert way is not None
+    assert way.assumption.startswith("the sensor without a frame name is taken to be at base_link")
+    assert way.chain == "odom"

@@ -1,0 +1,117 @@
+"""Routes: exact positions and velocities, within the limits of the body."""
+
+import numpy as np
+import pytest
+
+from lidarcli.simulation.route import Route, Waypoint, plan_route
+
+STRAIGHT = plan_route([Waypoint(1, 2, 1.0), Waypoint(5, 2, 1.0)])
+"""4 m at 1 m/s: half a second to start, half to stop, 3.5 s between."""
+
+
+def random_route(seed: int) -> Route:
+    rng = np.random.default_rng(seed)
+    points = [
+        Waypoint(
+            *rng.uniform(-5, 5, 2),
+            rng.uniform(0.15, 1.5),
+            rng.choice([0, 0, 1.0]),
+            rng.choice(["round", "stop"]),
+        )
+        for _ in range(int(rng.integers(2, 7)))
+    ]
+    return plan_route(points, loop=bool(rng.integers(2)))
+
+
+def test_a_straight_way_is_a_trapezium_of_speed():
+    assert STRAIGHT.duration == pytest.approx(4.5)
+    state = STRAIGHT.state(np.array([-1.0, 0.0, 0.25, 0.5, 2.0, 4.25, 4.5, 99.0]))
+    assert state.x - 1 == pytest.approx([0, 0, 0.0625, 0.25, 1.75, 3.9375, 4, 4])
+    assert state.y == pytest.approx(2)
+    assert state.speed == pytest.approx([0, 0, 0.5, 1, 1, 0.5, 0, 0])
+    assert state.speed[[0, 1, 6, 7]].tolist() == [0, 0, 0, 0]
+    assert state.heading == pytest.approx(0)
+
+
+def test_a_short_way_never_reaches_its_speed():
+    short = plan_route([Waypoint(0, 0, 3.0), Waypoint(0, 1, 3.0)], acceleration=1.0)
+    assert short.duration == pytest.approx(2.0)
+    state = short.state(np.array([1.0]))
+    assert (state.y[0], state.speed[0], state.heading[0]) == pytest.approx((0.5, 1.0, np.pi / 2))
+
+
+def test_a_round_corner_is_an_arc_as_fast_as_the_pull_to_the_side_allows():
+    route = plan_route([Waypoint(0, 0, 1.5), Waypoint(5, 0, 1.5), Waypoint(5, 5, 1.5)], corner_radius=0.5)
+    seconds = np.linspace(0, route.duration, 2001)
+    state = route.state(seconds)
+    arc = np.abs(state.yaw_rate) > 1e-9
+    away = np.hypot(state.x - 4.5, state.y - 0.5)[arc]
+    assert away == pytest.approx(0.5)
+    # The square root of acceleration × radius is 1 m/s.
+    assert state.speed[arc].max() <= 1 + 1e-9
+    assert state.yaw_rate[arc] == pytest.approx(state.speed[arc] / 0.5)
+    assert state.heading[[0, -1]] == pytest.approx([0, np.pi / 2])
+
+
+def test_pauses_and_turns_on_the_spot():
+    points = [Waypoint(0, 0, 1.0, wait=0.5), Waypoint(1, 0, 1.0, wait=2.0), Waypoint(1, 1, 1.0)]
+    route = plan_route(points, turn_rate=1.0)
+    # Half a second, 1 m in 1.5 s, two seconds, a turn of π/2 at 1 rad/s at most, 1 m in 1.5 s.
+    turning = 1.5 * np.pi / 2
+    assert route.duration == pytest.approx(5.5 + turning)
+    state = route.state(np.array([0.4, 2.1, 3.9, 4.0 + turning / 2, 4.0 + turning]))
+    assert state.speed == pytest.approx(0)
+    assert state.x == pytest.approx([0, 1, 1, 1, 1])
+    assert state.heading == pytest.approx([0, 0, 0, np.pi / 4, np.pi / 2])
+    assert state.yaw_rate == pytest.approx([0, 0, 0, 1, 0])
+
+
+def test_a_loop_comes_back_and_goes_on():
+    square = [Waypoint(0, 0, 1.0), Waypoint(2, 0, 1.0), Waypoint(2, 2, 1.0), Waypoint(0, 2, 1.0)]
+    route = plan_route(square, loop=True)
+    seconds = np.linspace(0, route.duration, 50, endpoint=False)
+    first, second = route.poses(seconds), route.poses(seconds + route.duration)
+    np.testing.assert_allclose(first, second, atol=1e-9)
+    end = route.poses(np.array([route.duration - 1e-6]))
+    np.testing.assert_allclose(end[0], [0, 0, 2 * np.pi], atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_velocities_are_the_slope_of_the_poses_and_bounded(seed):
+    route = random_route(seed)
+    # Not where a round ends and the heading falls back by whole turns.
+    seconds = np.arange(-1, route.duration - 0.1, 0.01) + 0.00123
+    step = 1e-6
+    slope = (route.poses(seconds + step) - route.poses(seconds - step)) / (2 * step)
+    velocity = route.state(seconds).velocities()
+    # Only at the joints of phases does the acceleration jump within the step.
+    assert np.mean(np.abs(slope - velocity).max(axis=1) > 1e-5) < 0.005
+    change = np.diff(route.state(seconds).speed) / 0.01
+    assert np.abs(change).max() <= 2 + 1e-6
+    pull = velocity[:, 2] * np.hypot(velocity[:, 0], velocity[:, 1])
+    assert np.abs(pull).max() <= 2 + 1e-6
+    assert (
+        np.hypot(velocity[:, 0], velocity[:, 1]).max() <= max(point.speed for point in route.waypoints) + 1e-9
+    )
+
+
+def test_it_stops_at_every_pause():
+    route = plan_route([Waypoint(0, 0, 1.0), Waypoint(3, 1, 1.0, wait=1.0), Waypoint(5, -2, 1.0)])
+    state = route.state(np.arange(0, route.duration, 0.01))
+    stands = state.speed == 0
+    at = np.hypot(state.x - 3, state.y - 1) < 1e-9
+    assert np.count_nonzero(stands & at) >= 100
+    assert not (stands & ~at)[1:].any()
+
+
+@pytest.mark.parametrize(
+    ("points", "limits"),
+    [
+        ([Waypoint(0, 0, 1.0)], {}),
+        ([Waypoint(0, 0, 1.0), Waypoint(0, 0, 1.0)], {}),
+        ([Waypoint(0, 0, 1.0), Waypoint(1, 0, 1.0)], {"acceleration": 0.0}),
+    ],
+)
+def test_what_is_no_route_is_refused(points, limits):
+    with pytest.raises(ValueError, match="route"):
+        plan_route(points, **limits)
