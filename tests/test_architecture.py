@@ -98,6 +98,7 @@ ROOMS_OF = {
     "sqlite3": {"logs", "simulate", "copying"},
     "pyarrow": {"tabular", "pipeline", "logs", "simulate", "reports", "maps", "overlays", "stores"},
     "distributed": {"pipeline"},
+    "rerun": {"overlays"},
     "PIL": {"maps", "reports"},
     "ruamel": {"maps", "yamlfiles"},
 }
