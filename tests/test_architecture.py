@@ -46,7 +46,7 @@ MAY_IMPORT = {
     "simulate": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "tabular", "tomlfiles"},
     "reports": CORE | {"formalism", "tabular"},
     "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
-    "overlays": CORE | {"maps", "ros", "tabular"},
+    "overlays": CORE | {"formalism", "maps", "ros", "tabular"},
     "copying": CORE | {"logs", "ros"},
     "pipeline": CORE
     | OPTIONS

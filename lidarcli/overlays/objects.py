@@ -249,7 +249,7 @@ class _Objects:
                 yield self._markers(kind, rows, self._place[rows], self._yaw[rows], size[rows], CLEAR)
 
     def labels(self) -> Iterator[Markers]:
-        """Yield number, name and size of each object; once where several belong to one track."""
+        """Yield number and size of each object, and its name; once where several belong to one track."""
         rows = np.flatnonzero(self._part == 0)
         texts = self._texts(rows)
         behind = self._behind()
@@ -319,20 +319,19 @@ class _Objects:
         return behind
 
     def _texts(self, rows: NDArray[np.intp]) -> pa.StringArray:
-        """Return number, name and size of some objects."""
-        label, shape = (self._rows[name].dictionary_decode() for name in ("label", "shape"))
-        name = pc.coalesce(label, shape, _always(UNKNOWN, len(label))).take(plain(rows))
+        """Return number, name in the catalogue and size of some objects, as far as there are any."""
+        unit, times, space = (_always(text, len(rows)) for text in (" m", " x ", " "))
         length, width = (_metres(side) for side in self._sides[rows].T)
-        nothing, times, colon, line, unit = (
-            _always(text, len(rows)) for text in ("", " x ", ": ", "\n", " m")
-        )
         both = pc.binary_join_element_wise(length, width, times)
-        # A width that is no more than what is drawn at least was not seen.
-        alone = self._is_round[rows] | (self._sides[rows, 1] <= LEAST_SIDE)
-        size = pc.if_else(answers(alone.astype(np.int8)), length, both)
+        # A side that is no more than what is drawn at least was not seen.
+        seen = self._sides[rows] > LEAST_SIDE
+        alone = (self._is_round[rows] | ~seen[:, 1]).astype(np.int8)
+        size = pc.if_else(answers(np.where(seen[:, 0], alone, np.int8(-1))), length, both)
         number = plain(self._number[rows]).cast(pa.string())
         # RViz draws ASCII alone; what stands in a catalogue is the user's.
-        return pc.binary_join_element_wise(number, colon, name, line, size, unit, nothing)
+        label = self._rows["label"].dictionary_decode().take(plain(rows))
+        size = pc.binary_join_element_wise(size, unit, _always("", len(rows)))
+        return pc.binary_join_element_wise(number, label, size, space, null_handling="skip")
 
 
 def _always(text: str, count: int) -> pa.StringArray:

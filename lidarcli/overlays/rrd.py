@@ -14,7 +14,7 @@ from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
 from lidarcli.overlays import viewers
 from lidarcli.overlays.files import MAP
 from lidarcli.overlays.markers import Kind, Markers, quaternions
-from lidarcli.sweeps import Bool, Float64, Int64, SweepPoses
+from lidarcli.sweeps import Float64, SweepBatch
 
 try:
     import rerun
@@ -27,8 +27,10 @@ except ImportError as err:
 TIMELINE = "stamp"
 BEAMS = "beams"
 """Name of the entity of beams, below that of their topic."""
-SIGHT = 14.0
-"""Least height of the eye above the ground [m]."""
+OUT_OF_SIGHT = 0.02
+"""Share of the beams whose ends are out of sight at first, on each side."""
+HEIGHT = 1.1
+"""Height of the eye above the ground, by the side of what is in sight: rerun sees 55 degrees."""
 
 
 class Recording:
@@ -36,61 +38,70 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self._stream = rerun.RecordingStream("lidarcli", send_properties=False)
-        if not self._stream.is_enabled():
+        if not rerun.is_enabled(self._stream):
             raise OptionError(
                 "the variable RERUN of the environment turns rerun off; take it away to write .rrd"
             )
         self._stream.save(path)
-        self._drawn: set[tuple[str, Kind | None]] = set()
-        """Entities that have been drawn, and kinds of markers in them; None of beams."""
+        self._drawn: set[tuple[str, Any]] = set()
+        """Entities, each with what is drawn there."""
         self._low, self._high = np.full(2, np.inf), np.full(2, -np.inf)
-        """Corners of what the sensors have come across [m]."""
+        """Corners of where most beams have ended in the world [m]."""
 
-    def add(
-        self,
-        topic: str,
-        stamp_ns: Int64,
-        points: Float64,
-        there: Bool,
-        groups: Sequence[Markers],
-        poses: SweepPoses | None,
-    ) -> None:
-        """Append S sweeps of a topic.
+    def add(self, batch: SweepBatch, groups: Sequence[Markers]) -> None:
+        """Append S sweeps of a topic, and their markers.
 
         Parameters
         ----------
-        stamp_ns : (S,) [ns]
-        points : (S, B, 2) ends of the beams in the frame of the sensor [m]
-        there : (S, B) whether the beam has an end
+        batch : sweeps with their poses; without any the sensor is the origin
         groups : markers, each message of which is one of the sweeps
-        poses : poses of the sensor in the world; None where it is the origin
         """
-        name = _name(topic)
-        times = [rerun.TimeColumn(TIMELINE, timestamp=stamp_ns.view("datetime64[ns]"))]
-        place = np.zeros((len(stamp_ns), 2))
+        name, poses = _name(batch.topic), batch.poses
+        times = [rerun.TimeColumn(TIMELINE, timestamp=batch.stamps)]
+        there = np.isfinite(batch.ranges)
+        seen = batch.points()[there]
+        ends = seen
         if poses is not None:
-            place = np.column_stack([poses.x, poses.y])
             turns = quaternions(poses.yaw, poses.upside_down)
-            columns = rerun.Transform3D.columns(translation=_raised(place), quaternion=turns)
+            place = _raised(np.column_stack([poses.x, poses.y]))
+            columns = rerun.Transform3D.columns(translation=place, quaternion=turns)
             self._stream.send_columns(rerun.new_entity_path([name]), times, columns)
-        self._low = np.minimum(self._low, place.min(axis=0))
-        self._high = np.maximum(self._high, place.max(axis=0))
+            x, y, _ = poses.to_world(np.nonzero(there)[0], seen[:, 0], seen[:, 1], np.zeros(len(seen)))
+            ends = np.column_stack([x, y])
+        if len(ends):
+            low, high = np.quantile(ends, [OUT_OF_SIGHT, 1.0 - OUT_OF_SIGHT], axis=0)
+            self._low, self._high = np.minimum(self._low, low), np.maximum(self._high, high)
         path = rerun.new_entity_path([name, BEAMS])
-        if (path, None) not in self._drawn:
-            self._drawn.add((path, None))
-            look = rerun.Points3D.from_fields(
-                colors=_rgba(viewers.BEAMS), radii=rerun.Radius.ui_points(0.5 * viewers.POINT)
-            )
-            self._stream.log(path, look, static=True)
-        ends = rerun.Points3D.columns(positions=_raised(points[there])).partition(there.sum(axis=1))
-        self._stream.send_columns(path, times, ends)
+        self._look(path, BEAMS)
+        columns = rerun.Points3D.columns(positions=_raised(seen)).partition(there.sum(axis=1))
+        self._stream.send_columns(path, times, columns)
         for kind in Kind:
             mine = [group for group in groups if group.kind is kind]
             path = rerun.new_entity_path([name, kind.value[1].decode()])
+            if mine:
+                self._look(path, kind)
             # Where a kind has been drawn, sweeps without it are told, too: else the last ones would stay.
-            if mine or (path, kind) in self._drawn:
-                self._drawn.add((path, kind))
-                self._stream.send_columns(path, times, _columns(kind, mine, len(stamp_ns)))
+            if (path, kind) in self._drawn:
+                self._stream.send_columns(path, times, _columns(kind, mine, len(batch)))
+
+    def _look(self, path: str, what: Any) -> None:
+        """Tell once what all that is drawn at an entity has in common."""
+        if (path, what) in self._drawn:
+            return
+        self._drawn.add((path, what))
+        filled = rerun.components.FillMode.TransparentFillMajorWireframe
+        look: Any = None
+        if what == BEAMS:
+            size = rerun.Radius.ui_points(0.5 * viewers.POINT)
+            look = rerun.Points3D.from_fields(colors=_rgba(viewers.BEAMS), radii=size)
+        elif what is Kind.CUBE:
+            look = rerun.Boxes3D.from_fields(fill_mode=filled)
+        elif what is Kind.CYLINDER:
+            look = rerun.Cylinders3D.from_fields(fill_mode=filled)
+        elif what is Kind.LABEL:
+            look = rerun.Points3D.from_fields(radii=0.0, show_labels=True)
+        if look is not None:
+            self._stream.log(path, look, static=True)
 
     def add_map(self, grid: Occupancy, z: float) -> None:
         """Add a map at a height [m]: a picture on the ground."""
@@ -110,22 +121,22 @@ class Recording:
 
     def finish(self, hidden: Collection[str]) -> None:
         """Add a view from above, in which some topics are hidden at first, and close the file."""
-        middle, size = np.zeros(2), 0.0
-        if np.isfinite(self._low).all():
-            middle, size = 0.5 * (self._low + self._high), float((self._high - self._low).max())
+        seen = np.isfinite(self._low).all()
+        low, high = (self._low, self._high) if seen else (np.full(2, -1.0), np.ones(2))
+        middle, away = 0.5 * (low + high), HEIGHT * float((high - low).max())
         view = blueprint.Spatial3DView(
             origin="/",
             background=_rgba(viewers.BACKGROUND),
             line_grid=False,
             eye_controls=blueprint.EyeControls3D(
-                position=(*middle, SIGHT + size), look_target=(*middle, 0.0), eye_up=(0.0, 1.0, 0.0)
+                position=(*middle, away), look_target=(*middle, 0.0), eye_up=(0.0, 1.0, 0.0)
             ),
             overrides={
                 rerun.new_entity_path([_name(topic)]): blueprint.EntityBehavior(visible=False)
                 for topic in hidden
             },
         )
-        panel = blueprint.TimePanel(timeline=TIMELINE)
+        panel = blueprint.TimePanel(timeline=TIMELINE, state="collapsed")
         self._stream.send_blueprint(blueprint.Blueprint(view, panel, collapse_panels=True))
         try:
             self._stream.flush()
@@ -176,7 +187,6 @@ def _columns(kind: Kind, groups: Sequence[Markers], sweeps: int) -> Any:
             positions=position,
             labels=[texts[row] for row in order.tolist()],
             colors=colours,
-            radii=np.zeros(len(order)),
         )
     else:
         lines = [_raised(line) for group in groups if group.points is not None for line in group.points]

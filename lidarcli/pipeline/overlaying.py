@@ -407,8 +407,7 @@ class Overlay:
             here = joined.poses
             poses = SweepPoses(here.x, here.y, here.yaw, np.full(len(here.x), self._hanging(joined, told)))
         batch = normalise(joined.raw, joined.index, self._rules)
-        groups = self._groups(told, joined)
-        file.add(batch.topic, batch.stamp_ns, batch.points(), np.isfinite(batch.ranges), groups, poses)
+        file.add(replace(batch, poses=poses), self._groups(told, joined))
 
     def _markers(self, frame: str, joined: Joined) -> Iterator[Outgoing]:
         """Yield the markers of some sweeps of one frame."""

@@ -83,7 +83,7 @@ def test_a_plain_object_has_outline_body_and_label() -> None:
     assert body.position[0, :2].tolist() == pytest.approx([2.1, 1.1])
     assert body.scale[0, :2].tolist() == pytest.approx([0.6, 0.4])
     assert body.yaw.tolist() == [0.5]
-    assert words(label) == ["1: prismatic\n0.60 x 0.40 m"]
+    assert words(label) == ["1 0.60 x 0.40 m"]
     assert label.position[0, 2] > body.scale[0, 2]
     assert [group.colour[0, 3] for group in groups] == pytest.approx([SOLID, CLEAR, SOLID])
     assert all(group.id.tolist() == [1] for group in groups)
@@ -102,18 +102,26 @@ def test_a_round_thing_is_as_wide_as_long() -> None:
     (body,) = of_kind(drawn({"shape": "round", "box_width": 0.1}), Kind.CYLINDER)
     assert body.scale[0, :2].tolist() == pytest.approx([0.6, 0.6])
     (label,) = of_kind(drawn({"shape": "round"}), Kind.LABEL)
-    assert words(label) == ["1: round\n0.60 m"]
+    assert words(label) == ["1 0.60 m"]
 
 
-def test_a_name_of_the_catalogue_stands_in_place_of_the_shape() -> None:
+def test_a_name_of_the_catalogue_stands_before_the_size() -> None:
     (label,) = of_kind(drawn({"label": "Europalette €"}), Kind.LABEL)
-    assert words(label) == ["1: Europalette €\n0.60 x 0.40 m"]
+    assert words(label) == ["1 Europalette € 0.60 x 0.40 m"]
 
 
 @pytest.mark.parametrize("width", [None, 0.0, LEAST_SIDE])
 def test_the_label_tells_no_width_that_was_not_seen(width: float | None) -> None:
     (label,) = of_kind(drawn({"box_width": width}), Kind.LABEL)
-    assert words(label) == ["1: prismatic\n0.60 m"]
+    assert words(label) == ["1 0.60 m"]
+
+
+def test_the_label_tells_no_length_that_was_not_seen() -> None:
+    sides = {"box_length": None, "box_width": None}
+    (label,) = of_kind(drawn(sides), Kind.LABEL)
+    assert words(label) == ["1"]
+    (label,) = of_kind(drawn(sides | {"label": "post"}), Kind.LABEL)
+    assert words(label) == ["1 post"]
 
 
 def test_labels_are_pale_and_in_the_shadow_of_their_objects() -> None:
