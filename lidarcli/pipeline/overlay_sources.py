@@ -121,8 +121,9 @@ class Copies:
 
 def of_sweeps(topic: str, kind: str, raw: RawSweeps, data: Sequence[bytes]) -> Iterator[Outgoing]:
     """Yield a message for each of some sweeps, recorded when the sweep was."""
-    times = zip(raw.record_ns.tolist(), raw.time_ns.tolist(), data, strict=True)
-    return (Outgoing(topic, kind, *each) for each in times)
+    times = raw.record_ns.tolist()
+    # Header stamps may go back where record times do not, and a file of messages has one order.
+    return (Outgoing(topic, kind, at, at, one) for at, one in zip(times, data, strict=True))
 
 
 def in_order(messages: Iterable[Outgoing]) -> Iterator[Outgoing]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -291,9 +291,15 @@ class Overlay:
                 self._draw(file, told, mine)
             if progress is not None:
                 progress(log.position)
-        if self._grid is not None and self._tables.is_posed:
-            file.add_map(self._grid, MAP_Z)
-        file.finish(self._hidden())
+        hidden = [*self._hidden()]
+        if self._tables.is_posed:
+            if self._grid is not None:
+                file.add_map(self._grid, MAP_Z)
+        else:
+            hidden += self._apart(hidden)
+        if self._lost:
+            self._notes.append(f"{self._lost:,} sweeps are not drawn, for they have no pose")
+        file.finish(hidden)
 
     def scene(self) -> Scene:
         """Return the settings of viewers; known when all messages have been written."""
@@ -372,6 +378,20 @@ class Overlay:
             if frame and first.setdefault(frame, topic) != topic:
                 hidden[topic] = first[frame]
         return hidden
+
+    def _apart(self, hidden: Collection[str]) -> list[str]:
+        """Return the topics that cannot be drawn beside the first one without poses, and note what is not shown."""
+        if self._grid is not None:
+            self._notes.append(
+                "the map is left out, for nothing tells where the sensor is in it; give --pose or --poses"
+            )
+        first, *others = self._tables.topics or ("",)
+        apart = [topic for topic in others if topic not in hidden]
+        self._notes += [
+            f"nothing tells where the sensor of {topic} is beside that of {first}: it is hidden at first"
+            for topic in apart
+        ]
+        return apart
 
     def _drawn(self, log: Log, progress: Progress | None) -> Iterator[Outgoing]:
         """Yield the markers of all sweeps, and scans of the log that have to be written anew."""
