@@ -16,7 +16,7 @@ from lidarcli.option_forms import Argument, Text
 from lidarcli.options import TextOrJson
 
 LIBRARIES = ("numpy", "pyarrow", "mcap", "rosbags", "pandas", "matplotlib", "click", "rich")
-EXTRAS = ("distributed",)
+EXTRAS = ("distributed", "rerun-sdk")
 SHELLS = ("bash", "zsh", "fish")
 VARIABLE = "_LIDARCLI_COMPLETE"
 """Variable by which a shell asks for completions."""

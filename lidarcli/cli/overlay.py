@@ -42,7 +42,7 @@ class OverlayCommand(
     output: Annotated[
         str,
         output("FILE"),
-        "File to write: .mcap (ROS 2, for Foxglove, Lichtblick and RViz) or .bag (ROS 1).",
+        "File to write: .mcap (ROS 2, for Foxglove, Lichtblick and RViz), .bag (ROS 1) or .rrd (rerun, an extra).",
     ]
     objects: Annotated[
         str | None,
@@ -52,7 +52,7 @@ class OverlayCommand(
     with_log: Annotated[
         bool,
         Option(OUTPUT, None, False),
-        "Copy scans, transforms, odometry and poses into the same file, for viewers that open one file only.",
+        "Copy scans, transforms, odometry and poses into the same file, for viewers that open one file only (not .rrd).",
     ]
     map: Annotated[
         str | None,
@@ -67,7 +67,7 @@ class OverlayCommand(
     layout: Annotated[
         bool,
         Option(OUTPUT, None, True, both=True),
-        "Also write settings of viewers: NAME.layout.json and NAME.rviz.",
+        "Also write settings of viewers: NAME.layout.json and NAME.rviz (not for .rrd).",
     ]
 
 
@@ -80,6 +80,7 @@ class OverlayCommand(
   lidarcli overlay run.bag -o run.shown.mcap --with-log --map room.yaml
   lidarcli overlay run.mcap -o run.overlay.mcap --zones nav2.yaml
   lidarcli overlay run.bag -o run.overlay.bag --no-layout
+  lidarcli overlay run.mcap -o run.rrd
   ros2 bag play -i run.mcap -i run.overlay.mcap""",
 )
 def overlay(say: Messages, told: OverlayCommand) -> int:
