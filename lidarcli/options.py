@@ -782,7 +782,7 @@ class Overlaying(Joining, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, t
     with_log: Annotated[
         bool,
         Option(OUTPUT, None, False),
-        "Copy scans, transforms, odometry and poses into the same file, for viewers that open one file only.",
+        "Copy scans, transforms, odometry and poses into the same file, for viewers that open one file only (not .rrd).",
     ]
     map: Annotated[
         AnyPath | None,
@@ -797,7 +797,7 @@ class Overlaying(Joining, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, t
     layout: Annotated[
         bool,
         Option(OUTPUT, None, True, both=True),
-        "Also write settings of viewers: NAME.layout.json and NAME.rviz.",
+        "Also write settings of viewers: NAME.layout.json and NAME.rviz (not for .rrd).",
     ]
 
 

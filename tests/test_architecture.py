@@ -47,7 +47,7 @@ MAY_IMPORT = {
     "simulation": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "tabular", "tomlfiles"},
     "reports": CORE | {"formalism", "tabular"},
     "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
-    "overlays": CORE | {"maps", "ros", "tabular"},
+    "overlays": CORE | {"formalism", "maps", "ros", "tabular"},
     "copying": CORE | {"logs", "ros"},
     "pipeline": CORE
     | OPTIONS
@@ -100,6 +100,7 @@ ROOMS_OF = {
     "sqlite3": {"logs", "simulation", "copying"},
     "pyarrow": {"tabular", "pipeline", "logs", "simulation", "reports", "maps", "overlays", "stores"},
     "distributed": {"pipeline"},
+    "rerun": {"overlays"},
     "PIL": {"maps", "reports"},
     "ruamel": {"maps", "yamlfiles"},
 }

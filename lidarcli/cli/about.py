@@ -17,7 +17,7 @@ from lidarcli.options import TextOrJson
 from lidarcli.screen import one_line
 
 LIBRARIES = ("numpy", "pyarrow", "mcap", "rosbags", "pandas", "matplotlib", "click", "rich")
-EXTRAS = ("distributed",)
+EXTRAS = ("distributed", "rerun-sdk")
 SHELLS = ("bash", "zsh", "fish")
 VARIABLE = "_LIDARCLI_COMPLETE"
 """Variable by which a shell asks for completions."""

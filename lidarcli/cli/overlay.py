@@ -15,7 +15,7 @@ class OverlayCommand(OneLog, Overwrite, Overlaying, total=False):
     output: Annotated[
         str,
         output("FILE"),
-        "File to write: .mcap (ROS 2, for Foxglove, Lichtblick and RViz) or .bag (ROS 1).",
+        "File to write: .mcap (ROS 2, for Foxglove, Lichtblick and RViz), .bag (ROS 1) or .rrd (rerun, an extra).",
     ]
 
 
@@ -28,6 +28,7 @@ class OverlayCommand(OneLog, Overwrite, Overlaying, total=False):
   lidarcli overlay run.bag -o run.shown.mcap --with-log --map room.yaml
   lidarcli overlay run.mcap -o run.overlay.mcap --zones nav2.yaml
   lidarcli overlay run.bag -o run.overlay.bag --no-layout
+  lidarcli overlay run.mcap -o run.rrd
   ros2 bag play -i run.mcap -i run.overlay.mcap""",
 )
 def overlay(say: Messages, told: OverlayCommand) -> int:

@@ -366,8 +366,11 @@ def write_occupancy_mcap(file: BinaryIO, grid: Occupancy, stamp_ns: int, topic: 
     writer.finish()  # type: ignore[no-untyped-call]
 
 
-def occupancy_cdr(grid: Occupancy, stamp_ns: int) -> bytes:
-    """Return the map as a nav_msgs/msg/OccupancyGrid in little-endian CDR, stamped with a time of 0 ns to 2^31 s."""
+def occupancy_cdr(grid: Occupancy, stamp_ns: int, z: float = 0.0) -> bytes:
+    """Return the map as a nav_msgs/msg/OccupancyGrid in little-endian CDR.
+
+    `stamp_ns`: 0 to 2^31 s [ns]; `z`: height of the map [m].
+    """
     stamp = divmod(stamp_ns, 1_000_000_000)
     frame = grid.frame_id.encode("utf-8", "replace") + b"\0"
     height, width = grid.cells.shape
@@ -375,7 +378,7 @@ def occupancy_cdr(grid: Occupancy, stamp_ns: int) -> bytes:
     _align(body, 4)
     body += struct.pack("<iIfII", *stamp, grid.resolution, width, height)
     _align(body, 8)
-    body += struct.pack("<7d", grid.x, grid.y, 0, 0, 0, 0, 1)
+    body += struct.pack("<7d", grid.x, grid.y, z, 0, 0, 0, 1)
     body += struct.pack("<I", grid.cells.size)
     return b"".join((b"\0\1\0\0", body, np.ascontiguousarray(grid.cells, np.int8).data.cast("B")))
 

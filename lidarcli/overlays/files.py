@@ -16,8 +16,8 @@ from lidarcli.ros.messages import ROS1, SCAN, TF, Outgoing, bag_writer, ros2_def
 OBJECTS, MAP = "/lidarcli/objects", "/lidarcli/map"
 FRAME = "laser"
 """The frame of a sensor whose log names none."""
-MCAP, BAG = ".mcap", ".bag"
-SUFFIXES = (MCAP, BAG)
+MCAP, BAG, RRD = ".mcap", ".bag", ".rrd"
+SUFFIXES = (MCAP, BAG, RRD)
 LATEST_NS = (1 << 32) * 1_000_000_000 - 1
 """Latest record time [ns]: bags of ROS 1 count seconds in 32 bits."""
 
@@ -57,9 +57,6 @@ def topics_of_objects(topics: Iterable[str]) -> dict[str, str]:
 class McapFile:
     """MCAP of profile ros2: every message in CDR, every topic with the definition of its type."""
 
-    is_ros2 = True
-    """Messages are CDR of ROS 2, not those of ROS 1."""
-
     def __init__(self, path: Path) -> None:
         self._file = path.open("xb")
         self._writer = start_ros2(self._file)
@@ -93,8 +90,6 @@ class McapFile:
 
 class BagFile:
     """A bag of ROS 1, packed by lz4."""
-
-    is_ros2 = False
 
     def __init__(self, path: Path) -> None:
         self._writer = bag_writer(path, "lz4")

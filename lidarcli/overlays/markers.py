@@ -310,11 +310,16 @@ def transforms(
     items = builder.layout().filled(len(stamp_ns))
     items["seconds"], items["nanoseconds"] = within_ros(stamp_ns)
     items["position"][:, :2] = pose[:, :2]
-    sin, cos = np.sin(0.5 * pose[:, 2]), np.cos(0.5 * pose[:, 2])
+    items["turn"] = quaternions(pose[:, 2], upside_down)
+    head = b"\0\1\0\0" if cdr else b""
+    return [head + item.tobytes() for item in items]
+
+
+def quaternions(yaw: Float64, upside_down: Bool) -> Float64:
+    """Return (N, 4) x, y, z, w of turns by `yaw` (N,) [rad], of what hangs head down where `upside_down` (N,)."""
+    sin, cos = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
     zero = np.zeros_like(sin)
     upright = np.column_stack([zero, zero, sin, cos])
     # Turned by half a turn about its own x axis first.
     hanging = np.column_stack([cos, sin, zero, zero])
-    items["turn"] = np.where(upside_down[:, None], hanging, upright)
-    head = b"\0\1\0\0" if cdr else b""
-    return [head + item.tobytes() for item in items]
+    return np.where(upside_down[:, None], hanging, upright)

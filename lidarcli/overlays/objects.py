@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -45,8 +46,10 @@ WIDE = 3.0
 """Width of the outline of a zone that is occupied, by that of others."""
 LIFT = 0.15
 """Height of labels above the body [m]."""
-BEHIND = 0.6
+BEHIND = 0.2
 """Distance of labels behind the body, as seen by the sensor [m]: a label in its shadow hides no other object."""
+LETTER = 0.55
+"""Width of a letter, by its height."""
 PALE = 0.5
 """Share of white in the colour of letters, which are thin and lie on dark ground."""
 SOLID, CLEAR = 1.0, 0.35
@@ -130,7 +133,7 @@ def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses, colours: Colo
     return [
         *objects.outlines(),
         *objects.bodies(),
-        *objects.labels(),
+        *objects.labels(np.nan_to_num(poses.yaw[message])),
         *objects.arrows(_in_sensor_frame(rows, message, poses)),
     ]
 
@@ -248,19 +251,22 @@ class _Objects:
             if len(rows):
                 yield self._markers(kind, rows, self._place[rows], self._yaw[rows], size[rows], CLEAR)
 
-    def labels(self) -> Iterator[Markers]:
-        """Yield number, name and size of each object; once where several belong to one track."""
+    def labels(self, yaw: Float64) -> Iterator[Markers]:
+        """Yield number and size of each object, and its name; once where several belong to one track.
+
+        `yaw`: (N,) of the sensor in the world, which is seen with x to the right
+        """
         rows = np.flatnonzero(self._part == 0)
         texts = self._texts(rows)
-        behind = self._behind()
         lengths = held(pc.binary_length(texts))[0]
+        behind = self._behind(rows, lengths, yaw[rows])
         for length in np.unique(lengths).tolist():
             mine = np.flatnonzero(lengths == length)
-            where = rows[mine]
             # Texts of one length lie one after the other.
             text = np.frombuffer(texts.take(plain(mine)).buffers()[2], f"S{length}", len(mine))
+            size = np.full(3, TEXT)
             yield self._markers(
-                Kind.LABEL, where, behind[where], 0.0, np.full(3, TEXT), SOLID, lift=HEIGHT + LIFT, text=text
+                Kind.LABEL, rows[mine], behind[mine], 0.0, size, SOLID, lift=HEIGHT + LIFT, text=text
             )
 
     def arrows(self, velocity: Float64) -> Iterator[Markers]:
@@ -311,28 +317,30 @@ class _Objects:
         chosen: Float32 = np.where(self._is_tracked[:, None], tracked, of_shapes[shape])
         return chosen
 
-    def _behind(self) -> Float64:
-        """Return (N, 2) a position behind each object, as seen by the sensor."""
-        distance = np.hypot(*self._place.T)
-        away = 0.5 * np.hypot(*self._sides.T) + BEHIND
-        behind: Float64 = self._place * (1 + away / np.maximum(distance, LEAST_SIDE))[:, None]
+    def _behind(self, rows: NDArray[np.intp], letters: NDArray[Any], yaw: Float64) -> Float64:
+        """Return (K, 2) positions behind some objects, as seen by the sensor, for texts of so many letters beside them."""
+        place = self._place[rows]
+        bearing = np.arctan2(place[:, 1], place[:, 0])
+        text = 0.5 * TEXT * np.column_stack([LETTER * letters, np.ones(len(rows))])
+        across = np.abs(np.column_stack([np.cos(bearing + yaw), np.sin(bearing + yaw)]))
+        away = 0.5 * np.hypot(*self._sides[rows].T) + BEHIND + (text * across).sum(axis=1)
+        behind: Float64 = place + away[:, None] * np.column_stack([np.cos(bearing), np.sin(bearing)])
         return behind
 
     def _texts(self, rows: NDArray[np.intp]) -> pa.StringArray:
-        """Return number, name and size of some objects."""
-        label, shape = (self._rows[name].dictionary_decode() for name in ("label", "shape"))
-        name = pc.coalesce(label, shape, _always(UNKNOWN, len(label))).take(plain(rows))
+        """Return number, name in the catalogue and size of some objects, as far as there are any."""
+        unit, times, space = (_always(text, len(rows)) for text in (" m", " x ", " "))
         length, width = (_metres(side) for side in self._sides[rows].T)
-        nothing, times, colon, line, unit = (
-            _always(text, len(rows)) for text in ("", " x ", ": ", "\n", " m")
-        )
         both = pc.binary_join_element_wise(length, width, times)
-        # A width that is no more than what is drawn at least was not seen.
-        alone = self._is_round[rows] | (self._sides[rows, 1] <= LEAST_SIDE)
-        size = pc.if_else(answers(alone.astype(np.int8)), length, both)
+        # A side that is no more than what is drawn at least was not seen.
+        seen = self._sides[rows] > LEAST_SIDE
+        alone = (self._is_round[rows] | ~seen[:, 1]).astype(np.int8)
+        size = pc.if_else(answers(np.where(seen[:, 0], alone, np.int8(-1))), length, both)
         number = plain(self._number[rows]).cast(pa.string())
         # RViz draws ASCII alone; what stands in a catalogue is the user's.
-        return pc.binary_join_element_wise(number, colon, name, line, size, unit, nothing)
+        label = self._rows["label"].dictionary_decode().take(plain(rows))
+        size = pc.binary_join_element_wise(size, unit, _always("", len(rows)))
+        return pc.binary_join_element_wise(number, label, size, space, null_handling="skip")
 
 
 def _always(text: str, count: int) -> pa.StringArray:

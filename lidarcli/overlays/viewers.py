@@ -8,7 +8,9 @@ from typing import Any
 
 LAYOUT, RVIZ = ".layout.json", ".rviz"
 PANEL = "3D!lidarcli"
-BEAMS, BACKGROUND = "#FFFFFF", "#101010"
+BEAMS, BACKGROUND, GRID = "#FFFFFF", "#101010", "#FFFFFF20"
+FREE, OCCUPIED, NOTHING = "#3A3A3AFF", "#8A6D1BFF", "#00000000"
+"""Colours of a map, on which beams and objects are clear."""
 POINT = 4
 """Size of a beam's end [pixels]."""
 MAP_ALPHA = 0.3
@@ -25,21 +27,36 @@ class Scene:
     """Topics of markers."""
     scans: tuple[str, ...]
     map: str | None = None
+    hidden: frozenset[str] = frozenset()
+    """Topics among these that are not shown at first: of another topic of the same sensor there is as much to be seen."""
 
 
 def layout_json(scene: Scene) -> bytes:
     """Return a layout with one 3D panel; topics that it does not name are hidden there."""
-    topics: dict[str, dict[str, Any]] = {topic: {"visible": True} for topic in scene.objects}
+    topics: dict[str, dict[str, Any]] = {topic: {"showOutlines": False} for topic in scene.objects}
     for topic in scene.scans:
-        topics[topic] = {"visible": True, "pointSize": POINT, "colorMode": "flat", "flatColor": BEAMS}
+        # Without a field there is no flat colour.
+        topics[topic] = {
+            "pointSize": POINT,
+            "colorMode": "flat",
+            "flatColor": BEAMS,
+            "colorField": "intensity",
+        }
     if scene.map is not None:
-        topics[scene.map] = {"visible": True}
+        topics[scene.map] = {
+            "colorMode": "custom",
+            "minColor": FREE,
+            "maxColor": OCCUPIED,
+            "unknownColor": NOTHING,
+            "invalidColor": NOTHING,
+        }
+    topics = {topic: {"visible": topic not in scene.hidden} | shown for topic, shown in topics.items()}
     panel = {
         "cameraState": {
             "perspective": False,
-            "distance": 15,
+            "distance": 12,
             "phi": 0,
-            "thetaOffset": 90,
+            "thetaOffset": 0,
             "targetOffset": [0, 0, 0],
             "target": [0, 0, 0],
             "targetOrientation": [0, 0, 0, 1],
@@ -49,7 +66,11 @@ def layout_json(scene: Scene) -> bytes:
         },
         "followMode": "follow-pose",
         "followTf": scene.frame,
-        "scene": {"backgroundColor": BACKGROUND},
+        "scene": {
+            "backgroundColor": BACKGROUND,
+            # Names and lines of the frames of a robot would hide what is around it.
+            "transforms": {"showLabel": False, "lineWidth": 0, "axisScale": 0.5, "enablePreloading": True},
+        },
         "transforms": {},
         "topics": topics,
         "layers": {
@@ -62,7 +83,7 @@ def layout_json(scene: Scene) -> bytes:
                 "size": 20,
                 "divisions": 20,
                 "lineWidth": 1,
-                "color": "#808080",
+                "color": GRID,
                 "position": [0, 0, 0],
                 "rotation": [0, 0, 0],
                 "order": 1,
@@ -94,13 +115,13 @@ def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
         )
     for topic in scene.scans:
         displays.append(
-            f"    - Class: {plugins}/LaserScan\n      Name: {_text(topic)}\n      Enabled: true\n"
+            f"    - Class: {plugins}/LaserScan\n      Name: {_text(topic)}\n      Enabled: {_enabled(scene, topic)}\n"
             f"      Style: Points\n      Size (Pixels): {POINT}\n      Color Transformer: FlatColor\n"
             "      Color: 255; 255; 255\n" + _topic(topic, "Topic", is_ros2, reliable=False)
         )
     for topic in scene.objects:
         displays.append(
-            f"    - Class: {plugins}/MarkerArray\n      Name: {_text(topic)}\n      Enabled: true\n"
+            f"    - Class: {plugins}/MarkerArray\n      Name: {_text(topic)}\n      Enabled: {_enabled(scene, topic)}\n"
             + _topic(topic, "Topic" if is_ros2 else "Marker Topic", is_ros2)
         )
     tools = "".join(
@@ -116,9 +137,13 @@ def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
         f"  Tools:\n{tools}"
         f"  Views:\n    Current:\n      Class: {plugins}/TopDownOrtho\n      Name: Current View\n      Angle: 0\n"
         "      Scale: 60\n      Target Frame: <Fixed Frame>\n      X: 0\n      Y: 0\n"
-        "Window Geometry:\n  Height: 800\n  Width: 1200\n"
+        "Window Geometry:\n  Height: 720\n  Width: 1200\n"
     )
     return text.encode()
+
+
+def _enabled(scene: Scene, topic: str) -> str:
+    return "false" if topic in scene.hidden else "true"
 
 
 def _topic(topic: str, key: str, is_ros2: bool, *, latched: bool = False, reliable: bool = True) -> str:

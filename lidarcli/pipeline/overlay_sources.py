@@ -120,8 +120,9 @@ class Copies:
 
 def of_sweeps(topic: str, kind: str, raw: RawSweeps, data: Sequence[bytes]) -> Iterator[Outgoing]:
     """Yield a message for each of some sweeps, recorded when the sweep was."""
-    times = zip(raw.record_ns.tolist(), raw.time_ns.tolist(), data, strict=True)
-    return (Outgoing(topic, kind, *each) for each in times)
+    times = raw.record_ns.tolist()
+    # Header stamps may go back where record times do not, and a file of messages has one order.
+    return (Outgoing(topic, kind, at, at, one) for at, one in zip(times, data, strict=True))
 
 
 def in_order(messages: Iterable[Outgoing]) -> Iterator[Outgoing]:
@@ -160,9 +161,9 @@ class Joined:
         """Yield each frame with its sweeps."""
         codes = np.unique(self.raw.frame).tolist()
         for code in codes:
-            yield self.raw.frame_ids[code], self if len(codes) == 1 else self._of(self.raw.frame == code)
+            yield self.raw.frame_ids[code], self if len(codes) == 1 else self.rows(self.raw.frame == code)
 
-    def _of(self, mine: Bool) -> Joined:
+    def rows(self, mine: Bool) -> Joined:
         """Return some of the sweeps."""
         poses = Poses(self.poses.x[mine], self.poses.y[mine], self.poses.yaw[mine])
         its = mine[self.row]
@@ -176,13 +177,10 @@ class Tables:
 
     def __init__(self, pair: Pair) -> None:
         self._pair = pair
-        self.topics: tuple[str, ...] = tuple(
-            sorted(
-                read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ["topic"])["topic"]
-                .unique()
-                .to_pylist()
-            )
-        )
+        told = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ["topic", "pose_x"])
+        self.topics: tuple[str, ...] = tuple(sorted(told["topic"].unique().to_pylist()))
+        self.is_posed = told["pose_x"].null_count < told.num_rows
+        """True where some sweep has a pose."""
         self._cursors: dict[str, tuple[Cursor, Cursor]] = {}
         self._counts: dict[str, int] = {}
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain
 from operator import attrgetter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +21,16 @@ from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.maps.mapserver import TYPE as MAP_TYPE
 from lidarcli.maps.mapserver import image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import new_files, refuse, unwritable
-from lidarcli.overlays.files import FRAME, MAP, SUFFIXES, overlay_file, topic_name, topics_of_objects
+from lidarcli.overlays.files import (
+    BAG,
+    FRAME,
+    MAP,
+    RRD,
+    SUFFIXES,
+    overlay_file,
+    topic_name,
+    topics_of_objects,
+)
 from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, Markers, marker_arrays, transforms
 from lidarcli.overlays.objects import Colours, Trajectories, is_mirrored, markers_of, paths_of, zone_of
 from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_config
@@ -44,13 +54,16 @@ from lidarcli.pipeline.watching.counting import Objects
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.pipeline.watching.showing import Showing
 from lidarcli.range_rules import normalise
-from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS, ZONE_COLOURS
+from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS, ZONE_COLOURS, on_dark
 from lidarcli.ros.messages import ROS2, TF, Outgoing
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepPoses
 from lidarcli.tabular.reading import file_metadata, note_value
 from lidarcli.tabular.writing import PARAMETERS, SOURCE
 from lidarcli.zone import Zones
+
+if TYPE_CHECKING:
+    from lidarcli.overlays.rrd import Recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +86,8 @@ class OverlayOptions:
 
 
 def outputs_of(path: Place, options: OverlayOptions) -> tuple[Place, ...]:
-    """Return all files that are written."""
-    beside = (LAYOUT, RVIZ) if options.layout else ()
+    """Return all files that are written; what an .rrd shows first is in it."""
+    beside = (LAYOUT, RVIZ) if options.layout and not _is_rrd(path) else ()
     return (path, *(path.with_suffix(suffix) for suffix in beside))
 
 
@@ -84,7 +97,7 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
     Raises
     ------
     OptionError
-        The suffix is none of `SUFFIXES`, or the log is standard input.
+        The suffix is none of `SUFFIXES`, the log is standard input, or rerun-sdk is missing for an .rrd.
     OutputError
         As of `newfiles.refuse`.
     UnreadableError
@@ -96,6 +109,8 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
         raise OptionError(
             "an overlay is made by reading the log twice; give the name of its file instead of -"
         )
+    if _is_rrd(path):
+        _recording()
     inputs = options.detect.inputs([source])
     if options.objects is not None:
         pair = one_pair(options.objects)
@@ -103,6 +118,23 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
     if options.map is not None:
         inputs += [str(options.map), str(image_of(options.map))]
     refuse(outputs_of(path, options), options.overwrite, inputs)
+
+
+def _is_rrd(path: Place) -> bool:
+    return path.suffix.lower() == RRD
+
+
+def _recording() -> type[Recording]:
+    """Return the type of recordings of rerun, which is an extra.
+
+    Raises
+    ------
+    OptionError
+        It is not installed.
+    """
+    from lidarcli.overlays.rrd import Recording
+
+    return Recording
 
 
 def write_overlay(
@@ -128,18 +160,20 @@ def write_overlay(
         else:
             pair, found = detect_beside(source, new.part(path).with_name("tables"), options.detect, progress)
             progress = second_of_two(progress, source.size)
+        is_ros2 = path.suffix.lower() != BAG
+        work = Overlay(source, pair, grid, options.detect.opening, is_ros2, options.with_log, options.zones)
         try:
-            file = overlay_file(new.part(path))
-            stack.callback(file.abandon)
-            work = Overlay(
-                source, pair, grid, options.detect.opening, file.is_ros2, options.with_log, options.zones
-            )
-            for message in work.messages(stack, progress):
-                file.write(message)
-            file.finish()
-            if options.layout:
+            if _is_rrd(path):
+                work.record(new.part(path), stack, progress)
+            else:
+                file = overlay_file(new.part(path))
+                stack.callback(file.abandon)
+                for message in work.messages(stack, progress):
+                    file.write(message)
+                file.finish()
+            if len(paths) > 1:
                 new.part(paths[1]).write_bytes(layout_json(work.scene()))
-                new.part(paths[2]).write_bytes(rviz_config(work.scene(), is_ros2=file.is_ros2))
+                new.part(paths[2]).write_bytes(rviz_config(work.scene(), is_ros2=is_ros2))
         except OSError as err:
             if err.filename is None:
                 raise unwritable(path, err) from err
@@ -150,7 +184,13 @@ def write_overlay(
     return summary
 
 
-COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS, ZONE_COLOURS)
+COLOURS = Colours(
+    {name: on_dark(colour) for name, colour in SHAPE_COLOURS.items()},
+    tuple(on_dark(colour) for colour in TRACK_COLOURS),
+    {name: on_dark(colour) for name, colour in ZONE_COLOURS.items()},
+)
+MAP_Z = -0.05
+"""Height of the map [m]: where the sensor is at 0, the beams lie on it, and are not in it."""
 DEFAULT_WORLD = "map"
 RECORDED = attrgetter("record_ns")
 
@@ -207,15 +247,16 @@ class Overlay:
         """Topic and frame of a sensor → True where it hangs head down, as far as its objects have shown."""
         self._trajectories: dict[str, Trajectories | None] = {}
         """Topic → its trajectories, where there are any."""
+        self._frame_of: dict[str, str] = {}
+        """Topic → the frame of its first sweep, as the log has it."""
+        self._lost = 0
+        """Sweeps that are not drawn, for they have no pose."""
+        self._notes: list[str] = []
 
     def messages(self, stack: ExitStack, progress: Progress | None) -> Iterator[Outgoing]:
         """Yield all messages in the order in which they are to be played."""
-        log = stack.enter_context(open_source(self._source, self._opening))
+        log = self._open(stack)
         self._encodings = scan_encodings(log)
-        if self._zones is not None:
-            # Transforms are read by a pass of their own.
-            other = stack.enter_context(open_source(self._source, self._opening))
-            self._showing = Showing(self._zones, Frames.of(other, self._zones))
         transforming = transform_topics(log, of_ros=self._with_log)
         self._placed = {frame for frame, (_, topic) in self._ways.items() if topic in transforming}
         others = self._worlds.keys() - self._placed
@@ -238,6 +279,28 @@ class Overlay:
             yield first
         yield from everything
 
+    def record(self, path: Path, stack: ExitStack, progress: Progress | None) -> None:
+        """Write a recording of rerun: sweeps and objects at the poses of the tables, whatever tells them."""
+        log = self._open(stack)
+        file = _recording()(path)
+        stack.callback(file.abandon)
+        for joined in self._tables.join(log, self._report):
+            self._sweeps += len(joined.raw)
+            for told, mine in joined.by_frame():
+                self._frame_of.setdefault(mine.raw.topic, told)
+                self._draw(file, told, mine)
+            if progress is not None:
+                progress(log.position)
+        hidden = [*self._hidden()]
+        if self._tables.is_posed:
+            if self._grid is not None:
+                file.add_map(self._grid, MAP_Z)
+        else:
+            hidden += self._apart(hidden)
+        if self._lost:
+            self._notes.append(f"{self._lost:,} sweeps are not drawn, for they have no pose")
+        file.finish(hidden)
+
     def scene(self) -> Scene:
         """Return the settings of viewers; known when all messages have been written."""
         frame, told = next(iter(self._frames.items()), (FRAME, FRAME))
@@ -245,8 +308,14 @@ class Overlay:
             frame = self._worlds[told]
         if self._grid is not None and self._worlds:
             frame = self._world
-        scans = tuple(self._scan_topic(topic) for topic in self._tables.topics)
-        return Scene(frame, tuple(self._names.values()), scans, None if self._grid is None else MAP)
+        hidden = self._hidden()
+        return Scene(
+            frame,
+            tuple(self._names.values()),
+            tuple(self._scan_topic(topic) for topic in self._tables.topics),
+            None if self._grid is None else MAP,
+            frozenset(name for topic in hidden for name in (self._names[topic], self._scan_topic(topic))),
+        )
 
     def summary(self, found: RunSummary | None) -> RunSummary:
         """Return the summary of the run; `found`: of the tables, if this run made them."""
@@ -267,7 +336,12 @@ class Overlay:
             summary.notes.append(
                 f"transforms of {frames} are written by its poses, for no transforms of ROS tell of it"
             )
-        if self._grid is not None and not self._worlds:
+        summary.notes += [
+            f"{topic} is of frame {self._frame_of[topic]}, as {first} is, and is hidden at first; --topic takes one alone"
+            for topic, first in self._hidden().items()
+        ]
+        summary.notes += self._notes
+        if self._grid is not None and self._frames and not self._worlds:
             summary.notes.append(
                 f"the map is in frame {self._world}, and nothing tells where the sensor is in it: a viewer shows one "
                 "of the two; give --pose or --poses"
@@ -287,6 +361,38 @@ class Overlay:
             (self._worlds[told] for told in self._frames.values() if told in self._worlds), DEFAULT_WORLD
         )
 
+    def _open(self, stack: ExitStack) -> Log:
+        """Open the log, and make ready to show zones."""
+        if self._zones is not None:
+            # Transforms are read by a pass of their own.
+            other = stack.enter_context(open_source(self._source, self._opening))
+            self._showing = Showing(self._zones, Frames.of(other, self._zones))
+        return stack.enter_context(open_source(self._source, self._opening))
+
+    def _hidden(self) -> dict[str, str]:
+        """Return the topics that viewers hide at first → the topic before them that is seen in their place."""
+        first: dict[str, str] = {}
+        hidden = {}
+        for topic in self._tables.topics:
+            frame = self._frame_of.get(topic, "")
+            if frame and first.setdefault(frame, topic) != topic:
+                hidden[topic] = first[frame]
+        return hidden
+
+    def _apart(self, hidden: Collection[str]) -> list[str]:
+        """Return the topics that cannot be drawn beside the first one without poses, and note what is not shown."""
+        if self._grid is not None:
+            self._notes.append(
+                "the map is left out, for nothing tells where the sensor is in it; give --pose or --poses"
+            )
+        first, *others = self._tables.topics or ("",)
+        apart = [topic for topic in others if topic not in hidden]
+        self._notes += [
+            f"nothing tells where the sensor of {topic} is beside that of {first}: it is hidden at first"
+            for topic in apart
+        ]
+        return apart
+
     def _drawn(self, log: Log, progress: Progress | None) -> Iterator[Outgoing]:
         """Yield the markers of all sweeps, and scans of the log that have to be written anew."""
         for joined in self._tables.join(log, self._report):
@@ -300,6 +406,7 @@ class Overlay:
             for told, mine in joined.by_frame():
                 name = told or FRAME if anew else told
                 self._frames.setdefault(name, told)
+                self._frame_of.setdefault(raw.topic, told)
                 if told in self._to_place:
                     parts.append(self._poses(name, told, mine))
                 parts.append(self._markers(name, mine))
@@ -308,8 +415,27 @@ class Overlay:
             if progress is not None:
                 progress(log.position)
 
+    def _draw(self, file: Recording, told: str, joined: Joined) -> None:
+        """Draw some sweeps of one frame into a recording."""
+        poses = None
+        if self._tables.is_posed:
+            known = np.isfinite(joined.poses.yaw)
+            self._lost += int(np.count_nonzero(~known))
+            if not known.any():
+                return
+            joined = joined if known.all() else joined.rows(known)
+            here = joined.poses
+            poses = SweepPoses(here.x, here.y, here.yaw, np.full(len(here.x), self._hanging(joined, told)))
+        batch = normalise(joined.raw, joined.index, self._rules)
+        file.add(replace(batch, poses=poses), self._groups(told, joined))
+
     def _markers(self, frame: str, joined: Joined) -> Iterator[Outgoing]:
         """Yield the markers of some sweeps of one frame."""
+        data = marker_arrays(joined.raw.time_ns, frame, self._groups(frame, joined), cdr=self._is_ros2)
+        return of_sweeps(self._names[joined.raw.topic], TYPE, joined.raw, data)
+
+    def _groups(self, frame: str, joined: Joined) -> list[Markers]:
+        """Return the markers of some sweeps of one frame."""
         groups = markers_of(joined.objects, joined.row, joined.poses, COLOURS)
         topic = joined.raw.topic
         if topic not in self._trajectories:
@@ -319,8 +445,7 @@ class Overlay:
             groups += paths_of(known, joined.index, joined.poses, hangs, COLOURS)
         if self._showing is not None:
             groups += self._outlines(self._showing, joined, frame)
-        data = marker_arrays(joined.raw.time_ns, frame, groups, cdr=self._is_ros2)
-        return of_sweeps(self._names[joined.raw.topic], TYPE, joined.raw, data)
+        return groups
 
     def _outlines(self, showing: Showing, joined: Joined, frame: str) -> list[Markers]:
         """Return the outlines of the zones in some sweeps of one frame."""
@@ -361,7 +486,7 @@ class Overlay:
     def _map(self, grid: Occupancy, record_ns: int) -> Outgoing:
         """Return the map, stamped as the first message, so that players show it at once."""
         stamp_ns = min(max(record_ns, 0), LAST_SECOND * SECOND)
-        data = occupancy_cdr(replace(grid, frame_id=self._world), stamp_ns)
+        data = occupancy_cdr(replace(grid, frame_id=self._world), stamp_ns, MAP_Z)
         if not self._is_ros2:
             data = bytes(ROS2.cdr_to_ros1(data, MAP_TYPE))
         return Outgoing(MAP, MAP_TYPE, record_ns, stamp_ns, data)

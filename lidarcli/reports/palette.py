@@ -125,6 +125,16 @@ HEAT = tuple(light for name, (light, _) in COLOURS.items() if name.startswith("h
 _NAMES = {light.lower(): name for name, (light, _) in COLOURS.items()} | {BLACK: "ink", "#ffffff": "paper"}
 
 
+def on_dark(colour: str) -> str:
+    """Return the colour that takes the place of another on dark ground.
+
+    >>> on_dark("#009E73"), on_dark("#123456")
+    ('#2fc796', '#123456')
+    """
+    known = _NAMES.get(colour.lower())
+    return COLOURS[known][1] if known else colour
+
+
 def page_style() -> str:
     """Return the colours as CSS properties; on paper, and in `.paper`, they are those for light ground."""
     light, dark = (
@@ -141,8 +151,7 @@ def _kinds(ground: int) -> str:
     found = ""
     for kind, colours in (("shape", SHAPE_COLOURS), ("zone", ZONE_COLOURS)):
         for name, colour in colours.items():
-            known = _NAMES.get(colour.lower())
-            found += f" --{kind}-{name}: {COLOURS[known][ground] if known else colour};"
+            found += f" --{kind}-{name}: {on_dark(colour) if ground else colour};"
     return found
 
 

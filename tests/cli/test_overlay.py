@@ -297,6 +297,8 @@ def test_a_map_is_latched_in_the_world_of_the_log(lidarcli: Run, tmp_path: Path)
         (shown,) = read_back(out, "/lidarcli/map")
         assert shown.type == "nav_msgs/msg/OccupancyGrid"
         assert shown.message.header.frame_id == "odom"
+        # Beams of a sensor at 0 are above it.
+        assert shown.message.info.origin.position.z == -0.05
         assert shown.message.data.tolist() == cells.ravel().tolist()
         assert shown.record_ns == min(each.record_ns for each in read_back(out))
     with AnyReader([tmp_path / "o.bag"]) as reader:
@@ -324,6 +326,32 @@ def test_each_sensor_has_a_topic_of_its_own(lidarcli: Run, logs: Path, tmp_path:
         "/rear": counts["/rear"],
         OBJECTS: counts["/rear"],
     }
+
+
+def test_of_two_topics_of_one_frame_the_second_is_hidden_at_first(lidarcli: Run, tmp_path: Path) -> None:
+    write_log(tmp_path / "run.mcap", [room_sweeps("/scan"), room_sweeps("/stable_scan")])
+    ran = lidarcli("overlay", tmp_path / "run.mcap", "-o", tmp_path / "o.mcap", "--with-log")
+    assert ran.code == 0
+    told = "/stable_scan is of frame laser, as /scan is, and is hidden at first; --topic takes one alone"
+    assert f"  note     {told}" in ran.err.splitlines()
+    topics = json.loads((tmp_path / "o.layout.json").read_text())["configById"]["3D!lidarcli"]["topics"]
+    assert {name: shown["visible"] for name, shown in topics.items()} == {
+        "/scan": True,
+        f"{OBJECTS}/scan": True,
+        "/stable_scan": False,
+        f"{OBJECTS}/stable_scan": False,
+    }
+
+
+def test_times_of_a_topic_go_on_where_header_stamps_go_back(lidarcli: Run, tmp_path: Path) -> None:
+    sweeps = room_sweeps(count=60)
+    sweeps.stamp_ns[30] -= 400_000_000
+    write_log(tmp_path / "run.mcap", [sweeps])
+    out = tmp_path / "o.mcap"
+    assert lidarcli("-q", "overlay", tmp_path / "run.mcap", "-o", out).code == 0
+    with out.open("rb") as file:
+        times = [(each.log_time, each.publish_time) for *_, each in make_reader(file).iter_messages()]
+    assert times == [(at, at) for at in sweeps.record_ns.tolist()]
 
 
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])
@@ -433,7 +461,7 @@ def test_tables_of_another_log_are_refused(lidarcli: Run, made: Path, logs: Path
 @pytest.mark.parametrize(
     ("told", "code", "says"),
     [
-        (("-o", "o.txt"), 2, "the suffix of an overlay has to be one of .mcap, .bag"),
+        (("-o", "o.txt"), 2, "the suffix of an overlay has to be one of .mcap, .bag, .rrd"),
         (("-o", "o.mcap", "--objects", "none.objects.parquet"), 3, "no such file"),
         (("-o", "o.mcap", "--map", "none.yaml"), 3, "none.yaml"),
         (("-o", "o.mcap", "--topic", "/none"), 4, "/none"),

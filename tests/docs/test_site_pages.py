@@ -26,8 +26,9 @@ def test_the_extras_that_can_be_installed_are_listed() -> None:
     table = page("install").split("## Extras")[1].split("\n## ")[0]
     listed = dict(re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", table, re.MULTILINE))
     assert set(listed) == set(PROJECT["optional-dependencies"])
-    (requirement,) = PROJECT["optional-dependencies"]["fleet"]
-    assert re.split("[><=;]", requirement)[0] in listed["fleet"]
+    for extra in ("fleet", "rerun"):
+        (requirement,) = PROJECT["optional-dependencies"][extra]
+        assert re.split("[><=;]", requirement)[0] in listed[extra]
 
 
 def test_the_least_python_is_that_of_the_package() -> None:

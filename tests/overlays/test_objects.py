@@ -14,8 +14,10 @@ from lidarcli.overlays.objects import (
     BEHIND,
     CLEAR,
     LEAST_SIDE,
+    LETTER,
     PART,
     SOLID,
+    TEXT,
     Colours,
     Poses,
     Trajectories,
@@ -83,7 +85,7 @@ def test_a_plain_object_has_outline_body_and_label() -> None:
     assert body.position[0, :2].tolist() == pytest.approx([2.1, 1.1])
     assert body.scale[0, :2].tolist() == pytest.approx([0.6, 0.4])
     assert body.yaw.tolist() == [0.5]
-    assert words(label) == ["1: prismatic\n0.60 x 0.40 m"]
+    assert words(label) == ["1 0.60 x 0.40 m"]
     assert label.position[0, 2] > body.scale[0, 2]
     assert [group.colour[0, 3] for group in groups] == pytest.approx([SOLID, CLEAR, SOLID])
     assert all(group.id.tolist() == [1] for group in groups)
@@ -102,32 +104,52 @@ def test_a_round_thing_is_as_wide_as_long() -> None:
     (body,) = of_kind(drawn({"shape": "round", "box_width": 0.1}), Kind.CYLINDER)
     assert body.scale[0, :2].tolist() == pytest.approx([0.6, 0.6])
     (label,) = of_kind(drawn({"shape": "round"}), Kind.LABEL)
-    assert words(label) == ["1: round\n0.60 m"]
+    assert words(label) == ["1 0.60 m"]
 
 
-def test_a_name_of_the_catalogue_stands_in_place_of_the_shape() -> None:
+def test_a_name_of_the_catalogue_stands_before_the_size() -> None:
     (label,) = of_kind(drawn({"label": "Europalette €"}), Kind.LABEL)
-    assert words(label) == ["1: Europalette €\n0.60 x 0.40 m"]
+    assert words(label) == ["1 Europalette € 0.60 x 0.40 m"]
 
 
 @pytest.mark.parametrize("width", [None, 0.0, LEAST_SIDE])
 def test_the_label_tells_no_width_that_was_not_seen(width: float | None) -> None:
     (label,) = of_kind(drawn({"box_width": width}), Kind.LABEL)
-    assert words(label) == ["1: prismatic\n0.60 m"]
+    assert words(label) == ["1 0.60 m"]
 
 
-def test_labels_are_pale_and_in_the_shadow_of_their_objects() -> None:
-    for place in ((2.1, 1.1), (-3.0, 0.0), (0.0, 0.0)):
-        body, label = (
-            group
-            for group in drawn({"box_x": place[0], "box_y": place[1]})
-            if group.kind in (Kind.CUBE, Kind.LABEL)
-        )
-        behind = label.position[0, :2] - place
-        away = np.hypot(*place)
-        expected = np.array(place) / max(away, 1e-9) * (0.5 * np.hypot(0.6, 0.4) + BEHIND)
-        assert behind.tolist() == pytest.approx(expected.tolist())
-        assert label.colour[0, :3].tolist() == pytest.approx([(1 + each) / 2 for each in body.colour[0, :3]])
+def test_the_label_tells_no_length_that_was_not_seen() -> None:
+    sides = {"box_length": None, "box_width": None}
+    (label,) = of_kind(drawn(sides), Kind.LABEL)
+    assert words(label) == ["1"]
+    (label,) = of_kind(drawn(sides | {"label": "post"}), Kind.LABEL)
+    assert words(label) == ["1 post"]
+
+
+@pytest.mark.parametrize(
+    ("place", "yaw", "side"),
+    [
+        ((-3.0, 0.0), None, 0),
+        ((0.0, 4.0), None, 1),
+        ((-3.0, 0.0), 0.5 * np.pi, 1),
+        ((0.0, 4.0), -0.5 * np.pi, 0),
+    ],
+)
+def test_labels_are_pale_and_beside_their_objects_in_the_shadow(
+    place: tuple[float, float], yaw: float | None, side: int
+) -> None:
+    """Seen with the world's x to the right, a text lies beside the body by its length (0), or by its height (1)."""
+    poses = NOWHERE if yaw is None else Poses(np.ones(1), np.ones(1), np.full(1, yaw))
+    body, label = (
+        group
+        for group in drawn({"box_x": place[0], "box_y": place[1]}, poses=poses)
+        if group.kind in (Kind.CUBE, Kind.LABEL)
+    )
+    half = 0.5 * TEXT * (LETTER * len(words(label)[0]) if side == 0 else 1.0)
+    away = 0.5 * np.hypot(0.6, 0.4) + BEHIND + half
+    expected = np.array(place) * (1 + away / np.hypot(*place))
+    assert label.position[0, :2] == pytest.approx(expected)
+    assert label.colour[0, :3].tolist() == pytest.approx([(1 + each) / 2 for each in body.colour[0, :3]])
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -32,6 +33,28 @@ def test_a_layout_shows_every_topic() -> None:
     assert panel["followTf"] == "odom"
     assert panel["followMode"] in ("follow-pose", "follow-position", "follow-none")
     assert {name for name, shown in panel["topics"].items() if shown["visible"]} == TOPICS
+
+
+def test_beams_of_a_layout_are_white_above_a_dark_map() -> None:
+    """Foxglove and Lichtblick take a flat colour only with a field, and draw maps white by default."""
+    topics = json.loads(layout_json(SCENE))["configById"][PANEL]["topics"]
+    for name in SCENE.scans:
+        assert topics[name]["colorField"]
+        assert (topics[name]["colorMode"], topics[name]["flatColor"]) == ("flat", "#FFFFFF")
+    grid = topics["/lidarcli/map"]
+    assert grid["colorMode"] == "custom"
+    assert max(bytes.fromhex(grid["minColor"][1:7])) < 80
+    assert grid["unknownColor"][-2:] == grid["invalidColor"][-2:] == "00"
+
+
+def test_what_is_hidden_can_be_shown_by_one_click() -> None:
+    scene = replace(SCENE, hidden=frozenset({"/rear", "/lidarcli/objects/rear"}))
+    topics = json.loads(layout_json(scene))["configById"][PANEL]["topics"]
+    assert {name for name, shown in topics.items() if not shown["visible"]} == scene.hidden
+    assert set(topics) == TOPICS
+    for is_ros2 in (True, False):
+        _, shown = displays(scene, is_ros2=is_ros2)
+        assert {each["Name"] for each in shown if not each["Enabled"]} == scene.hidden
 
 
 def test_rviz_of_ros2_shows_every_topic_as_it_is_offered() -> None:

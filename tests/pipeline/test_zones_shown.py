@@ -201,7 +201,7 @@ def test_overlays_show_zones_bright_while_they_are_occupied(
         assert box.color.a == pytest.approx(1.0 if k < 10 else 0.35)
         assert box.scale.x == pytest.approx(0.06 if k < 10 else 0.02)
         # Vermilion, as of the action.
-        assert (box.color.r, box.color.g, box.color.b) == pytest.approx((0.835, 0.369, 0.0), abs=0.001)
+        assert (box.color.r, box.color.g, box.color.b) == pytest.approx((1.0, 0.541, 0.239), abs=0.001)
         assert (door.color.a, door.scale.x) == pytest.approx((0.35, 0.02))
 
 

@@ -23,8 +23,8 @@ from tests.waiting import wait_until
 
 DRIVE = SAMPLES / "drive.db3"
 WIDTH, HEIGHT = 1280, 900
-VIEW = slice(100, 740), slice(420, 1140)
-"""Rows and columns of a window of 1200 x 800 pixels that the view has beside the displays, at the least."""
+VIEW = slice(100, 660), slice(420, 1140)
+"""Rows and columns of a window of 1200 x 720 pixels that the view has beside the displays, at the least."""
 needs_rviz = pytest.mark.skipif(missing("rviz", "Xvfb"), reason="RViz or Xvfb is not installed")
 
 
