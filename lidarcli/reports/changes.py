@@ -9,7 +9,6 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from lidarcli.choices import CHANGE_STATUSES
-from lidarcli.errors import UnreadableError
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
 from lidarcli.reports.wording import percent
@@ -106,18 +105,8 @@ class Changed:
 
 
 def pairs_of(table: pa.Table) -> tuple[RunPair, ...]:
-    """Return the runs of a table with the schema `lidarcli.tabular.schemas.CHANGES`, in their order.
-
-    Raises
-    ------
-    UnreadableError
-        A status is unknown.
-    """
+    """Return the runs of a table with the schema `lidarcli.tabular.schemas.CHANGES`, in their order."""
     rows = table.to_pylist()
-    if others := sorted({row["status"] for row in rows} - {*CHANGE_STATUSES}):
-        raise UnreadableError(
-            f"column status holds '{others[0]}'; it can be one of {', '.join(CHANGE_STATUSES)}"
-        )
     changes: dict[str, list[Change]] = {}
     names: dict[str, str] = {}
     for row in rows:
@@ -153,28 +142,18 @@ def _number(value: object) -> float | None:
 
 
 def changed_of(tables: Mapping[str, pa.Table]) -> Changed:
-    """Return the changes of tables by their names.
-
-    Raises
-    ------
-    UnreadableError
-        A status is unknown.
-    """
+    """Return the changes of tables, whose statuses are known, by their names."""
     pairs: list[RunPair] = []
     sources = []
     unknown: set[str] = set()
     of_maps: dict[str, float | None] = {}
     for name, table in tables.items():
-        try:
-            found = pairs_of(table)
-        except UnreadableError as err:
-            raise UnreadableError(f"{name}: {err}") from err
         notes = notes_of(table)
         figures = note_value(notes, CHANGE_FIGURES, dict)
         # What diff could not count, as of a run too short for anything to stand in it, is not none.
         unknown |= {status for status in CHANGE_STATUSES if status in figures and figures[status] is None}
         of_maps |= {each: _number(figures[each]) for each in OF_MAPS if each in figures}
-        pairs += found
+        pairs += pairs_of(table)
         sources.append(
             Origin(
                 name,

@@ -42,7 +42,7 @@ def change_sections(changed: Changed) -> Iterator[tuple[str, Section]]:
         for one in pairs
     ]
     yield "changed", Section("Changes from run to run", [Table(head, rows, range(2, len(head)))])
-    drawn = [FromAbove(one) for one in pairs[:DRAWN]]
+    drawn = [FromAbove(number, one) for number, one in enumerate(pairs[:DRAWN], 1)]
     left = [Notes([(f"and {counted(len(pairs) - DRAWN, 'more run')}",)])] if len(pairs) > DRAWN else []
     yield "changes from above", Section("Changes from above", [*drawn, *left], (PAGE,))
     for name, most, formats in (

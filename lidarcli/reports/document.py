@@ -114,6 +114,8 @@ class Bands:
 class FromAbove:
     """Changes of a run, which pages draw."""
 
+    number: int
+    """Number of the run, 1 for the first that is compared with another one."""
     changes: RunPair
 
 

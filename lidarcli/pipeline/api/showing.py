@@ -36,6 +36,7 @@ from lidarcli.pipeline.reporting import (
     render,
     understand,
 )
+from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.checks import Verdict
 from lidarcli.reports.drawing import Axes, Figure, figure_of
 from lidarcli.reports.json import as_dict
@@ -174,7 +175,7 @@ class RunReport:
         report, figures = self._made.report, self.figures
         held = sum(verdict.holds for verdict in self.checks)
         judged = f", {held} of {len(self.checks)} checks hold" if self.checks else ""
-        if isinstance(report, ZonesReport):
+        if isinstance(report, ZonesReport | ChangesReport):
             return f"<report on {report.lines[0]}{judged}>"
         return f"<report on {report.title}: {figures['sweeps']:,.0f} sweeps, {figures['objects']:,.0f} objects{judged}>"
 
