@@ -557,6 +557,13 @@ def diff_inputs(
     for one, each in zip(inputs, seen, strict=True):
         if names[each.name] > 1:
             each.name = one.text
+    known: Counter[str] = Counter()
+    for each in seen[1:]:
+        # Rows of a run that is compared twice are told apart.
+        known[each.name] += 1
+        if known[each.name] > 1:
+            each.name = f"{each.name} ({known[each.name]})"
+    for each in seen:
         each.log = [each.name] * len(each.log)
     return _compared([one.text for one in inputs], seen, options)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.reports.columns import Origin
-from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
+from lidarcli.reports.figures import OF_MAPS
 from lidarcli.reports.wording import percent
 from lidarcli.tabular.reading import note_value, notes_of
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, DAMAGE, PARAMETERS, VERSION
@@ -163,15 +163,13 @@ def changed_of(tables: Mapping[str, pa.Table]) -> Changed:
                 damage=tuple(map(str, note_value(notes, DAMAGE, list))),
             )
         )
-    counts = {
+    values: dict[str, float | None] = {
         status: None if status in unknown else sum(pair.counts[status] for pair in pairs)
         for status in CHANGE_STATUSES
     }
     overlaps = [pair.overlap for pair in pairs if pair.overlap is not None]
-    values: dict[str, float | None] = counts | {"overlap": min(overlaps) if overlaps else None}
-    if len(tables) > 1:
+    values["overlap"] = min(overlaps) if overlaps else None
+    if len(tables) == 1:
         # Those of several pairs of maps have no mean that says anything.
-        of_maps = {}
-    return Changed(
-        tuple(pairs), {name: values[name] for name in OF_CHANGES} | of_maps, tuple(sources)
-    )
+        values |= of_maps
+    return Changed(tuple(pairs), values, tuple(sources))

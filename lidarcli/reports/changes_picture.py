@@ -155,7 +155,8 @@ def _occupied(ground: Occupancy) -> Float64:
     """Return (N, 2) middles of the occupied cells [m]."""
     row, column = np.nonzero(ground.cells == OCCUPIED)
     cells = np.stack([column, row], axis=1) + 0.5
-    return cells * ground.resolution + np.array([ground.x, ground.y])
+    middles: Float64 = cells * ground.resolution + np.array([ground.x, ground.y])
+    return middles
 
 
 def _box(one: Change, cells: Float64) -> Box | None:
@@ -189,7 +190,8 @@ def _old(one: Change) -> Box | None:
 
 
 def _sized(one: Change, x: float, y: float, yaw: float) -> Box:
-    return Box(x, y, yaw, *(max(side or SMALLEST, SMALLEST) for side in (one.length, one.width)))
+    length, width = (max(side or SMALLEST, SMALLEST) for side in (one.length, one.width))
+    return Box(x, y, yaw, length, width)
 
 
 def _panel(axes: Axes, drawn: _Drawn, limits: Limits) -> None:

@@ -134,7 +134,11 @@ class ChangesReport(Document):
     def title(self) -> str:
         """Subject of the report in a few words."""
         pairs = self.changed.pairs
-        return f"changes from {pairs[0].title}" if len(pairs) == 1 else f"changes of {counted(len(pairs), 'run')}"
+        return (
+            f"changes from {pairs[0].title}"
+            if len(pairs) == 1
+            else f"changes of {counted(len(pairs), 'run')}"
+        )
 
     @property
     def figures(self) -> Mapping[str, float | None]:

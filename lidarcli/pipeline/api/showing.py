@@ -199,7 +199,8 @@ def report(tables: Paths, output: Paths = (), **options: Unpack[Reporting]) -> R
 
     Parameters
     ----------
-    tables : objects, sweeps or tracks tables (the others of a log are found beside each), folders or patterns
+    tables : objects, sweeps or tracks tables (the others of a log are found beside each), tables of changes, folders or
+        patterns
     output : files to write, replaced where they exist, each in the format that its suffix says: .txt, .md, .html, .json
         or .xml (JUnit); by default none
 

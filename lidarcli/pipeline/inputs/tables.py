@@ -168,16 +168,15 @@ def _tables_named(text: str) -> Found:
 
 def _is_of_changes(file: Place, named: Named) -> bool:
     """Tell whether a file is a table of changes: by its name and columns; one that is named itself may have any name."""
-    if file.suffix != ".parquet":
+    is_called_so = file.name == "changes.parquet" or file.name.endswith(".changes.parquet")
+    is_other = named is not Named.FILE or _table_of(file) is not None
+    if not is_called_so and (is_other or file.suffix != ".parquet"):
         return False
-    if file.name != "changes.parquet" and not file.name.endswith(".changes.parquet"):
-        if named is not Named.FILE or _table_of(file) is not None:
-            return False
     try:
-        return {*CHANGES.names} <= {*column_names(file, "changes")}
+        return {*CHANGES.names} <= {*column_names(file, "changes")} or (is_called_so and not is_other)
     except UnreadableError:
-        # The pass that reads it tells why it cannot.
-        return file.name.endswith("changes.parquet")
+        # Who reads it tells why it cannot be read.
+        return is_called_so
 
 
 def is_table(file: Place, table: str) -> bool:
