@@ -226,6 +226,8 @@ def reports_page() -> str:
             {f"{figures.ZONES}NAME.{name}": one for name, one in some.items()}
             for some in (figures.ZONE_COUNTS, figures.ZONE_SPREADS)
         ),
+        (figures.OF_CHANGES, {}),
+        (figures.OF_MAPS, {}),
         (figures.COMPARED, {}),
         (runs.FIGURES, {}),
     ):

@@ -43,6 +43,7 @@ class ReportCommand(Overwrite, Reporting, total=False):
   lidarcli report tables/ --check "objects where width > 1.5 == 0"
   lidarcli report tables/ --check "agents_at_once.max <= 3"
   lidarcli report new/ --baseline old/ --check "changed_sweeps == 0"
+  lidarcli report site.changes.parquet -o site.html --check "gone == 0"
   lidarcli report 'tables/*.parquet' --format json | jq .figures
   lidarcli report tables/_lidarcli --check "failed == 0"
   lidarcli report tables/ --check "sweeps >= 100" --format github
@@ -52,8 +53,9 @@ def report(say: Messages, told: Mapping[str, Any]) -> int:
     """Summarise one or many runs, and test them against thresholds.
 
     TABLE is an objects, sweeps or tracks table of detect or track (the others are
-    found beside it), a folder to search, or a pattern. The folder TABLES/_lidarcli of a
-    run over many logs, or manifests in it, record the outcome of each log.
+    found beside it), a table of changes of diff, a folder to search, or a pattern. The
+    folder TABLES/_lidarcli of a run over many logs, or manifests in it, record the
+    outcome of each log.
     """
     tables, checks, baseline, logs = told["tables"], told["check"], told["baseline"], told["log"]
     outputs, brief = told["output"], told["brief"]

@@ -69,14 +69,16 @@ from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log
 from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
+from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
+from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
 from lidarcli.stores.url import Place, Url, place
 from lidarcli.sweeps import Float64, Int64, Status, SweepPoses
 from lidarcli.tabular.background import read_background
 from lidarcli.tabular.reading import column_names
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES
 from lidarcli.tabular.stream import write_stream
-from lidarcli.tabular.writing import SOURCE, table_metadata
+from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata
 from lidarcli.times import SECOND_NS
 
 AUTO, AS_IS, SEARCH = ALIGN
@@ -88,17 +90,12 @@ LEAST_WAY = 0.5
 """Shortest way of an agent [m], whose place is not that of a standing thing."""
 LEAST_CHANCE = 0.6
 """Least probability of an alignment by things alone."""
-ALIGNMENT = "lidarcli.alignment"
-"""Metadata key of the alignments, as JSON."""
 TABLES = {".parquet": "parquet", ".csv": "csv"}
 PICTURE = ".png"
 COUNTED = tuple(CHANGE_STATUSES)
 CHANGED_THINGS = tuple(CHANGE_STATUSES[code] for code in (MOVED, NEW, GONE))
 MOST_TOLD = 10
 """Most things of a run that are told to people one by one."""
-OF_MAPS = ("precision", "recall", "f1")
-FIGURES = (*COUNTED, "overlap", *OF_MAPS)
-"""Figures that a check may name."""
 PAGE = "docs/diff.md"
 NO_FREE_SPACE = "tables tell no free space; name the logs to learn what is gone"
 MAP_WORLD = "map"
@@ -153,6 +150,10 @@ class Step(NamedTuple):
     rms: float | None
     how: str
     """Words for people on how it was aligned."""
+    ground: Occupancy | None = None
+    """Ground of the runs before, in the coordinates of the first."""
+    sensors: Float64 | None = None
+    """(N, 2) places of the sensor of the run, in these coordinates [m]."""
 
 
 @dataclass(slots=True)
@@ -164,8 +165,6 @@ class Difference:
     figures: dict[str, float | None]
     notes: tuple[str, ...] = ()
     damage: tuple[str, ...] = ()
-    ground: Occupancy | None = None
-    """The ground of all runs but the last, in the coordinates of the first."""
 
     @property
     def lines(self) -> list[str]:
@@ -558,6 +557,13 @@ def diff_inputs(
     for one, each in zip(inputs, seen, strict=True):
         if names[each.name] > 1:
             each.name = one.text
+    known: Counter[str] = Counter()
+    for each in seen[1:]:
+        # Rows of a run that is compared twice are told apart.
+        known[each.name] += 1
+        if known[each.name] > 1:
+            each.name = f"{each.name} ({known[each.name]})"
+    for each in seen:
         each.log = [each.name] * len(each.log)
     return _compared([one.text for one in inputs], seen, options)
 
@@ -579,16 +585,16 @@ def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions)
     ]
     figures: dict[str, float | None] = {}
     seers = [(seen[0].name, seen[0].run.ground)]
-    before = None
     for number, now in enumerate(seen[1:], 1):
         nearest = _nearest(reference), _nearest(now)
         label = labels[0] if number == 1 else "the runs before"
         step, chance = _align(reference, now, nearest, options.align, label, labels[number], notes)
-        steps.append(step)
         compared = Compared(reference.run, now.run, step.motion, nearest, chance, options.min_score)
         changes = compared.changes()
         rows += _rows(changes, reference, now, step.motion, seers)
-        before = None if reference.run.ground is None else reference.run.ground.occupancy()
+        ground = None if reference.run.ground is None else reference.run.ground.occupancy()
+        sensors = np.column_stack(step.motion.of(*now.run.sensors.T))
+        steps.append(step._replace(ground=ground, sensors=sensors))
         if number < len(seen) - 1:
             reference, moved = _after(reference, now, changes, step.motion)
             seers.insert(0, (now.name, moved))
@@ -610,8 +616,9 @@ def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions)
         damage := [line for each in seen for line in each.damage],
     )
     metadata[ALIGNMENT.encode()] = json.dumps([_alignment(step) for step in steps]).encode(errors="replace")
+    metadata[CHANGE_FIGURES.encode()] = json.dumps(figures).encode()
     return Difference(
-        _table(rows, metadata), tuple(steps), figures, tuple(dict.fromkeys(notes)), tuple(damage), before
+        _table(rows, metadata), tuple(steps), figures, tuple(dict.fromkeys(notes)), tuple(damage)
     )
 
 
@@ -865,9 +872,10 @@ def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) 
     for path in outputs:
         with new_files([path], overwrite) as new:
             if path.suffix.lower() == PICTURE:
-                from lidarcli.reports.changes_picture import draw_changes
+                from lidarcli.reports.changes_picture import Sight, draw_changes
 
-                new.part(path).write_bytes(draw_changes(found.changes, found.ground))
+                sights = [Sight(step.ground, step.sensors) for step in found.steps]
+                new.part(path).write_bytes(draw_changes(pairs_of(found.changes), sights))
             else:
                 with new.part(path).open("wb") as out:
                     table = found.changes.combine_chunks()
@@ -880,7 +888,7 @@ def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) 
 
 def parse_checks(expressions: Sequence[str]) -> list[Check]:
     """Understand checks, or raise `OptionError`."""
-    return [parse_check(each, only=FIGURES, page=PAGE) for each in expressions]
+    return [parse_check(each, only=(*OF_CHANGES, *OF_MAPS), page=PAGE) for each in expressions]
 
 
 def judged(found: Difference, checks: Sequence[Check]) -> list[Verdict]:

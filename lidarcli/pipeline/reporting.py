@@ -14,12 +14,23 @@ import pyarrow as pa
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.pipeline.inputs.files import Named, all_files, files_named
-from lidarcli.pipeline.inputs.tables import Pair, find_pairs, origin_of, read_table, read_tracks, require
+from lidarcli.pipeline.inputs.tables import (
+    Pair,
+    find_pairs,
+    find_tables,
+    origin_of,
+    read_changes,
+    read_table,
+    read_tracks,
+    require,
+)
 from lidarcli.pipeline.runs.manifest import FOLDER
+from lidarcli.reports.changes import Changed, changed_of
+from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check, verdict_of
 from lidarcli.reports.columns import Origin, Rows, Run, Watched
 from lidarcli.reports.compare import compare
-from lidarcli.reports.figures import DELTA
+from lidarcli.reports.figures import DELTA, OF_CHANGES, OF_MAPS
 from lidarcli.reports.report import Report
 from lidarcli.reports.runs import BAD, FIGURES, RunsReport, RunsSummary, summarise_runs
 from lidarcli.reports.streams import streams_of
@@ -100,7 +111,7 @@ class ReportOptions:
 class Made:
     """A report, and where the rows come from that it is about."""
 
-    report: Report | ZonesReport
+    report: Report | ZonesReport | ChangesReport
     page: Page | None = None
     """Contents of the HTML alone, where it was asked for."""
 
@@ -124,19 +135,30 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
         None of the tables can be read, or the baseline cannot.
     """
     checks = understand(options)
-    found, base_found = find_pairs(options.tables), find_pairs(options.baseline)
-    step = _steps(2 * len(found[0]) + 2 * len(base_found[0]) + 1 + viewer, progress)
-    if found[0] and all(map(_is_of_zones, found[0])):
-        return _report_zones(*found, options, step)
+    tables, base_found = find_tables(options.tables), find_pairs(options.baseline)
+    steps = 2 * len(tables.pairs) + len(tables.changes) + 2 * len(base_found[0]) + 1 + viewer
+    step = _steps(steps, progress)
+    if missing := [check for check in checks if check.needs_changes and not tables.changes]:
+        raise OptionError(
+            f"--check '{missing[0].expression}' asks for changes, and no table of them is named; "
+            "lidarcli diff A B -o x.changes.parquet writes it"
+        )
+    changed, unread = _read_changes(tables.changes, step)
+    found = tables.pairs, [*tables.problems, *unread]
+    if changed is not None and not tables.pairs:
+        return _report_changes(changed, found[1], options)
+    if tables.pairs and all(map(_is_of_zones, tables.pairs)):
+        return _report_zones(*found, options, changed, step)
     run, pairs, problems = _load(*found, checks, viewer, step)
     if run.zones is not None:
         # Only now it is known which zones there are.
         checks = understand(options, run.zones.names)
-    unseen = _unseen(checks, run.sources)
+    unseen = (*_unseen(checks, run.sources), *_unseen_changes(checks, changed))
+    of_changes = {} if changed is None else changed.figures
     if not options.baseline:
         summary = summarise(run)
-        verdicts = tuple(judge(check, summary.figures, run) for check in checks)
-        report = Report(summary, verdicts=verdicts, unread=problems, unseen=unseen)
+        verdicts = tuple(judge(check, summary.figures | of_changes, run) for check in checks)
+        report = Report(summary, changed=changed, verdicts=verdicts, unread=problems, unseen=unseen)
         step()
         return _with_page(report, run, pairs, options) if viewer else Made(report)
     compared = [check for check in checks if check.name.startswith(DELTA)]
@@ -147,8 +169,9 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     edges = edges_of(*(values_of(one, streams_of(one)) for one in (run, base_run)))
     summary, baseline = summarise(run, edges), summarise(base_run, edges)
     comparison = compare(run, summary, base_run, baseline)
-    verdicts = tuple(judge(check, summary.figures | comparison.figures, run) for check in checks)
-    report = Report(summary, comparison, verdicts=verdicts, unread=problems, unseen=unseen)
+    values = summary.figures | comparison.figures | of_changes
+    verdicts = tuple(judge(check, values, run) for check in checks)
+    report = Report(summary, comparison, changed, verdicts=verdicts, unread=problems, unseen=unseen)
     step()
     return _with_page(report, run, pairs, options) if viewer else Made(report)
 
@@ -200,18 +223,61 @@ def _watched(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> Watched | None:
     return Watched(events, zones, shapes)
 
 
+def _refuse_without_objects(options: ReportOptions, kind: str) -> None:
+    """Refuse options that need tables of objects, where there are only those of a kind."""
+    for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
+        if values:
+            raise OptionError(
+                f"{name}: these are tables of {kind} alone; name the objects table of the log as well"
+            )
+
+
+def _read_changes(
+    paths: Sequence[Place], step: Callable[[], None]
+) -> tuple[Changed | None, list[UnreadableError]]:
+    """Read tables of changes; returns them, None without any, with an error for each that cannot be read."""
+    found: dict[str, pa.Table] = {}
+    problems = []
+    for path in paths:
+        try:
+            found[str(path)] = read_changes(path)
+        except UnreadableError as err:
+            problems.append(err)
+        step()
+    return changed_of(found) if found else None, problems
+
+
+def _unseen_changes(checks: Sequence[Check], changed: Changed | None) -> tuple[str, ...]:
+    """Return a line where checks are of changes of runs that could be read in part alone."""
+    damaged = [] if changed is None else [source for source in changed.sources if source.damage]
+    if not damaged or not any(check.needs_changes for check in checks):
+        return ()
+    return (f"{damaged[0].log}: its runs were damaged when it was made ({damaged[0].damage[0]})",)
+
+
+def _report_changes(changed: Changed, problems: Sequence[UnreadableError], options: ReportOptions) -> Made:
+    """Report on changes alone."""
+    _refuse_without_objects(options, "changes")
+    checks = [parse_check(text, only=(*OF_CHANGES, *OF_MAPS), page="docs/diff.md") for text in options.checks]
+    return Made(
+        ChangesReport(
+            changed,
+            verdicts=tuple(verdict_of(check, changed.figures.get(check.name)) for check in checks),
+            unread=tuple(map(str, problems)),
+            unseen=_unseen_changes(checks, changed),
+        )
+    )
+
+
 def _report_zones(
     pairs: Sequence[Pair],
     problems: Sequence[UnreadableError],
     options: ReportOptions,
+    changed: Changed | None,
     step: Callable[[], None],
 ) -> Made:
-    """Report on zones alone."""
-    for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
-        if values:
-            raise OptionError(
-                f"{name}: these are tables of zones alone; name the objects table of the log as well"
-            )
+    """Report on zones, where there are no tables of objects."""
+    _refuse_without_objects(options, "zones")
     problems = [*problems]
     read: dict[int, tuple[pa.Table, pa.Table]] = {}
     sources: list[Origin] = []
@@ -228,15 +294,18 @@ def _report_zones(
     if watched is None:
         raise nothing_read(problems)
     zoned = zoned_of(watched, [source.log for source in sources])
-    checks = [parse_zone_check(text, watched.names) for text in options.checks]
-    verdicts = tuple(judge_zones(check, zoned.figures, watched) for check in checks)
+    of_changes = {} if changed is None else changed.figures
+    others = () if changed is None else (*OF_CHANGES, *OF_MAPS)
+    checks = [parse_zone_check(text, watched.names, others) for text in options.checks]
+    verdicts = tuple(judge_zones(check, zoned.figures | of_changes, watched) for check in checks)
     return Made(
         ZonesReport(
             zoned,
             tuple(sources),
+            changed,
             verdicts=verdicts,
             unread=tuple(map(str, problems)),
-            unseen=_unseen(checks, sources),
+            unseen=(*_unseen(checks, sources), *_unseen_changes(checks, changed)),
         )
     )
 

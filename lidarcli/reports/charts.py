@@ -19,6 +19,8 @@ from matplotlib.ticker import MaxNLocator
 
 from lidarcli.choices import beams_on
 from lidarcli.reports import palette
+from lidarcli.reports.changes import RunPair
+from lidarcli.reports.changes_picture import Sight, changes_figure
 from lidarcli.reports.drawing import new_figure, project_style
 from lidarcli.reports.figures import Density, Histogram, Spread
 from lidarcli.reports.ground import Walls
@@ -174,6 +176,12 @@ def overview_chart(picture: MapPicture) -> Chart:
     """Return the run from above as a chart."""
     with project_style({**SVG_STYLE, "axes.grid": False}):
         return _as_chart("The run from above", map_figure(picture, OVERVIEW_SIZE), wide=True)
+
+
+def changes_chart(number: int, pair: RunPair) -> Chart:
+    """Return the changes of run `number` from above as a chart, without the ground, which tables do not hold."""
+    with project_style({**SVG_STYLE, "axes.grid": False}):
+        return _as_chart(f"Changes of run {number}", changes_figure([pair], [Sight()]), wide=True)
 
 
 def _chart(title: str, draw: Callable[[Axes], None], wide: bool = False) -> Chart:

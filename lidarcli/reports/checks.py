@@ -72,6 +72,11 @@ class Check:
         return self.name == "tracks" or (self.name == "objects" and bool(self.condition.columns & OF_TRACKS))
 
     @property
+    def needs_changes(self) -> bool:
+        """True if the check cannot be judged without tables of changes."""
+        return self.condition is None and self.name in {*figures.OF_CHANGES, *figures.OF_MAPS}
+
+    @property
     def needs_zones(self) -> bool:
         """True if the check cannot be judged without tables of zones."""
         return self.name == "events" if self.condition else figures.zone_of(self.name) is not None
@@ -248,6 +253,9 @@ def _known(tokens: Tokens, token: Token, compared: bool) -> None:
     name = token.text
     plain = name.removeprefix(figures.DELTA)
     names = [*figures.names(), *figures.track_names()]
+    of_changes = [*figures.OF_CHANGES, *figures.OF_MAPS]
+    if name in of_changes:
+        return
     spreads = figures.SPREADS | figures.TRACK_SPREADS
     if plain in names or name in figures.COMPARED:
         if not compared and (name != plain or name in figures.COMPARED):
@@ -257,7 +265,7 @@ def _known(tokens: Tokens, token: Token, compared: bool) -> None:
         raise tokens.error(f"{name} has several values, choose one of .{', .'.join(STATISTICS)};")
     known = [*names, *spreads]
     delta = [*figures.COMPARED, *(figures.DELTA + other for other in known)]
-    raise _unknown(tokens, token, dict.fromkeys([*known, *delta]))
+    raise _unknown(tokens, token, dict.fromkeys([*known, *of_changes, *delta]))
 
 
 def _unknown(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from lidarcli.errors import CHECK_FAILED, UnreadableError
+from lidarcli.reports.changes import RunPair
 from lidarcli.reports.checks import Verdict
 
 TEXT, MARKDOWN, PAGE = "text", "markdown", "page"
@@ -109,7 +110,16 @@ class Bands:
     bands: Sequence[Band]
 
 
-Block = Bands | Table | Facts | Shares | Drawing | Notes | Listing
+@dataclass(frozen=True, slots=True)
+class FromAbove:
+    """Changes of a run, which pages draw."""
+
+    number: int
+    """Number of the run, 1 for the first that is compared with another one."""
+    changes: RunPair
+
+
+Block = Bands | Table | Facts | Shares | Drawing | Notes | Listing | FromAbove
 
 
 @dataclass(frozen=True, slots=True)

@@ -131,6 +131,25 @@ ZONE_SPREADS: dict[str, Figure] = {
 }
 """Figures of each zone with a value per event, sweep or visit, with the same statistics."""
 
+OF_CHANGES: dict[str, Figure] = {
+    "known": Figure("1", "things that are where they were"),
+    "moved": Figure("1", "things that were moved"),
+    "new": Figure("1", "things and pieces of structure that were not there"),
+    "gone": Figure("1", "things and pieces of structure that are no longer there"),
+    "uncertain": Figure("1", "things of which nobody can tell"),
+    "overlap": Figure("1", "share of the structure in place, that of the worst run"),
+}
+"""Figures that need tables of changes."""
+
+OF_MAPS: dict[str, Figure] = {
+    "precision": Figure(
+        "1", "share of the occupied cells of the second map that are within one cell of one of the first"
+    ),
+    "recall": Figure("1", "share of those of the first that are within one cell of one of the second"),
+    "f1": Figure("1", "harmonic mean of both"),
+}
+"""Figures that need a table of the changes from a map to another one."""
+
 COMPARED: dict[str, Figure] = {
     "compared_sweeps": Figure("1", "sweeps that are in both runs"),
     "changed_sweeps": Figure("1", "of these, sweeps with another number of objects"),

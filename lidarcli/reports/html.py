@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from lidarcli._version import __version__
 from lidarcli.display import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
-from lidarcli.reports.charts import charts, constants, overview_chart
+from lidarcli.reports.changes_report import ChangesReport
+from lidarcli.reports.charts import changes_chart, charts, constants, overview_chart
 from lidarcli.reports.ci import clean
 from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.reports.document import PAGE, Code, Document
+from lidarcli.reports.document import PAGE, Code, Document, FromAbove
 from lidarcli.reports.ground import Ground, Raw, Walls, ground_of, rows_of
 from lidarcli.reports.map_picture import MapPicture
 from lidarcli.reports.palette import page_style
@@ -77,6 +78,8 @@ def render(report: Document, shown: Page | None = None) -> str:
         return _page("report.html", report, report.summary.sources, **_shown(report, shown))
     if isinstance(report, ZonesReport):
         return _page("runs.html", report, report.sources)
+    if isinstance(report, ChangesReport):
+        return _page("runs.html", report, report.changed.sources)
     assert isinstance(report, RunsReport)
     return _page("runs.html", report, report.summary.logs)
 
@@ -120,7 +123,7 @@ def _page(template: str, report: Document, made: Iterable[Origin | Entry], **val
         lstrip_blocks=True,
     )
     environment.tests["code"] = lambda value: isinstance(value, Code)
-    environment.globals.update(number=number, stamp=stamp)
+    environment.globals.update(number=number, stamp=stamp, drawn=_drawn)
     sections = {name: one for name, one in report.sections().items() if PAGE in one.formats}
     return environment.get_template(template).render(
         **values,
@@ -130,6 +133,11 @@ def _page(template: str, report: Document, made: Iterable[Origin | Entry], **val
         version=__version__,
         style=Markup(page_style() + "\n" + _part("report.css")),
     )
+
+
+def _drawn(block: FromAbove) -> Markup:
+    """Return the changes of a run from above."""
+    return Markup(changes_chart(block.number, block.changes).svg)
 
 
 def embedded(value: Any) -> str:

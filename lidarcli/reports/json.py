@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
 
 from lidarcli._version import __version__
 from lidarcli.display import stamp
+from lidarcli.reports.changes import Change, Changed
+from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.document import Document
@@ -28,25 +30,34 @@ SCHEMA = "lidarcli.report/1"
 """The name of the schema; the number changes when a program that reads it may break."""
 RUNS_SCHEMA = "lidarcli.runs/1"
 """Name of the schema of a report on runs."""
+CHANGES_SCHEMA = "lidarcli.changes/1"
+"""Name of the schema of a report on changes alone."""
 ZONES_SCHEMA = "lidarcli.zone/1"
 """Name of the schema of a report on zones alone."""
 DIGITS = 9
 
 
-def render(report: Report | RunsReport | ZonesReport) -> str:
+def render(report: Report | RunsReport | ZonesReport | ChangesReport) -> str:
     """Return one JSON object; numbers have nine digits, null stands for what cannot be measured."""
     values = _runs(report) if isinstance(report, RunsReport) else as_dict(report)
     return json.dumps(values, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
-def as_dict(report: Report | ZonesReport) -> dict[str, Any]:
+def as_dict(report: Report | ZonesReport | ChangesReport) -> dict[str, Any]:
     """Return the report as plain values."""
     if isinstance(report, ZonesReport):
         return _of_zones(report)
+    if isinstance(report, ChangesReport):
+        return {
+            **_beginning(report, CHANGES_SCHEMA),
+            "sources": _sources(report.changed.sources),
+            **_with_changes({}, report.changed),
+        }
     summary = report.summary
     return {
         **_beginning(report, SCHEMA),
         **_summary(summary),
+        **_with_changes(summary.figures, report.changed),
         "comparison": None if report.comparison is None else _comparison(report.comparison),
     }
 
@@ -152,9 +163,31 @@ def _of_zones(report: ZonesReport) -> dict[str, Any]:
     return {
         **_beginning(report, ZONES_SCHEMA),
         "sources": _sources(report.sources),
-        "figures": _numbers(report.figures),
+        **_with_changes(report.zoned.figures, report.changed),
         "sweeps": report.zoned.sweeps,
         **_zones(report.zoned),
+    }
+
+
+def _with_changes(figures: dict[str, float | None], changed: Changed | None) -> dict[str, Any]:
+    """Return figures with those of the changes, how the runs lie on each other, and the changes."""
+    if changed is None:
+        return {"figures": _numbers(figures)}
+    return {
+        "figures": _numbers(figures | changed.figures),
+        "alignments": [
+            {
+                "log_a": one.before,
+                "log_b": one.name,
+                **_fields(one, "dx", "dy", "dyaw", "overlap", "rms"),
+            }
+            for one in changed.pairs
+        ],
+        "changes": [
+            {"log_b": one.name, **_fields(each, *(field.name for field in fields(Change)))}
+            for one in changed.pairs
+            for each in one.changes
+        ],
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,6 +35,8 @@ from lidarcli.sweeps import Float32, Float64, Int64
 
 Greys = tuple[float, float, float]
 """Greys of occupied, free and unknown cells, 0 black to 1 white."""
+Limits = tuple[float, float, float, float]
+"""Left, right, low and high limit of what is drawn [m]."""
 WALLS = "walls and rest"
 """Entry of legends."""
 LONG, SHORT = 7.2, 2.2
@@ -129,21 +131,10 @@ def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> byte
         return file_bytes(map_figure(picture, look=look), suffix, look.dpi)
 
 
-def map_figure(
-    picture: MapPicture,
-    longest: float = LONG,
-    look: Look = AS_IT_COMES,
-    greys: Greys | None = None,
-    draw: Callable[[Axes], None] | None = None,
-) -> Figure:
-    """Return a figure whose map is `longest` [inch] at its longest side; call it within `project_style`.
-
-    Parameters
-    ----------
-    greys : of occupied, free and unknown cells
-    draw : draws more on the ground
-    """
-    left, right, low, high = _limits(picture)
+def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_COMES) -> Figure:
+    """Return a figure whose map is `longest` [inch] at its longest side; call it within `project_style`."""
+    limits = limits_of(picture)
+    left, right, low, high = limits
     width, height = right - left, high - low
     scale = longest / max(width, height)
     size = max(width * scale, SHORT), max(height * scale, SHORT)
@@ -153,22 +144,26 @@ def map_figure(
     figure = new_figure(look.inches(size[0] + BESIDE), size[1] + 0.9)
     axes = figure.add_subplot()
     occupied = OCCUPIED_GREY if picture.snapshot is None else BEHIND_GREY
-    _ground(axes, picture.grid, greys or (occupied, FREE_GREY, UNKNOWN_GREY))
-    draw_walls(axes, picture.walls)
-    _marks(axes, picture)
-    if draw is not None:
-        draw(axes)
-    axes.set(aspect="equal", xlim=(left, right), ylim=(low, high), xlabel="x [m]", ylabel="y [m]")
+    map_panel(axes, picture, limits, (occupied, FREE_GREY, UNKNOWN_GREY))
     if picture.title and look.title:
         axes.set_title(printable(picture.title), loc="left")
-    _scale(axes, right - left)
     if look.legend:
         draw_legend(figure, entries_of([axes]), "outside lower left")
     fit_height(figure, [axes], [0.0], width / height)
     return figure
 
 
-def _limits(picture: MapPicture) -> tuple[float, float, float, float]:
+def map_panel(axes: Axes, picture: MapPicture, limits: Limits, greys: Greys) -> None:
+    """Draw the ground, and all that is on it, on axes with these limits."""
+    left, right, low, high = limits
+    _ground(axes, picture.grid, greys)
+    draw_walls(axes, picture.walls)
+    _marks(axes, picture)
+    axes.set(aspect="equal", xlim=(left, right), ylim=(low, high), xlabel="x [m]", ylabel="y [m]")
+    _scale(axes, right - left)
+
+
+def limits_of(picture: MapPicture) -> Limits:
     """Return left, right, low and high limits of the drawing, with some air."""
     x: list[Float64] = [path[0] for path in picture.paths]
     y: list[Float64] = [path[1] for path in picture.paths]

@@ -11,6 +11,8 @@ from itertools import groupby
 import numpy as np
 
 from lidarcli.display import stamp
+from lidarcli.reports.changes import Changed
+from lidarcli.reports.changes_report import change_cards, change_sections
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.document import (
@@ -496,6 +498,7 @@ class Report(Document):
 
     summary: Summary
     comparison: Comparison | None = None
+    changed: Changed | None = None
 
     @property
     def title(self) -> str:
@@ -505,16 +508,24 @@ class Report(Document):
 
     @property
     def figures(self) -> Mapping[str, float | None]:
-        """Figures by name; with a baseline also their differences."""
-        return self.summary.figures | (self.comparison.figures if self.comparison else {})
+        """Figures by name; with a baseline also their differences, with tables of changes those of these."""
+        found = self.summary.figures | (self.comparison.figures if self.comparison else {})
+        return found | (self.changed.figures if self.changed else {})
 
     def sections(self) -> dict[str, Section]:
         """Return the sections by name, in their order."""
-        return sections_of(self.summary, self.comparison)
+        found = sections_of(self.summary, self.comparison)
+        return found if self.changed is None else dict(change_sections(self.changed)) | found
 
     def cards(self) -> list[Card]:
         """Return the key figures, those of checks and damage last."""
-        return [*cards_of(self.summary), *self.check_cards(), *damage_cards(self.summary)]
+        of_changes = [] if self.changed is None else change_cards(self.changed)
+        return [
+            *cards_of(self.summary),
+            *of_changes,
+            *self.check_cards(),
+            *damage_cards(self.summary),
+        ]
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -534,6 +545,7 @@ class Report(Document):
         lines = [f"{self.title}: {', '.join(parts)}"]
         if self.summary.zoned is not None:
             lines += [zone_words(one) for one in self.summary.zoned.zones]
+        lines += [] if self.changed is None else [one.line for one in self.changed.pairs]
         return (*lines, *(() if self.comparison is None else (self.comparison.words,)))
 
     @property

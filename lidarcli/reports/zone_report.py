@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from lidarcli.reports.changes import Changed
+from lidarcli.reports.changes_report import change_cards, change_sections
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.document import (
     MARKDOWN,
@@ -141,6 +143,7 @@ class ZonesReport(Document):
 
     zoned: Zoned
     sources: tuple[Origin, ...]
+    changed: Changed | None = None
 
     @property
     def title(self) -> str:
@@ -150,24 +153,32 @@ class ZonesReport(Document):
 
     @property
     def figures(self) -> Mapping[str, float | None]:
-        """Figures of the zones by name."""
-        return self.zoned.figures
+        """Figures of the zones by name, and those of changes."""
+        return self.zoned.figures | (self.changed.figures if self.changed else {})
 
     def sections(self) -> dict[str, Section]:
         """Return the sections by name, in their order."""
-        return dict(zone_sections(self.zoned, [source.log for source in self.sources]))
+        found = dict(zone_sections(self.zoned, [source.log for source in self.sources]))
+        return found if self.changed is None else dict(change_sections(self.changed)) | found
 
     def cards(self) -> list[Card]:
         """Return the key figures, those of checks last."""
         time = _seconds(sum(self.zoned.seconds.values()))
-        return [Card("sweeps", number(self.zoned.sweeps), time), *zone_cards(self.zoned), *self.check_cards()]
+        of_changes = [] if self.changed is None else change_cards(self.changed)
+        return [
+            Card("sweeps", number(self.zoned.sweeps), time),
+            *zone_cards(self.zoned),
+            *of_changes,
+            *self.check_cards(),
+        ]
 
     @property
     def lines(self) -> tuple[str, ...]:
         """Number of sweeps, and a line for each zone."""
         time = _seconds(sum(self.zoned.seconds.values()))
         first = f"{self.title}: {counted(self.zoned.sweeps, 'sweep')} in {time}, {counted(len(self.zoned.zones), 'zone')}"
-        return (first, *(zone_words(one) for one in self.zoned.zones))
+        of_changes = [] if self.changed is None else [one.line for one in self.changed.pairs]
+        return (first, *(zone_words(one) for one in self.zoned.zones), *of_changes)
 
 
 def zone_words(one: ZoneSummary) -> str:

@@ -122,8 +122,8 @@ def _values(watched: Watched, zone: str, columns: Mapping[str, Float64]) -> dict
     return values
 
 
-def parse_zone_check(expression: str, zones: Collection[str]) -> Check:
-    """Understand a check of zones alone: their figures, and rows of events.
+def parse_zone_check(expression: str, zones: Collection[str], others: Collection[str] = ()) -> Check:
+    """Understand a check of zones alone: their figures, rows of events, and `others`.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def parse_zone_check(expression: str, zones: Collection[str]) -> Check:
     >>> parse_zone_check("zones.left-door.in between 30 and 34", ["left-door"]).expected
     'between 30 and 34'
     """
-    check = parse_check(expression, only=(), rows=("events",), zones=zones)
+    check = parse_check(expression, only=others, rows=("events",), zones=zones)
     for name in _ZONE_NAMED.findall(expression) if check.condition is not None else ():
         if name not in zones:
             raise OptionError(f"--check '{expression}': no zone '{name}'; there is {', '.join(zones)}")

@@ -33,6 +33,8 @@ VERSION, PARAMETERS, SOURCE, DAMAGE = (
     "lidarcli.damage",
 )
 """Keys of the schema metadata."""
+ALIGNMENT, CHANGE_FIGURES = "lidarcli.alignment", "lidarcli.figures"
+"""Keys of the table of changes: how runs lie on each other, and what was counted, as JSON."""
 
 ROWS_PER_GROUP = 50_000
 """Rows of a row group: small ones take three times as long to write, and longer to read; large ones take memory."""

@@ -16,6 +16,7 @@ import pytest
 
 import lidarcli as package
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.formalism.mapping.occupancy import OCCUPIED
 from lidarcli.pipeline.differing import Difference
 from lidarcli.simulation import entities as make
 from lidarcli.simulation.scene import Course, Entity, Odometry, Sensor, super_ellipse
@@ -369,6 +370,29 @@ def test_tables_tell_no_free_space(monday: str, tmp_path: Path, lidarcli: Run) -
     ]
 
 
+def test_each_run_has_its_own_ground_and_sensor(monday: str, tmp_path: Path) -> None:
+    tuesday = write_run(tmp_path / "tuesday.mcap", without(SCENE, BOXES[1]), seed=1)
+    found = package.diff(monday, tuesday, tuesday)
+    # One that is compared twice has a name for each time.
+    assert [step.name for step in found.steps] == [tuesday, f"{tuesday} (2)"]
+    assert Counter((row["log_b"], row["status"]) for row in found.changes.to_pylist()) == {
+        (tuesday, "known"): 4,
+        (tuesday, "gone"): 1,
+        (f"{tuesday} (2)", "known"): 4,
+    }
+    # Where the box stood, cells are occupied before the first step, and free before the second.
+    taken = []
+    for step in found.steps:
+        assert step.ground is not None
+        assert step.sensors is not None
+        assert np.abs(step.sensors).max() < 0.05
+        row, column = np.nonzero(step.ground.cells == OCCUPIED)
+        x, y = (column + 0.5) * 0.05 + step.ground.x, (row + 0.5) * 0.05 + step.ground.y
+        taken.append(int((np.hypot(x + 2.6, y + 1.6) < 0.6).sum()))
+    assert taken[0] > 10
+    assert taken[1] == 0
+
+
 def test_outputs_and_checks(monday: str, tmp_path: Path, lidarcli: Run) -> None:
     tuesday = write_run(tmp_path / "tuesday.mcap", without(SCENE, BOXES[1]), seed=1)
     names = ["c.parquet", "c.csv", "c.png"]
@@ -387,6 +411,10 @@ def test_outputs_and_checks(monday: str, tmp_path: Path, lidarcli: Run) -> None:
     assert table.schema.equals(CHANGES)
     (step,) = json.loads(table.schema.metadata[b"lidarcli.alignment"])
     assert [*step] == ["log_a", "log_b", "dx", "dy", "dyaw", "overlap", "rms"]
+    ran = lidarcli("report", tmp_path / "c.parquet", "--format", "json", "--check", "gone == 0")
+    assert (ran.code, ran.err) == (1, "lidarcli: check failed: gone is 1, expected == 0\n")
+    figures = json.loads(table.schema.metadata[b"lidarcli.figures"])
+    assert json.loads(ran.out)["figures"] == {name: pytest.approx(figures[name]) for name in figures}
     assert len((tmp_path / "c.csv").read_text().splitlines()) == 6
     assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
     assert lidarcli(*words).code == 5
@@ -408,7 +436,10 @@ def test_a_run_in_which_nothing_can_stand(monday: str, tmp_path: Path, lidarcli:
     for seconds, code in (("1", 1), ("3", 0)):
         ran = lidarcli("diff", monday, monday, "--end", seconds, "--check", "gone == 0")
         assert (ran.code, "is too short: a thing has to stand" in ran.err) == (code, bool(code))
-    assert package.diff(monday, monday, end=1).figures["known"] is None
+    table = tmp_path / "c.parquet"
+    assert package.diff(monday, monday, end=1, output=table).figures["known"] is None
+    assert lidarcli("report", table, "--check", "gone == 0").code == 1
+    assert package.report(table).figures["gone"] is None
 
 
 def test_notes_on_poses_are_shown(tmp_path: Path, lidarcli: Run) -> None:

@@ -36,6 +36,7 @@ from lidarcli.pipeline.reporting import (
     render,
     understand,
 )
+from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.checks import Verdict
 from lidarcli.reports.drawing import Axes, Figure, figure_of
 from lidarcli.reports.json import as_dict
@@ -185,7 +186,7 @@ class RunReport:
         report, figures = self._made.report, self.figures
         held = sum(verdict.holds for verdict in self.checks)
         judged = f", {held} of {len(self.checks)} checks hold" if self.checks else ""
-        if isinstance(report, ZonesReport):
+        if isinstance(report, ZonesReport | ChangesReport):
             return f"<report on {report.lines[0]}{judged}>"
         return f"<report on {report.title}: {figures['sweeps']:,.0f} sweeps, {figures['objects']:,.0f} objects{judged}>"
 
@@ -210,7 +211,8 @@ def report(tables: Tables, output: Paths = (), **options: Unpack[Reporting]) -> 
     Parameters
     ----------
     tables : what `detect`, `track`, `tables` or `zones` returned, or such tables, as Arrow tables or data frames; paths of
-        objects, sweeps or tracks tables (the others of a log are found beside each), folders or patterns; or several of all
+        objects, sweeps or tracks tables (the others of a log are found beside each), of tables of changes, folders or
+        patterns; or several of all
     output : files to write, replaced where they exist, each in the format that its suffix says: .txt, .md, .html, .json
         or .xml (JUnit); by default none
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
+from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.files import Named, files_named
 from lidarcli.reports.columns import Origin, Rows
@@ -23,7 +24,7 @@ from lidarcli.tabular.reading import (
     read_columns,
     read_pieces,
 )
-from lidarcli.tabular.schemas import SCHEMAS
+from lidarcli.tabular.schemas import CHANGES, SCHEMAS
 from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, table_suffix
 
 _OBJECTS, _SWEEPS, _TRACKS = map(table_suffix, ("objects", "sweeps", "tracks"))
@@ -89,22 +90,41 @@ class Pair:
         return place(f"{self.before}{table}{self.after}")
 
 
-def find_pairs(inputs: Iterable[str | Pair]) -> tuple[list[Pair], list[UnreadableError]]:
-    """Return the pairs that files, folders and patterns name, each once, in their order, and errors of other names.
+class Found(NamedTuple):
+    """The tables that files, folders and patterns name, each once, in their order."""
 
-    Pairs that are known stay as they are.
-    """
-    found: dict[Pair, None] = {}
+    pairs: list[Pair]
+    changes: list[Place]
+    """Tables of changes, which are those of several logs."""
+    problems: list[UnreadableError]
+    """Errors of other names."""
+
+
+def find_tables(inputs: Iterable[str | Pair]) -> Found:
+    """Return the tables that files, folders and patterns name; pairs that are known stay as they are."""
+    pairs: dict[Pair, None] = {}
+    changes: dict[Place, None] = {}
     problems = []
     for text in inputs:
         try:
-            pairs, denied = ([text], []) if isinstance(text, Pair) else _pairs(text)
+            found = Found([text], [], []) if isinstance(text, Pair) else _tables_named(text)
         except UnreadableError as err:
             problems.append(err)
             continue
-        found |= dict.fromkeys(pairs)
-        problems += denied
-    return [*found], problems
+        pairs |= dict.fromkeys(found.pairs)
+        changes |= dict.fromkeys(found.changes)
+        problems += found.problems
+    return Found([*pairs], [*changes], problems)
+
+
+def find_pairs(inputs: Iterable[str | Pair]) -> tuple[list[Pair], list[UnreadableError]]:
+    """Return the tables of logs that `inputs` name, and errors of other names."""
+    pairs, changes, problems = find_tables(inputs)
+    others = [
+        UnreadableError(f"{path}: this is the changes table of lidarcli diff; it is no table of a log")
+        for path in (changes if not pairs else ())
+    ]
+    return pairs, [*problems, *others]
 
 
 def one_pair(text: str | Pair) -> Pair:
@@ -127,29 +147,45 @@ def one_pair(text: str | Pair) -> Pair:
 
 def table_files(inputs: Iterable[str]) -> list[Place]:
     """Return the files of all pairs that `inputs` name."""
-    pairs, _ = find_pairs(inputs)
-    return [getattr(pair, table) for pair in pairs for table in SCHEMAS]
+    found = find_tables(inputs)
+    return [*(getattr(pair, table) for pair in found.pairs for table in SCHEMAS), *found.changes]
 
 
-def _pairs(text: str) -> tuple[list[Pair], list[UnreadableError]]:
-    """Return the tables by log, and the errors of folders that cannot be searched."""
+def _tables_named(text: str) -> Found:
+    """Return the tables that a name stands for, and the errors of folders that cannot be searched."""
     named, files, denied = files_named(text)
-    tables = [(file, *known) for file in files if (known := _table_of(file)) is not None]
+    changes = [file for file in files if _is_of_changes(file, named)]
+    tables = [
+        (file, *known) for file in files if file not in changes and (known := _table_of(file)) is not None
+    ]
     if named is Named.FOLDER:
         # A log whose objects are gone cannot be read; it is not absent.
         tables = sorted(
             (each for each in tables if each[1] == "objects" or _is_named_below(text, each[0])),
             key=lambda each: each[1] != "objects",
         )
-        if not tables and not denied:
+        if not tables and not changes and not denied:
             raise UnreadableError(f"{text}: no *{_OBJECTS} in this folder; write some with lidarcli detect")
-    if not tables and not denied:
+    if not tables and not changes and not denied:
         if named is Named.FILE:
             raise UnreadableError(
                 f"{text}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})"
             )
         raise UnreadableError(f"{text}: no tables match this pattern")
-    return [pair for _, _, pair in tables], denied
+    return Found([pair for _, _, pair in tables], changes, denied)
+
+
+def _is_of_changes(file: Place, named: Named) -> bool:
+    """Tell whether a file is a table of changes: by its name and columns; one that is named itself may have any name."""
+    is_called_so = file.name == "changes.parquet" or file.name.endswith(".changes.parquet")
+    is_other = named is not Named.FILE or _table_of(file) is not None
+    if not is_called_so and (is_other or file.suffix != ".parquet"):
+        return False
+    try:
+        return {*CHANGES.names} <= {*column_names(file, "changes")} or (is_called_so and not is_other)
+    except UnreadableError:
+        # Who reads it tells why it cannot be read.
+        return is_called_so
 
 
 def is_table(file: Place, table: str) -> bool:
@@ -206,6 +242,15 @@ def require(pair: Pair, kind: str, columns: Collection[str]) -> None:
             f"{getattr(pair, kind)}: no column {', '.join(missing)}, which a check asks for; "
             "an older version has written this table: write it again"
         )
+
+
+def read_changes(path: Place) -> pa.Table:
+    """Read a table of changes, or raise `UnreadableError` with one line."""
+    table = read_columns(path, "changes", CHANGES)
+    if others := sorted({*table["status"].unique().to_pylist()} - {*CHANGE_STATUSES}):
+        known = ", ".join(CHANGE_STATUSES)
+        raise UnreadableError(f"{path}: column status holds {others[0]!r}; it can be one of {known}")
+    return table
 
 
 def read_tracks(pair: Pair, objects: pa.Table, columns: Iterable[str]) -> pa.Table | None:
