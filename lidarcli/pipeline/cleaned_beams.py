@@ -41,8 +41,10 @@ LINK = 0.1
 """Greatest step in range between beams of one piece [m], beside what its slant takes."""
 MOST_SD = 0.3
 """Greatest standard deviation of a place of an agent that tells where its beams are [m]."""
-LEFT_SDS = 2.0
-"""An agent has left its first place if it is off by so many standard deviations of both places."""
+SECOND_NS = 1_000_000_000
+"""Time in which the path of an agent tells that it is on its way [ns]."""
+LEAST_SPEED, MOVING_SDS = 0.1, 2.0
+"""Least speed of what is on its way [m/s], and least way in standard deviations."""
 PAIRS = 256
 """Places of agents that are looked at together."""
 LEAST_SIDE = 0.1
@@ -367,7 +369,8 @@ def _agents_of(tracks: list[_Track], paths: _Paths, sweeps: Int64, pose: Float64
         if not track.moves or not count:
             continue
         onset = int(np.searchsorted(paths.stamp_ns[mine], track.moved_at_ns))
-        first = mine.start + _sets_out(paths, slice(mine.start, mine.start + min(onset + 1, count)))
+        onset = mine.start + min(onset, count - 1)
+        first = min(_sets_out(paths, slice(mine.start, onset)), onset)
         since[track.number] = int(paths.sweep[first])
         sure = first + np.flatnonzero(paths.sd[first : mine.stop] <= MOST_SD)
         rows.append(sure)
@@ -393,13 +396,20 @@ def _agents_of(tracks: list[_Track], paths: _Paths, sweeps: Int64, pose: Float64
 
 
 def _sets_out(paths: _Paths, rows: slice) -> int:
-    """Return the last of the rows of a path up to the onset in which it is, by its noise, still where it was first.
+    """Return the row in which an agent sets out, among those of its path up to its onset.
 
-    The onset of a track is where it is off by its size. Its smoothed path tells that it was on its way before.
+    At its onset it is off its first place by more than its size. Its smoothed path tells that it was on its way before:
+    within a second it went further than the noise of both places.
     """
-    x, y, var = paths.x[rows], paths.y[rows], paths.sd[rows] ** 2
-    away = np.hypot(x - x[0], y - y[0])
-    return int(np.flatnonzero(away <= LEFT_SDS * np.sqrt(var + var[0]))[-1])
+    if rows.start == rows.stop:
+        return rows.start
+    x, y, var, stamp_ns = paths.x[rows], paths.y[rows], paths.sd[rows] ** 2, paths.stamp_ns[rows]
+    before = np.searchsorted(stamp_ns, stamp_ns - SECOND_NS)
+    way = np.hypot(x - x[before], y - y[before])
+    least = LEAST_SPEED * 1e-9 * (stamp_ns - stamp_ns[before])
+    stands = np.flatnonzero(way <= np.maximum(least, MOVING_SDS * np.sqrt(var + var[before])))[-1]
+    # What is on its way so soon after it was first seen was so before.
+    return rows.start + int(0 if before[stands] == 0 else stands)
 
 
 def _is_part(track: _Track, paths: _Paths, at: Int64, reach: Float64) -> bool:
