@@ -49,6 +49,10 @@ PAIRS = 256
 """Places of agents that are looked at together."""
 LEAST_SIDE = 0.1
 """Least side of the place of a thing [m]: what stands at a leg is wider than the points on it."""
+CELL, OFTEN, MOSTLY = 0.12, 0.05, 0.8
+"""What is seen mostly in cells of such a size [m], and often in each, is always at the same few places."""
+LONG, MOST_HIDDEN, MOST_DOUBTED = 3.0, 0.5, 0.2
+"""A track so long [s] is doubted if it is hidden in such a share of its sweeps; a note tells of such a share of beams."""
 _NONE = np.zeros(0, np.int64)
 
 
@@ -456,6 +460,52 @@ def _sensor(pair: Pair, topic: str) -> tuple[Int64, Float64, bool]:
     with np.errstate(invalid="ignore"):
         flipped = np.abs(left + y) < np.abs(left - y)
     return sweep, pose, 2 * int(np.count_nonzero(flipped)) > len(x)
+
+
+def doubted(pair: Pair) -> list[str]:
+    """Return notes on agents that may be none, by topic: the robot itself, and what was hidden for most of its time."""
+    names = ("box_x", "box_y", "world_x", "world_y")
+    rows = read_columns(
+        pair.objects, "objects", SCHEMAS["objects"], ("topic", "track", "set", "beams", *names)
+    )
+    its = ("topic", "track", "sweeps", "first_sweep", "last_sweep", "duration")
+    tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], its).to_pylist()
+    hidden = set()
+    for row in tracks:
+        sweeps = row["last_sweep"] + 1 - row["first_sweep"]
+        if row["duration"] >= LONG and sweeps - row["sweeps"] > MOST_HIDDEN * sweeps:
+            hidden.add((row["topic"], row["track"]))
+    topics, (track, _), beams = _names(rows["topic"]), held(rows["track"]), numbers(rows["beams"])
+    places = np.column_stack([numbers(rows[name]) for name in names])
+    lines = []
+    for topic in np.unique(topics).tolist():
+        mine = np.flatnonzero((topics == topic) & (_names(rows["set"]) == "A"))
+        mine = mine[np.argsort(track[mine], kind="stable")]
+        on_robot = on_hidden = 0
+        for some in np.split(mine, np.flatnonzero(np.diff(track[mine])) + 1) if len(mine) else ():
+            count = int(beams[some].sum())
+            if _stays(places[some, :2]) and np.isfinite(places[some]).all() and not _stays(places[some, 2:]):
+                on_robot += count
+            elif (topic, int(track[some[0]])) in hidden:
+                on_hidden += count
+        every = int(beams[mine].sum())
+        if on_robot:
+            lines.append(
+                f"{topic}: {on_robot / every:.0%} of the beams on agents always end at the same places before the sensor: "
+                "the robot's own body? (--mask auto)"
+            )
+        if on_hidden > MOST_DOUBTED * (every - on_robot):
+            lines.append(
+                f"{topic}: {on_hidden / every:.0%} of the beams on agents are on what was hidden for most of its time: "
+                "furniture that seems to move? (docs/clean.md)"
+            )
+    return lines
+
+
+def _stays(places: Float64) -> bool:
+    """Return whether places (N, 2) are nearly all the same few."""
+    _, counts = np.unique(np.floor(places / CELL), axis=0, return_counts=True)
+    return int(counts[counts >= OFTEN * len(places)].sum()) >= MOSTLY * len(places)
 
 
 class _Stays(NamedTuple):
