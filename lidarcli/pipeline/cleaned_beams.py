@@ -11,6 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.tracking.results import HIDDEN, VIEWS
 from lidarcli.formalism.zones.points import samples, seen
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
@@ -40,10 +41,19 @@ LINK = 0.1
 """Greatest step in range between beams of one piece [m], beside what its slant takes."""
 MOST_SD = 0.3
 """Greatest standard deviation of a place of an agent that tells where its beams are [m]."""
+SECOND_NS = 1_000_000_000
+"""Time in which the path of an agent tells that it is on its way [ns]."""
+LEAST_SPEED, MOVING_SDS = 0.1, 2.0
+"""Least speed of what is on its way [m/s], and least way in standard deviations."""
 PAIRS = 256
 """Places of agents that are looked at together."""
 LEAST_SIDE = 0.1
 """Least side of the place of a thing [m]: what stands at a leg is wider than the points on it."""
+CELL, OFTEN, MOSTLY = 0.12, 0.05, 0.8
+"""What is seen mostly in cells of such a size [m], and often in each, is always at the same few places."""
+LONG, MOST_HIDDEN, MOST_DOUBTED = 3.0, 0.5, 0.2
+"""A track so long [s] is doubted if it is hidden in such a share of its sweeps; a note tells of such a share of beams."""
+_NONE = np.zeros(0, np.int64)
 
 
 class Sweep(NamedTuple):
@@ -123,9 +133,8 @@ def choose(log: Log, pair: Pair, choice: Choice, progress: Progress | None = Non
             found[topic] = Chosen()
         rows = cursors[topic].until(int(batch.sweep[-1]) + 1)
         objects = Objects.of(rows, batch)
-        places = agents[topic].of(batch) if topic in agents else None
         held_by = temporary.get(topic, _NO_STAYS)
-        found[topic].add(batch, _reasons(batch, objects, choice, held_by, places))
+        found[topic].add(batch, _reasons(batch, objects, choice, held_by, agents.get(topic)))
         if progress is not None:
             progress(log.position)
     for each in found.values():
@@ -140,22 +149,24 @@ def _batches(log: Log, choice: Choice) -> Iterator[SweepBatch]:
 
 
 def _reasons(
-    batch: SweepBatch, objects: Objects, choice: Choice, temporary: _Stays, places: _Places | None
+    batch: SweepBatch, objects: Objects, choice: Choice, temporary: _Stays, agents: _Agents | None
 ) -> NDArray[np.uint8]:
     """Return the reason (S, B) for which each beam is chosen, 0 for none."""
     valid = batch.status == Status.VALID
     owner = objects.owners(batch)
-    is_agent = np.append(objects.set == SETS.index("A"), False)
+    is_agent = objects.set == SETS.index("A")
+    if agents is not None:
+        is_agent |= agents.tracks.hold(objects, batch)
     is_temporary = np.append(temporary.hold(objects, batch), False)
     reason = np.zeros(valid.shape, np.uint8)
     reason[batch.status == Status.MASKED] = BODY
     reason[valid & is_temporary[owner]] = TEMPORARY
     if "agents" in choice.remove:
-        reason[valid & is_agent[owner]] = AGENTS
-        if places is not None:
+        reason[valid & np.append(is_agent, False)[owner]] = AGENTS
+        if agents is not None:
             # What stands is no part of who passes by.
-            is_thing = np.append((objects.set == SETS.index("O")) & (objects.track >= 0), False)
-            reason[places.pieces(batch) & ~is_thing[owner] & (reason != BODY)] = AGENTS
+            is_thing = np.append(~is_agent & (objects.set == SETS.index("O")) & (objects.track >= 0), False)
+            reason[agents.of(batch).pieces(batch) & ~is_thing[owner] & (reason != BODY)] = AGENTS
     beside = _beside(batch, reason > 0, choice.margin)
     reason[beside & valid & (reason == 0)] = MARGIN
     return reason
@@ -218,9 +229,25 @@ class _Places(NamedTuple):
         return whole
 
 
+class _Since(NamedTuple):
+    """Tracks whose objects are left out, and from which sweeps on."""
+
+    track: Int64
+    """(N,) ascending."""
+    sweep: Int64
+
+    def hold(self, objects: Objects, batch: SweepBatch) -> Bool:
+        """Return which objects (K,) are of these tracks by then."""
+        if not len(self.track):
+            return np.zeros(len(objects.track), np.bool_)
+        at = np.minimum(np.searchsorted(self.track, objects.track), len(self.track) - 1)
+        found: Bool = (self.track[at] == objects.track) & (batch.sweep[objects.row] >= self.sweep[at])
+        return found
+
+
 @dataclass(frozen=True, slots=True)
 class _Agents:
-    """Places (N) of the agents of a topic by sweep, from their onsets on."""
+    """Places (N) of the agents of a topic by sweep, from when on they are on their way."""
 
     sweep: Int64
     """(N,) ascending."""
@@ -228,6 +255,8 @@ class _Agents:
     y: Float64
     radius: Float64
     in_world: Bool
+    tracks: _Since
+    """Their tracks, and those of parts of them."""
     sweeps: Int64
     """(S,) sweeps of the topic, and the pose (S, 3) of the sensor in each."""
     pose: Float64
@@ -251,45 +280,165 @@ class _Agents:
         return _Places(row[there], here_x[there], here_y[there], self.radius[mine][there])
 
 
+class _Paths(NamedTuple):
+    """Trajectories (N) of one topic, those of a track one after the other in the order of time."""
+
+    track: Int64
+    sweep: Int64
+    stamp_ns: Int64
+    x: Float64
+    y: Float64
+    sd: Float64
+    """(N,) the greater standard deviation of the place [m]."""
+    in_world: Bool
+    hidden: Bool
+
+    def of(self, track: int) -> slice:
+        """Return the rows of a track."""
+        first, after = np.searchsorted(self.track, [track, track + 1])
+        return slice(int(first), int(after))
+
+
+class _Track(NamedTuple):
+    """A track of one topic."""
+
+    number: int
+    moves: bool
+    moved_at_ns: int
+    half: float
+    """Half of its diagonal [m], 0 where it is not known."""
+
+    @property
+    def reach(self) -> float:
+        """Distance from its middle in which pieces belong to it [m]."""
+        return max(REACH, self.half + AROUND)
+
+
 def _agents(pair: Pair) -> dict[str, _Agents]:
     """Return where agents are, by topic, hidden or not."""
-    columns = ("topic", "track", "set", "moved_at", "length", "width")
-    tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], columns)
-    rows = read_columns(
-        pair.trajectories,
-        "trajectories",
-        SCHEMAS["trajectories"],
-        ("topic", "track", "sweep", "stamp", "frame", "x", "y", "x_sd", "y_sd"),
-    )
-    topics, its = _names(tracks["topic"]), _names(rows["topic"])
-    moves = _names(tracks["set"]) == "A"
-    moved_at, _ = held(tracks["moved_at"].cast(pa.int64()))
-    side = np.hypot(np.nan_to_num(numbers(tracks["length"])), np.nan_to_num(numbers(tracks["width"])))
-    radius = np.maximum(REACH, 0.5 * side + AROUND)
-    number, track = np.asarray(tracks["track"]), np.asarray(rows["track"])
-    stamp = np.asarray(rows["stamp"].cast(pa.int64()))
-    sure = np.maximum(numbers(rows["x_sd"]), numbers(rows["y_sd"])) <= MOST_SD
-    in_world = _names(rows["frame"]) == WORLD
     found = {}
-    for topic in sorted(set(topics[moves].tolist())):
-        mine = np.flatnonzero(moves & (topics == topic))
-        mine = mine[np.argsort(number[mine])]
-        which = np.minimum(np.searchsorted(number[mine], track), len(mine) - 1)
-        agent = mine[which]
-        some = np.flatnonzero((its == topic) & sure & (number[agent] == track) & (stamp >= moved_at[agent]))
-        some = some[np.argsort(np.asarray(rows["sweep"])[some], kind="stable")]
-        sweeps, pose, mirrored = _sensor(pair, topic)
-        found[topic] = _Agents(
-            np.asarray(rows["sweep"])[some],
-            numbers(rows["x"])[some],
-            numbers(rows["y"])[some],
-            radius[agent[some]],
-            in_world[some],
-            sweeps,
-            pose,
-            mirrored,
-        )
+    paths = _paths(pair)
+    for topic, tracks in _tracks(pair).items():
+        if topic in paths and any(each.moves for each in tracks):
+            found[topic] = _agents_of(tracks, paths[topic], *_sensor(pair, topic))
     return found
+
+
+def _tracks(pair: Pair) -> dict[str, list[_Track]]:
+    """Return the tracks of each topic by number."""
+    columns = ("topic", "track", "set", "moved_at", "length", "width")
+    rows = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], columns)
+    moves = _names(rows["set"]) == "A"
+    moved_at, _ = held(rows["moved_at"].cast(pa.int64()))
+    half = 0.5 * np.hypot(*(np.nan_to_num(numbers(rows[name])) for name in ("length", "width")))
+    each = zip(
+        np.asarray(rows["track"]).tolist(), moves.tolist(), moved_at.tolist(), half.tolist(), strict=True
+    )
+    found: dict[str, list[_Track]] = {}
+    for topic, track in zip(_names(rows["topic"]).tolist(), each, strict=True):
+        found.setdefault(topic, []).append(_Track(*track))
+    return {topic: sorted(tracks) for topic, tracks in found.items()}
+
+
+def _paths(pair: Pair) -> dict[str, _Paths]:
+    """Return the trajectories of each topic."""
+    columns = ("topic", "track", "sweep", "stamp", "frame", "x", "y", "x_sd", "y_sd", "seen")
+    rows = read_columns(pair.trajectories, "trajectories", SCHEMAS["trajectories"], columns)
+    topics = _names(rows["topic"])
+    whole = _Paths(
+        np.asarray(rows["track"]),
+        np.asarray(rows["sweep"]),
+        np.asarray(rows["stamp"].cast(pa.int64())),
+        numbers(rows["x"]),
+        numbers(rows["y"]),
+        np.maximum(numbers(rows["x_sd"]), numbers(rows["y_sd"])),
+        _names(rows["frame"]) == WORLD,
+        _names(rows["seen"]) == VIEWS[HIDDEN],
+    )
+    order = np.lexsort((whole.sweep, whole.track))
+    found = {}
+    for topic in np.unique(topics).tolist():
+        mine = order[topics[order] == topic]
+        found[topic] = _Paths(*(values[mine] for values in whole))
+    return found
+
+
+def _agents_of(tracks: list[_Track], paths: _Paths, sweeps: Int64, pose: Float64, mirrored: bool) -> _Agents:
+    """Return the agents of a topic; `sweeps`, `pose` and `mirrored` as of `_sensor`."""
+    since: dict[int, int] = {}
+    rows, radius = [_NONE], [np.zeros(0)]
+    for track in tracks:
+        mine = paths.of(track.number)
+        count = mine.stop - mine.start
+        if not track.moves or not count:
+            continue
+        onset = int(np.searchsorted(paths.stamp_ns[mine], track.moved_at_ns))
+        onset = mine.start + min(onset, count - 1)
+        first = min(_sets_out(paths, slice(mine.start, onset)), onset)
+        since[track.number] = int(paths.sweep[first])
+        sure = first + np.flatnonzero(paths.sd[first : mine.stop] <= MOST_SD)
+        rows.append(sure)
+        radius.append(np.full(len(sure), track.reach))
+    at, reach = np.concatenate(rows), np.concatenate(radius)
+    order = np.argsort(paths.sweep[at], kind="stable")
+    at, reach = at[order], reach[order]
+    for track in tracks:
+        if not track.moves and _is_part(track, paths, at, reach):
+            since[track.number] = 0
+    numbers_of = np.array(sorted(since), np.int64)
+    return _Agents(
+        paths.sweep[at],
+        paths.x[at],
+        paths.y[at],
+        reach,
+        paths.in_world[at],
+        _Since(numbers_of, np.array([since[number] for number in numbers_of.tolist()], np.int64)),
+        sweeps,
+        pose,
+        mirrored,
+    )
+
+
+def _sets_out(paths: _Paths, rows: slice) -> int:
+    """Return the row in which an agent sets out, among those of its path up to its onset.
+
+    At its onset it is off its first place by more than its size. Its smoothed path tells that it was on its way before:
+    within a second it went further than the noise of both places.
+    """
+    if rows.start == rows.stop:
+        return rows.start
+    x, y, var, stamp_ns = paths.x[rows], paths.y[rows], paths.sd[rows] ** 2, paths.stamp_ns[rows]
+    before = np.searchsorted(stamp_ns, stamp_ns - SECOND_NS)
+    way = np.hypot(x - x[before], y - y[before])
+    least = LEAST_SPEED * 1e-9 * (stamp_ns - stamp_ns[before])
+    stands = np.flatnonzero(way <= np.maximum(least, MOVING_SDS * np.sqrt(var + var[before])))[-1]
+    # What is on its way so soon after it was first seen was so before.
+    return rows.start + int(0 if before[stands] == 0 else stands)
+
+
+def _is_part(track: _Track, paths: _Paths, at: Int64, reach: Float64) -> bool:
+    """Return whether a thing was never seen but within the reach of agents: what stands is also seen without them.
+
+    Parameters
+    ----------
+    track : the thing
+    at, reach : (N,) rows of agents, ascending by sweep, and their reach [m]
+    """
+    mine = paths.of(track.number)
+    seen_at = np.arange(mine.start, mine.stop)[~paths.hidden[mine]]
+    sweep = paths.sweep[at]
+    # Most things are seen without agents at their first or their last sight.
+    for some in (seen_at[[0, -1]] if len(seen_at) else seen_at, seen_at):
+        first, after = (np.searchsorted(sweep, paths.sweep[some], side) for side in ("left", "right"))
+        if (first == after).any():
+            return False
+        count = after - first
+        which = np.repeat(np.arange(len(some)), count)
+        agent = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + first[which]
+        away = np.hypot(paths.x[at[agent]] - paths.x[some[which]], paths.y[at[agent]] - paths.y[some[which]])
+        if not np.bincount(which, away + track.half <= reach[agent], len(some)).all():
+            return False
+    return len(seen_at) > 0
 
 
 def _sensor(pair: Pair, topic: str) -> tuple[Int64, Float64, bool]:
@@ -313,6 +462,52 @@ def _sensor(pair: Pair, topic: str) -> tuple[Int64, Float64, bool]:
     return sweep, pose, 2 * int(np.count_nonzero(flipped)) > len(x)
 
 
+def doubted(pair: Pair) -> list[str]:
+    """Return notes on agents that may be none, by topic: the robot itself, and what was hidden for most of its time."""
+    names = ("box_x", "box_y", "world_x", "world_y")
+    rows = read_columns(
+        pair.objects, "objects", SCHEMAS["objects"], ("topic", "track", "set", "beams", *names)
+    )
+    its = ("topic", "track", "sweeps", "first_sweep", "last_sweep", "duration")
+    tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], its).to_pylist()
+    hidden = set()
+    for row in tracks:
+        sweeps = row["last_sweep"] + 1 - row["first_sweep"]
+        if row["duration"] >= LONG and sweeps - row["sweeps"] > MOST_HIDDEN * sweeps:
+            hidden.add((row["topic"], row["track"]))
+    topics, (track, _), beams = _names(rows["topic"]), held(rows["track"]), numbers(rows["beams"])
+    places = np.column_stack([numbers(rows[name]) for name in names])
+    lines = []
+    for topic in np.unique(topics).tolist():
+        mine = np.flatnonzero((topics == topic) & (_names(rows["set"]) == "A"))
+        mine = mine[np.argsort(track[mine], kind="stable")]
+        on_robot = on_hidden = 0
+        for some in np.split(mine, np.flatnonzero(np.diff(track[mine])) + 1) if len(mine) else ():
+            count = int(beams[some].sum())
+            if _stays(places[some, :2]) and np.isfinite(places[some]).all() and not _stays(places[some, 2:]):
+                on_robot += count
+            elif (topic, int(track[some[0]])) in hidden:
+                on_hidden += count
+        every = int(beams[mine].sum())
+        if on_robot:
+            lines.append(
+                f"{topic}: {on_robot / every:.0%} of the beams on agents always end at the same places before the sensor: "
+                "the robot's own body? (--mask auto)"
+            )
+        if on_hidden > MOST_DOUBTED * (every - on_robot):
+            lines.append(
+                f"{topic}: {on_hidden / every:.0%} of the beams on agents are on what was hidden for most of its time: "
+                "furniture that seems to move? (docs/clean.md)"
+            )
+    return lines
+
+
+def _stays(places: Float64) -> bool:
+    """Return whether places (N, 2) are nearly all the same few."""
+    _, counts = np.unique(np.floor(places / CELL), axis=0, return_counts=True)
+    return int(counts[counts >= OFTEN * len(places)].sum()) >= MOSTLY * len(places)
+
+
 class _Stays(NamedTuple):
     """Tracks that stood where the place was also seen free."""
 
@@ -326,7 +521,7 @@ class _Stays(NamedTuple):
         return found
 
 
-_NO_STAYS = _Stays(np.zeros(0, np.int64))
+_NO_STAYS = _Stays(_NONE)
 _COLUMNS = (
     *("topic", "sweep", "set", "track", "box_x", "box_y", "box_length", "box_width", "box_yaw"),
     *("world_x", "world_y", "world_yaw"),

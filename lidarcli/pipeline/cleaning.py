@@ -22,7 +22,7 @@ from lidarcli.logs.blocks import Locate
 from lidarcli.logs.options import TopicChoice
 from lidarcli.logs.rosbag2.folder import METADATA, is_storage
 from lidarcli.newfiles import NewFiles, new_files, refuse, unwritable
-from lidarcli.pipeline.cleaned_beams import REASONS, Choice, Chosen, choose
+from lidarcli.pipeline.cleaned_beams import REASONS, Choice, Chosen, choose, doubted
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import SUFFIXES
 from lidarcli.pipeline.inputs.sources import Source, open_source
@@ -130,6 +130,7 @@ def clean_log(
         editing.conclude()
         summary = _summary(source, found, options, chosen, copy, editing)
         summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
+        summary.notes += doubted(pair) if "agents" in options.remove else []
         metadata = table_metadata(options.as_dict(), described, summary.damage)
         summary.table = _table(source.name, chosen).replace_schema_metadata(metadata)
         with ParquetSink(new.part(outputs[1]), CLEANED, outputs[1]) as sink:

@@ -222,22 +222,31 @@ class Posing:
 
     def path_notes(self) -> list[str]:
         """Return the notes on the paths that were checked or matched, and the messages of the findings among them."""
-        return [note.message if isinstance(note, Finding) else note for note in self._of_paths()]
+        return [
+            self._of_topic(topic, note.message if isinstance(note, Finding) else note)
+            for topic, note in self._of_paths()
+        ]
 
     def findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
         """Return the notes on the paths without the findings; and these, with those on the poses of topics and frames."""
         told = list(self._of_paths())
-        found = [note for note in told if isinstance(note, Finding)]
+        found = [note for _, note in told if isinstance(note, Finding)]
         if self.found is not None:
             from lidarcli.pose.faults import pose_findings
 
             jumping = {(each.topic, each.frame) for each in found if each.id == "steps"}
             found += pose_findings(self.found.sources, keys, jumping)
-        return [note for note in told if not isinstance(note, Finding)], found
+        notes = [self._of_topic(topic, note) for topic, note in told if not isinstance(note, Finding)]
+        return notes, found
 
-    def _of_paths(self) -> Iterator[str | Finding]:
-        for _, path in sorted(self.paths.items(), key=lambda one: one[0]):
-            yield from path.notes
+    def _of_paths(self) -> Iterator[tuple[str, str | Finding]]:
+        for (topic, _), path in sorted(self.paths.items(), key=lambda one: one[0]):
+            for note in path.notes:
+                yield topic, note
+
+    def _of_topic(self, topic: str, note: str) -> str:
+        """Return a note on the path of a topic, with its name where there are several."""
+        return note if topic in note or len({name for name, _ in self.paths}) < 2 else f"{topic}: {note}"
 
     def leave_out(self, topics: Collection[str]) -> None:
         """Forget the paths of topics whose sweeps turned out to be unused."""
