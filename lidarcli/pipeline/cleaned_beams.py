@@ -406,14 +406,14 @@ def _sets_out(paths: _Paths, rows: slice) -> int:
     within a second it went further than the noise of both places.
     """
     if rows.start == rows.stop:
-        return rows.start
+        return int(rows.start)
     x, y, var, stamp_ns = paths.x[rows], paths.y[rows], paths.sd[rows] ** 2, paths.stamp_ns[rows]
     before = np.searchsorted(stamp_ns, stamp_ns - SECOND_NS)
     way = np.hypot(x - x[before], y - y[before])
     least = LEAST_SPEED * 1e-9 * (stamp_ns - stamp_ns[before])
     stands = np.flatnonzero(way <= np.maximum(least, MOVING_SDS * np.sqrt(var + var[before])))[-1]
     # What is on its way so soon after it was first seen was so before.
-    return rows.start + int(0 if before[stands] == 0 else stands)
+    return int(rows.start) + int(0 if before[stands] == 0 else stands)
 
 
 def _is_part(track: _Track, paths: _Paths, at: Int64, reach: Float64) -> bool:

@@ -11,11 +11,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from lidarcli.pose.tracks import rotate
-from lidarcli.simulation.writers import write_log
 
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
+from lidarcli.pose.tracks import rotate
+from lidarcli.simulation.writers import write_log
 from tests.places import SAMPLES
 from tests.sweeping import room_sweeps
 
