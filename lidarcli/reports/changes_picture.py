@@ -204,7 +204,10 @@ def _panel(axes: Axes, drawn: _Drawn, limits: Limits) -> None:
         colour, style = STYLES[one.status]
         for each, look in ((box, style), *([(old, OLD)] if old is not None else [])):
             corners = corners_of(each)
-            axes.add_patch(Polygon(corners, edgecolor=colour, zorder=7, **look))
+            patch = Polygon(corners, edgecolor=colour, zorder=7, **look)
+            # The limits are known, and layouts need not look at each of thousands.
+            patch.set_in_layout(False)
+            axes.add_artist(patch)
             ways.append(along(corners))
         if old is not None:
             arrow = {"arrowstyle": "->", "color": colour, "lw": 1.2, "shrinkA": 0.0, "shrinkB": 0.0}

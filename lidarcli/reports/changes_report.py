@@ -25,7 +25,7 @@ from lidarcli.reports.wording import percent
 
 CHANGES, CHANGES_OF_PAGE = 12, 500
 """Most changes of a run that text and Markdown, and the page, show one by one."""
-DRAWN = 12
+DRAWN = 6
 """Most runs that a page draws."""
 CHANGE_CELLS = ("thing", "status", "detail", "score", "size", "place", "kind")
 """Columns of a table of changes; the last one wraps."""
