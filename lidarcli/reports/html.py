@@ -86,6 +86,7 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
     script = _script()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     summary, viewer = report.summary, shown.viewer
+    tracks = summary.tracked.tracks if summary.tracked else ()
     overview = None
     if shown.overview is not None:
         overview = Markup(overview_chart(replace(shown.overview, walls=shown.walls.get("world"))).svg)
@@ -103,7 +104,9 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
         "charts": [replace(chart, svg=Markup(chart.svg)) for chart in charts(report, shown.walls)],
         "constants": constants(report),
         "command": shown.command,
-        "tracks": [(one, track_cells(one)) for one in summary.tracked.tracks] if summary.tracked else [],
+        "tracks": tracks,
+        # Columns without a single entry are left out.
+        "track_cells": {name: cells for name, cells in track_cells(tracks).items() if any(cells)},
         "kinds": KINDS,
         "right": TRACK_CELLS_RIGHT,
     }

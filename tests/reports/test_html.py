@@ -208,9 +208,9 @@ def test_the_page_tells_of_tracks(lidarcli: Run, tmp_path: Path) -> None:
     section = page[page.index('<section id="tracks">') : page.index("<h2>By label</h2>")]
     rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in section.split("<tr>")[2:]]
     assert ["|".join(re.sub("<[^>]*>", "", cell) for cell in row) for row in rows] == [
-        "1|object|prismatic|pallet|0 s|0.9 s|10|0 s|0.4 x 0.2 m|0 m|0 m/s|0 m/s|end of log|show",
-        "2|agent|legged||0 s|0.7 s|8|0 s|0.4 x 0.2 m|0.7 m|1 m/s|1.2 m/s|left view|show",
-        "3|agent|round||0.5 s|0.4 s|5|0 s|0.4 x 0.2 m|0.2 m|0.5 m/s|0.5 m/s|end of log|show",
+        "1|object|prismatic|pallet|0.00 s|0.90 s|10|0 s|0.40 x 0.20 m|0.00 m|0.00 m/s|0.00 m/s|end of log|show",
+        "2|agent|legged||0.00 s|0.70 s|8|0 s|0.40 x 0.20 m|0.70 m|1.00 m/s|1.20 m/s|left view|show",
+        "3|agent|round||0.50 s|0.40 s|5|0 s|0.40 x 0.20 m|0.20 m|0.50 m/s|0.50 m/s|end of log|show",
     ]
     plain = write_run(tmp_path / "plain", [sweep(0, 1)], [thing(0, 1)])
     assert lidarcli("report", plain, "-o", tmp_path / "b.html") == (0, "")
