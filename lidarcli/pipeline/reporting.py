@@ -163,7 +163,7 @@ def _with_page(report: Report, run: Run, pairs: Sequence[Pair], options: ReportO
     report = replace(report, unread=(*report.unread, *seen.problems))
     # Every log has a world of its own.
     above = overview(run.sweeps, run.objects, run.tracks) if len(run.sources) == 1 else None
-    return Made(report, Page(seen.data, above, seen.walls, _command(options)))
+    return Made(report, Page(seen.data, above, seen.walls, seen.grid, _command(options)))
 
 
 def _is_of_zones(pair: Pair) -> bool:

@@ -411,7 +411,7 @@ def test_walls_in_the_world_frame(page: Page, tmp_path: Path) -> None:
     page.evaluate("location.hash = '#sweep=5&view=world'")
     awaited(page, WAIT)
     assert saved(page, "svg").count(cells) > 100
-    assert "walls and rest of all sweeps" in page.evaluate("document.getElementById('legend').textContent")
+    assert "map (world frame)" in page.evaluate("document.getElementById('legend').textContent")
     assert page.complaints == []
 
 

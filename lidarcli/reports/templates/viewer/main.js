@@ -57,7 +57,7 @@ function legend(s) {
   if (tracked(OBJECT)) entries.push(["track of an object", "blue", "circle"]);
   if (tracked(AGENT)) entries.push(["track of an agent", "vermilion", "triangle"]);
   if (s.pose) entries.push(["path of the sensor (world frame)", "green", "stem"]);
-  if (s.pose && data.walls) entries.push(["walls and rest of all sweeps (world frame)", "light"]);
+  if (s.pose && data.map) entries.push(["map (world frame)", "light"]);
   const shapes = new Set(s.shape.filter((_, j) => s.set[j] !== REST));
   data.shapes.forEach((name, i) => { if (shapes.has(i)) entries.push(["box: " + name, "shape-" + name, "frame"]); });
   get("legend").replaceChildren(...entries.map(([name, colour, form]) => {

@@ -5,7 +5,7 @@ const FONT = "11px system-ui, sans-serif", BOLD = "bold 12px system-ui, sans-ser
 function coloursOf(paper) {
   const style = getComputedStyle(paper ? get("paper") : document.documentElement);
   const found = { shapes: data.shapes.map((name) => style.getPropertyValue("--shape-" + name).trim()) };
-  for (const name of ["ink", "quiet", "grid", "paper", "blue", "vermilion", "green", "grey", "dark", "light", "yellow", "orange", "shade", "bar-objects", "bar-agents"]) {
+  for (const name of ["ink", "quiet", "grid", "paper", "blue", "vermilion", "green", "grey", "dark", "light", "raised", "yellow", "orange", "shade", "bar-objects", "bar-agents"]) {
     found[name] = style.getPropertyValue("--" + name).trim();
   }
   return found;
