@@ -146,7 +146,7 @@ def zone_cards(zoned: Zoned) -> list[Card]:
     events = sum(int(one.figures["events"] or 0) for one in zoned.zones)
     active = sum(one.active for one in zoned.zones)
     unseen = [one.name for one in zoned.zones if one.figures["seen"] is None]
-    words = f"in {counted(len(zoned.zones), 'zone')}, {_seconds(active)}"
+    words = f"in {counted(len(zoned.zones), 'zone')}, active for {_seconds(active)}"
     if unseen:
         words += f"; never in view: {', '.join(unseen)}"
     return [Card("events of zones", number(events), words, meaning=f"event: {ZONE_WORDS['event']}")]

@@ -245,28 +245,45 @@ def test_long_logs_are_thinned_and_say_so(monkeypatch: pytest.MonkeyPatch) -> No
     assert len(json.dumps(packed)) < 45_000
 
 
-@pytest.mark.slow
-def test_a_thousand_sweeps_of_361_beams_stay_below_three_megabytes(tmp_path: Path) -> None:
+def long_page(sweeps: int, beams: int) -> str:
+    """The page of a long log: beams that tremble before walls, and ten objects in each sweep."""
     rng = np.random.default_rng(1)
     run = run_of(
-        [sweep(k, 10, beams=361) for k in range(1000)],
-        [thing(k, n + 1, width=rng.uniform(0, 1)) for k in range(1000) for n in range(10)],
+        [sweep(k, 10, beams=beams) for k in range(sweeps)],
+        [thing(k, n + 1, width=rng.uniform(0, 1)) for k in range(sweeps) for n in range(10)],
     )
+    walls = 6.0 + 3.0 * np.sin(np.linspace(0.0, 9.0, beams))
     raw = Raw(
-        np.arange(1000),
-        np.full(1000, -np.pi),
-        np.full(1000, np.pi / 180),
-        np.full(1000, 2, np.uint8),
-        np.full(1000, 361),
-        rng.uniform(0.1, 12, (1000, 361)),
+        np.arange(sweeps),
+        np.full(sweeps, -np.pi),
+        np.full(sweeps, 2 * np.pi / beams),
+        np.full(sweeps, 1, np.uint8),
+        np.full(sweeps, beams),
+        walls + 0.01 * rng.standard_normal((sweeps, beams)),
     )
     from lidarcli.reports.report import Report
 
     summary = summarise(run)
     packed = pack(run, summary, choose_sweeps(run, summary), {(0, "/scan"): raw})
-    page = html.render(Report(summary), html.Page({**packed, "note": ""}))
-    assert packed["streams"][0]["count"] == 1000
-    assert len(page.encode()) < 2_000_000
+    assert packed["streams"][0]["count"] == sweeps
+    return html.render(Report(summary), html.Page({**packed, "note": ""}))
+
+
+@pytest.mark.slow
+def test_a_page_of_many_sweeps_is_small() -> None:
+    assert len(long_page(1000, 361).encode()) < 1_000_000
+
+
+@pytest.mark.whole
+def test_a_page_holds_and_shows_5000_sweeps_of_1081_beams(page: Page, tmp_path: Path) -> None:
+    text = long_page(5000, 1081)
+    assert len(text) < 10_000_000
+    (tmp_path / "long.html").write_text(text, "utf-8")
+    page.open(tmp_path / "long.html", 1280)
+    assert page.evaluate(WORDS).startswith("sweep 0, ")
+    page.evaluate("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'End'}))")
+    assert page.evaluate(WORDS).startswith("sweep 4999, ")
+    assert page.complaints == []
 
 
 @pytest.mark.slow
@@ -298,7 +315,7 @@ def test_the_viewer_in_a_browser(page: Page, room: Path) -> None:
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         first = page.evaluate(PICTURE)
         assert all(len(one) > 3000 for one in first)
-        assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s, 5 objects, d_th ")
+        assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s, 5 objects, threshold d_th ")
         page.evaluate(
             "const s = document.getElementById('slider'); s.value = 60; s.dispatchEvent(new Event('input'))"
         )
@@ -336,11 +353,11 @@ def test_tracks_in_a_browser(page: Page, lidarcli: Run, tmp_path: Path) -> None:
     assert lidarcli("report", write_run(tmp_path, **one), "-o", tmp_path / "a.html")[0] == 0
     page.open(tmp_path / "a.html", 400)
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
-    assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s, 3 objects (2 of agents), d_th ")
+    assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s, 3 objects (2 of agents), threshold d_th ")
     first = page.evaluate(VERMILION)
     assert first > 30
     page.evaluate("document.querySelector('#tracks .jump[data-sweep=\"5\"]').click()")
-    assert page.evaluate(WORDS).startswith("sweep 5, 0.50 s, 4 objects (3 of agents), d_th ")
+    assert page.evaluate(WORDS).startswith("sweep 5, 0.50 s, 4 objects (3 of agents), threshold d_th ")
     assert "track of an agent" in page.evaluate("document.getElementById('legend').textContent")
     assert page.complaints == []
     # A path of six points, and a second agent. To look at a picture twice is worth a warning to the browser.

@@ -1,5 +1,5 @@
 // The scene from above: beams, boxes, tracks; as the sensor sees it, or in the world.
-const PATH_SECONDS = 3, PATH_SWEEPS = 200;
+const PATH_SECONDS = 3, WORLD_SECONDS = 60, PATH_SWEEPS = 2000;
 // Of more tracks that have ended nobody could read the numbers.
 const MOST_NUMBERS = 60;
 const MARGIN = { left: 44, right: 8, top: 18, bottom: 34 };
@@ -140,7 +140,7 @@ function drawBox(pen, s, j, p, frame, colours, marked) {
 
 // Agents are triangles, objects circles; hollow where the thing is hidden in this sweep. The arrow is the way of a second.
 function drawTracks(pen, s, k, p, frame, colours, world) {
-  const found = paths(s, k, world ? Infinity : PATH_SECONDS, world ? Infinity : PATH_SWEEPS, world);
+  const found = paths(s, k, world ? WORLD_SECONDS : PATH_SECONDS, PATH_SWEEPS, world);
   const named = found.filter((one) => one.over).length <= MOST_NUMBERS;
   for (const one of found) {
     const points = one.points.map(([x, y]) => frame.ground(x, y)).filter(([x]) => !isNaN(x));
