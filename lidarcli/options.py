@@ -833,8 +833,8 @@ class Simulating(TypedDict, total=False):
     map: Annotated[
         AnyPath | None,
         Option(LOG, File("FILE.yaml", is_output=True), shown="none"),
-        "Also write the true map of the run, without noise and without what moves, as map_server has it: the .yaml and a "
-        ".pgm beside it, for diff TRUTH.yaml MAP.yaml.",
+        "Also write the true map of the run, without noise and without what moves, in map_server format (.yaml + .pgm), "
+        "for diff TRUTH.yaml MAP.yaml.",
     ]
     map_resolution: Annotated[
         float | None, Option(LOG, WIDTH, shown=f"{MAP_RESOLUTION:g}"), "Side of the cells of that map."

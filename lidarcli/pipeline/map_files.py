@@ -195,7 +195,7 @@ class MapRun:
             )
         if not grid.occupied:
             notes.append(
-                f"no cell is occupied: {mapping.counts.sweeps:,} sweeps count, and a cell has to be hit by "
+                f"no cell is occupied: {mapping.counts.sweeps:,} sweeps were used, and a cell has to be hit by "
                 f"{self._options.hits(mapping.counts.sweeps)} (--min-hits, --min-move)"
             )
         return notes

@@ -294,14 +294,14 @@ class Mapping:
             f"{topic} is of the same frame as {first}, most likely the same sweeps again: left out (--topic {topic})"
             for topic, first in taken.twice.items()
         ]
-        summary.notes.append(f"{taken.count:,} of {summary.sweeps:,} sweeps count: {self._why(taken)}")
+        summary.notes.append(f"used {taken.count:,} of {summary.sweeps:,} sweeps ({self._why(taken)})")
 
     def _why(self, taken: _Taken) -> str:
         every = "all that have a pose" if taken.unplaced else "all"
         if self.options.min_move <= 0:
             return every
         turn, wait = math.degrees(MIN_TURN), PAUSE_NS / 1e9
-        return f"one for each {self.options.min_move:g} m, {turn:g} degrees or {wait:g} s of the way (--min-move)"
+        return f"one every {self.options.min_move:g} m, {turn:g} degrees or {wait:g} s; --min-move"
 
 
 class _Taken:

@@ -186,7 +186,7 @@ def _with_page(report: Report, run: Run, pairs: Sequence[Pair], options: ReportO
     report = replace(report, unread=(*report.unread, *seen.problems))
     # Every log has a world of its own.
     above = overview(run.sweeps, run.tracks, run.trajectories) if len(run.sources) == 1 else None
-    return Made(report, Page(seen.data, above, seen.walls, _command(options)))
+    return Made(report, Page(seen.data, above, seen.walls, seen.grid, _command(options)))
 
 
 def _is_of_zones(pair: Pair) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs.search import find_logs
@@ -18,8 +19,8 @@ from lidarcli.pipeline.inputs.tables import Pair, batches
 from lidarcli.pipeline.reading.one_log import opening_of, rules_of
 from lidarcli.range_rules import closure
 from lidarcli.reports.columns import Origin, Run
-from lidarcli.reports.ground import Raw, Walls, walls_of
-from lidarcli.reports.html import Choice, choose_sweeps, pack, pack_walls
+from lidarcli.reports.ground import Raw, Walls, map_of, walls_of
+from lidarcli.reports.html import Choice, choose_sweeps, pack, pack_map
 from lidarcli.reports.summary import Summary
 from lidarcli.sweeps import Float64, Int64, UInt8
 from lidarcli.tabular.reading import Readable
@@ -37,6 +38,8 @@ class Viewed:
     """Data of the viewer, with a note on sweeps that are left out."""
     walls: dict[str, Walls]
     """Walls by frame, where there are beams."""
+    grid: Occupancy | None
+    """Map of the run, where there are poses and beams."""
     problems: tuple[str, ...]
     """A line for each beams table that cannot be read."""
 
@@ -59,10 +62,10 @@ def viewer_of(
             except UnreadableError as err:
                 problems.append(str(err))
     data = {**pack(run, summary, choice, raw), "note": choice.note}
-    walls = walls_of(run, raw)
-    if "world" in walls:
-        data["walls"] = pack_walls(walls["world"])
-    return Viewed(data, walls, tuple(problems))
+    grid = map_of(run, raw)
+    if grid is not None:
+        data["map"] = pack_map(grid)
+    return Viewed(data, walls_of(run, raw), grid, tuple(problems))
 
 
 def _wanted(run: Run, summary: Summary, choice: Choice) -> dict[int, dict[str, Int64]]:

@@ -67,6 +67,8 @@ MOST_CELLS = 60
 """Most cells along a side of the picture."""
 SIDE, LEAST, WIDEST = 3.4, 2.6, 1.5
 """Side of a square map, least width [inch], and the longest sides by the shortest."""
+GREYS = (0.15, 1.0, int(palette.COLOURS["pressed"][0][1:3], 16) / 255)
+"""Greys of occupied, free and unknown cells of a map; the last one is a colour of the page, and turns dark with it."""
 SEAM = 0.06
 """Margin of a cell by its side: cells can be told apart."""
 
@@ -175,7 +177,7 @@ def _kinds(summary: Summary) -> Iterator[tuple[str, dict[str, int]]]:
 def overview_chart(picture: MapPicture) -> Chart:
     """Return the run from above as a chart."""
     with project_style({**SVG_STYLE, "axes.grid": False}):
-        return _as_chart("The run from above", map_figure(picture, OVERVIEW_SIZE), wide=True)
+        return _as_chart("The run from above", map_figure(picture, OVERVIEW_SIZE, greys=GREYS), wide=True)
 
 
 def changes_chart(number: int, pair: RunPair) -> Chart:

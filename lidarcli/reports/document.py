@@ -156,6 +156,8 @@ class Card(NamedTuple):
     value: str
     detail: str
     alarming: bool = False
+    meaning: str = ""
+    """What the figure counts, for those who do not know the word."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

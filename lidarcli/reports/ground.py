@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from lidarcli.choices import MAP_RESOLUTION, MIN_MOVE, OCCUPIED_RATIO
+from lidarcli.formalism.mapping.counts import Beams, Counts, MotionFilter, TooLargeError
+from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy
 from lidarcli.reports.columns import Rows, Run
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, UInt8, record
+from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int64, SweepPoses, UInt8, record
 
 CELLS = 160
 """Number of cells along the longer side of the scene, about."""
@@ -18,8 +22,12 @@ LEAST_HITS, LEAST_SHARE = 2, 0.05
 """Least number of beams that ended in a cell of a wall, absolute and by the 90th percentile of all cells."""
 MOST = 4_000
 """Most cells that are drawn, those that were hit most."""
+MAP_CELLS = 600
+"""Most cells along a side of a map, about."""
 LEAST_STEP, MOST_ANGLE = 1e-6, 100.0
 """Least step from beam to beam, and greatest bearing of an edge, of any sensor [rad]."""
+PIECE = 500
+"""Sweeps whose beams are placed at once."""
 STANDS, HEADS = 0.05, 0.02
 """A sensor whose poses stay within this distance [m] and angle [rad] stands."""
 COLUMNS = {
@@ -56,6 +64,14 @@ class Ground:
     def to_sensor(self, sweep: int, x: Float64, y: Float64) -> tuple[Float64, Float64]:
         """Return points over ground in the sensor frame of a sweep [m]."""
         return self.turned(sweep, x - self.pose_x[sweep], y - self.pose_y[sweep])
+
+    def from_sensor(self, sweep: Int64, x: Float64, y: Float64) -> tuple[Float64, Float64]:
+        """Return points of the sensor frames of sweeps over ground [m]; NaN without a pose."""
+        cos, sin = np.cos(self.pose_yaw[sweep]), np.sin(self.pose_yaw[sweep])
+        return (
+            self.pose_x[sweep] + cos * x - self.side * sin * y,
+            self.pose_y[sweep] + sin * x + self.side * cos * y,
+        )
 
     def turned(self, sweep: int, x: Float64, y: Float64) -> tuple[Float64, Float64]:
         """Return directions over ground, such as velocities, in the sensor frame of a sweep."""
@@ -111,6 +127,24 @@ class Raw:
     ranges: Float64
     """(K, B) metres; NaN without a range and beyond `beams`."""
 
+    def rows(self, index: Int64) -> Raw:
+        """Return some of the sweeps."""
+        return Raw(
+            self.sweep[index],
+            self.angle_min[index],
+            self.angle_increment[index],
+            self.closure[index],
+            self.beams[index],
+            self.ranges[index],
+        )
+
+    def bearings(self) -> Float64:
+        """Return (K, B) the bearing of each beam [rad]."""
+        found: Float64 = self.angle_min[:, None] + self.angle_increment[:, None] * np.arange(
+            self.ranges.shape[1]
+        )
+        return found
+
 
 @record
 class Walls:
@@ -121,6 +155,61 @@ class Walls:
     x: Float64
     """(N,) their centres [m]."""
     y: Float64
+
+
+def limits_of(raw: Raw | None, ground: Ground, x: Float64, y: Float64, of_sweep: Int64) -> dict[str, Any]:
+    """Return what holds all that is drawn of S sweeps, so that pictures do not jump, as values for JSON.
+
+    Parameters
+    ----------
+    raw : their beams, if known
+    ground : their poses
+    x, y : (N,) further points in the sensor frame [m] ...
+    of_sweep : (N,) ... each of one of the S sweeps
+
+    Returns
+    -------
+    `whole` : frame → least x, greatest x, least y, greatest y [m]; null without points
+    `curves` : greatest range and |s| [m], least and greatest bearing [rad]; null without beams
+    """
+    pieces = [(x, y, of_sweep)]
+    turns = []
+    jump = 0.0
+    for low in range(0, 0 if raw is None else len(raw.sweep), PIECE):
+        assert raw is not None
+        rows = np.arange(low, min(low + PIECE, len(raw.sweep)))
+        part, number = raw.rows(rows), np.arange(raw.ranges.shape[1])
+        theta, inside = part.bearings(), number < part.beams[:, None]
+        r = np.where(inside, part.ranges, np.nan)
+        there = np.isfinite(r)
+        place = np.broadcast_to(rows[:, None], r.shape)[there]
+        pieces.append((r[there] * np.cos(theta[there]), r[there] * np.sin(theta[there]), place))
+        turns.append(theta[inside])
+        # In a full turn the last beam has a neighbour, too; one on the bearing of the first is none.
+        last = part.beams - (part.closure == Closure.SHARED)
+        r[number >= last[:, None]] = np.nan
+        closed = (part.closure > 0) & (last > 1)
+        ends = r[closed, 0] - r[closed, last[closed] - 1]
+        steps = np.abs(np.concatenate([np.diff(r, axis=1).ravel(), ends]))
+        jump = max(jump, float(np.nanmax(steps, initial=0.0)))
+    sensor = _bounds([(np.zeros(1), np.zeros(1)), *((x, y) for x, y, _ in pieces)])
+    world = None
+    if ground.posed:
+        path = [(ground.pose_x, ground.pose_y)]
+        world = _bounds([*path, *(ground.from_sensor(sweep, x, y) for x, y, sweep in pieces)])
+    theta = np.concatenate([*turns, np.empty(0)])
+    reach = max((float(np.hypot(x, y).max(initial=0.0)) for x, y, _ in pieces), default=0.0)
+    curves = [reach, jump, float(theta.min()), float(theta.max())] if len(theta) else None
+    return {"whole": {"sensor": sensor, "world": world}, "curves": curves}
+
+
+def _bounds(points: Sequence[tuple[Float64, Float64]]) -> list[float] | None:
+    """Return least and greatest x and y of the points that are known; None if there are none."""
+    x, y = (np.concatenate([one[k] for one in points]) for k in (0, 1))
+    known = np.isfinite(x) & np.isfinite(y)
+    if not known.any():
+        return None
+    return [float(limit) for values in (x[known], y[known]) for limit in (values.min(), values.max())]
 
 
 def walls_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Walls]:
@@ -141,32 +230,104 @@ def walls_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Walls]:
     return made
 
 
-def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Float64]]:
-    """Yield frame, x and y of the ends of beams that lie on no object."""
+@record
+class _Placed:
+    """Raw sweeps of one topic that the tables know, with their objects."""
+
+    raw: Raw
+    rows: Int64
+    """(S,) their rows in the sweeps table."""
+    ground: Ground
+    members: Int64
+    """(K,) rows of their objects ..."""
+    sweep: Int64
+    """(K,) ... each of one of these sweeps."""
+
+
+def _placed(run: Run, topic: str, raw: Raw) -> _Placed | None:
+    """Find raw sweeps in the tables; None where none of them is there."""
     rows = np.flatnonzero(run.sweeps.are("topic", topic))
     index = run.sweeps.integers("sweep")[rows]
     order = np.argsort(index, kind="stable")
     rows, index = rows[order], index[order]
-    there = np.isin(raw.sweep, index)
-    if not there.any():
+    there = np.flatnonzero(np.isin(raw.sweep, index))
+    if not len(there):
+        return None
+    raw = raw.rows(there)
+    rows = rows[np.searchsorted(index, raw.sweep)]
+    members, sweep = _members(run, topic, raw.sweep)
+    return _Placed(raw, rows, ground_of(run.sweeps, rows, run.objects, members, sweep), members, sweep)
+
+
+def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Float64]]:
+    """Yield frame, x and y of the ends of beams that lie on no object."""
+    found = _placed(run, topic, raw)
+    if found is None:
         return
-    at = np.searchsorted(index, raw.sweep[there])
-    rows = rows[at]
-    members, sweep = _members(run, topic, raw.sweep[there])
-    ranges = raw.ranges[there]
-    theta = raw.angle_min[there, None] + np.arange(ranges.shape[1]) * raw.angle_increment[there, None]
-    hit = np.isfinite(ranges) & np.isfinite(theta) & ~_on_objects(run, raw, there, members, sweep)
-    x, y = ranges[hit] * np.cos(theta[hit]), ranges[hit] * np.sin(theta[hit])
-    which = np.nonzero(hit)[0]
-    ground = ground_of(run.sweeps, rows, run.objects, members, sweep)
+    raw, ground = found.raw, found.ground
+    theta = raw.bearings()
+    hit = np.isfinite(raw.ranges) & np.isfinite(theta)
+    hit &= ~_on_objects(run, raw, found.members, found.sweep)
+    x, y = raw.ranges[hit] * np.cos(theta[hit]), raw.ranges[hit] * np.sin(theta[hit])
     if not ground.posed or _stands(ground.pose_x, ground.pose_y, ground.pose_yaw):
         yield "sensor", x, y
     if ground.posed:
-        cos, sin = np.cos(ground.pose_yaw[which]), np.sin(ground.pose_yaw[which])
-        world_x = ground.origin[0] + ground.pose_x[which] + cos * x - ground.side * sin * y
-        world_y = ground.origin[1] + ground.pose_y[which] + sin * x + ground.side * cos * y
+        world_x, world_y = ground.from_sensor(np.nonzero(hit)[0], x, y)
         known = np.isfinite(world_x) & np.isfinite(world_y)
-        yield "world", world_x[known], world_y[known]
+        yield "world", ground.origin[0] + world_x[known], ground.origin[1] + world_y[known]
+
+
+def map_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> Occupancy | None:
+    """Return the map of one log, of the raw sweeps and the poses of its tables, without what moves.
+
+    None where no sweep has both, or where the ground is too large.
+    """
+    if len(run.sources) != 1:
+        return None
+    parts = [part for (_, topic), sweeps in raw.items() for part in _beams(run, topic, sweeps)]
+    if not parts:
+        return None
+    from lidarcli.reports.figures import round_up
+
+    ends = np.concatenate([part.end.reshape(2, -1) for part in parts], axis=1)
+    side = (
+        float(np.nanmax(np.nanmax(ends, axis=1) - np.nanmin(ends, axis=1)))
+        if np.isfinite(ends).any()
+        else 0.0
+    )
+    counts = Counts(max(round_up(max(side, 1e-3) / MAP_CELLS), MAP_RESOLUTION), MAP_CELLS**2)
+    try:
+        for part in parts:
+            counts.add(part)
+    except TooLargeError:
+        return None
+    return counts.occupancy(min(counts.sweeps, LEAST_HITS), OCCUPIED_RATIO, "world")
+
+
+def _beams(run: Run, topic: str, raw: Raw) -> Iterator[Beams]:
+    """Yield the beams of the sweeps that a map counts, in the world."""
+    found = _placed(run, topic, raw)
+    if found is None or not found.ground.posed:
+        return
+    at = found.ground
+    x, y = at.origin[0] + at.pose_x, at.origin[1] + at.pose_y
+    poses = SweepPoses(x, y, at.pose_yaw, np.full(len(x), at.side < 0))
+    taken = MotionFilter(MIN_MOVE).take(poses, run.sweeps.integers("stamp")[found.rows])
+    if not len(taken):
+        return
+    moving = run.objects.are("set", "A")[found.members]
+    on_agent = _on_objects(run, found.raw, found.members[moving], found.sweep[moving])[taken]
+    raw = found.raw.rows(taken)
+    theta = raw.bearings()
+    there = np.isfinite(raw.ranges) & np.isfinite(theta)
+    r, theta = np.where(there, raw.ranges, 0.0), np.where(there, theta, 0.0)
+    sweep = np.broadcast_to(taken[:, None], r.shape)
+    end = np.stack(at.from_sensor(sweep, r * np.cos(theta), r * np.sin(theta)))
+    end += np.reshape(at.origin, (2, 1, 1))
+    end[:, ~there] = np.nan
+    use = np.where(there, np.where(on_agent, CLEAR, HIT), SKIPPED).astype(np.uint8)
+    where = np.column_stack([x, y, at.pose_yaw, np.full(len(x), at.side)])[taken]
+    yield Beams(end, use, raw.beams.astype(np.int32), where, np.zeros((len(taken), 3)))
 
 
 def _members(run: Run, topic: str, sweeps: Int64) -> tuple[Int64, Int64]:
@@ -177,16 +338,16 @@ def _members(run: Run, topic: str, sweeps: Int64) -> tuple[Int64, Int64]:
     return members, np.searchsorted(sweeps, index[members])
 
 
-def _on_objects(run: Run, raw: Raw, there: Bool, members: Int64, sweep: Int64) -> Bool:
+def _on_objects(run: Run, raw: Raw, members: Int64, sweep: Int64) -> Bool:
     """Return (K, B) beams between the edges of an object."""
-    angle_min, step = raw.angle_min[there][sweep], raw.angle_increment[there][sweep]
+    angle_min, step = raw.angle_min[sweep], raw.angle_increment[sweep]
     first, last = (run.objects.numbers(name)[members] for name in ("theta_i", "theta_f"))
     # What another program has written may be anything.
     known = (np.abs(step) > LEAST_STEP) & (np.abs([first, last, angle_min]).max(axis=0) < MOST_ANGLE)
     sweep, step, angle_min = sweep[known], step[known], angle_min[known]
     first, last = first[known], last[known]
-    marked = np.zeros((int(there.sum()), raw.ranges.shape[1]), bool)
-    beams = marked.shape[1]
+    marked = np.zeros(raw.ranges.shape, bool)
+    beams = raw.ranges.shape[1]
     # From beam to beam of a full turn, which may go past its end; the sweep is the beginning of the turn.
     turn = np.maximum(np.round(TURN / np.abs(step)), 1).astype(np.int64)
     begin = np.round((np.where(step > 0, first, last) - angle_min) / step).astype(np.int64) % turn

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
@@ -18,12 +19,13 @@ from numpy.typing import NDArray
 from lidarcli._version import __version__
 from lidarcli.display import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
+from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
 from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.charts import changes_chart, charts, constants, overview_chart
 from lidarcli.reports.ci import clean
 from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.reports.document import PAGE, Code, Document, FromAbove
-from lidarcli.reports.ground import Ground, Raw, Walls, ground_of, rows_of
+from lidarcli.reports.ground import Ground, Raw, Walls, ground_of, limits_of, rows_of
 from lidarcli.reports.map_picture import MapPicture
 from lidarcli.reports.palette import page_style
 from lidarcli.reports.report import TRACK_CELLS_RIGHT, Report, track_cells
@@ -40,18 +42,22 @@ SCRIPTS = ("data", "pen", "scene", "curves", "timeline", "looking", "saving", "m
 """Parts of the viewer, each after those that it needs."""
 
 
-BUDGET = 2_200_000
-"""Most characters of packed sweeps: with the charts the file stays below 3 MB."""
+BUDGET = 14_000_000
+"""Most bytes of the viewer's arrays, which lose about half in packing: with the charts the file stays below 10 MB."""
 STREAMS_SHOWN = 40
 """Most streams that the viewer shows."""
 PER_SWEEP, PER_OBJECT = 20, 19
 """Bytes of one sweep, without its ranges, and of one object."""
-PER_SWEEP_POSED, PER_OBJECT_TRACKED = 12, 18
-"""Further bytes of a sweep with a pose, and of an object with a track."""
+PER_SWEEP_POSED, PER_OBJECT_TRACKED, PER_TRAJECTORY = 12, 8, 17
+"""Further bytes of a sweep with a pose, of an object with a track, and of a row of the trajectories."""
+FINEST = 0.001
+"""Least unit of ranges as whole numbers [m]: what is finer is noise, which does not pack."""
 LOST = 65_535
 """Code of a beam without a range."""
 NOT_KNOWN, SURE = 255, 254
 """Probability of being a thing, as a byte: unknown, and certain."""
+BOX = ("box_x", "box_y", "box_length", "box_width", "box_yaw")
+"""Columns of a box."""
 SPEED = 0.005
 """Unit of velocities as whole numbers [m/s]."""
 ANGLE = 32_767 / (3 * np.pi)
@@ -68,6 +74,8 @@ class Page:
     """The run from above, where there are poses."""
     walls: Mapping[str, Walls] = field(default_factory=dict)
     """Walls by frame."""
+    grid: Occupancy | None = None
+    """Map of the run, where there are poses and beams."""
     command: str = ""
     """Command that makes the page again."""
 
@@ -89,9 +97,10 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
     script = _script()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     summary, viewer = report.summary, shown.viewer
+    tracks = summary.tracked.tracks if summary.tracked else ()
     overview = None
     if shown.overview is not None:
-        overview = Markup(overview_chart(replace(shown.overview, walls=shown.walls.get("world"))).svg)
+        overview = Markup(overview_chart(replace(shown.overview, grid=shown.grid)).svg)
     return {
         "summary": summary,
         "script": Markup(script),
@@ -102,11 +111,13 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
         "has_zones": summary.zoned is not None,
         "viewer_style": Markup(_part("viewer.css")),
         "overview": overview,
-        "has_walls": "world" in shown.walls,
+        "has_map": shown.grid is not None,
         "charts": [replace(chart, svg=Markup(chart.svg)) for chart in charts(report, shown.walls)],
         "constants": constants(report),
         "command": shown.command,
-        "tracks": [(one, track_cells(one)) for one in summary.tracked.tracks] if summary.tracked else [],
+        "tracks": tracks,
+        # Columns without a single entry are left out.
+        "track_cells": {name: cells for name, cells in track_cells(tracks).items() if any(cells)},
         "kinds": KINDS,
         "right": TRACK_CELLS_RIGHT,
     }
@@ -153,7 +164,7 @@ def embedded(value: Any) -> str:
 def _script() -> str:
     """Return the script of the viewer: its parts in one function, so that its names meet no others."""
     parts = "\n".join(_part(f"viewer/{name}.js") for name in SCRIPTS)
-    return f'"use strict";\n(() => {{\n{parts}}})();\n'
+    return f'"use strict";\n(async () => {{\n{parts}}})();\n'
 
 
 def _part(name: str) -> str:
@@ -190,7 +201,8 @@ def choose_sweeps(run: Run, summary: Summary) -> Choice:
     cost = PER_SWEEP + PER_SWEEP_POSED * posed + 2 * run.sweeps.numbers("beams")
     per_object = PER_OBJECT + PER_OBJECT_TRACKED * tracked
     cost += per_object * run.objects_per_sweep
-    total = float(cost[mine].sum()) * 4 / 3
+    total = float(cost[mine].sum())
+    total += 0 if run.trajectories is None else PER_TRAJECTORY * len(run.trajectories)
     keep = min(1.0, BUDGET / total) if total else 1.0
     standing = {(one.stream, one.sweep) for one in summary.standing}
     index = run.sweeps.integers("sweep")
@@ -230,14 +242,16 @@ def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str
     }
 
 
-def pack_walls(walls: Walls) -> dict[str, Any]:
-    """Return walls of the world frame as values for JSON: an origin, and steps from it."""
-    x0, y0 = float(walls.x.min()), float(walls.y.min())
-    steps = {
-        name: _base64(np.round((values - low) / walls.cell), np.uint16)
-        for name, values, low in (("x", walls.x, x0), ("y", walls.y, y0))
-    }
-    return {"cell": walls.cell, "origin": [x0, y0], **steps}
+def pack_map(grid: Occupancy) -> dict[str, Any]:
+    """Return a map as values for JSON: of free and of occupied cells the runs along x."""
+    found: dict[str, Any] = {"cell": grid.resolution, "origin": [grid.x, grid.y]}
+    for name, value in (("free", FREE), ("occupied", OCCUPIED)):
+        # A cell of another kind on either side ends each run.
+        edges = np.diff(np.pad(grid.cells == value, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+        (row, begin), (_, end) = np.nonzero(edges > 0), np.nonzero(edges < 0)
+        runs = {"row": row, "column": begin, "length": end - begin}
+        found[name] = {key: _packed(values, np.uint16) for key, values in runs.items()}
+    return found
 
 
 class _Objects:
@@ -295,46 +309,59 @@ def _stream(
         "topic": stream.topic,
         "frame": stream.frame_id,
         "count": len(rows),
-        "sweep": _base64(sweeps, np.int32),
-        "seconds": _base64((stamp - stream.start_ns) * 1e-9, np.float32),
-        "d_th": _base64(run.sweeps.numbers("d_th")[rows], np.float32),
+        "sweep": _packed(sweeps, np.int32),
+        "seconds": _packed((stamp - stream.start_ns) * 1e-9, np.float32),
+        "d_th": _packed(run.sweeps.numbers("d_th")[rows], np.float32),
         # Of all objects, and of those that are agents.
-        "objects": _base64(np.minimum(run.objects_per_sweep[rows], LOST), np.uint16),
-        "agents": _base64(np.minimum(run.sweeps.numbers("agents")[rows], LOST), np.uint16),
-        "offsets": _base64(offsets, np.int32),
+        "objects": _packed(np.minimum(run.objects_per_sweep[rows], LOST), np.uint16),
+        "agents": _packed(np.minimum(run.sweeps.numbers("agents")[rows], LOST), np.uint16),
+        "offsets": _packed(offsets, np.int32),
         "scale": scale,
-        "object": _base64(np.minimum(columns["object"], LOST), np.uint16),
-        "shape": _base64(objects.shape[members], np.uint8),
-        "set": _base64(objects.set[members], np.uint8),
-        **{name: _base64(np.nan_to_num(np.round(columns[name] / scale)), np.int16) for name in in_metres},
+        "object": _packed(np.minimum(columns["object"], LOST), np.uint16),
+        "shape": _packed(objects.shape[members], np.uint8),
+        "set": _packed(objects.set[members], np.uint8),
+        **{name: _packed(np.nan_to_num(np.round(columns[name] / scale)), np.int16) for name in in_metres},
         **{
-            name: _base64(np.clip(np.nan_to_num(np.round(columns[name] * ANGLE)), -32_767, 32_767), np.int16)
+            name: _packed(np.clip(np.nan_to_num(np.round(columns[name] * ANGLE)), -32_767, 32_767), np.int16)
             for name in ("box_yaw", "theta_i", "theta_f")
         },
     }
     if run.objects.has_any("label"):
         codes, packed["labels"] = run.objects.words("label")
-        packed["label"] = _base64(np.where(codes < 0, LOST, codes)[members], np.uint16)
+        packed["label"] = _packed(np.where(codes < 0, LOST, codes)[members], np.uint16)
     if run.objects.has_any("thing"):
-        packed["thing"] = _base64(_shares(run.objects.numbers("thing")[members]), np.uint8)
-    ground = ground_of(
-        run.sweeps, rows, run.objects, members, np.repeat(np.arange(len(rows)), np.diff(offsets))
-    )
+        packed["thing"] = _packed(_shares(run.objects.numbers("thing")[members]), np.uint8)
+    of_sweep = np.repeat(np.arange(len(rows)), np.diff(offsets))
+    ground = ground_of(run.sweeps, rows, run.objects, members, of_sweep)
     if ground.posed:
         packed["pose"] = {
             "side": ground.side,
             "origin": list(ground.origin),
-            "x": _base64(ground.pose_x, np.float32),
-            "y": _base64(ground.pose_y, np.float32),
-            "yaw": _base64(ground.pose_yaw, np.float32),
+            "x": _packed(ground.pose_x, np.float32),
+            "y": _packed(ground.pose_y, np.float32),
+            "yaw": _packed(ground.pose_yaw, np.float32),
         }
     if run.sources[stream.source].tracked:
         packed["tracks"] = _tracks(run, members)
         if run.trajectories is not None:
             packed["paths"] = _paths(run.trajectories, stream, sweeps, ground)
-    if raw is not None and len(raw.sweep):
-        packed["raw"] = _raw(raw, sweeps)
-    return packed
+    shown = None if raw is None or not len(raw.sweep) else _aligned(raw, sweeps)
+    if shown is not None:
+        packed["raw"] = _raw(shown)
+    corners = _corners(*(np.nan_to_num(columns[name]) for name in BOX))
+    return packed | limits_of(shown, ground, *corners, np.tile(of_sweep, 4))
+
+
+def _corners(
+    x: Float64, y: Float64, length: Float64, width: Float64, yaw: Float64
+) -> tuple[Float64, Float64]:
+    """Return (4 K,) x and y of the corners of K boxes [m]."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    ends = [(u * length / 2, v * width / 2) for u in (-1, 1) for v in (-1, 1)]
+    return (
+        np.concatenate([x + cos * a - sin * b for a, b in ends]),
+        np.concatenate([y + sin * a + cos * b for a, b in ends]),
+    )
 
 
 def _zones(zoned: Zoned, stream: Stream) -> dict[str, Any]:
@@ -367,7 +394,7 @@ def _tracks(run: Run, members: Int64) -> dict[str, Any]:
     moves = run.objects.numbers("moving")[members] == 1
     packed: dict[str, Any] = {
         # Numbers beyond are no track's of a log that a page can show.
-        "track": _base64(
+        "track": _packed(
             np.nan_to_num(np.minimum(run.objects.numbers("track")[members], 2**31 - 1)), np.int32
         ),
         "speed": SPEED,
@@ -385,19 +412,19 @@ def _paths(found: Rows, stream: Stream, sweeps: Int64, ground: Ground) -> dict[s
     order = np.lexsort((found.integers("track")[rows], at))
     rows, at = rows[order], at[order]
     return {
-        "offsets": _base64(np.searchsorted(at, np.arange(len(sweeps) + 1)), np.int32),
-        "track": _base64(np.minimum(found.integers("track")[rows], 2**31 - 1), np.int32),
+        "offsets": _packed(np.searchsorted(at, np.arange(len(sweeps) + 1)), np.int32),
+        "track": _packed(np.minimum(found.integers("track")[rows], 2**31 - 1), np.int32),
         **{
-            name: _base64(found.numbers(name)[rows] - origin, np.float32)
+            name: _packed(found.numbers(name)[rows] - origin, np.float32)
             for name, origin in zip("xy", ground.origin, strict=True)
         },
         **{name: _speeds(found.numbers(name)[rows]) for name in ("vx", "vy")},
-        "seen": _base64(~found.are("seen", "hidden")[rows], np.uint8),
+        "seen": _packed(~found.are("seen", "hidden")[rows], np.uint8),
     }
 
 
-def _speeds(values: Float64) -> str:
-    return _base64(np.clip(np.round(np.nan_to_num(values) / SPEED), -32_767, 32_767), np.int16)
+def _speeds(values: Float64) -> dict[str, str]:
+    return _packed(np.clip(np.round(np.nan_to_num(values) / SPEED), -32_767, 32_767), np.int16)
 
 
 def _shares(values: Float64) -> UInt8:
@@ -408,22 +435,33 @@ def _shares(values: Float64) -> UInt8:
     return found
 
 
-def _raw(raw: Raw, sweeps: Int64) -> dict[str, Any]:
+def _aligned(raw: Raw, sweeps: Int64) -> Raw:
+    """Return raw sweeps with these indices; one that is not there has no beams."""
     at = np.clip(np.searchsorted(raw.sweep, sweeps), 0, len(raw.sweep) - 1)
     there = raw.sweep[at] == sweeps
-    beams = np.where(there, raw.beams[at], 0)
-    ranges = raw.ranges[at]
+    return Raw(
+        sweep=sweeps,
+        angle_min=raw.angle_min[at],
+        angle_increment=raw.angle_increment[at],
+        closure=raw.closure[at],
+        beams=np.where(there, raw.beams[at], 0),
+        ranges=raw.ranges[at],
+    )
+
+
+def _raw(raw: Raw) -> dict[str, Any]:
+    beams, ranges = raw.beams, raw.ranges
     finite = np.isfinite(ranges) & (ranges >= 0)
-    scale = float(ranges[finite].max(initial=1.0)) / (LOST - 1)
+    scale = max(float(ranges[finite].max(initial=1.0)) / (LOST - 1), FINEST)
     whole = np.where(finite, np.round(np.where(finite, ranges, 0.0) / scale), LOST).astype(np.uint16)
     inside = np.arange(ranges.shape[1]) < beams[:, None]
     return {
         "scale": scale,
-        "beams": _base64(beams, np.int32),
-        "angle_min": _base64(raw.angle_min[at], np.float32),
-        "angle_increment": _base64(raw.angle_increment[at], np.float32),
-        "closure": _base64(raw.closure[at], np.uint8),
-        "ranges": _base64(whole[inside], np.uint16),
+        "beams": _packed(beams, np.int32),
+        "angle_min": _packed(raw.angle_min, np.float32),
+        "angle_increment": _packed(raw.angle_increment, np.float32),
+        "closure": _packed(raw.closure, np.uint8),
+        "ranges": _packed(_steps(whole[inside]), np.uint8),
     }
 
 
@@ -437,6 +475,15 @@ def _codes(words: tuple[NDArray[Any], list[str]], known: Sequence[str]) -> UInt8
     return found
 
 
-def _base64(values: NDArray[Any], kind: type[np.generic]) -> str:
-    """Return values of a type in base64, little-endian as in every browser."""
-    return base64.b64encode(np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()).decode()
+def _steps(values: NDArray[np.uint16]) -> UInt8:
+    """Return (2 N,) low and high bytes of the steps between N numbers: even ones for steps up, odd ones for steps down."""
+    step = np.diff(values, prepend=np.uint16(0)).view(np.int16)
+    folded = ((step << 1) ^ (step >> 15)).view(np.uint16)
+    # Most high bytes are zero; by themselves they pack to next to nothing.
+    return np.concatenate([folded & 0xFF, folded >> 8]).astype(np.uint8)
+
+
+def _packed(values: NDArray[Any], kind: type[np.generic]) -> dict[str, str]:
+    """Return values of a type, little-endian as in every browser, packed by zlib, in base64."""
+    plain = np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()
+    return {"packed": base64.b64encode(zlib.compress(plain)).decode()}

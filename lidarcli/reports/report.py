@@ -33,24 +33,30 @@ from lidarcli.reports.document import (
 )
 from lidarcli.reports.figures import CATEGORIES, DELTA, SPREADS, TRACK_SPREADS, unit_of
 from lidarcli.reports.streams import KINDS, Stream, unlike_of
-from lidarcli.reports.summary import Summary, Track, Tracked
+from lidarcli.reports.summary import Summary, Track, Tracked, scene_of
 from lidarcli.reports.wording import (
     NONE,
+    OF_TRACKS,
+    SCENES,
+    WORDS,
     beams_by_set,
+    column,
     counted,
     differences,
     has_agents,
     kind_counts,
     number,
     percent,
+    quantities,
     quantity,
     rate,
     resample,
     shade,
+    share,
     spark,
     track_kinds,
 )
-from lidarcli.reports.zone_report import zone_cards, zone_sections, zone_words
+from lidarcli.reports.zone_report import ZONE_WORDS, zone_cards, zone_sections, zone_words
 from lidarcli.sweeps import Float64, worth_telling
 
 STREAMS, STREAMS_OF_PAGE = 12, 100
@@ -100,6 +106,7 @@ def sections_of(summary: Summary, comparison: Comparison | None) -> dict[str, Se
         *_distributions(summary),
         *_standing(summary),
         *_streams(summary),
+        _words(summary),
         *_sources(summary),
     ]
     return dict(parts)
@@ -109,36 +116,56 @@ def cards_of(summary: Summary) -> list[Card]:
     """Return the key figures of a page."""
     figures, per = summary.figures, summary.spreads["objects_per_sweep"]
     logs = f"{counted(figures['logs'], 'log')}, {counted(figures['topics'], 'topic')}"
-    lost = quantity("no_return_share", figures["no_return_share"])
+    beams = sum(summary.status.values())
+    lost = share(summary.status["no_return"], beams)
     cards = [
-        Card("sweeps", number(figures["sweeps"]), logs),
+        _card("sweeps", number(figures["sweeps"]), logs, "sweep"),
         Card("duration", quantity("duration", figures["duration"]), rate(summary)),
-        Card(
-            "objects", number(figures["objects"]), f"{number(per.mean, 3)} per sweep, most {number(per.max)}"
+        _card(
+            "objects",
+            number(figures["objects"]),
+            f"{number(per.mean)} per sweep, at most {number(per.max)}",
+            "object",
         ),
-        Card(
+        _card(
             "beams with a range",
-            quantity("valid_share", figures["valid_share"]),
-            f"of {number(figures['beams'])}; {lost} no return",
+            share(summary.status["valid"], beams),
+            f"of {beams:,}; {lost} no return",
+            "beam",
         ),
     ]
     tracked = summary.tracked
     if tracked is not None:
-        facts = _track_facts(tracked)
-        agents = f"{number(figures['tracks.agents'])} agents; at once {facts['agents at once']}"
-        cards.append(Card("tracks", number(figures["tracks"]), agents))
-        if tracked.scene is not None:
-            cards.append(Card("scene", tracked.scene, facts["scene"].removeprefix(f"{tracked.scene}: ")))
+        at_once = tracked.spreads["agents_at_once"].max
+        most = f", at most {number(at_once)} at once" if at_once else ""
+        agents = f"{counted(figures['tracks.agents'], 'agent')}{most}"
+        cards.append(_card("tracks", number(figures["tracks"]), agents, "track"))
+        if (part := tracked.agent_share) is not None:
+            scene = scene_of(part)
+            cards.append(_card("beams on agents", percent(part), f"{scene} scene: {SCENES[scene]}", "agent"))
     if summary.zoned is not None:
         cards += zone_cards(summary.zoned)
-    longest = quantity("longest_gap", figures["longest_gap"])
-    missing = f"{number(figures['missing_sweeps'])} sweeps missing, longest {longest}"
-    faults = f"{number(figures['backward'])} backward, {number(figures['repeated'])} repeated"
+    missing, faults = "no sweep is missing", "stamps always increase"
+    if figures["gaps"]:
+        longest = quantity("longest_gap", figures["longest_gap"])
+        missing = f"{counted(figures['missing_sweeps'], 'sweep')} missing, longest {longest}"
+    if figures["backward"] or figures["repeated"]:
+        faults = f"{number(figures['backward'])} backward, {number(figures['repeated'])} repeated"
     cards += [
-        Card("gaps", number(figures["gaps"]), missing),
-        Card("clock faults", number((figures["backward"] or 0) + (figures["repeated"] or 0)), faults),
+        _card("gaps", number(figures["gaps"]), missing, "gap"),
+        _card(
+            "clock faults",
+            number((figures["backward"] or 0) + (figures["repeated"] or 0)),
+            faults,
+            "clock fault",
+        ),
     ]
     return cards
+
+
+def _card(name: str, value: str, detail: str, word: str) -> Card:
+    """Return a key figure whose meaning is that of one of `WORDS`."""
+    return Card(name, value, detail, meaning=f"{word}: {WORDS[word]}")
 
 
 def damage_cards(summary: Summary) -> list[Card]:
@@ -158,8 +185,9 @@ def _comparison(summary: Summary, comparison: Comparison) -> Iterator[tuple[str,
         # Agents, and objects of a kind, are left out where neither run has any.
         is_kind = name.split(".")[0] in ("agents_per_sweep", *CATEGORIES)
         if (before or now) if is_kind else (before is not None or now is not None):
-            change = quantity(name, comparison.figures.get(DELTA + name), sign=True)
-            rows.append((Code(name), quantity(name, before), quantity(name, now), change))
+            change = comparison.figures.get(DELTA + name)
+            *both, words = quantities(name, [before, now, change])
+            rows.append((Code(name), *both, f"+{words}" if change and change > 0 else words))
     notes = [
         (f"parameter {name}: ", Code(other), " in the baseline, ", Code(mine), " here")
         for name, mine, other in comparison.parameters
@@ -196,7 +224,7 @@ def _logs(summary: Summary) -> Section:
 def _overview(summary: Summary) -> Facts:
     figures, total = summary.figures, sum(summary.status.values())
     objects = (
-        f"{number(figures['objects'])}, on average {number(figures['objects_per_sweep.mean'], 3)} per sweep"
+        f"{number(figures['objects'])}, on average {number(figures['objects_per_sweep.mean'])} per sweep"
     )
     rows: list[tuple[str, str | Share]] = [
         ("sweeps", f"{number(figures['sweeps'])} in {quantity('duration', figures['duration'])}"),
@@ -234,7 +262,7 @@ def _courses(summary: Summary) -> Iterator[Block]:
             *([("agents", course.agents_mean, "")] if np.nansum(course.agents_max) else []),
         ):
             top = _most(values)
-            most = percent(top) if name == "lost" and top is not None else f"{number(top, 3)}{unit}"
+            most = percent(top) if name == "lost" and top is not None else f"{number(top)}{unit}"
             lines.append(f"{name:<8}{spark(resample(values, SPARK)):<{SPARK}}  max {most}")
         yield Drawing(lines)
     if len(streams) > STREAMS:
@@ -248,19 +276,20 @@ def _figures(summary: Summary) -> Iterator[tuple[str, Section]]:
     spreads = {name: summary.spreads[name] for name in SHOWN_SPREADS if name not in left_out}
     if tracked is not None:
         spreads |= {name: tracked.spreads[name] for name in TRACK_SPREADS}
-    rows = []
+    cells, meanings = [], []
     for name, spread in spreads.items():
         if spread.count:
             unit = unit_of(name)
-            cells = (_statistic(name, getattr(spread, part)) for part in SHOWN_STATISTICS)
-            rows.append((Code(name if unit == "1" else f"{name} [{unit}]"), *cells))
-    if rows:
-        table = Table(("", *SHOWN_STATISTICS), rows, range(1, 7))
-        yield "figures", Section("Figures", [table], fold="Figures")
-
-
-def _statistic(name: str, value: float | None) -> str:
-    return quantity("lost_share.", value) if name == "lost_share" else number(value)
+            values = [getattr(spread, part) for part in SHOWN_STATISTICS]
+            title = Code(name if unit == "1" else f"{name} [{unit}]")
+            cells.append((title, *quantities(f"{name}.", values, with_unit=False)))
+            meanings.append((SPREADS | TRACK_SPREADS)[name].meaning)
+    if not cells:
+        return
+    head, right = ("", *SHOWN_STATISTICS), range(1, 7)
+    yield "figures", Section("Figures", [Table(head, cells, right)], (TEXT, MARKDOWN), "Figures")
+    told = [(*row, words) for row, words in zip(cells, meanings, strict=True)]
+    yield "page of figures", Section("Figures", [Table((*head, "of"), told, right)], (PAGE,))
 
 
 def _kinds(summary: Summary) -> Iterator[tuple[str, Section]]:
@@ -296,11 +325,11 @@ def _tracks(tracked: Tracked) -> Iterator[tuple[str, Section]]:
     for name, group in groups.items():
         if len(groups) > 1:
             blocks.append(Notes([(name,)]))
-        rows = [track_cells(one) | {"label": _short(one.label)} for one in group]
+        cells = track_cells(group) | {"label": [_short(one.label) for one in group]}
         # Columns without a single entry are left out.
-        head = [column for column in TRACK_CELLS if any(cells[column] for cells in rows)]
-        right = [k for k, column in enumerate(head) if column in TRACK_CELLS_RIGHT]
-        blocks.append(Table(head, [[cells[column] for column in head] for cells in rows], right))
+        head = [name for name in TRACK_CELLS if any(cells[name])]
+        right = [k for k, name in enumerate(head) if name in TRACK_CELLS_RIGHT]
+        blocks.append(Table(head, [*zip(*(cells[name] for name in head), strict=True)], right))
     total = int(tracked.figures["tracks"] or 0)
     title = "Track by track" + (f", {len(shown)} of {total:,}" if total > len(shown) else "")
     yield "track by track", Section(title, blocks, formats, title if total > len(shown) else "Tracks")
@@ -311,32 +340,35 @@ def _track_facts(tracked: Tracked) -> dict[str, str]:
     count, agents = tracked.figures["tracks"], tracked.figures["tracks.agents"]
     at_once = tracked.spreads["agents_at_once"]
     facts = {
-        "things": f"{number(count)}, {number(agents)} of them {'an agent' if agents == 1 else 'agents'}",
-        "agents at once": f"{number(at_once.mean, 3)} on average, at most {number(at_once.max)}",
+        "tracks": f"{number(count)}, {number(agents)} of them {'an agent' if agents == 1 else 'agents'}",
+        "agents at once": f"{number(at_once.mean)} on average, at most {number(at_once.max)}",
     }
-    if tracked.scene is not None:
-        part = number(100 * (tracked.agent_share or 0.0), 2)
-        facts["scene"] = f"{tracked.scene}: {part} % of the beams on agents"
+    if (part := tracked.agent_share) is not None:
+        scene = scene_of(part)
+        facts["scene"] = f"{scene}: {SCENES[scene]} ({percent(part)} of the beams on agents)"
     return facts
 
 
-def track_cells(one: Track) -> dict[str, str]:
-    """Return heading → cell of a track in a table."""
-    sizes = [number(value, 3) for value in (one.length, one.width) if math.isfinite(value)]
+def track_cells(tracks: Sequence[Track]) -> dict[str, list[str]]:
+    """Return heading → cells of a table of tracks, where a column has the same number of decimals."""
+    sizes = [
+        " x ".join(f"{value:.2f}" for value in (one.length, one.width) if math.isfinite(value))
+        for one in tracks
+    ]
     return {
-        "track": str(one.number),
-        "kind": "agent" if one.is_agent else "object",
-        "shape": one.shape,
-        "label": one.label,
-        "first seen": f"{number(one.start)} s",
-        "duration": f"{number(one.duration)} s",
-        "sweeps": number(one.sweeps),
-        "hidden": f"{number(one.hidden)} s",
-        "size": f"{' x '.join(sizes)} m" if sizes else NONE,
-        "distance": f"{number(one.distance, 3)} m",
-        "mean speed": f"{number(one.speed_mean, 2)} m/s",
-        "top speed": f"{number(one.speed_max, 2)} m/s",
-        "end": one.end,
+        "track": [str(one.number) for one in tracks],
+        "kind": ["agent" if one.is_agent else "object" for one in tracks],
+        "shape": [one.shape for one in tracks],
+        "label": [one.label for one in tracks],
+        "first seen": column([one.start for one in tracks], " s"),
+        "duration": column([one.duration for one in tracks], " s"),
+        "sweeps": [number(one.sweeps) for one in tracks],
+        "hidden": column([one.hidden for one in tracks], " s"),
+        "size": [f"{size} m" if size else NONE for size in sizes],
+        "distance": column([one.distance for one in tracks], " m"),
+        "mean speed": column([one.speed_mean for one in tracks], " m/s"),
+        "top speed": column([one.speed_max for one in tracks], " m/s"),
+        "end": [one.end for one in tracks],
     }
 
 
@@ -413,29 +445,45 @@ STREAM_CELLS: dict[str, Callable[[Stream], str]] = {
     "topic": lambda one: one.topic,
     "frame": lambda one: one.frame_id,
     "sweeps": lambda one: f"{one.sweeps:,}",
-    "duration": lambda one: quantity("duration", one.duration),
-    "rate": lambda one: quantity("rate", one.rate),
     "beams": lambda one: number(one.beams),
     "gaps": lambda one: number(one.gaps),
     "backward": lambda one: number(one.backward),
     "objects": lambda one: number(one.objects),
     "objects per sweep": lambda one: Code(spark(resample(one.course.objects_mean, SPARK_OF_TABLE))),
-    "most": lambda one: number(_most(one.course.objects_mean), 3),
 }
-"""Columns of tables of logs and topics."""
+"""Columns of tables of logs and topics, cell by cell ..."""
+STREAM_COLUMNS: dict[str, Callable[[Sequence[Stream]], list[str]]] = {
+    "duration": lambda streams: column([one.duration for one in streams], " s"),
+    "rate": lambda streams: column([one.rate for one in streams], " Hz"),
+    "most": lambda streams: column([_most(one.course.objects_mean) for one in streams]),
+}
+"""... and those whose cells have the same number of decimals."""
 
 
 def _table_of_streams(
     streams: Sequence[Stream], cells: Sequence[str], right: int, most: int, more: str
 ) -> Table:
     """Return a table of the first `most` streams; columns from `right` on are flush right."""
-    rows = [[STREAM_CELLS[name](one) for name in cells] for one in streams[:most]]
+    shown = streams[:most]
+    columns = [
+        STREAM_COLUMNS[name](shown) if name in STREAM_COLUMNS else [*map(STREAM_CELLS[name], shown)]
+        for name in cells
+    ]
     left = f"and {len(streams) - most:,} {more}" if len(streams) > most else ""
-    return Table(cells, rows, range(right, len(cells)), left)
+    return Table(cells, [*zip(*columns, strict=True)], range(right, len(cells)), left)
 
 
 def _most(values: Float64) -> float | None:
     return max((value for value in values.tolist() if math.isfinite(value)), default=None)
+
+
+def _words(summary: Summary) -> tuple[str, Section]:
+    """Return the words of the page that not everybody knows."""
+    rows = [
+        (name, words) for name, words in WORDS.items() if summary.tracked is not None or name not in OF_TRACKS
+    ]
+    rows += [] if summary.zoned is None else ZONE_WORDS.items()
+    return "words", Section("Words", [Facts(rows)], (PAGE,))
 
 
 def _sources(summary: Summary) -> Iterator[tuple[str, Section]]:
@@ -536,7 +584,7 @@ class Report(Document):
             parts.append(rate(self.summary))
         parts.append(counted(figures["objects"], "object"))
         if figures["sweeps"]:
-            parts[-1] += f" ({number(figures['objects_per_sweep.mean'], 3)} per sweep)"
+            parts[-1] += f" ({number(figures['objects_per_sweep.mean'])} per sweep)"
         if self.summary.tracked is not None:
             agents = counted(figures["tracks.agents"], "agent")
             parts.append(f"{counted(figures['tracks'], 'track')} ({agents})")

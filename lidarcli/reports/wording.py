@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lidarcli import display
 from lidarcli.choices import beams_on
-from lidarcli.reports.figures import CATEGORIES, DELTA, TRACK_CATEGORIES, Density, unit_of
+from lidarcli.reports.figures import CATEGORIES, TRACK_CATEGORIES, Density, unit_of
 from lidarcli.reports.streams import Unlike
 from lidarcli.reports.summary import Summary, Tracked
 from lidarcli.sweeps import Float64
@@ -22,6 +22,37 @@ NAMED = 3
 """Most frames that are named."""
 EIGHTHS = " ▁▂▃▄▅▆▇█"
 SHADES = " ░▒▓█"
+SCENES = {
+    "structured": "hardly anything moves",
+    "semi-structured": "most of what is seen stands",
+    "unstructured": "much of what is seen moves",
+}
+"""The paper's names (§2) of scenes → what they mean."""
+WORDS = {
+    "sweep": "one LaserScan message: one turn of the sensor, or one pass over its view",
+    "beam": "one direction of a sweep, in which one range is measured",
+    "no return": "a beam whose light did not come back from within reach",
+    "object": "one thing as one sweep sees it; the same thing in ten sweeps is ten objects, and two legs may be two",
+    "walls and rest": "beams on no object: on the building, on what is too large for an object, or without a range",
+    "box": "the rectangle around an object, turned as it stands",
+    "shape": "prismatic: like a box; round; legged: of several narrow parts; irregular; unknown: too few beams to tell",
+    "visibility": "full: both edges of the object are seen; start, end or both hidden: behind something nearer; "
+    "cut: by the edge of the view",
+    "track": "an object followed from sweep to sweep, also while it is hidden, with one number",
+    "agent": "a track that was seen to move by itself: a person, a robot",
+    "end": "why a track ends: left view; free: its place was seen empty; lost: nothing tells what became of it; "
+    "end of log",
+    "scene": "structured: at most 0.1 % of the beams are on agents; semi-structured: at most 25 %; unstructured: more",
+    "sensor frame": "x is forward, y left, and the sensor the origin",
+    "world frame": "the frame in which the path of the sensor is known",
+    "d_th": "the threshold of the step s from one range to the next, beyond which an object begins or ends",
+    "gap": "a step between two stamps of at least one and a half usual steps: sweeps are missing",
+    "clock fault": "a stamp that is before or equal to that of the sweep before",
+    "p05, p50, p95": "5 %, half and 95 % of the values are at most this",
+}
+"""Word → meaning, of those that a page explains."""
+OF_TRACKS = frozenset({"track", "agent", "end", "scene"})
+"""Words that a page without tracks has not."""
 LEAST = 1e-300
 """Least difference of values that are drawn apart: no share of a smaller one can be computed."""
 
@@ -35,31 +66,68 @@ def visible(text: str) -> str:
     return "".join(mark if mark.isprintable() else repr(mark)[1:-1] for mark in text)
 
 
-def number(value: float | None, digits: int = 4, sign: bool = False) -> str:
+def number(value: float | None, digits: int = 3) -> str:
     """Return a number of few digits, with thousands set apart.
 
-    >>> [number(value) for value in (None, 12345, 0.123456, 3.0, 123456.7)]
-    ['-', '12,345', '0.1235', '3', '123,457']
+    >>> [number(value) for value in (None, 12345, 0.123456, 3.0, 999.6)]
+    ['-', '12,345', '0.123', '3', '1,000']
     """
     if value is None or not math.isfinite(value):
         return NONE
     # What a computation leaves of nothing is nothing.
     value = 0.0 if abs(value) < TINY else value
-    mark = "+" if sign and value else ""
-    if value == int(value) or abs(value) >= 10**digits:
-        return f"{value:{mark},.0f}"
-    return f"{value:{mark}.{digits}g}"
+    if value == int(value) or abs(value) >= 10**digits - 0.5:
+        return f"{value:,.0f}"
+    return f"{value:.{digits}g}"
 
 
-def quantity(name: str, value: float | None, sign: bool = False) -> str:
+def column(values: Sequence[float | None], unit: str = "") -> list[str]:
+    """Return the cells of a column with the same number of decimals.
+
+    These are two where the greatest number is from 0.1 to 10, else as many as give it three digits, but at least one.
+    Where it is a thousand or more there are none, and none in a column of whole numbers.
+
+    >>> column([0.4983, 126.0, None], " s"), column([0.0115, 0.0094]), column([1234.5, 3.0]), column([10.0, 5.0])
+    (['0.5 s', '126.0 s', '-'], ['0.0115', '0.0094'], ['1,234', '3'], ['10', '5'])
+    """
+    known = [abs(value) for value in values if value is not None and math.isfinite(value)]
+    greatest = max(known, default=0.0)
+    is_whole = greatest >= 1000.0 or all(value == int(value) for value in known)
+    decimals = 0
+    if not is_whole:
+        decimals = 2 if 0.1 <= greatest < 10.0 else max(2 - math.floor(math.log10(greatest)), 1)
+    return [
+        NONE if value is None or not math.isfinite(value) else f"{value:,.{decimals}f}{unit}"
+        for value in values
+    ]
+
+
+def quantity(name: str, value: float | None) -> str:
     """Return a figure with its unit; a share in per cent."""
     if value is None:
         return NONE
-    plain = name.removeprefix(DELTA)
-    if plain.endswith("_share") or plain.startswith("lost_share."):
-        return f"{100 * value:{'+' if sign and value else ''}.2f} %"
+    if _is_share(name):
+        return f"{number(100 * value)} %"
     unit = unit_of(name)
-    return number(value, sign=sign) + ("" if unit == "1" else f" {unit}")
+    return number(value) + ("" if unit == "1" else f" {unit}")
+
+
+def quantities(name: str, values: Sequence[float | None], with_unit: bool = True) -> list[str]:
+    """Return values of one figure, with the same number of decimals unless they are counts; shares in per cent.
+
+    >>> quantities("width.p50", [0.4, 1.25]), quantities("sweeps", [1200, 3.5])
+    (['0.40 m', '1.25 m'], ['1,200', '3.5'])
+    """
+    if _is_share(name):
+        return column([None if value is None else 100 * value for value in values], " %")
+    unit = unit_of(name)
+    if unit == "1":
+        return [number(value) for value in values]
+    return column(values, f" {unit}" if with_unit else "")
+
+
+def _is_share(name: str) -> bool:
+    return name.endswith("_share") or name.startswith("lost_share.")
 
 
 def share(count: float, total: float) -> str:

@@ -18,11 +18,12 @@ from lidarcli.reports.document import (
     Block,
     Card,
     Document,
+    Facts,
     Notes,
     Section,
     Table,
 )
-from lidarcli.reports.wording import counted, number, percent
+from lidarcli.reports.wording import column, counted, number, percent
 from lidarcli.reports.zones import Course, Zoned, ZoneEvent, ZoneSummary
 
 EVENTS = 12
@@ -39,6 +40,19 @@ EVENT_CELLS = ("zone", "time", "kind", "lasts", "points", "nearest", "ttc", "tra
 """Columns of the table of events."""
 WORDS = frozenset({"zone", "kind", "by", "log"})
 """Columns that are not flush right."""
+
+
+ZONE_WORDS = {
+    "event": "a stretch of time in which a zone was occupied, or a collision with what is in it was ahead",
+    "active": "the time that all events of a zone took",
+    "nearest": "the least distance from the sensor to a point in the zone",
+    "seen": "how much of the zone the sensor sees on average: in its view, and not behind something nearer",
+    "visit, dwell": "the stay of an agent in a zone, and how long it lasts",
+    "in, out": "crossings of a line to the left and to the right of the way from its first point to its second",
+    "ttc": "time to collision: until the robot meets what is in the zone, at its present speed",
+    "by": "what most of the points in the zone were on: agents, other things, walls",
+}
+"""Word → meaning, of those that a page with zones explains."""
 
 
 def zone_sections(zoned: Zoned, logs: Sequence[str]) -> Iterator[tuple[str, Section]]:
@@ -59,7 +73,7 @@ def zone_sections(zoned: Zoned, logs: Sequence[str]) -> Iterator[tuple[str, Sect
         ("page of events", len(zoned.events), (PAGE,)),
     ):
         if shown := zoned.events[:most]:
-            rows = [event_cells(one, several=len(logs) > 1) for one in shown]
+            rows = event_cells(shown, several=len(logs) > 1)
             left = zoned.listed - len(shown)
             more = f"and {left:,} more, all of them in the table of events" if left else ""
             title = "Events of zones" + (", the gravest first" if zoned.listed > 1 else "")
@@ -86,21 +100,24 @@ def zone_cells(one: ZoneSummary) -> dict[str, str]:
     return cells | {"seen": percent(values["seen"]).replace(".0 %", " %"), "by": ", ".join(by)}
 
 
-def event_cells(one: ZoneEvent, several: bool = False) -> dict[str, str]:
-    """Return heading → cell of an event in a table, with its log where there are `several`."""
-    who = WHO.get(one.set, "").removesuffix("s")
-    return {
-        "time": f"{one.t:,.2f} s",
-        "zone": one.zone,
-        "kind": one.kind,
-        "lasts": ("≥ " if one.cut else "") + _seconds(one.duration),
-        "points": _known(one.points),
-        "nearest": _metres(one.nearest),
-        "ttc": _seconds(one.ttc),
-        "track": _known(one.track),
-        "by": f"{who} {one.label}".strip(),
-        "log": one.log if several else "",
-    }
+def event_cells(events: Sequence[ZoneEvent], several: bool = False) -> list[dict[str, str]]:
+    """Return heading → cell of each event in a table, with its log where there are `several`."""
+    lasts, ttc = column([one.duration for one in events], " s"), column([one.ttc for one in events], " s")
+    return [
+        {
+            "time": f"{one.t:,.2f} s",
+            "zone": one.zone,
+            "kind": one.kind,
+            "lasts": ("≥ " if one.cut else "") + lasts[k],
+            "points": _known(one.points),
+            "nearest": _metres(one.nearest),
+            "ttc": "" if math.isnan(one.ttc) else ttc[k],
+            "track": _known(one.track),
+            "by": f"{WHO.get(one.set, '').removesuffix('s')} {one.label}".strip(),
+            "log": one.log if several else "",
+        }
+        for k, one in enumerate(events)
+    ]
 
 
 def _band(one: Course) -> Band:
@@ -115,7 +132,7 @@ def _table(rows: Sequence[Mapping[str, str]], names: Sequence[str], more: str = 
 
 
 def _seconds(value: float | None) -> str:
-    return "" if value is None or math.isnan(value) else f"{number(value, 3)} s"
+    return "" if value is None or math.isnan(value) else f"{number(value)} s"
 
 
 def _metres(value: float | None) -> str:
@@ -131,10 +148,10 @@ def zone_cards(zoned: Zoned) -> list[Card]:
     events = sum(int(one.figures["events"] or 0) for one in zoned.zones)
     active = sum(one.active for one in zoned.zones)
     unseen = [one.name for one in zoned.zones if one.figures["seen"] is None]
-    words = f"in {counted(len(zoned.zones), 'zone')}, {_seconds(active)}"
+    words = f"in {counted(len(zoned.zones), 'zone')}, active for {_seconds(active)}"
     if unseen:
         words += f"; never in view: {', '.join(unseen)}"
-    return [Card("events of zones", number(events), words)]
+    return [Card("events of zones", number(events), words, meaning=f"event: {ZONE_WORDS['event']}")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +175,8 @@ class ZonesReport(Document):
 
     def sections(self) -> dict[str, Section]:
         """Return the sections by name, in their order."""
-        found = dict(zone_sections(self.zoned, [source.log for source in self.sources]))
+        words = Section("Words", [Facts([*ZONE_WORDS.items()])], (PAGE,))
+        found = dict(zone_sections(self.zoned, [source.log for source in self.sources])) | {"words": words}
         return found if self.changed is None else dict(change_sections(self.changed)) | found
 
     def cards(self) -> list[Card]:

@@ -79,7 +79,7 @@ def test_min_hits_and_ratio(lidarcli: Run, tmp_path: Path) -> None:
     assert found["all"] == set()
     ran = lidarcli("map", DRIVE, "-o", tmp_path / "none.yaml", "--min-hits", 76)
     assert (
-        "  note     no cell is occupied: 75 sweeps count, and a cell has to be hit by 76 (--min-hits, --min-move)"
+        "  note     no cell is occupied: 75 sweeps were used, and a cell has to be hit by 76 (--min-hits, --min-move)"
         in ran.err.splitlines()
     )
     # Four hits by default where every sweep counts.

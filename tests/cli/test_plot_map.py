@@ -49,7 +49,7 @@ def test_every_format_and_what_is_said(lidarcli: Run, tmp_path: Path) -> None:
         assert ran.err.splitlines() == [
             "  note     poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)",
             "  note     poses from /tf fit the sweeps: 100% of 147 steps",
-            "  note     75 of 150 sweeps count: one for each 0.12 m, 10 degrees or 5 s of the way (--min-move)",
+            "  note     used 75 of 150 sweeps (one every 0.12 m, 10 degrees or 5 s; --min-move)",
             f"  wrote    {out}",
         ]
         ran = lidarcli("-q", "plot", DRIVE, "--view", "map", "-o", again)

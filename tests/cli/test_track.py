@@ -48,7 +48,7 @@ def test_tables_and_summary(logs: Path, tmp_path: Path, lidarcli: Run, patient: 
     assert (ran.code, ran.out) == (0, "")
     lines = ran.err.splitlines()
     assert lines[0].startswith(
-        f"{logs / 'run.mcap'}: 20 sweeps, 30 objects (10 of agents), 2 tracks (1 agent)"
+        f"{logs / 'run.mcap'}: 20 sweeps, 30 objects (10 on moving things), 2 tracks (1 moving)"
     )
     assert lines[2:4] == [
         "  on       agents 300 (4.2%), other objects 400 (5.6%),",
@@ -149,7 +149,7 @@ def test_an_output_that_exists_is_refused(logs: Path, tmp_path: Path, lidarcli: 
 def test_topics_are_followed_apart(logs: Path, tmp_path: Path, lidarcli: Run, patient: None) -> None:
     ran = lidarcli("track", logs / "two.mcap", "-o", tmp_path)
     assert ran.err.startswith(
-        f"{logs / 'two.mcap'}: 40 sweeps, 60 objects (20 of agents), 4 tracks (2 agents)"
+        f"{logs / 'two.mcap'}: 40 sweeps, 60 objects (20 on moving things), 4 tracks (2 moving)"
     )
     tracks = pq.read_table(tmp_path / "two.tracks.parquet")
     assert list(zip(tracks["topic"].to_pylist(), tracks["track"].to_pylist(), strict=True)) == [
@@ -167,7 +167,7 @@ def test_several_logs_by_processes_give_the_same_bytes(
             "track", logs / "run.mcap", logs / "two.mcap", "-o", tmp_path / jobs, "--jobs", jobs, "--beams"
         )
         assert ran.code == 0
-        assert ran.err.splitlines()[-1].startswith("2 logs: 60 sweeps, 90 objects (0 of agents), ")
+        assert ran.err.splitlines()[-1].startswith("2 logs: 60 sweeps, 90 objects (0 on moving things), ")
     assert len(names(tmp_path / "1")) == 2 * (len(TABLES) + 1)
     for name in names(tmp_path / "1"):
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
@@ -228,7 +228,7 @@ def test_an_empty_selection_gives_empty_tables(logs: Path, tmp_path: Path, lidar
     assert ran.code == 0
     assert (
         ran.err.splitlines()[0]
-        == f"{logs / 'run.mcap'}: 0 sweeps, 0 objects (0 of agents), 0 tracks (0 agents)"
+        == f"{logs / 'run.mcap'}: 0 sweeps, 0 objects (0 on moving things), 0 tracks (0 moving)"
     )
     for table in TABLES:
         found = pq.read_table(tmp_path / f"run.{table}.parquet")

@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from tests.waiting import wait_until
+
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars"),
@@ -52,7 +54,7 @@ class Page:
                 return result
 
     def open(self, path: Path, width: int, height: int = 900) -> None:
-        """Show a file in a window of this size."""
+        """Show a file in a window of this size, and wait for what its script draws first."""
         self.call(
             "Emulation.setDeviceMetricsOverride",
             width=width,
@@ -63,6 +65,11 @@ class Page:
         self.call("Page.navigate", url=path.as_uri())
         while self._next().get("method") != "Page.loadEventFired":
             pass
+        self.wait_for_words()
+
+    def wait_for_words(self) -> None:
+        """Wait until the viewer of a report shows a sweep; a page without one is ready at once."""
+        wait_until(lambda: self.evaluate("document.getElementById('words')?.textContent !== ''"))
 
     def evaluate(self, script: str) -> Any:
         """The value of an expression in the page."""

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import base64
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -279,3 +282,8 @@ def write_zones(
             table(schema, mine).replace_schema_metadata(metadata), folder / f"{name}.{kind}.parquet"
         )
     return folder / f"{name}.events.parquet"
+
+
+def array(one: dict[str, str], kind: type[np.generic]) -> np.ndarray[Any, Any]:
+    """An array as pages hold it."""
+    return np.frombuffer(zlib.decompress(base64.b64decode(one["packed"])), kind)

@@ -139,6 +139,25 @@ def test_details_on_hover_and_click(page: Page, made: Callable[..., Path]) -> No
     assert page.complaints == []
 
 
+BOX = "document.querySelector('{}').getBoundingClientRect().toJSON()"
+
+
+@pytest.mark.parametrize("height", [760, 900])
+def test_the_viewer_is_whole_on_the_first_screen(page: Page, made: Callable[..., Path], height: int) -> None:
+    page.open(made(**crossing()), 1280, height)
+    viewer, cards = (page.evaluate(BOX.format(name)) for name in ("#viewer", ".cards"))
+    assert 40 < viewer["top"] < 80
+    assert viewer["bottom"] <= height
+    assert cards["top"] > viewer["bottom"]
+    for name in (".controls", "#timeline", "#scene", "#legend", ".keys"):
+        found = page.evaluate(BOX.format(name))
+        assert viewer["top"] <= found["top"] < found["bottom"] <= viewer["bottom"]
+        assert found["right"] <= 1280
+    # What is drawn has all the room that the words leave.
+    assert page.evaluate(BOX.format("#scene"))["height"] > height - 330
+    assert page.complaints == []
+
+
 def test_details_of_a_track(page: Page, made: Callable[..., Path]) -> None:
     page.open(made(**crossing()), 1280)
     page.evaluate("location.hash = '#sweep=3&track=2'")
@@ -381,6 +400,20 @@ def test_dark_ground_and_paper(page: Page, made: Callable[..., Path]) -> None:
             features=[{"name": "prefers-color-scheme", "value": "dark"}],
         )
         assert page.evaluate(GROUND_COLOUR) == "rgb(255, 255, 255)"
+        # Pictures keep their sides, whatever room paper leaves them, and are not drawn anew in the colours of the screen.
+        sides = (
+            "['scene', 'timeline'].map(id => document.getElementById(id)).map(one => [one.width, one.height])"
+        )
+        page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+        before = page.evaluate(sides)
+        page.call(
+            "Emulation.setDeviceMetricsOverride", width=703, height=1032, deviceScaleFactor=1, mobile=False
+        )
+        awaited(page, WAIT)
+        assert page.evaluate(sides) == before
+        shown = "(one => one.clientWidth / one.clientHeight)(document.getElementById('scene'))"
+        assert page.evaluate(shown) == pytest.approx(before[0][0] / before[0][1], rel=0.01)
+        page.evaluate("window.dispatchEvent(new Event('afterprint'))")
         exact = "getComputedStyle(document.querySelector('.legend i')).printColorAdjust"
         assert page.evaluate(exact) == "exact"
     finally:
@@ -435,7 +468,7 @@ def test_walls_in_the_world_frame(page: Page, tmp_path: Path) -> None:
     page.evaluate("location.hash = '#sweep=5&view=world'")
     awaited(page, WAIT)
     assert saved(page, "svg").count(cells) > 100
-    assert "walls and rest of all sweeps" in page.evaluate("document.getElementById('legend').textContent")
+    assert "map (world frame)" in page.evaluate("document.getElementById('legend').textContent")
     assert page.complaints == []
 
 

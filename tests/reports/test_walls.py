@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import base64
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN
 from lidarcli.reports.columns import Run
-from lidarcli.reports.ground import MOST, Raw, Walls, walls_of
-from lidarcli.reports.html import pack_walls
+from lidarcli.reports.ground import MOST, Ground, Raw, limits_of, map_of, walls_of
+from lidarcli.reports.html import pack_map
 from lidarcli.sweeps import Float64
-from tests.reports.runs import run_of, sweep, thing, track
+from tests.reports.runs import array, run_of, sweep, thing, track
 
 STEP = np.pi / 180
 
@@ -69,15 +69,54 @@ def test_walls_in_the_world(side: float) -> None:
     assert (y.min(), y.max()) == pytest.approx((-2, 2), abs=0.1)
 
 
-def test_walls_as_the_viewer_holds_them() -> None:
-    walls = Walls(0.1, 1e6 + np.array([0.3, 0.0, 12.1]), np.array([-5.0, -4.2, 4.0]))
-    held = pack_walls(walls)
-    x, y = (
-        held["origin"][k] + held["cell"] * np.frombuffer(base64.b64decode(held[name]), np.uint16)
-        for k, name in enumerate("xy")
-    )
-    assert x == pytest.approx(walls.x, rel=1e-12)
-    assert y == pytest.approx(walls.y)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_map_of_a_run(side: float) -> None:
+    poses = [(0.2 * k - 1, 0.1 * k, 0.3 * k) for k in range(10)]
+    ranges = [room(*pose, side=side) for pose in poses]
+    for one in ranges:
+        # A person ahead, who walks along.
+        one[170:191] = 0.4
+    far = [(x + 1000, y - 1000, yaw) for x, y, yaw in poses]
+    grid = map_of(seen(far, side, set="A"), raw_of(*ranges))
+    assert grid is not None
+    assert (grid.resolution, grid.frame_id) == (0.05, "world")
+    row, column = np.nonzero(grid.cells == OCCUPIED)
+    x, y = grid.x - 1000 + 0.05 * (column + 0.5), grid.y + 1000 + 0.05 * (row + 0.5)
+    off = np.minimum(np.abs(np.abs(x) - 3), np.abs(np.abs(y) - 2))
+    assert off.max() < 0.06
+    assert (x.min(), x.max(), y.min(), y.max()) == pytest.approx((-3, 3, -2, 2), abs=0.06)
+    # Inside of the 6 m x 4 m all is free, where the person was as well.
+    assert grid.free * 0.05**2 == pytest.approx(24.0, rel=0.05)
+    # What stands is on the map, what moves is not.
+    turns = [(0.0, 0.0, 0.3 * k) for k in range(4)]
+    ranges = [np.where(np.abs(np.arange(360) - 180) <= 10, 0.4, room(*turn, side=side)) for turn in turns]
+    there, gone = (map_of(seen(turns, side, set=word), raw_of(*ranges)) for word in "OA")
+    assert there is not None
+    assert gone is not None
+    assert there.occupied > gone.occupied
+    # Runs of cells hold all of it.
+    held = pack_map(grid)
+    cells = np.full(grid.cells.shape, UNKNOWN)
+    for name, value in (("free", FREE), ("occupied", OCCUPIED)):
+        runs = [array(held[name][key], np.uint16).tolist() for key in ("row", "column", "length")]
+        for at_row, first, length in zip(*runs, strict=True):
+            cells[at_row, first : first + length] = value
+    assert (cells == grid.cells).all()
+    assert (held["cell"], held["origin"]) == (0.05, [grid.x, grid.y])
+
+
+def test_where_there_is_no_map() -> None:
+    beams = raw_of(*[room(0.0, 0.0, 0.0)] * 3)
+    assert map_of(run_of([sweep(k) for k in range(3)]), beams) is None
+    posed = seen([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0)])
+    assert map_of(posed, {}) is None
+    assert map_of(posed, {(0, "/other"): beams[0, "/scan"]}) is None
+    # Ground that is too large for cells, and bearings that are none.
+    assert map_of(seen([(1e12 + k, 0.0, 0.0) for k in range(3)]), beams) is None
+    nothing = replace(beams[0, "/scan"], angle_min=np.full(3, np.nan))
+    grid = map_of(posed, {(0, "/scan"): nothing})
+    assert grid is not None
+    assert (grid.occupied, grid.free) == (0, 0)
 
 
 def test_walls_of_a_sensor_that_stands() -> None:
@@ -162,3 +201,42 @@ def test_sweeps_that_run_clockwise_and_see_a_part() -> None:
     bearing = np.arctan2(walls.y, walls.x) / STEP
     assert (bearing.min(), bearing.max()) == pytest.approx((-90, 89), abs=1.5)
     assert np.abs(bearing).min() > 9
+
+
+AHEAD = Raw(
+    np.arange(1),
+    np.zeros(1),
+    np.full(1, np.pi / 2),
+    np.zeros(1, np.uint8),
+    np.array([2]),
+    np.array([[3.0, 7.0, 99.0]]),
+)
+"""One range ahead, one to the left, and what lies beyond the beams."""
+TURN = Raw(
+    *(np.arange(1), np.full(1, -np.pi), np.full(1, np.pi / 2), np.full(1, 2, np.uint8), np.array([5])),
+    np.array([[1.0, 1.5, np.nan, 2.5, 1.0]]),
+)
+"""A full turn whose last beam is the first one again."""
+BOX = np.array([4.0]), np.array([-1.0]), np.array([0])
+"""A point of a box in the first sweep."""
+
+
+def at(x: float, y: float, yaw: float, side: float, posed: bool) -> Ground:
+    return Ground(np.empty(0), np.empty(0), *(np.array([value]) for value in (x, y, yaw)), side, posed)
+
+
+def test_the_limits_of_pictures_hold_what_is_drawn() -> None:
+    found = limits_of(AHEAD, at(0, 0, 0, 1.0, False), *BOX)
+    assert found["whole"]["sensor"] == [0.0, 4.0, -1.0, 7.0]
+    assert found["whole"]["world"] is None
+    assert found["curves"] == pytest.approx([7.0, 4.0, 0.0, np.pi / 2])
+    found = limits_of(TURN, at(0, 0, 0, 1.0, False), *BOX)
+    assert found["whole"]["sensor"] == pytest.approx([-1.0, 4.0, -1.5, 2.5])
+    # The turn closes from 2.5 m ahead to 1 m behind.
+    assert found["curves"] == pytest.approx([np.hypot(4.0, 1.0), 1.5, -np.pi, np.pi])
+    # Head down and along y of the world: what is to the left is along x.
+    found = limits_of(AHEAD, at(10.0, 20.0, np.pi / 2, -1.0, True), *BOX)
+    assert found["whole"]["world"] == pytest.approx([9.0, 17.0, 20.0, 24.0])
+    none = np.empty(0), np.empty(0), np.empty(0, np.int64)
+    found = limits_of(None, at(np.nan, np.nan, np.nan, 1.0, True), *none)
+    assert found == {"whole": {"sensor": [0.0, 0.0, 0.0, 0.0], "world": None}, "curves": None}

@@ -264,7 +264,7 @@ def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:
         "behind 0 % never in view",
         "stop 1 0.6 s 75 %",
         "left-door 2 1 100 %",
-        "stop 0.70 s approach 0.1 s 5 0.60 m 0.5 s wall",
+        "stop 0.70 s approach 0.10 s 5 0.60 m 0.50 s wall",
     ):
         assert row in rows
     assert "| stop | 2 | 0.3 s | 0.40 m | 75 % | agents 1, walls 1 |" in render(found, "markdown")

@@ -1,13 +1,34 @@
 // The data of the page: sweeps as typed arrays, and the geometry of one of them.
 const get = (id) => document.getElementById(id);
-const data = JSON.parse(document.getElementById("data").textContent);
 const LOST = 65535, TURN = 2 * Math.PI, DEGREES = 180 / Math.PI;
 const OBJECT = 0, AGENT = 1, REST = 2;
 
-function decode(text, Kind) {
-  const raw = atob(text), bytes = new Uint8Array(raw.length);
-  for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
-  return new Kind(bytes.buffer);
+// All arrays of a value, unpacked.
+async function unpacked(value) {
+  if (value === null || typeof value !== "object") return value;
+  if (value.packed) {
+    const raw = atob(value.packed), bytes = new Uint8Array(raw.length);
+    for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
+    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer();
+  }
+  const done = await Promise.all(Object.entries(value).map(async ([name, one]) => [name, await unpacked(one)]));
+  return Array.isArray(value) ? done.map(([, one]) => one) : Object.fromEntries(done);
+}
+
+if (typeof DecompressionStream === "undefined") get("words").textContent = "This browser is too old for the viewer (before 2023).";
+const data = await unpacked(JSON.parse(get("data").textContent));
+
+function decode(buffer, Kind) { return new Kind(buffer); }
+
+// Numbers by the steps between them, as low bytes and high bytes.
+function summed(bytes) {
+  const size = bytes.length / 2, out = new Uint16Array(size);
+  for (let i = 0, last = 0; i < size; i++) {
+    const step = bytes[i] | (bytes[size + i] << 8);
+    last = (last + ((step >> 1) ^ -(step & 1))) & LOST;
+    out[i] = last;
+  }
+  return out;
 }
 
 function decodeAll(packed, names, Kind, into) {
@@ -15,10 +36,10 @@ function decodeAll(packed, names, Kind, into) {
   return into;
 }
 
-if (data.walls) decodeAll({ ...data.walls }, ["x", "y"], Uint16Array, data.walls);
+if (data.map) for (const runs of [data.map.free, data.map.occupied]) decodeAll({ ...runs }, ["row", "column", "length"], Uint16Array, runs);
 
 function unpack(one) {
-  const s = { log: one.log, topic: one.topic, frame: one.frame, count: one.count, scale: one.scale, zones: one.zones || [] };
+  const s = { log: one.log, topic: one.topic, frame: one.frame, count: one.count, scale: one.scale, zones: one.zones || [], bounds: one.whole, limits: one.curves };
   decodeAll(one, ["sweep", "offsets"], Int32Array, s);
   decodeAll(one, ["seconds", "d_th"], Float32Array, s);
   decodeAll(one, ["object", "objects", "agents"], Uint16Array, s);
@@ -54,7 +75,7 @@ function unpack(one) {
     decodeAll(one.raw, ["beams"], Int32Array, s.raw);
     decodeAll(one.raw, ["angle_min", "angle_increment"], Float32Array, s.raw);
     decodeAll(one.raw, ["closure"], Uint8Array, s.raw);
-    decodeAll(one.raw, ["ranges"], Uint16Array, s.raw);
+    s.raw.ranges = summed(decode(one.raw.ranges, Uint8Array));
     for (let k = 0; k < one.count; k++) s.raw.start[k + 1] = s.raw.start[k] + s.raw.beams[k];
   }
   return s;

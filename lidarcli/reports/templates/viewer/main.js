@@ -26,7 +26,7 @@ function show() {
 function wordsOf(s, k) {
   const counted = (value, name) => value + " " + name + (value === 1 ? "" : "s");
   const parts = ["sweep " + s.sweep[k], s.seconds[k].toFixed(2) + " s", counted(s.objects[k], "object") + (s.tracks ? " (" + s.agents[k] + " of agents)" : "")];
-  if (!isNaN(s.d_th[k])) parts.push("d_th " + s.d_th[k].toPrecision(3) + " m");
+  if (!isNaN(s.d_th[k])) parts.push("threshold d_th " + s.d_th[k].toPrecision(3) + " m");
   const why = data.standing.filter((one) => one.stream === now.stream && one.sweep === s.sweep[k]).map((one) => one.kind + " (" + one.value + ")");
   return parts.join(", ") + (why.length ? " \u2014 " + why.join(", ") : "");
 }
@@ -57,7 +57,7 @@ function legend(s) {
   if (tracked(OBJECT)) entries.push(["track of an object", "blue", "circle"]);
   if (tracked(AGENT)) entries.push(["track of an agent", "vermilion", "triangle"]);
   if (s.pose) entries.push(["path of the sensor (world frame)", "green", "stem"]);
-  if (s.pose && data.walls) entries.push(["walls and rest of all sweeps (world frame)", "light"]);
+  if (s.pose && data.map) entries.push(["map (world frame)", "light"]);
   const shapes = new Set(s.shape.filter((_, j) => s.set[j] !== REST));
   data.shapes.forEach((name, i) => { if (shapes.has(i)) entries.push(["box: " + name, "shape-" + name, "frame"]); });
   get("legend").replaceChildren(...entries.map(([name, colour, form]) => {
@@ -148,11 +148,13 @@ function start() {
     jump(place(streams[now.stream], Number(button.dataset.sweep)));
     get("viewer").scrollIntoView({ block: "start" });
   }));
-  window.addEventListener("resize", show);
+  // On paper pictures stay as they were drawn last.
+  const redraw = () => { if (!now.paper) show(); };
+  window.addEventListener("resize", redraw);
   window.addEventListener("hashchange", readAddress);
   window.addEventListener("beforeprint", () => { now.paper = true; show(); });
   window.addEventListener("afterprint", () => { now.paper = false; show(); });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", show);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   get("stream").hidden = streams.length === 1;
   if (!readAddress()) { enter(0); show(); }
 }

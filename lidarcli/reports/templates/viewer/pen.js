@@ -6,7 +6,7 @@ function coloursOf(paper) {
   const style = getComputedStyle(paper ? get("paper") : document.documentElement);
   const told = (name) => style.getPropertyValue("--" + name).trim();
   const found = { shapes: data.shapes.map((name) => told("shape-" + name)), zone: (action) => told("zone-" + action) };
-  for (const name of ["ink", "quiet", "grid", "paper", "blue", "vermilion", "green", "grey", "dark", "light", "yellow", "orange", "shade", "bar-objects", "bar-agents"]) {
+  for (const name of ["ink", "quiet", "grid", "paper", "blue", "vermilion", "green", "grey", "dark", "light", "raised", "yellow", "orange", "shade", "bar-objects", "bar-agents"]) {
     found[name] = told(name);
   }
   return found;

@@ -1,47 +1,22 @@
 // The scene from above: beams, boxes, tracks; as the sensor sees it, or in the world.
-const PATH_SECONDS = 3, PATH_SWEEPS = 200;
+const PATH_SECONDS = 3, WORLD_SECONDS = 60, PATH_SWEEPS = 2000;
 // Of more tracks that have ended nobody could read the numbers.
 const MOST_NUMBERS = 60;
 const MARGIN = { left: 44, right: 8, top: 18, bottom: 34 };
 
-// The ground that holds all sweeps of a stream, so that the picture does not jump, and the limits of the curves.
+// The view of the ground that holds all sweeps of a stream, so that the picture does not jump, and the limits of the curves.
 function measure(s) {
-  s.curves = { reach: 0.1, jump: 0.1, low: Infinity, high: -Infinity };
-  const sensor = bounds(), world = bounds();
-  sensor.take(0, 0);
-  for (let k = 0; k < s.count; k++) {
-    const frame = s.pose && frameOf(s, k, true);
-    const take = (x, y) => {
-      sensor.take(x, y);
-      s.curves.reach = Math.max(s.curves.reach, Math.hypot(x, y));
-      if (frame && frame.known) world.take(...frame.beam(x, y));
-    };
-    if (frame && frame.known) world.take(s.pose.x[k], s.pose.y[k]);
-    for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) for (const [x, y] of corners(s, j)) take(x, y);
-    if (!s.raw) continue;
-    const sweep = beams(s, k);
-    for (let n = 0; n < sweep.r.length; n++) {
-      s.curves.low = Math.min(s.curves.low, sweep.theta[n]); s.curves.high = Math.max(s.curves.high, sweep.theta[n]);
-      if (!isNaN(sweep.r[n])) take(sweep.r[n] * Math.cos(sweep.theta[n]), sweep.r[n] * Math.sin(sweep.theta[n]));
-      if (!isNaN(sweep.s[n])) s.curves.jump = Math.max(s.curves.jump, Math.abs(sweep.s[n]));
-    }
-  }
-  if (!(s.curves.high > s.curves.low)) { s.curves.low = -Math.PI; s.curves.high = Math.PI; }
-  s.curves.reach *= 1.05; s.curves.jump *= 1.1;
-  s.whole = { sensor: sensor.view(), world: world.view() };
+  const [reach, jump, low, high] = s.limits || [0, 0, 0, 0];
+  s.curves = { reach: 1.05 * Math.max(reach, 0.1), jump: 1.1 * Math.max(jump, 0.1), low: low, high: high };
+  if (!(high > low)) { s.curves.low = -Math.PI; s.curves.high = Math.PI; }
+  s.whole = { sensor: airy(s.bounds.sensor), world: airy(s.bounds.world) };
   s.view = { sensor: { ...s.whole.sensor }, world: { ...s.whole.world } };
 }
 
-function bounds() {
-  let x0 = Infinity, x1 = -Infinity, y0 = Infinity, y1 = -Infinity;
-  return {
-    take(x, y) { x0 = Math.min(x0, x); x1 = Math.max(x1, x); y0 = Math.min(y0, y); y1 = Math.max(y1, y); },
-    view() {
-      if (!(x1 >= x0)) return { x: 0, y: 0, width: 1, height: 1 };
-      const air = 0.06 * Math.max(x1 - x0, y1 - y0, 0.2);
-      return { x: (x0 + x1) / 2, y: (y0 + y1) / 2, width: x1 - x0 + 2 * air, height: y1 - y0 + 2 * air };
-    },
-  };
+function airy(bounds) {
+  if (!bounds) return { x: 0, y: 0, width: 1, height: 1 };
+  const [x0, x1, y0, y1] = bounds, air = 0.06 * Math.max(x1 - x0, y1 - y0, 0.2);
+  return { x: (x0 + x1) / 2, y: (y0 + y1) / 2, width: x1 - x0 + 2 * air, height: y1 - y0 + 2 * air };
 }
 
 // Metres ↔ pixels of a drawing of this size.
@@ -58,9 +33,12 @@ function projection(view, width, height) {
 // Everything of one scene; `chosen` is the row of an object that is marked, or -1.
 function drawScene(pen, width, height, scene, colours) {
   const { s, k, world, chosen } = scene, p = projection(scene.view, width, height), frame = frameOf(s, k, world), names = [];
+  pen.save(); pen.beginPath(); pen.rect(MARGIN.left, MARGIN.top, p.w, p.h); pen.clip();
+  if (world) drawMap(pen, p, frame.origin, colours);
+  pen.restore();
   axes(pen, p, frame.origin, colours);
   pen.save(); pen.beginPath(); pen.rect(MARGIN.left, MARGIN.top, p.w, p.h); pen.clip();
-  if (world) { drawWalls(pen, p, frame.origin, colours); drawPath(pen, s, k, p, colours); }
+  if (world) drawPath(pen, s, k, p, colours);
   if (frame.known) {
     const active = drawOutlines(pen, s, k, p, frame, colours, names);
     if (s.raw) drawPoints(pen, s, k, p, frame, colours, active);
@@ -163,7 +141,7 @@ function drawBox(pen, s, j, p, frame, colours, names, marked) {
 
 // Agents are triangles, objects circles; hollow where the thing is hidden in this sweep. The arrow is the way of a second.
 function drawTracks(pen, s, k, p, frame, colours, names, world) {
-  const found = paths(s, k, world ? Infinity : PATH_SECONDS, world ? Infinity : PATH_SWEEPS, world);
+  const found = paths(s, k, world ? WORLD_SECONDS : PATH_SECONDS, PATH_SWEEPS, world);
   const named = found.filter((one) => one.over).length <= MOST_NUMBERS;
   for (const one of found) {
     const points = one.points.map(([x, y]) => frame.ground(x, y)).filter(([x]) => !isNaN(x));
@@ -193,13 +171,18 @@ function drawTracks(pen, s, k, p, frame, colours, names, world) {
   }
 }
 
-// Cells of the world that beams of any sweep have hit that lie on no object.
-function drawWalls(pen, p, origin, colours) {
-  const walls = data.walls, side = walls ? walls.cell * p.scale : 0;
-  pen.fillStyle = colours.light;
-  for (let n = 0; walls && n < walls.x.length; n++) {
-    const x = walls.origin[0] + (walls.x[n] - 0.5) * walls.cell - origin[0], y = walls.origin[1] + (walls.y[n] + 0.5) * walls.cell - origin[1];
-    pen.fillRect(p.X(x), p.Y(y), side, side);
+// The map: what beams of any sweep have hit, what they have passed, and in the colour of the ground what nobody knows.
+function drawMap(pen, p, origin, colours) {
+  const map = data.map, side = map ? map.cell * p.scale : 0;
+  if (!map) return;
+  pen.fillStyle = colours.raised; pen.fillRect(MARGIN.left, MARGIN.top, p.w, p.h);
+  for (const [runs, colour] of [[map.free, colours.paper], [map.occupied, colours.light]]) {
+    pen.fillStyle = colour;
+    for (let n = 0; n < runs.row.length; n++) {
+      const x = map.origin[0] + runs.column[n] * map.cell - origin[0], y = map.origin[1] + (runs.row[n] + 1) * map.cell - origin[1];
+      // Runs that meet leave no seam.
+      pen.fillRect(p.X(x), p.Y(y), runs.length[n] * side + 0.3, side + 0.3);
+    }
   }
 }
 
