@@ -131,8 +131,13 @@ def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> byte
         return file_bytes(map_figure(picture, look=look), suffix, look.dpi)
 
 
-def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_COMES) -> Figure:
-    """Return a figure whose map is `longest` [inch] at its longest side; call it within `project_style`."""
+def map_figure(
+    picture: MapPicture, longest: float = LONG, look: Look = AS_IT_COMES, greys: Greys | None = None
+) -> Figure:
+    """Return a figure whose map is `longest` [inch] at its longest side; call it within `project_style`.
+
+    Without `greys` they are those of a map by itself.
+    """
     limits = limits_of(picture)
     left, right, low, high = limits
     width, height = right - left, high - low
@@ -144,7 +149,7 @@ def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_CO
     figure = new_figure(look.inches(size[0] + BESIDE), size[1] + 0.9)
     axes = figure.add_subplot()
     occupied = OCCUPIED_GREY if picture.snapshot is None else BEHIND_GREY
-    map_panel(axes, picture, limits, (occupied, FREE_GREY, UNKNOWN_GREY))
+    map_panel(axes, picture, limits, greys or (occupied, FREE_GREY, UNKNOWN_GREY))
     if picture.title and look.title:
         axes.set_title(printable(picture.title), loc="left")
     if look.legend:
