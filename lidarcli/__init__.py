@@ -33,8 +33,9 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.api.differing import diff
     from lidarcli.pipeline.api.finding import Tables, detect, tables, track
     from lidarcli.pipeline.api.logs import background, info, map, poses, read
+    from lidarcli.pipeline.api.overlaying import overlay
     from lidarcli.pipeline.api.showing import RunReport, plot, report
-    from lidarcli.pipeline.api.writing import export, overlay, simulate
+    from lidarcli.pipeline.api.writing import export, simulate
     from lidarcli.pipeline.api.zoning import zones
     from lidarcli.pipeline.detecting import TrackTables
     from lidarcli.pipeline.differing import Difference
@@ -59,8 +60,9 @@ _HOMES = {
     "lidarcli.pipeline.api.cleaning": ("clean",),
     "lidarcli.pipeline.api.finding": ("Tables", "detect", "tables", "track"),
     "lidarcli.pipeline.api.logs": ("background", "info", "map", "poses", "read"),
+    "lidarcli.pipeline.api.overlaying": ("overlay",),
     "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
-    "lidarcli.pipeline.api.writing": ("export", "overlay", "simulate"),
+    "lidarcli.pipeline.api.writing": ("export", "simulate"),
     "lidarcli.pipeline.api.zoning": ("zones",),
     "lidarcli.pipeline.detecting": ("TrackTables",),
     "lidarcli.pipeline.differing": ("Difference",),

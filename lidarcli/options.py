@@ -483,6 +483,7 @@ class Finding(Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges,
     ]
 
 
+_COLUMNS = "Columns to keep, comma separated, in this order."
 _MEMORY = "Decide what is a thing, and its shape, by all sweeps that saw it, not by each sweep alone."
 
 
@@ -525,10 +526,16 @@ class Tabling(Tracking, Beams, total=False):
     """Keywords of `tables`."""
 
     columns: Annotated[
-        str | Iterable[str] | None,
-        Option(OUTPUT, Text("LIST", parse_names, is_list=True), shown="all"),
-        "Columns to keep, in this order, in each table those that it has; 'brief': a few of each table that tell what was "
-        "where (docs/python.md).",
+        str | Iterable[str],
+        Option(
+            OUTPUT,
+            Text("LIST", parse_names, is_list=True),
+            "",
+            shown="all",
+            python="Python also takes a list. Each table keeps those that it has; 'brief': a few of each that tell what "
+            "was where.",
+        ),
+        _COLUMNS,
     ]
 
 
@@ -864,5 +871,5 @@ class Exporting(TypedDict, total=False):
             shown="all",
             python="Python also takes a list.",
         ),
-        "Columns to write, comma separated, in this order.",
+        _COLUMNS,
     ]

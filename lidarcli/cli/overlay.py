@@ -42,7 +42,7 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
         refuse_finding(OF_FINDING)
 
     from lidarcli.machine import keep_freed_memory
-    from lidarcli.pipeline.api.writing import overlay_options
+    from lidarcli.pipeline.api.overlaying import overlay_options
     from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
     from lidarcli.pipeline.runs.outcomes import outcome_of

@@ -137,6 +137,23 @@ def test_paths_in_a_picture_are_those_of_the_files(tracked: Any, frames: Any, fi
     assert lidarcli.plot(batch, 60, tracks=tracked, view="scene")
 
 
+class OfAnother:
+    """A table of a library that hands out Arrow streams."""
+
+    def __init__(self, table: pa.Table) -> None:
+        self._table = table
+        self.columns = table.column_names
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        return self._table.__arrow_c_stream__(requested_schema)
+
+
+def test_tables_of_other_libraries(tracked: Any, tmp_path: Path) -> None:
+    found = lidarcli.report([OfAnother(table) for table in tracked])
+    assert found.as_dict() == lidarcli.report(tracked).as_dict()
+    assert lidarcli.export(OfAnother(tracked.tracks), tmp_path / "tracks.csv") == tracked.tracks.num_rows
+
+
 def test_what_is_no_table(tracked: Any, frames: Any) -> None:
     kinds = (
         r"^tables are named by their paths, or are what detect, track, tables and zones return, .*, not int$"

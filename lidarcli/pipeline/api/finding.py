@@ -155,8 +155,9 @@ def tables(
     more = [name for name in ("trajectories", "beams") if options[name]]
     names = ("objects", "sweeps", "tracks", *more)
     made = _found(log, names, parameters, options, tracking_of(options), progress)
-    if (columns := options["columns"]) is not None:
-        made = narrowed(made, parse_names(columns) if isinstance(columns, str) else tuple(columns))
+    columns = options["columns"]
+    if chosen := parse_names(columns) if isinstance(columns, str) else tuple(columns):
+        made = narrowed(made, chosen)
     frames = {name: _frame(table) for name, table in made.items()}
     remember(frames["objects"], [frames[name] for name in names[1:]])
     trajectories = frames.pop("trajectories", None)

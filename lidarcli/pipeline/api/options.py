@@ -28,16 +28,13 @@ from lidarcli.masks import Masks
 from lidarcli.option_forms import Number, Option, defaults_of, options_of, python_words
 from lidarcli.options import Objects, Paths
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
-from lidarcli.pipeline.inputs.held import arrow_of, is_table, pairs_of
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.pipeline.reading.pose_sources import NONE, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, summed
 from lidarcli.range_rules import RangeRules, parse_no_return
 from lidarcli.screen import Screen, byte_bar, count_bar
-from lidarcli.tabular.reading import HeldTable
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
@@ -203,66 +200,11 @@ def several(values: Paths) -> list[str]:
     if isinstance(values, str | PathLike):
         return [fspath(values)]
     # A data frame would give the names of its columns one by one.
-    if not isinstance(values, Iterable) or is_table(values):
+    if not isinstance(values, Iterable) or hasattr(values, "columns"):
         raise TypeError(
             f"logs, files and outputs are named by their paths, not given as {type(values).__name__}"
         )
     return [path_text(each) for each in values]
-
-
-def tables_of(values: Any) -> list[str | Pair]:
-    """Return tables, each named by a path or in memory: those of a tuple that a function returned belong together.
-
-    Raises
-    ------
-    TypeError
-        One is neither a path nor a table.
-    OptionError
-        One is no table of lidarcli, or two of a kind are of the same log.
-    """
-    found: list[str | Pair] = []
-    loose: list[Any] = []
-    for each in _each_table(values):
-        if isinstance(each, str):
-            found.append(each)
-        elif isinstance(each, list):
-            found += pairs_of(each)
-        else:
-            loose.append(each)
-    return [*found, *pairs_of(loose)] if loose else found
-
-
-def tables_to_export(values: Any) -> list[str | HeldTable]:
-    """Return tables of any kind, each named by a path or in memory (`TypeError` if one is neither)."""
-    given = [*_each_table(values)]
-    if any(isinstance(each, list) for each in given):
-        raise TypeError("tables of one kind are exported at a time: give one of these, as .objects")
-    return [each if isinstance(each, str) else HeldTable("the table", arrow_of(each)) for each in given]
-
-
-def _each_table(values: Any) -> Iterator[Any]:
-    """Yield the path of each table as text, a table itself, or the list of those that a function returned together."""
-    made = isinstance(values, tuple) and hasattr(values, "_fields")
-    given = [values] if isinstance(values, str | PathLike) or is_table(values) or made else values
-    if not isinstance(given, Iterable) or isinstance(given, Mapping):
-        raise TypeError(_no_table(values))
-    for each in given:
-        if isinstance(each, str | PathLike):
-            yield fspath(each)
-        elif is_table(each):
-            yield each
-        elif isinstance(each, tuple) and hasattr(each, "_fields"):
-            together = [*each, getattr(each, "trajectories", None)]
-            yield [table for table in together if table is not None]
-        else:
-            raise TypeError(_no_table(each))
-
-
-def _no_table(value: Any) -> str:
-    return (
-        "tables are named by their paths, or are what detect, track, tables and zones return, Arrow tables or data frames, "
-        f"not {type(value).__name__}"
-    )
 
 
 def path_text(value: Any) -> str:

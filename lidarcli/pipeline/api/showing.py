@@ -20,9 +20,9 @@ from lidarcli.pipeline.api.options import (
     paths_of,
     refuse_reading,
     several,
-    tables_of,
     with_keywords,
 )
+from lidarcli.pipeline.inputs.held import tables_of
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import Pair, table_files
 from lidarcli.pipeline.inputs.zones import read_zones

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import sys
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike, fspath
 from typing import Any
 
 import pyarrow as pa
@@ -93,6 +94,61 @@ def pairs_of(tables: Sequence[Any]) -> list[HeldPair]:
             held[kind] = _told_of(table.slice(0, 0) if part is None else part, log, [*logs])
         found.append(HeldPair(f"{log}." if log else "", ".parquet", held))
     return found
+
+
+def tables_of(values: Any) -> list[str | Pair]:
+    """Return tables, each named by a path or in memory: those of a tuple that a function returned belong together.
+
+    Raises
+    ------
+    TypeError
+        One is neither a path nor a table.
+    OptionError
+        One is no table of lidarcli, or two of a kind are of the same log.
+    """
+    found: list[str | Pair] = []
+    loose: list[Any] = []
+    for each in _each_table(values):
+        if isinstance(each, str):
+            found.append(each)
+        elif isinstance(each, list):
+            found += pairs_of(each)
+        else:
+            loose.append(each)
+    return [*found, *pairs_of(loose)] if loose else found
+
+
+def tables_to_export(values: Any) -> list[str | HeldTable]:
+    """Return tables of any kind, each named by a path or in memory (`TypeError` if one is neither)."""
+    given = [*_each_table(values)]
+    if any(isinstance(each, list) for each in given):
+        raise TypeError("tables of one kind are exported at a time: give one of these, as .objects")
+    return [each if isinstance(each, str) else HeldTable("the table", arrow_of(each)) for each in given]
+
+
+def _each_table(values: Any) -> Iterator[Any]:
+    """Yield the path of each table as text, a table itself, or the list of those that a function returned together."""
+    made = isinstance(values, tuple) and hasattr(values, "_fields")
+    given = [values] if isinstance(values, str | PathLike) or is_table(values) or made else values
+    if not isinstance(given, Iterable) or isinstance(given, Mapping):
+        raise TypeError(_no_table(values))
+    for each in given:
+        if isinstance(each, str | PathLike):
+            yield fspath(each)
+        elif is_table(each):
+            yield each
+        elif isinstance(each, tuple) and hasattr(each, "_fields"):
+            together = [*each, getattr(each, "trajectories", None)]
+            yield [table for table in together if table is not None]
+        else:
+            raise TypeError(_no_table(each))
+
+
+def _no_table(value: Any) -> str:
+    return (
+        "tables are named by their paths, or are what detect, track, tables and zones return, Arrow tables or data frames, "
+        f"not {type(value).__name__}"
+    )
 
 
 def _is_frame(value: Any) -> bool:
