@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import reduce
 from pathlib import Path
 
+import numpy as np
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
@@ -149,3 +150,18 @@ def test_a_folder_of_logs_is_read_in_spite_of_the_bad_ones(
     assert "format 1.2" in err
     assert "720 sweeps" in err
     assert len(list(tmp_path.rglob("*.sweeps.parquet"))) == 2
+
+
+def test_what_stands_is_where_it_was_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A strip that was seen 97 times once lay 0.83 m beside all of its sightings: learning the poses carried it away."""
+    log = REAL_LOGS / "comprobo24/test-bag"
+    assert run(["-q", "track", str(log), "--topic", "/scan", "-o", str(tmp_path)]) == 0, capsys.readouterr()
+    tracks, objects = (
+        pq.read_table(tmp_path / f"test-bag.{kind}.parquet").to_pandas() for kind in ("tracks", "objects")
+    )
+    often = tracks[(tracks["set"] == "O") & (tracks["sweeps"] >= 30) & (tracks["shape"] != "legged")]
+    assert len(often) >= 5
+    for thing in often.itertuples():
+        seen = objects[objects["track"] == thing.track]
+        away = np.hypot(thing.x - seen["world_x"].median(), thing.y - seen["world_y"].median())
+        assert away < 0.4, thing.track

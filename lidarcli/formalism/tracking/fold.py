@@ -555,6 +555,8 @@ def learn_pose_error(
 
 def follow_effect(correction: Correction, bodies: Bodies, a: int, gain: float, axis: int) -> None:
     """Mix the effect of a measurement into that of the twin, with the gain of its update."""
+    # Where the extent is not known the gain of the centre may be any; what is mixed again and again would grow for ever.
+    gain = min(max(gain, 0.0), 1.0)
     for i in range(3):
         at = 3 * a + i
         bodies.effect[at] += gain * (correction.effect[3 * axis + i] - bodies.effect[at])
