@@ -374,7 +374,7 @@ def _agents_of(tracks: list[_Track], paths: _Paths, sweeps: Int64, pose: Float64
             continue
         onset = int(np.searchsorted(paths.stamp_ns[mine], track.moved_at_ns))
         onset = mine.start + min(onset, count - 1)
-        first = min(_sets_out(paths, slice(mine.start, onset)), onset)
+        first = _sets_out(paths, slice(mine.start, onset))
         since[track.number] = int(paths.sweep[first])
         sure = first + np.flatnonzero(paths.sd[first : mine.stop] <= MOST_SD)
         rows.append(sure)
@@ -411,7 +411,7 @@ def _sets_out(paths: _Paths, rows: slice) -> int:
     before = np.searchsorted(stamp_ns, stamp_ns - SECOND_NS)
     way = np.hypot(x - x[before], y - y[before])
     least = LEAST_SPEED * 1e-9 * (stamp_ns - stamp_ns[before])
-    stands = np.flatnonzero(way <= np.maximum(least, MOVING_SDS * np.sqrt(var + var[before])))[-1]
+    stands = np.flatnonzero(~(way > np.maximum(least, MOVING_SDS * np.sqrt(var + var[before]))))[-1]
     # What is on its way so soon after it was first seen was so before.
     return int(rows.start) + int(0 if before[stands] == 0 else stands)
 
@@ -475,11 +475,12 @@ def doubted(pair: Pair) -> list[str]:
         sweeps = row["last_sweep"] + 1 - row["first_sweep"]
         if row["duration"] >= LONG and sweeps - row["sweeps"] > MOST_HIDDEN * sweeps:
             hidden.add((row["topic"], row["track"]))
-    topics, (track, _), beams = _names(rows["topic"]), held(rows["track"]), numbers(rows["beams"])
+    topics, agents = _names(rows["topic"]), _names(rows["set"]) == "A"
+    (track, _), beams = held(rows["track"]), numbers(rows["beams"])
     places = np.column_stack([numbers(rows[name]) for name in names])
     lines = []
     for topic in np.unique(topics).tolist():
-        mine = np.flatnonzero((topics == topic) & (_names(rows["set"]) == "A"))
+        mine = np.flatnonzero(agents & (topics == topic))
         mine = mine[np.argsort(track[mine], kind="stable")]
         on_robot = on_hidden = 0
         for some in np.split(mine, np.flatnonzero(np.diff(track[mine])) + 1) if len(mine) else ():
