@@ -41,7 +41,6 @@ from lidarcli.formalism.mapping.occupancy import (
 )
 from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, Fit, fit, search
 from lidarcli.formalism.matching.differences import (
-    BESIDE,
     GONE,
     MOVED,
     NEW,
@@ -51,8 +50,8 @@ from lidarcli.formalism.matching.differences import (
     Changes,
     Compared,
     Run,
-    within,
 )
+from lidarcli.formalism.matching.extents import BESIDE, measured, within
 from lidarcli.formalism.matching.ground import SEEN_FREE, Ground, Nearest, Surveying, of_map
 from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, proposals
 from lidarcli.formalism.tracking.results import ENDS
@@ -494,7 +493,10 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
         shape=np.array(shapes, np.int32)[at],
         label=np.array(labels, np.int32)[at],
     )
-    run = Run(things, np.nan_to_num(number["yaw"][at]), grounds.get(key), places.get(key, np.empty((0, 2))))
+    yaw, ground = np.nan_to_num(number["yaw"][at]), grounds.get(key)
+    if ground is not None:
+        things, yaw = measured(things, yaw, ground)
+    run = Run(things, yaw, ground, places.get(key, np.empty((0, 2))))
     return Seen(
         name,
         run,

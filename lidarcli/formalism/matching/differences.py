@@ -15,8 +15,18 @@ import numpy as np
 
 from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, LEAST_SCORE
 from lidarcli.formalism.mapping.occupancy import UNKNOWN
+from lidarcli.formalism.matching.extents import (
+    BESIDE,
+    LINKED,
+    box_of,
+    clusters,
+    rectangle,
+    same_sizes,
+    unseen_ends,
+    within,
+)
 from lidarcli.formalism.matching.ground import SEEN_FREE, Ground, Nearest
-from lidarcli.formalism.matching.runs import HERE, Motion, Standing, alike, placed_at
+from lidarcli.formalism.matching.runs import HERE, Motion, Standing, alike, area, placed_at
 from lidarcli.sweeps import Bool, Float64, Int8, Int64, record
 
 THING, STRUCTURE = range(len(CHANGE_KINDS))
@@ -28,8 +38,6 @@ SAME_PLACE = 0.2
 """[m] A thing is in its place up to this distance, …"""
 PLACE_SD, UNSIZED_SD = 0.03, 0.1
 """[m] … or three standard deviations: of a thing whose sizes are known, and of others."""
-VIEW_SIZE_SD, WRONG_VIEW = 0.03, 0.02
-"""[m] Standard deviation between two sizes of one thing that is seen from other sides, and the share of wrong ones."""
 REPLACED = 0.02
 """Odds of another thing having taken the place of one, against it being the same."""
 MOVES = 1.0
@@ -40,8 +48,6 @@ FREE_SHARE = 0.5
 """Least share of where a thing was hit that has been seen free."""
 ANY_FREE = 0.25
 """Least share of where a thing was hit that becomes free where it is moved by less than its size."""
-BESIDE = 0.05
-"""[m] Points this far around a box belong to its thing."""
 EXPLAINED = 0.15
 """[m] Changed cells this far around a thing belong to it."""
 CHANGED = 0.15
@@ -50,16 +56,12 @@ SMALLEST_CHANGE = 0.3
 """[m] Least extent of a change of the structure."""
 LEAST_CELLS = 4
 """Least number of cells of a change of the structure."""
-LINKED = 0.11
-"""[m] Greatest step between changed cells of one cluster, along each axis; of coarse cells a little over two."""
 AROUND = 0.5
 """[m] What is this near to a place tells that it was in view."""
 MOST_STATIONS = 40
 """Greatest number of places of the sensor from which a thing may have been hidden."""
 ROUNDS = 60
 """Rounds of belief propagation."""
-SMALLEST_SIDE = 0.06
-"""[m] Least side of a box."""
 
 
 @record
@@ -178,11 +180,7 @@ class Compared:
 
     def _box(self, side: int, k: int) -> Float64:
         """Return x, y, yaw, length and width of a thing; sizes that are unknown are guessed."""
-        things = self._things[side]
-        length, width = float(things.length[k]), float(things.width[k])
-        length = SMALLEST_SIDE if not length > SMALLEST_SIDE else length
-        width = min(length, 2.0 * UNSIZED_SD) if not width > 0 else max(width, SMALLEST_SIDE)
-        return np.array([things.x[k], things.y[k], self._yaw[side][k], length, width])
+        return box_of(self._things[side], self._yaw[side], k)
 
     def _hit(self, side: int, box: Float64) -> Float64:
         """Return (K, 2) the occupied points of a run in a box, in the coordinates of the first run."""
@@ -220,10 +218,13 @@ class Compared:
         """
         away, sd = self._away()
         left, came = (np.array([spot.free < ANY_FREE for spot in each], np.bool_) for each in spots)
-        size = self._least_size()
-        near: Bool = (away <= np.maximum(SAME_PLACE, 3.0 * sd)) | (
-            (away <= 0.5 * size) & left[:, None] & came
-        )
+        a, b = (np.column_stack([each.x, each.y]) for each in self._things)
+        inside = np.zeros(away.shape, np.bool_)
+        for i in range(len(a)):
+            inside[i] |= within(b, self._box(0, i), BESIDE)
+        for j in range(len(b)):
+            inside[:, j] |= within(a, self._box(1, j), BESIDE)
+        near: Bool = (away <= np.maximum(SAME_PLACE, 3.0 * sd)) | (inside & left[:, None] & came)
         return near
 
     def _least_size(self) -> Float64:
@@ -247,7 +248,7 @@ class Compared:
         like = alike(a, b)
         sd = np.maximum(sd, SAME_PLACE / 3.0)
         off = np.minimum(away / sd, 3.0)
-        views = alike(a, b, VIEW_SIZE_SD, WRONG_VIEW)
+        views = same_sizes(a, b, self._unseen(0), self._unseen(1))
         # What was seen through where the other one stands has to be as large.
         some_free = self._some_free(spots)
         stays = np.exp(np.where(some_free, np.minimum(views, like), like) - 0.5 * off**2) / REPLACED
@@ -255,9 +256,22 @@ class Compared:
         named = (a.label >= 0)[:, None] & (a.label[:, None] == b.label)
         size = self._least_size()
         left, came = (np.array([spot.is_free for spot in each], np.bool_) for each in spots)
-        may = (sized | named) & ((left[:, None] & came) | (away <= size))
-        moves = np.where(may, MOVES * np.exp(views) * (1.0 + away) ** -MOVES_POWER, 0.0)
+        stuck = np.array([spot.free < ANY_FREE for spot in spots[0]])[:, None] & np.array([spot.free < ANY_FREE for spot in spots[1]])
+        may = (sized | named) & ((left[:, None] & came) | ((away <= size) & ~stuck))
+        room = area(a, b)
+        import os
+        M=float(os.environ.get('MOVES','1'))
+        moves = np.where(may, M * np.exp(views) * room / (20*(1.0 + away)), 0.0)
+        self.debug = dict(views=views, may=may, moves=moves, like=like, unseen=(self._unseen(0),self._unseen(1)))
         return _marginals(np.where(self._in_place(spots), stays, moves))
+
+    def _unseen(self, side: int) -> Float64:
+        """Return (N, 2) how far length and width of each thing may go on where its own run saw nothing [m]."""
+        run, count = self._runs[side], len(self._things[side])
+        if run.ground is None:
+            return np.zeros((count, 2))
+        each = [unseen_ends(box_of(run.things, run.yaw, k), run.ground) for k in range(count)]
+        return np.array(each).reshape(count, 2)
 
     def _some_free(self, spots: tuple[list[Spot], ...]) -> Bool:
         """Return (N, M) whether some of the place of either thing of each pair was seen free."""
@@ -286,7 +300,7 @@ class Compared:
             # It was moved, but nobody knows which one it is.
             pass
         elif spot.is_free:
-            status, score = (GONE if side == 0 else NEW), alone * spot.certainty
+            status, score = (GONE if side == 0 else NEW), (1.0 - there) * spot.certainty
         elif np.isnan(spot.free):
             why, score = NO_FREE_SPACE, 0.0
         elif self._is_other(side, k, near, spots):
@@ -305,7 +319,7 @@ class Compared:
         if status != UNCERTAIN:
             why = CERTAIN
             if score < self._least:
-                status, why = UNCERTAIN, SHORT if spot.is_free and alone >= self._least else AMBIGUOUS
+                status, why = UNCERTAIN, SHORT if spot.is_free and not there else AMBIGUOUS
                 partner = -1
         taken[side].add(k)
         if partner >= 0:
@@ -405,8 +419,8 @@ class Compared:
         at = np.flatnonzero(changed)
         looks = here.seen(*self._motions[side].inverse.of(points[at, 0], points[at, 1]))
         others = there.seen(x[at], y[at])
-        for cluster in _clusters(points[at], max(LINKED, 2.1 * here.resolution)):
-            box = _rectangle(points[at[cluster]])
+        for cluster in clusters(points[at], max(LINKED, 2.1 * here.resolution)):
+            box = rectangle(points[at[cluster]])
             if len(cluster) < LEAST_CELLS or box[3] < SMALLEST_CHANGE:
                 continue
             sweeps = int(np.median(passed[at[cluster]]))
@@ -501,16 +515,6 @@ def _marginals(weight: Float64) -> Float64:
     return result
 
 
-def within(points: Float64, box: Float64, around: float) -> Bool:
-    """Return (K,) whether points are in a box (x, y, yaw, length, width), or this far around it [m]."""
-    x, y = points[:, 0] - box[0], points[:, 1] - box[1]
-    cos, sin = math.cos(box[2]), math.sin(box[2])
-    inside: Bool = (np.abs(cos * x + sin * y) <= 0.5 * box[3] + around) & (
-        np.abs(cos * y - sin * x) <= 0.5 * box[4] + around
-    )
-    return inside
-
-
 def _filled(box: Float64) -> Float64:
     """Return (K, 2) places all over a box."""
     along = np.linspace(-0.5, 0.5, max(3, int(box[3] / 0.05))) * box[3]
@@ -518,50 +522,3 @@ def _filled(box: Float64) -> Float64:
     u, v = (part.ravel() for part in np.meshgrid(along, across))
     cos, sin = math.cos(box[2]), math.sin(box[2])
     return np.column_stack([box[0] + cos * u - sin * v, box[1] + sin * u + cos * v])
-
-
-def _clusters(points: Float64, linked: float) -> list[Int64]:
-    """Return the indices of the points of each cluster, whose steps are `linked` along each axis at most [m]."""
-    if not len(points):
-        return []
-    cell = np.floor(points / linked).astype(np.int64)
-    cell -= cell.min(axis=0) - 1
-    across = int(cell[:, 0].max()) + 2
-    keys, which = np.unique(cell[:, 1] * across + cell[:, 0], return_inverse=True)
-    group = np.arange(len(keys))
-    links = []
-    for step in (1, across - 1, across, across + 1):
-        at = np.minimum(np.searchsorted(keys, keys + step), len(keys) - 1)
-        joined = np.flatnonzero(keys[at] == keys + step)
-        links.append(np.column_stack([joined, at[joined]]))
-    pairs = np.concatenate(links)
-    while True:
-        least = np.minimum(group[pairs[:, 0]], group[pairs[:, 1]])
-        before = group.copy()
-        np.minimum.at(group, pairs[:, 0], least)
-        np.minimum.at(group, pairs[:, 1], least)
-        group = group[group]
-        if (group == before).all():
-            break
-    which = group[which]
-    return [np.flatnonzero(which == one) for one in np.unique(which)]
-
-
-def _rectangle(points: Float64) -> Float64:
-    """Return x, y, yaw, length and width of the rectangle along the points [m, rad]."""
-    middle = points.mean(axis=0)
-    off = points - middle
-    xx, xy, yy = (off[:, 0] ** 2).mean(), (off[:, 0] * off[:, 1]).mean(), (off[:, 1] ** 2).mean()
-    yaw = 0.5 * math.atan2(2.0 * xy, xx - yy)
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    u, v = cos * off[:, 0] + sin * off[:, 1], cos * off[:, 1] - sin * off[:, 0]
-    along, across = 0.5 * (u.min() + u.max()), 0.5 * (v.min() + v.max())
-    return np.array(
-        [
-            middle[0] + cos * along - sin * across,
-            middle[1] + sin * along + cos * across,
-            yaw,
-            np.ptp(u),
-            np.ptp(v),
-        ]
-    )
