@@ -44,7 +44,6 @@ from lidarcli.formalism.matching.differences import (
     GONE,
     MOVED,
     NEW,
-    SAME_PLACE,
     STRUCTURE,
     THING,
     Changes,
@@ -53,6 +52,7 @@ from lidarcli.formalism.matching.differences import (
 )
 from lidarcli.formalism.matching.extents import BESIDE, measured, within
 from lidarcli.formalism.matching.ground import SEEN_FREE, Ground, Nearest, Surveying, of_map
+from lidarcli.formalism.matching.pairs import SAME_PLACE
 from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, proposals
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.maps.mapserver import image_of, read_map
@@ -78,7 +78,7 @@ from lidarcli.tabular.stream import write_stream
 from lidarcli.tabular.writing import SOURCE, table_metadata
 from lidarcli.times import SECOND_NS
 
-AUTO, AS_IS, SEARCH = ALIGN
+AUTO, AS_IS, _ = ALIGN
 MOST_THINGS = 2000
 """Most standing things of a run: each is compared with all of another one."""
 LEAST_SWEEPS, LEAST_SECONDS = 10, 2.0

@@ -1,7 +1,7 @@
-"""Extents of standing things by what their run saw of the ground (§3, matching), and how like those of two runs are.
+"""Extents of standing things by what their run saw of the ground around them (§3, matching).
 
-A track measures a thing sweep by sweep; of one that is partly hidden, or seen from many places, all hits together tell more.
-A side ends where free ground was seen beyond it. Where nothing was seen there, it may go on, and its length is a least one.
+A track measures a thing sweep by sweep. Of one that is partly hidden, or seen from many places, all hits together tell
+more. A side ends where free ground was seen beyond it; where nothing was seen there, it may go on.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from lidarcli.formalism.matching.catalogue import LARGEST_SIZE
 from lidarcli.formalism.matching.ground import SEEN_FREE, Ground
-from lidarcli.formalism.matching.runs import SIZE_RANGE, Standing, coded
+from lidarcli.formalism.matching.runs import Standing
 from lidarcli.sweeps import Bool, Float64, Int64
 
 BESIDE = 0.05
@@ -31,12 +31,6 @@ OUTSIDE = 0.1
 """[m] Hits of a thing that are farther outside of its box show that its track measured too little of it."""
 MEASURED_SD = 0.01
 """[m] Standard deviation of a side that was measured by occupied cells."""
-VIEW_SIZE_SD, WRONG_VIEW = 0.02, 0.02
-"""[m] Standard deviation between two sizes of one thing that is seen from other sides, and the share of wrong ones."""
-GRAZING_SD = 0.1
-"""Standard deviation of a side, as a share of what was not seen at its ends: the last beams on it are as far apart."""
-HALF_ENDS = 0.6
-"""[m] Of sides with so much unseen ground at their ends, one in two ends where it was last seen."""
 EDGE_CELLS = 1.5
 """Cells at the edges of a face that may be seen free beside the thing."""
 NEAR_EDGE = 0.1
@@ -84,7 +78,9 @@ def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, 
     )
     yaw = yaw.copy()
     for k, mine in enumerate(hit):
-        points = ground.points[np.concatenate([groups[number] for number in mine])] if mine else np.empty((0, 2))
+        points = (
+            ground.points[np.concatenate([groups[number] for number in mine])] if mine else np.empty((0, 2))
+        )
         if len(points) < LEAST_HITS or np.ptp(points, axis=0).max() > LARGEST_SIZE:
             continue
         if any(claims[number] > 1 for number in mine):
@@ -121,8 +117,20 @@ def _turned(points: Float64, angle: float) -> tuple[Float64, Float64]:
     return cos * points[:, 0] + sin * points[:, 1], cos * points[:, 1] - sin * points[:, 0]
 
 
-def unseen_ends(box: Float64, ground: Ground) -> tuple[float, float]:
-    """Return how far length and width of a box may go on, at both ends together, until free ground [m]."""
+def unseen_ends(things: Standing, yaw: Float64, ground: Ground | None) -> Float64:
+    """Return (N, 2) how far length and width of things may go on, at both ends together, until free ground [m].
+
+    Parameters
+    ----------
+    ground : what their own run saw, in their coordinates; without one nothing is known to go on
+    """
+    if ground is None:
+        return np.zeros((len(things), 2))
+    found = [_unseen_ends(box_of(things, yaw, k), ground) for k in range(len(things))]
+    return np.array(found, np.float64).reshape(len(things), 2)
+
+
+def _unseen_ends(box: Float64, ground: Ground) -> tuple[float, float]:
     step = 0.5 * ground.resolution
     past = np.arange(0.5, LARGEST_SIZE / step) * step
     found = []
@@ -139,49 +147,6 @@ def unseen_ends(box: Float64, ground: Ground) -> tuple[float, float]:
             more += float(past[int(np.argmax(free))]) if free.any() else LARGEST_SIZE
         found.append(min(more, max(LARGEST_SIZE - 2.0 * along, 0.0)))
     return found[0], found[1]
-
-
-def same_sizes(a: Standing, b: Standing, more_a: Float64, more_b: Float64) -> Float64:
-    """Return (N, M) the log-likelihood ratio of two things being one, by their sizes, shapes and labels.
-
-    Parameters
-    ----------
-    more_a, more_b : (N, 2), (M, 2) how far length and width may go on where nothing was seen [m]
-    """
-    one, other = _sides(a, more_a), _sides(b, more_b)
-    straight = _side(one[0], other[0]) + _side(one[1], other[1])
-    # Of which side too little was seen, nobody knows whether it is the longer one.
-    crossed = _side(one[0], other[1]) + _side(one[1], other[0])
-    result: Float64 = np.maximum(straight, crossed) + coded(a, b)
-    return result
-
-
-Sides = tuple[Float64, Float64, Float64]
-"""Sizes of things, their standard deviations, and how far they may go on [m]."""
-
-
-def _sides(things: Standing, more: Float64) -> tuple[Sides, Sides]:
-    # Of what is taken for a disc only one size was measured.
-    width = np.where(things.width == things.length, np.nan, things.width)
-    return (
-        (things.length, np.hypot(np.nan_to_num(things.length_sd), GRAZING_SD * more[:, 0]), more[:, 0]),
-        (width, np.hypot(np.nan_to_num(things.width_sd), GRAZING_SD * more[:, 1]), more[:, 1]),
-    )
-
-
-def _side(one: Sides, other: Sides) -> Float64:
-    """Return (N, M) the log-likelihood ratio of two sides being one, each as it was measured or anywhere up to its most."""
-    (a, a_sd, a_more), (b, b_sd, b_more) = one, other
-    sd = np.hypot(np.hypot(a_sd[:, None], b_sd), VIEW_SIZE_SD)
-    a_ends, b_ends = (1.0 / (1.0 + (more / HALF_ENDS) ** 2) for more in (a_more, b_more))
-    right = np.zeros(sd.shape)
-    for p, p_chance in ((0.0 * a_more, a_ends), (a_more, 1.0 - a_ends)):
-        for q, q_chance in ((0.0 * b_more, b_ends), (b_more, 1.0 - b_ends)):
-            apart = np.maximum(np.maximum(a[:, None] - (b + q), b - (a + p)[:, None]), 0.0)
-            wide = np.hypot(math.sqrt(2.0 * math.pi) * sd, np.maximum(p[:, None], q))
-            right += p_chance[:, None] * q_chance / wide * np.exp(-0.5 * (apart / sd) ** 2)
-    ratio = np.log((1.0 - WRONG_VIEW) * SIZE_RANGE * right + WRONG_VIEW)
-    return np.where(np.isfinite(right), ratio, 0.0)
 
 
 def clusters(points: Float64, linked: float) -> list[Int64]:
