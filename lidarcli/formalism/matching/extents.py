@@ -7,8 +7,6 @@ more. A side ends where free ground was seen beyond it; where nothing was seen t
 from __future__ import annotations
 
 import math
-from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 
@@ -33,6 +31,9 @@ MEASURED_SD = 0.01
 """[m] Standard deviation of a side that was measured by occupied cells."""
 EDGE_CELLS = 1.5
 """Cells at the edges of a face that may be seen free beside the thing."""
+THIN = 0.15
+"""[m] Hits of several things are those of one thin wall if they lie within this width."""
+SIZES = ("length", "width")
 NEAR_EDGE = 0.1
 """[m] Points farther from all edges of a rectangle count as this."""
 TURNS = (np.radians(np.arange(-45.0, 45.0, 1.5)), np.radians(np.arange(-1.5, 1.75, 0.25)))
@@ -57,13 +58,13 @@ def within(points: Float64, box: Float64, around: float) -> Bool:
     return inside
 
 
-def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, Float64]:
-    """Return things, and the directions of their longer sides, by all that their run hit of them.
+def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, Float64, Int64]:
+    """Return things and the directions of their longer sides by all that their run hit of them, and their indices.
 
-    One whose hits go on into those of another one or of the building stays as it is.
+    One whose hits go on into those of another one or of the building stays as it is. Faces of one thin wall are one thing.
     """
     if not len(ground.points):
-        return things, yaw
+        return things, yaw, np.arange(len(things))
     owner = np.empty(len(ground.points), np.int64)
     groups = clusters(ground.points, max(LINKED, 2.1 * ground.resolution))
     for number, group in enumerate(groups):
@@ -72,25 +73,36 @@ def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, 
         np.unique(owner[within(ground.points, box_of(things, yaw, k), BESIDE)]).tolist()
         for k in range(len(things))
     ]
-    claims = Counter(number for mine in hit for number in mine)
-    x, y, length, width, length_sd, width_sd = (
-        getattr(things, name).copy() for name in ("x", "y", "length", "width", "length_sd", "width_sd")
-    )
+    claims: dict[int, list[int]] = {}
+    for k, mine in enumerate(hit):
+        for number in mine:
+            claims.setdefault(number, []).append(k)
+    sizes = {name: getattr(things, name).copy() for name in ("x", "y", *SIZES, "length_sd", "width_sd")}
     yaw = yaw.copy()
+    dropped: set[int] = set()
     for k, mine in enumerate(hit):
         points = (
             ground.points[np.concatenate([groups[number] for number in mine])] if mine else np.empty((0, 2))
         )
-        if len(points) < LEAST_HITS or np.ptp(points, axis=0).max() > LARGEST_SIZE:
+        if k in dropped or len(points) < LEAST_HITS or np.ptp(points, axis=0).max() > LARGEST_SIZE:
             continue
-        if any(claims[number] > 1 for number in mine):
+        others = {other for number in mine for other in claims[number]} - {k}
+        if (
+            not others
+            and np.isfinite(things.width[k])
+            and within(points, box_of(things, yaw, k), OUTSIDE).all()
+        ):
             continue
-        if np.isfinite(width[k]) and within(points, box_of(things, yaw, k), OUTSIDE).all():
+        box = rectangle(points)
+        if others and (box[4] > THIN or any(hit[other] != mine for other in others)):
             continue
-        x[k], y[k], yaw[k], length[k], width[k] = rectangle(points)
-        length_sd[k] = width_sd[k] = MEASURED_SD
-    sizes = {"length": length, "width": width, "length_sd": length_sd, "width_sd": width_sd}
-    return replace(things, x=x, y=y, **sizes), yaw
+        dropped |= others
+        for name, value in zip(("x", "y", "yaw", *SIZES), box.tolist(), strict=True):
+            (yaw if name == "yaw" else sizes[name])[k] = value
+        sizes["length_sd"][k] = sizes["width_sd"][k] = MEASURED_SD
+    kept = np.array([k for k in range(len(things)) if k not in dropped], np.int64)
+    found = {name: getattr(things, name) for name in Standing.__dataclass_fields__} | sizes
+    return Standing(**{name: values[kept] for name, values in found.items()}), yaw[kept], kept
 
 
 def rectangle(points: Float64) -> Float64:
