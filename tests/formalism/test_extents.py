@@ -33,7 +33,8 @@ def ground(*hits: Float64, unseen: Float64 | None = None) -> Ground:
 
 def line(x0: float, y0: float, x1: float, y1: float) -> Float64:
     steps = np.linspace(0.0, 1.0, 60)[:, None]
-    return np.array([x0, y0]) + steps * np.array([x1 - x0, y1 - y0])
+    points: Float64 = np.array([x0, y0]) + steps * np.array([x1 - x0, y1 - y0])
+    return points
 
 
 def standing(*rows: tuple[float, float, float, float]) -> Standing:

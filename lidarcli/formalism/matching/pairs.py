@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from lidarcli.formalism.matching.extents import BESIDE, box_of, within
-from lidarcli.formalism.matching.runs import SIZE_RANGE, Standing, alike, area, coded
+from lidarcli.formalism.matching.runs import LEAST_AREA, SIZE_RANGE, Standing, alike, coded
 from lidarcli.sweeps import Bool, Float64, record
 
 SAME_PLACE = 0.2
@@ -20,7 +20,7 @@ PLACE_SD, UNSIZED_SD = 0.03, 0.1
 """[m] … or three standard deviations: of a thing whose sizes are known, and of others."""
 REPLACED = 0.02
 """Odds of another thing having taken the place of one, against it being the same."""
-MOVES = 0.07
+MOVES = 0.08
 """Odds of a thing having been moved within its room, against one having gone and another one having come; near places are
 likelier by the inverse of 1 m and the distance."""
 FREE_SHARE = 0.5
@@ -108,14 +108,16 @@ def probabilities(a: Side, b: Side, near: Bool) -> Float64:
         (away <= np.fmin(length[:, None], width)) & ~(a.stays[:, None] & b.stays)
     )
     may &= (sized[0][:, None] & sized[1]) | named
-    moves = np.where(may, MOVES * _nearer(away, area(one, other)) * np.exp(same_sizes(a, b)), 0.0)
+    moves = np.where(may, MOVES * _nearer(away, one, other) * np.exp(same_sizes(a, b)), 0.0)
     return _marginals(np.where(near, stays, moves))
 
 
-def _nearer(away: Float64, room: float) -> Float64:
-    """Return how much likelier than anywhere in a room [m²] the new place of a thing is at a distance [m]."""
-    radius = math.sqrt(room / math.pi)
-    result: Float64 = room / (2.0 * math.pi * (radius - math.log1p(radius))) / (1.0 + away)
+def _nearer(away: Float64, one: Standing, other: Standing) -> Float64:
+    """Return how much likelier than anywhere in the room in which things stand their places at a distance [m] are."""
+    x, y = (np.concatenate([getattr(one, axis), getattr(other, axis)]) for axis in ("x", "y"))
+    # Of places all over a disc.
+    radius = math.sqrt(max(2.0 * float(np.var(x) + np.var(y)), LEAST_AREA / math.pi))
+    result: Float64 = 0.5 * radius**2 / (radius - math.log1p(radius)) / (1.0 + away)
     return result
 
 
