@@ -9,9 +9,11 @@ from tests.docs.constants import constants
 from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "diff.md").read_text(encoding="utf-8")
-MODULES = ("matching.differences", "matching.ground", "matching.alignment", "matching.runs")
+MODULES = tuple(
+    f"matching.{name}" for name in ("differences", "pairs", "extents", "ground", "alignment", "runs")
+)
 NUMERICAL = {
-    *("differences.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "runs.PROPOSALS_AT_ONCE"),
+    *("pairs.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "runs.PROPOSALS_AT_ONCE"),
     *(f"differences.{name}" for name in ("THING", "STRUCTURE", "KNOWN", "MOVED", "NEW", "GONE", "UNCERTAIN")),
     *(
         f"differences.{name}"

@@ -87,11 +87,7 @@ def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, 
         if k in dropped or len(points) < LEAST_HITS or np.ptp(points, axis=0).max() > LARGEST_SIZE:
             continue
         others = {other for number in mine for other in claims[number]} - {k}
-        if (
-            not others
-            and np.isfinite(things.width[k])
-            and within(points, box_of(things, yaw, k), OUTSIDE).all()
-        ):
+        if not others and within(points, box_of(things, yaw, k), OUTSIDE).all():
             continue
         box = rectangle(points)
         if others and (box[4] > THIN or any(hit[other] != mine for other in others)):

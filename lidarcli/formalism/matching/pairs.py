@@ -29,6 +29,8 @@ ANY_FREE = 0.25
 """Least share of where a thing was hit that becomes free where it is moved by less than its size."""
 VIEW_SIZE_SD, WRONG_VIEW = 0.02, 0.02
 """[m] Standard deviation between two sizes of one thing that is seen from other sides, and the share of wrong ones."""
+STANDING_SIZE_SD = 0.03
+"""[m] The same deviation of one that stands in a place of which some was seen free, whatever is hidden of its sides."""
 GRAZING_SD = 0.1
 """Standard deviation of a side, as a share of what was not seen at its ends: beams there are as far apart."""
 HALF_ENDS = 0.6
@@ -99,9 +101,9 @@ def probabilities(a: Side, b: Side, near: Bool) -> Float64:
     off = np.minimum(away / np.maximum(sd, SAME_PLACE / 3.0), 3.0)
     like = alike(one, other)
     # What was seen through where the other one stands has to be as large.
-    large = np.minimum(like, alike(one, other, VIEW_SIZE_SD, WRONG_VIEW))
+    large = np.minimum(like, alike(one, other, STANDING_SIZE_SD, WRONG_VIEW))
     stays = np.exp(np.where(some_free(a, b), large, like) - 0.5 * off**2) / REPLACED
-    sized = [np.isfinite(each.length + each.width) for each in (one, other)]
+    sized = [np.isfinite(each.length) for each in (one, other)]
     named = (one.label >= 0)[:, None] & (one.label[:, None] == other.label)
     length, width = (np.fmax(np.nan_to_num(each.length), SAME_PLACE) for each in (one, other))
     may = (a.left[:, None] & b.left) | (
