@@ -39,21 +39,20 @@ from lidarcli.formalism.mapping.occupancy import (
     UnlikeError,
     compare,
 )
-from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, Fit, fit, search
+from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, NEAR_HERE_TURN, Fit, fit, search
 from lidarcli.formalism.matching.differences import (
-    BESIDE,
     GONE,
     MOVED,
     NEW,
-    SAME_PLACE,
     STRUCTURE,
     THING,
     Changes,
     Compared,
     Run,
-    within,
 )
+from lidarcli.formalism.matching.extents import BESIDE, measured, within
 from lidarcli.formalism.matching.ground import SEEN_FREE, Ground, Nearest, Surveying, of_map
+from lidarcli.formalism.matching.pairs import SAME_PLACE
 from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, proposals
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.maps.mapserver import image_of, read_map
@@ -81,7 +80,7 @@ from lidarcli.tabular.stream import write_stream
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata
 from lidarcli.times import SECOND_NS
 
-AUTO, AS_IS, SEARCH = ALIGN
+AUTO, AS_IS, _ = ALIGN
 MOST_THINGS = 2000
 """Most standing things of a run: each is compared with all of another one."""
 LEAST_SWEEPS, LEAST_SECONDS = 10, 2.0
@@ -493,7 +492,11 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
         shape=np.array(shapes, np.int32)[at],
         label=np.array(labels, np.int32)[at],
     )
-    run = Run(things, np.nan_to_num(number["yaw"][at]), grounds.get(key), places.get(key, np.empty((0, 2))))
+    yaw, ground = np.nan_to_num(number["yaw"][at]), grounds.get(key)
+    if ground is not None:
+        things, yaw, kept = measured(things, yaw, ground)
+        at = at[kept]
+    run = Run(things, yaw, ground, places.get(key, np.empty((0, 2))))
     return Seen(
         name,
         run,
@@ -674,8 +677,8 @@ def _align(
         raise UnreadableError(_in_two_ways(label, other) if not found.slides else _slides(label, other))
     if found.rival is not None:
         notes.append(
-            f"{other} lies on {label} in a second way, turned by {_degrees(found.rival.motion):.0f} degrees, as in a "
-            "symmetric room: it is taken where the sensor hardly moved (--align as-is is sure of that)"
+            f"{other} lies on {label} in a second way, {_way(found.rival.motion, found.best.motion)}: it is taken where "
+            "the sensor hardly moved (--align as-is is sure of that)"
         )
     return _step(reference, now, found.best.motion, found.best, "aligned by structure"), 1.0
 
@@ -706,6 +709,15 @@ def _slides(label: str, other: str) -> str:
     return (
         f"{label} and {other} may slide on each other along their walls: nothing tells how far, as in a bare corridor; "
         "where their frames are the same, --align as-is takes them as they are"
+    )
+
+
+def _way(second: Motion, best: Motion) -> str:
+    """Return how a second alignment differs from the best one, for people."""
+    if _degrees(second) > math.degrees(NEAR_HERE_TURN):
+        return f"turned by {_degrees(second):.0f} degrees, as in a symmetric room"
+    return (
+        f"shifted by {math.hypot(second.x - best.x, second.y - best.y):.1f} m, as along a row of like pillars"
     )
 
 

@@ -229,6 +229,45 @@ def test_a_sensor_that_was_driven_on_in_a_corridor(tmp_path: Path) -> None:
     runs = [write_run(tmp_path / f"p{x}.mcap", scene, parked(x), seed=1) for x in (0, 3)]
     with pytest.raises(UnreadableError, match="lie on each other in two ways"):
         package.diff(*runs)
+    # Exactly a period further on all is as it was, and the frames cannot tell.
+    runs = [write_run(tmp_path / f"q{x}.mcap", scene[:-1], parked(x), seed=x) for x in (0, 3)]
+    found = package.diff(*runs)
+    assert {*counts(found)} == {"known"}
+    (note,) = found.notes
+    assert "in a second way, shifted by 3.0 m, as along a row of like pillars" in note
+    moved = write_run(tmp_path / "moved.mcap", (*SCENE[:-1], replace(BOXES[4], x=-0.6)), seed=1)
+    assert package.diff(write_run(tmp_path / "room.mcap", SCENE), moved).notes == ()
+
+
+@pytest.mark.slow
+def test_a_thin_partition_is_one_thing(tmp_path: Path) -> None:
+    """A sensor that drives round it sees both of its faces."""
+    round_it = Course(super_ellipse(1.5, 1.2, 2.0), 0.6)
+    runs = [
+        write_run(tmp_path / f"{seed}.mcap", scene, round_it, SENSORS[1], 160, seed, ODOMETRY)
+        for seed, scene in enumerate((SCENE, (*SCENE, make.box(0.1, 0.1, 1.2, 0.05, 1.2))))
+    ]
+    (new,) = rows(package.diff(*runs), "new")
+    assert (new["x_b"], new["y_b"], new["length"]) == pytest.approx((0.1, 0.1, 1.2), abs=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(0.4, 0.4), (0.45, 0.3), (0.5, 0.3), (0.8, 0.5)])
+def test_runs_that_are_exchanged_tell_the_mirror_image(
+    size: tuple[float, float], monday: str, tmp_path: Path
+) -> None:
+    """Also where a part of the place of a box was seen free, as another one stands there."""
+    box = BOXES[0]
+    tuesday = write_run(
+        tmp_path / "t.mcap", (*without(SCENE, box), make.box(box.x, box.y, *size, 0.3)), seed=1
+    )
+    found, back = package.diff(monday, tuesday), package.diff(tuesday, monday)
+    mirror = {"new": "gone", "gone": "new"}
+    told = [(row["status"], row["why"], row["track_a"], row["track_b"]) for row in found.changes.to_pylist()]
+    assert sorted(map(str, told)) == sorted(
+        str((mirror.get(row["status"], row["status"]), row["why"], row["track_b"], row["track_a"]))
+        for row in back.changes.to_pylist()
+    )
 
 
 @pytest.mark.slow

@@ -57,26 +57,39 @@ def measure(pair: Pair, rows: list[dict[str, Any]], count: Counter[str]) -> None
         count[f"right {row['status']}"] += k in right
 
 
+def write_pair(pair: Pair, seed: int, folder: Path) -> list[str]:
+    """Write the logs of both runs."""
+    sweeps = 60 if pair.odometry is None else 110
+    return [
+        write_run(folder / f"{seed}{name}.mcap", scene, course, pair.sensor, sweeps, noise, pair.odometry)
+        for name, scene, course, noise in (
+            ("a", pair.before, pair.courses[0], seed),
+            ("b", pair.after, pair.courses[1], seed + 1000),
+        )
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 80, 90])
+def test_moves_of_boxes_that_tracks_measured_too_small(seed: int, tmp_path: Path) -> None:
+    """All hits of a run tell both faces of a box, of which its track knew one and a part of the other."""
+    pair, count = draw(seed), Counter[str]()
+    measure(pair, lidarcli.diff(*write_pair(pair, seed, tmp_path)).changes.to_pylist(), count)
+    assert count["there moved"] > 0
+    assert count["told moved"] == count["there moved"]
+
+
 @pytest.mark.whole
 def test_of_drawn_pairs(tmp_path: Path) -> None:
     count: Counter[str] = Counter()
     for seed in range(PAIRS):
         pair = draw(seed)
-        sweeps = 60 if pair.odometry is None else 110
-        runs = [
-            write_run(
-                tmp_path / f"{seed}{name}.mcap", scene, course, pair.sensor, sweeps, noise, pair.odometry
-            )
-            for name, scene, course, noise in (
-                ("a", pair.before, pair.courses[0], seed),
-                ("b", pair.after, pair.courses[1], seed + 1000),
-            )
-        ]
+        runs = write_pair(pair, seed, tmp_path)
         measure(pair, lidarcli.diff(*runs).changes.to_pylist(), count)
     precision = {status: count[f"right {status}"] / count[f"said {status}"] for status in STATUSES}
     recall = {status: count[f"told {status}"] / count[f"there {status}"] for status in STATUSES}
     print(count, precision, recall)
     assert min(precision.values()) >= 0.95
     assert min(recall[status] for status in ("known", "new", "gone")) >= 0.95
-    # Of boxes that are partly hidden the sizes are wrong, and nobody can tell that they are the same.
-    assert recall["moved"] >= 0.65
+    # Of boxes of which one face was seen, others that are like it in one size may be the same.
+    assert recall["moved"] >= 0.75

@@ -20,9 +20,11 @@ from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "diff.md").read_text(encoding="utf-8")
 PICTURE = ROOT / "docs" / "images" / "diff.png"
-MODULES = ("matching.differences", "matching.ground", "matching.alignment", "matching.runs")
+MODULES = tuple(
+    f"matching.{name}" for name in ("differences", "pairs", "extents", "ground", "alignment", "runs")
+)
 NUMERICAL = {
-    *("differences.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "runs.PROPOSALS_AT_ONCE"),
+    *("pairs.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "runs.PROPOSALS_AT_ONCE"),
     *(f"differences.{name}" for name in ("THING", "STRUCTURE", "KNOWN", "MOVED", "NEW", "GONE", "UNCERTAIN")),
     *(
         f"differences.{name}"

@@ -277,7 +277,7 @@ def test_what_is_refused(
     alone = lidarcli("simulate", scene, "-o", tmp_path / "log", "--map-resolution", "0.1")
     assert (alone.code, alone.err.splitlines()[-1]) == (
         2,
-        "Error: --map-resolution is that of --map: name its file, too",
+        "lidarcli: --map-resolution is that of --map: name its file, too",
     )
     monkeypatch.setattr(truth, "MOST_BEAMS", 720)
     with pytest.raises(OptionError, match="--map: 1,440 beams that take time are more than"):

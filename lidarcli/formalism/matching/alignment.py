@@ -117,7 +117,7 @@ class Found:
     rival: Fit | None = None
     """Another one that explains as much."""
     stays: bool = False
-    """True if the sensor hardly moved by the best one: then a rival that is turned is no reason to doubt it."""
+    """True if the sensor hardly moved by the best one: then a rival that is turned, or worse, is no reason to doubt it."""
     slides: bool = False
     """True if nothing holds the best one along its walls."""
 
@@ -162,8 +162,7 @@ def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Found:
             for each in rivals
             if abs(_turn(each.motion)) <= NEAR_HERE_TURN and each.against <= best.against + CLEARLY
         ]
-        turned = [each for each in rivals if abs(_turn(each.motion)) > NEAR_HERE_TURN]
-        rivals, stays = (shifted, False) if shifted else (turned, True)
+        rivals, stays = (shifted, False) if shifted else (rivals, True)
     return Found(
         best, rivals[0] if rivals else None, stays, best.lies and _slides(first, second, best.motion)
     )

@@ -1,22 +1,31 @@
 """Differences between two runs (§3, matching): what is known, moved, new or gone, and what nobody can tell.
 
-Every pair of a thing of the first run and one of the second has a weight: the odds of being one thing, in its place or
-moved, against being two. The probabilities of all pairs follow together by belief propagation. A thing without a partner is
-new or gone only where the other run saw its place free.
+What is one thing in both runs is found first (`pairs`). A thing without a partner is new or gone only where the other run
+saw its place free.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, LEAST_SCORE
 from lidarcli.formalism.mapping.occupancy import UNKNOWN
+from lidarcli.formalism.matching.extents import (
+    BESIDE,
+    LINKED,
+    box_of,
+    clusters,
+    rectangle,
+    unseen_ends,
+    within,
+)
 from lidarcli.formalism.matching.ground import SEEN_FREE, Ground, Nearest
-from lidarcli.formalism.matching.runs import HERE, Motion, Standing, alike, placed_at
+from lidarcli.formalism.matching.pairs import FREE_SHARE, Side, in_place, probabilities, some_free
+from lidarcli.formalism.matching.runs import HERE, Motion, Standing, placed_at
 from lidarcli.sweeps import Bool, Float64, Int8, Int64, record
 
 THING, STRUCTURE = range(len(CHANGE_KINDS))
@@ -24,24 +33,6 @@ KNOWN, MOVED, NEW, GONE, UNCERTAIN = range(len(CHANGE_STATUSES))
 HIDDEN, OUT_OF_VIEW, NO_FREE_SPACE, SHORT, AMBIGUOUS = range(len(CHANGE_WHYS))
 CERTAIN = -1
 """In place of a reason, where there is a status."""
-SAME_PLACE = 0.2
-"""[m] A thing is in its place up to this distance, …"""
-PLACE_SD, UNSIZED_SD = 0.03, 0.1
-"""[m] … or three standard deviations: of a thing whose sizes are known, and of others."""
-VIEW_SIZE_SD, WRONG_VIEW = 0.03, 0.02
-"""[m] Standard deviation between two sizes of one thing that is seen from other sides, and the share of wrong ones."""
-REPLACED = 0.02
-"""Odds of another thing having taken the place of one, against it being the same."""
-MOVES = 1.0
-"""Odds of a thing having been moved, against one having gone and another one having come, …"""
-MOVES_POWER = 2.0
-"""… which fall with this power of 1 m and the distance."""
-FREE_SHARE = 0.5
-"""Least share of where a thing was hit that has been seen free."""
-ANY_FREE = 0.25
-"""Least share of where a thing was hit that becomes free where it is moved by less than its size."""
-BESIDE = 0.05
-"""[m] Points this far around a box belong to its thing."""
 EXPLAINED = 0.15
 """[m] Changed cells this far around a thing belong to it."""
 CHANGED = 0.15
@@ -50,16 +41,10 @@ SMALLEST_CHANGE = 0.3
 """[m] Least extent of a change of the structure."""
 LEAST_CELLS = 4
 """Least number of cells of a change of the structure."""
-LINKED = 0.11
-"""[m] Greatest step between changed cells of one cluster, along each axis; of coarse cells a little over two."""
 AROUND = 0.5
 """[m] What is this near to a place tells that it was in view."""
 MOST_STATIONS = 40
 """Greatest number of places of the sensor from which a thing may have been hidden."""
-ROUNDS = 60
-"""Rounds of belief propagation."""
-SMALLEST_SIDE = 0.06
-"""[m] Least side of a box."""
 
 
 @record
@@ -138,16 +123,16 @@ class Compared:
         things = second.things
         self._things = first.things, placed_at(things, *motion.of(things.x, things.y))
         self._yaw = first.yaw, second.yaw + motion.angle
+        self._spots = [[self._spot(side, k) for k in range(len(self._things[side]))] for side in (0, 1)]
         self._rows: list[tuple[Any, ...]] = []
 
     def changes(self) -> Changes:
         """Return all changes, things first."""
-        spots = tuple([self._spot(side, k) for k in range(len(self._things[side]))] for side in (0, 1))
-        chance = self._pairs(spots)
+        a, b = self._side(0), self._side(1)
+        near = in_place(a, b)
+        chance = probabilities(a, b, near)
         taken: tuple[set[int], set[int]] = set(), set()
-        order = np.argsort(-chance, axis=None, kind="stable").tolist() if chance.size else []
-        known = self._in_place(spots)
-        for at in order:
+        for at in np.argsort(-chance, axis=None, kind="stable").tolist():
             i, j = divmod(at, chance.shape[1])
             score = float(chance[i, j]) * self._chance
             if score < self._least:
@@ -156,15 +141,45 @@ class Compared:
                 continue
             taken[0].add(i)
             taken[1].add(j)
-            self._add(KNOWN if known[i, j] else MOVED, CERTAIN, score, i, j, spots)
-        for side in (0, 1):
-            for k in range(len(self._things[side])):
-                if k not in taken[side]:
-                    each, near = (chance[k], known[k]) if side == 0 else (chance[:, k], known[:, k])
-                    self._alone(side, k, each, near, spots, taken)
+            self._add(KNOWN if near[i, j] else MOVED, CERTAIN, score, i, j)
+        other = near & some_free(a, b)
+        left = [sorted({*range(len(self._things[side]))} - taken[side]) for side in (0, 1)]
+        told = (
+            {i: self._alone(0, i, chance[i], near[i], other[i], taken[1]) for i in left[0]},
+            {j: self._alone(1, j, chance[:, j], near[:, j], other[:, j], taken[0]) for j in left[1]},
+        )
+        self._add_rest(told, np.where(near, chance, -1.0))
         for side in (0, 1):
             self._structure(side)
         return self._done()
+
+    def _side(self, side: int) -> Side:
+        """Return the things of a run with what is known of their places."""
+        run, free = self._runs[side], [spot.free for spot in self._spots[side]]
+        more = unseen_ends(run.things, run.yaw, run.ground)
+        return Side(self._things[side], self._yaw[side], more, np.array(free, np.float64))
+
+    def _add_rest(self, told: tuple[dict[int, Told], dict[int, Told]], near: Float64) -> None:
+        """Add what is in no pair yet: what is known, and what else stands in its place and is not certain, is one thing.
+
+        Parameters
+        ----------
+        near : (N, M) probability of each pair in one place, -1 for others
+        """
+        before, after = told
+        for at in np.argsort(-near, axis=None, kind="stable").tolist():
+            i, j = divmod(at, near.shape[1])
+            if near[i, j] < 0.0:
+                break
+            if i in before and j in after and {before[i].status, after[j].status} <= {KNOWN, UNCERTAIN}:
+                known = [each.score for each in (before[i], after[j]) if each.status == KNOWN]
+                if known:
+                    self._add(KNOWN, CERTAIN, max(known), i, j)
+                    del before[i], after[j]
+        for i, each in before.items():
+            self._add(*each, i, -1)
+        for j, each in after.items():
+            self._add(*each, -1, j)
 
     # Where a thing was hit, and what the other run saw there.
 
@@ -178,11 +193,7 @@ class Compared:
 
     def _box(self, side: int, k: int) -> Float64:
         """Return x, y, yaw, length and width of a thing; sizes that are unknown are guessed."""
-        things = self._things[side]
-        length, width = float(things.length[k]), float(things.width[k])
-        length = SMALLEST_SIDE if not length > SMALLEST_SIDE else length
-        width = min(length, 2.0 * UNSIZED_SD) if not width > 0 else max(width, SMALLEST_SIDE)
-        return np.array([things.x[k], things.y[k], self._yaw[side][k], length, width])
+        return box_of(self._things[side], self._yaw[side], k)
 
     def _hit(self, side: int, box: Float64) -> Float64:
         """Return (K, 2) the occupied points of a run in a box, in the coordinates of the first run."""
@@ -211,118 +222,51 @@ class Compared:
             sweeps=int(np.median(passed[free])) if free.any() else 0,
         )
 
-    # Pairs.
+    # Things.
 
-    def _in_place(self, spots: tuple[list[Spot], ...]) -> Bool:
-        """Return (N, M) whether the things of each pair are in one place, as far as is known.
+    def _alone(self, side: int, k: int, chance: Float64, near: Bool, other: Bool, taken: set[int]) -> Told:
+        """Tell of a thing of one run that is certainly one with none of the other run.
 
-        Middles of things that are seen from elsewhere may be farther apart; then neither place has become free.
+        Parameters
+        ----------
+        chance : (M,) probability of being one thing with each of the other run
+        near : (M,) whether these stand in its place
+        other : (M,) whether they do, and some of either place was seen free
+        taken : those that are certainly one with another thing
         """
-        away, sd = self._away()
-        left, came = (np.array([spot.free < ANY_FREE for spot in each], np.bool_) for each in spots)
-        size = self._least_size()
-        near: Bool = (away <= np.maximum(SAME_PLACE, 3.0 * sd)) | (
-            (away <= 0.5 * size) & left[:, None] & came
-        )
-        return near
-
-    def _least_size(self) -> Float64:
-        """Return (N, M) the longer side of the smaller one of each pair, no less than `SAME_PLACE` [m]."""
-        a, b = (np.fmax(np.nan_to_num(each.length), SAME_PLACE) for each in self._things)
-        return np.fmin(a[:, None], b)
-
-    def _away(self) -> tuple[Float64, Float64]:
-        """Return (N, M) the distance of each pair, and its standard deviation [m]."""
-        a, b = self._things
-        away = np.hypot(a.x[:, None] - b.x, a.y[:, None] - b.y)
-        own = [np.where(np.isfinite(each.length + each.width), PLACE_SD, UNSIZED_SD) for each in (a, b)]
-        return away, np.hypot(own[0][:, None], own[1])
-
-    def _pairs(self, spots: tuple[list[Spot], ...]) -> Float64:
-        """Return (N, M) the probability of each pair being one thing."""
-        a, b = self._things
-        if not len(a) or not len(b):
-            return np.zeros((len(a), len(b)))
-        away, sd = self._away()
-        like = alike(a, b)
-        sd = np.maximum(sd, SAME_PLACE / 3.0)
-        off = np.minimum(away / sd, 3.0)
-        views = alike(a, b, VIEW_SIZE_SD, WRONG_VIEW)
-        # What was seen through where the other one stands has to be as large.
-        some_free = self._some_free(spots)
-        stays = np.exp(np.where(some_free, np.minimum(views, like), like) - 0.5 * off**2) / REPLACED
-        sized = np.isfinite(a.length + a.width)[:, None] & np.isfinite(b.length + b.width)
-        named = (a.label >= 0)[:, None] & (a.label[:, None] == b.label)
-        size = self._least_size()
-        left, came = (np.array([spot.is_free for spot in each], np.bool_) for each in spots)
-        may = (sized | named) & ((left[:, None] & came) | (away <= size))
-        moves = np.where(may, MOVES * np.exp(views) * (1.0 + away) ** -MOVES_POWER, 0.0)
-        return _marginals(np.where(self._in_place(spots), stays, moves))
-
-    def _some_free(self, spots: tuple[list[Spot], ...]) -> Bool:
-        """Return (N, M) whether some of the place of either thing of each pair was seen free."""
-        one, other = (np.array([spot.free >= ANY_FREE for spot in each], np.bool_) for each in spots)
-        return one[:, None] | other
-
-    def _alone(
-        self,
-        side: int,
-        k: int,
-        chance: Float64,
-        near: Bool,
-        spots: tuple[list[Spot], ...],
-        taken: tuple[set[int], set[int]],
-    ) -> None:
-        """Tell of a thing of one run that is certainly one with none of the other run, whose `chance` (M,) is given."""
-        spot = spots[side][k]
-        best, there = float(chance.max(initial=0.0)), float(chance[near].sum())
-        alone = max(0.0, 1.0 - float(chance.sum()))
-        partner = -1
-        status, why, score = UNCERTAIN, AMBIGUOUS, max(best, alone)
+        spot = self._spots[side][k]
+        there, alone = float(chance[near].sum()), max(0.0, 1.0 - float(chance.sum()))
+        ambiguous = Told(UNCERTAIN, AMBIGUOUS, max(float(chance.max(initial=0.0)), alone) * self._chance)
         if there >= self._least:
             # It is in its place, whichever of several it is.
             status, score = KNOWN, there
         elif alone < 1.0 - self._least and not there:
             # It was moved, but nobody knows which one it is.
-            pass
+            return ambiguous
         elif spot.is_free:
-            status, score = (GONE if side == 0 else NEW), alone * spot.certainty
+            # It may be one that is found elsewhere, but nothing tells so.
+            status, score = (GONE if side == 0 else NEW), (1.0 - there) * spot.certainty
         elif np.isnan(spot.free):
-            why, score = NO_FREE_SPACE, 0.0
-        elif self._is_other(side, k, near, spots):
+            return Told(UNCERTAIN, NO_FREE_SPACE, 0.0)
+        elif near.any() and other[near].all():
             # Another one took its place.
-            pass
+            return ambiguous
         elif spot.near >= FREE_SHARE and not self._is_covered(side, k, near, taken):
             # The other run takes it for a part of the building, or saw something else of it.
             status, score = KNOWN, spot.near / (spot.near + spot.free)
-            left = [j for j in np.flatnonzero(near).tolist() if j not in taken[1 - side]]
-            partner = max(left, key=lambda j: float(chance[j]), default=-1)
         elif spot.passed >= FREE_SHARE:
-            why, score = SHORT, 0.0
+            return Told(UNCERTAIN, SHORT, 0.0)
         else:
-            why, score = self._out_of_sight(side, spot), 0.0
+            return Told(UNCERTAIN, self._out_of_sight(side, spot), 0.0)
         score *= self._chance
-        if status != UNCERTAIN:
-            why = CERTAIN
-            if score < self._least:
-                status, why = UNCERTAIN, SHORT if spot.is_free and alone >= self._least else AMBIGUOUS
-                partner = -1
-        taken[side].add(k)
-        if partner >= 0:
-            taken[1 - side].add(partner)
-        pair = (k, partner) if side == 0 else (partner, k)
-        self._add(status, why, score, *pair, spots)
+        if score >= self._least:
+            return Told(status, CERTAIN, score)
+        return Told(UNCERTAIN, SHORT if spot.is_free and not there else AMBIGUOUS, score)
 
-    def _is_other(self, side: int, k: int, near: Bool, spots: tuple[list[Spot], ...]) -> bool:
-        """Tell whether each thing in the place of this one is another one: some of either was seen free."""
-        free = self._some_free(spots)
-        mine = (free[k] if side == 0 else free[:, k])[near]
-        return bool(len(mine) and mine.all())
-
-    def _is_covered(self, side: int, k: int, near: Bool, taken: tuple[set[int], set[int]]) -> bool:
+    def _is_covered(self, side: int, k: int, near: Bool, taken: set[int]) -> bool:
         """Tell whether a thing that has another partner stands in the place of this one in the other run."""
         other = self._things[1 - side]
-        mine = [j for j in sorted(taken[1 - side]) if not near[j]]
+        mine = [j for j in sorted(taken) if not near[j]]
         if not mine:
             return False
         points = np.column_stack([other.x[mine], other.y[mine]])
@@ -359,15 +303,13 @@ class Compared:
         seen = run.ground.state(ring_x, ring_y) != UNKNOWN
         return HIDDEN if seen.mean() >= 0.25 else OUT_OF_VIEW
 
-    def _add(
-        self, status: int, why: int, score: float, i: int, j: int, spots: tuple[list[Spot], ...]
-    ) -> None:
+    def _add(self, status: int, why: int, score: float, i: int, j: int) -> None:
         """Keep a thing; sizes are those of the run that has seen it, of both the second one."""
         side, k = (1, j) if j >= 0 else (0, i)
         things = self._things[side]
         area = float(things.length[k] * things.width[k])
-        before = spots[1][j] if j >= 0 else None
-        after = spots[0][i] if i >= 0 else None
+        before = self._spots[1][j] if j >= 0 else None
+        after = self._spots[0][i] if i >= 0 else None
         # What a run saw of a thing of its own is that thing.
         looks = [
             self._own_looks(0, i) if before is None else before.looks,
@@ -405,8 +347,8 @@ class Compared:
         at = np.flatnonzero(changed)
         looks = here.seen(*self._motions[side].inverse.of(points[at, 0], points[at, 1]))
         others = there.seen(x[at], y[at])
-        for cluster in _clusters(points[at], max(LINKED, 2.1 * here.resolution)):
-            box = _rectangle(points[at[cluster]])
+        for cluster in clusters(points[at], max(LINKED, 2.1 * here.resolution)):
+            box = rectangle(points[at[cluster]])
             if len(cluster) < LEAST_CELLS or box[3] < SMALLEST_CHANGE:
                 continue
             sweeps = int(np.median(passed[at[cluster]]))
@@ -453,6 +395,14 @@ class Compared:
         )
 
 
+class Told(NamedTuple):
+    """Status of a thing that is in no pair."""
+
+    status: int
+    why: int
+    score: float
+
+
 @dataclass(frozen=True, slots=True)
 class Spot:
     """Place of the hits of a thing, and what the other run saw of it."""
@@ -481,36 +431,6 @@ class Spot:
         return (self.sweeps + 1) / (self.sweeps + 2)
 
 
-def _marginals(weight: Float64) -> Float64:
-    """Return (N, M) the probability of each pair, where every row and column is in one pair or in none.
-
-    Parameters
-    ----------
-    weight : (N, M) odds of each pair against none
-
-    >>> np.round(_marginals(np.array([[9.0, 0.0], [0.0, 1.0]])), 3).tolist()
-    [[0.9, 0.0], [0.0, 0.5]]
-    """
-    back = np.ones(weight.shape)
-    for _ in range(ROUNDS):
-        through = weight * back
-        to = weight / (1.0 + through.sum(axis=1, keepdims=True) - through)
-        back = 1.0 / (1.0 + to.sum(axis=0, keepdims=True) - to)
-    through = weight * back
-    result: Float64 = through / (1.0 + through.sum(axis=1, keepdims=True))
-    return result
-
-
-def within(points: Float64, box: Float64, around: float) -> Bool:
-    """Return (K,) whether points are in a box (x, y, yaw, length, width), or this far around it [m]."""
-    x, y = points[:, 0] - box[0], points[:, 1] - box[1]
-    cos, sin = math.cos(box[2]), math.sin(box[2])
-    inside: Bool = (np.abs(cos * x + sin * y) <= 0.5 * box[3] + around) & (
-        np.abs(cos * y - sin * x) <= 0.5 * box[4] + around
-    )
-    return inside
-
-
 def _filled(box: Float64) -> Float64:
     """Return (K, 2) places all over a box."""
     along = np.linspace(-0.5, 0.5, max(3, int(box[3] / 0.05))) * box[3]
@@ -518,50 +438,3 @@ def _filled(box: Float64) -> Float64:
     u, v = (part.ravel() for part in np.meshgrid(along, across))
     cos, sin = math.cos(box[2]), math.sin(box[2])
     return np.column_stack([box[0] + cos * u - sin * v, box[1] + sin * u + cos * v])
-
-
-def _clusters(points: Float64, linked: float) -> list[Int64]:
-    """Return the indices of the points of each cluster, whose steps are `linked` along each axis at most [m]."""
-    if not len(points):
-        return []
-    cell = np.floor(points / linked).astype(np.int64)
-    cell -= cell.min(axis=0) - 1
-    across = int(cell[:, 0].max()) + 2
-    keys, which = np.unique(cell[:, 1] * across + cell[:, 0], return_inverse=True)
-    group = np.arange(len(keys))
-    links = []
-    for step in (1, across - 1, across, across + 1):
-        at = np.minimum(np.searchsorted(keys, keys + step), len(keys) - 1)
-        joined = np.flatnonzero(keys[at] == keys + step)
-        links.append(np.column_stack([joined, at[joined]]))
-    pairs = np.concatenate(links)
-    while True:
-        least = np.minimum(group[pairs[:, 0]], group[pairs[:, 1]])
-        before = group.copy()
-        np.minimum.at(group, pairs[:, 0], least)
-        np.minimum.at(group, pairs[:, 1], least)
-        group = group[group]
-        if (group == before).all():
-            break
-    which = group[which]
-    return [np.flatnonzero(which == one) for one in np.unique(which)]
-
-
-def _rectangle(points: Float64) -> Float64:
-    """Return x, y, yaw, length and width of the rectangle along the points [m, rad]."""
-    middle = points.mean(axis=0)
-    off = points - middle
-    xx, xy, yy = (off[:, 0] ** 2).mean(), (off[:, 0] * off[:, 1]).mean(), (off[:, 1] ** 2).mean()
-    yaw = 0.5 * math.atan2(2.0 * xy, xx - yy)
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    u, v = cos * off[:, 0] + sin * off[:, 1], cos * off[:, 1] - sin * off[:, 0]
-    along, across = 0.5 * (u.min() + u.max()), 0.5 * (v.min() + v.max())
-    return np.array(
-        [
-            middle[0] + cos * along - sin * across,
-            middle[1] + sin * along + cos * across,
-            yaw,
-            np.ptp(u),
-            np.ptp(v),
-        ]
-    )

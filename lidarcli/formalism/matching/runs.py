@@ -152,8 +152,14 @@ def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD, wrong: f
         right = SIZE_RANGE / (math.sqrt(2.0 * math.pi) * sd) * np.exp(-0.5 * (apart / sd) ** 2)
         ratio = np.log((1.0 - wrong) * right + wrong)
         total += np.where(np.isfinite(apart), ratio, 0.0)
-    total += _codes(known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE)
-    return total + _codes(known.label, run.label, SAME_LABEL, OTHER_LABEL)
+    return total + coded(known, run)
+
+
+def coded(known: Standing, run: Standing) -> Float64:
+    """Return (T, N) the log-likelihood ratio of being one thing by shape and label."""
+    return _codes(known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE) + _codes(
+        known.label, run.label, SAME_LABEL, OTHER_LABEL
+    )
 
 
 def _codes(known: Int32, run: Int32, same: float, other: float) -> Float64:

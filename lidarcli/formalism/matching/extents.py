@@ -1,0 +1,184 @@
+"""Extents of standing things by what their run saw of the ground around them (§3, matching).
+
+A track measures a thing sweep by sweep. Of one that is partly hidden, or seen from many places, all hits together tell
+more. A side ends where free ground was seen beyond it; where nothing was seen there, it may go on.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lidarcli.formalism.matching.catalogue import LARGEST_SIZE
+from lidarcli.formalism.matching.ground import SEEN_FREE, Ground
+from lidarcli.formalism.matching.runs import Standing
+from lidarcli.sweeps import Bool, Float64, Int64
+
+BESIDE = 0.05
+"""[m] Points this far around a box belong to its thing."""
+LINKED = 0.11
+"""[m] Greatest step between the hits of one thing, along each axis; of coarse cells a little over two."""
+SMALLEST_SIDE = 0.06
+"""[m] Least side of a box."""
+UNKNOWN_WIDTH = 0.2
+"""[m] Width of a thing of which only one side was seen, or its length if that is less."""
+LEAST_HITS = 3
+"""Least number of occupied cells by which a thing is measured."""
+OUTSIDE = 0.1
+"""[m] Hits of a thing that are farther outside of its box show that its track measured too little of it."""
+MEASURED_SD = 0.01
+"""[m] Standard deviation of a side that was measured by occupied cells."""
+EDGE_CELLS = 1.5
+"""Cells at the edges of a face that may be seen free beside the thing."""
+THIN = 0.15
+"""[m] Hits of several things are those of one thin wall if they lie within this width."""
+SIZES = ("length", "width")
+NEAR_EDGE = 0.1
+"""[m] Points farther from all edges of a rectangle count as this."""
+TURNS = (np.radians(np.arange(-45.0, 45.0, 1.5)), np.radians(np.arange(-1.5, 1.75, 0.25)))
+"""[rad] Directions of a rectangle that are tried, and then those around the best one."""
+
+
+def box_of(things: Standing, yaw: Float64, k: int) -> Float64:
+    """Return x, y, yaw, length and width of a thing; sizes that are unknown are guessed."""
+    length, width = float(things.length[k]), float(things.width[k])
+    length = SMALLEST_SIDE if not length > SMALLEST_SIDE else length
+    width = min(length, UNKNOWN_WIDTH) if not width > 0 else max(width, SMALLEST_SIDE)
+    return np.array([things.x[k], things.y[k], yaw[k], length, width])
+
+
+def within(points: Float64, box: Float64, around: float) -> Bool:
+    """Return (K,) whether points are in a box (x, y, yaw, length, width), or this far around it [m]."""
+    x, y = points[:, 0] - box[0], points[:, 1] - box[1]
+    cos, sin = math.cos(box[2]), math.sin(box[2])
+    inside: Bool = (np.abs(cos * x + sin * y) <= 0.5 * box[3] + around) & (
+        np.abs(cos * y - sin * x) <= 0.5 * box[4] + around
+    )
+    return inside
+
+
+def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, Float64, Int64]:
+    """Return things and the directions of their longer sides by all that their run hit of them, and their indices.
+
+    One whose hits go on into those of another one or of the building stays as it is. Faces of one thin wall are one thing.
+    """
+    if not len(ground.points):
+        return things, yaw, np.arange(len(things))
+    owner = np.empty(len(ground.points), np.int64)
+    groups = clusters(ground.points, max(LINKED, 2.1 * ground.resolution))
+    for number, group in enumerate(groups):
+        owner[group] = number
+    hit = [
+        np.unique(owner[within(ground.points, box_of(things, yaw, k), BESIDE)]).tolist()
+        for k in range(len(things))
+    ]
+    claims: dict[int, list[int]] = {}
+    for k, mine in enumerate(hit):
+        for number in mine:
+            claims.setdefault(number, []).append(k)
+    sizes = {name: getattr(things, name).copy() for name in ("x", "y", *SIZES, "length_sd", "width_sd")}
+    yaw = yaw.copy()
+    dropped: set[int] = set()
+    for k, mine in enumerate(hit):
+        points = (
+            ground.points[np.concatenate([groups[number] for number in mine])] if mine else np.empty((0, 2))
+        )
+        if k in dropped or len(points) < LEAST_HITS or np.ptp(points, axis=0).max() > LARGEST_SIZE:
+            continue
+        others = {other for number in mine for other in claims[number]} - {k}
+        if not others and within(points, box_of(things, yaw, k), OUTSIDE).all():
+            continue
+        box = rectangle(points)
+        if others and (box[4] > THIN or any(hit[other] != mine for other in others)):
+            continue
+        dropped |= others
+        for name, value in zip(("x", "y", "yaw", *SIZES), box.tolist(), strict=True):
+            (yaw if name == "yaw" else sizes[name])[k] = value
+        sizes["length_sd"][k] = sizes["width_sd"][k] = MEASURED_SD
+    kept = np.array([k for k in range(len(things)) if k not in dropped], np.int64)
+    found = {name: getattr(things, name) for name in Standing.__dataclass_fields__} | sizes
+    return Standing(**{name: values[kept] for name, values in found.items()}), yaw[kept], kept
+
+
+def rectangle(points: Float64) -> Float64:
+    """Return x, y, yaw, length and width of the rectangle near whose edges most of the points lie [m, rad]."""
+    angle, best = 0.0, math.inf
+    for turns in TURNS:
+        for turn in (angle + turns).tolist():
+            u, v = _turned(points, turn)
+            off = np.minimum(np.minimum(u - u.min(), u.max() - u), np.minimum(v - v.min(), v.max() - v))
+            cost = float(np.minimum(off, NEAR_EDGE).mean())
+            if cost < best:
+                angle, best = turn, cost
+    u, v = _turned(points, angle)
+    along, across = 0.5 * (u.min() + u.max()), 0.5 * (v.min() + v.max())
+    cos, sin = math.cos(angle), math.sin(angle)
+    length, width = float(np.ptp(u)), float(np.ptp(v))
+    if width > length:
+        length, width, angle = width, length, angle + 0.5 * math.pi
+    return np.array([cos * along - sin * across, sin * along + cos * across, angle, length, width])
+
+
+def _turned(points: Float64, angle: float) -> tuple[Float64, Float64]:
+    cos, sin = math.cos(angle), math.sin(angle)
+    return cos * points[:, 0] + sin * points[:, 1], cos * points[:, 1] - sin * points[:, 0]
+
+
+def unseen_ends(things: Standing, yaw: Float64, ground: Ground | None) -> Float64:
+    """Return (N, 2) how far length and width of things may go on, at both ends together, until free ground [m].
+
+    Parameters
+    ----------
+    ground : what their own run saw, in their coordinates; without one nothing is known to go on
+    """
+    if ground is None:
+        return np.zeros((len(things), 2))
+    found = [_unseen_ends(box_of(things, yaw, k), ground) for k in range(len(things))]
+    return np.array(found, np.float64).reshape(len(things), 2)
+
+
+def _unseen_ends(box: Float64, ground: Ground) -> tuple[float, float]:
+    step = 0.5 * ground.resolution
+    past = np.arange(0.5, LARGEST_SIZE / step) * step
+    found = []
+    for axis in (0, 1):
+        along, across = 0.5 * box[3 + axis], 0.5 * box[4 - axis]
+        cos, sin = math.cos(box[2] + 0.5 * axis * math.pi), math.sin(box[2] + 0.5 * axis * math.pi)
+        wide = max(across - EDGE_CELLS * ground.resolution, 0.0)
+        beside = np.linspace(-wide, wide, 2 * int(wide / step) + 1)
+        more = 0.0
+        for side in (-1.0, 1.0):
+            u, v = np.repeat(side * (along + past), len(beside)), np.tile(beside, len(past))
+            x, y = box[0] + cos * u - sin * v, box[1] + sin * u + cos * v
+            free = (ground.passed(x, y) >= SEEN_FREE).reshape(len(past), -1).any(axis=1)
+            more += float(past[int(np.argmax(free))]) if free.any() else LARGEST_SIZE
+        found.append(min(more, max(LARGEST_SIZE - 2.0 * along, 0.0)))
+    return found[0], found[1]
+
+
+def clusters(points: Float64, linked: float) -> list[Int64]:
+    """Return the indices of the points of each cluster, whose steps are `linked` along each axis at most [m]."""
+    if not len(points):
+        return []
+    cell = np.floor(points / linked).astype(np.int64)
+    cell -= cell.min(axis=0) - 1
+    across = int(cell[:, 0].max()) + 2
+    keys, which = np.unique(cell[:, 1] * across + cell[:, 0], return_inverse=True)
+    group = np.arange(len(keys))
+    links = []
+    for step in (1, across - 1, across, across + 1):
+        at = np.minimum(np.searchsorted(keys, keys + step), len(keys) - 1)
+        joined = np.flatnonzero(keys[at] == keys + step)
+        links.append(np.column_stack([joined, at[joined]]))
+    pairs = np.concatenate(links)
+    while True:
+        least = np.minimum(group[pairs[:, 0]], group[pairs[:, 1]])
+        before = group.copy()
+        np.minimum.at(group, pairs[:, 0], least)
+        np.minimum.at(group, pairs[:, 1], least)
+        group = group[group]
+        if (group == before).all():
+            break
+    which = group[which]
+    return [np.flatnonzero(which == one) for one in np.unique(which)]

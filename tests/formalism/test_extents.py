@@ -1,0 +1,125 @@
+"""Boxes of things by all that a run hit of them, and how far their sides may go on, on a drawn ground."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.formalism.matching.extents import measured, rectangle, unseen_ends, within
+from lidarcli.formalism.matching.ground import Ground, of_map
+from lidarcli.formalism.matching.pairs import Side, probabilities, same_sizes
+from lidarcli.formalism.matching.runs import Standing
+from lidarcli.sweeps import Float64
+
+SIDE = 0.05
+NAN = math.nan
+
+
+def ground(*hits: Float64, unseen: Float64 | None = None) -> Ground:
+    """A square of 6 m that was seen free but for some hits (K, 2), and a box that was not seen."""
+    cells = np.full((120, 120), FREE, np.int8)
+    row, column = np.indices(cells.shape)
+    middle = np.column_stack([column.ravel(), row.ravel()]) * SIDE + 0.5 * SIDE - 3.0
+    if unseen is not None:
+        cells[within(middle, unseen, 0.0).reshape(cells.shape)] = UNKNOWN
+    for points in hits:
+        at = np.floor((points + 3.0) / SIDE).astype(int)
+        cells[at[:, 1], at[:, 0]] = OCCUPIED
+    return of_map(Occupancy(SIDE, -3.0, -3.0, cells))
+
+
+def line(x0: float, y0: float, x1: float, y1: float) -> Float64:
+    steps = np.linspace(0.0, 1.0, 60)[:, None]
+    points: Float64 = np.array([x0, y0]) + steps * np.array([x1 - x0, y1 - y0])
+    return points
+
+
+def standing(*rows: tuple[float, float, float, float]) -> Standing:
+    x, y, length, width = np.array(rows, float).reshape(-1, 4).T
+    code = np.full(len(x), -1, np.int32)
+    return Standing(x, y, length, width, np.full(len(x), 0.003), np.full(len(x), 0.003), code, code)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 1.2, -0.7])
+def test_two_faces_tell_a_rectangle(angle: float) -> None:
+    faces = np.concatenate([line(-0.4, -0.25, 0.4, -0.25), line(0.4, -0.25, 0.4, 0.25)])
+    cos, sin = math.cos(angle), math.sin(angle)
+    x, y, yaw, length, width = rectangle(faces @ np.array([[cos, sin], [-sin, cos]]) + [1.0, 2.0])
+    assert (x, y, length, width) == pytest.approx((1.0, 2.0, 0.8, 0.5), abs=0.01)
+    assert math.sin(yaw - angle) == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_track_that_measured_too_little_is_measured_by_its_hits() -> None:
+    """Both faces were hit, and what is behind them was not seen; the track knew one end of one face."""
+    front, end = line(-0.4, -0.25, 0.4, -0.25), line(0.4, -0.25, 0.4, 0.25)
+    seen = ground(front, end, unseen=np.array([0.0, 0.0, 0.0, 0.78, 0.5]))
+    small = standing((0.2, -0.2, 0.4, 0.1))
+    things, yaw, kept = measured(small, np.zeros(1), seen)
+    assert (things.length[0], things.width[0]) == pytest.approx((0.8, 0.5), abs=0.06)
+    assert (things.x[0], things.y[0], yaw[0]) == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
+    assert kept.tolist() == [0]
+    # What holds all of its hits stays as the track measured it, which is finer.
+    right = standing((0.0, 0.0, 0.8, 0.5))
+    assert measured(right, np.zeros(1), seen)[0].length.tolist() == [0.8]
+
+
+def test_of_a_thing_beside_a_long_wall_the_track_tells() -> None:
+    seen = ground(line(-2.5, 0.3, 2.5, 0.3), line(-0.2, 0.0, 0.2, 0.0), line(0.2, 0.0, 0.2, 0.25))
+    things, _, kept = measured(standing((0.0, 0.1, 0.4, 0.15)), np.zeros(1), seen)
+    assert (things.length.tolist(), kept.tolist()) == ([0.4], [0])
+
+
+def test_both_faces_of_a_thin_wall_are_one_thing_and_two_boxes_are_not() -> None:
+    faces = line(-0.6, -0.025, 0.6, -0.025), line(-0.6, 0.025, 0.6, 0.025)
+    pieces = standing((-0.3, 0.0, 0.5, 0.05), (0.3, 0.02, 0.4, 0.05))
+    things, _, kept = measured(pieces, np.zeros(2), ground(*faces))
+    assert kept.tolist() == [0]
+    assert (things.x[0], things.length[0]) == pytest.approx((0.0, 1.2), abs=0.06)
+    boxes = [line(x, -0.3, x + 0.4, -0.3) for x in (-0.45, 0.05)]
+    ends = [line(x, -0.3, x, 0.2) for x in (-0.45, 0.45)]
+    pair = standing((-0.25, -0.05, 0.5, 0.4), (0.25, -0.05, 0.5, 0.4))
+    assert measured(pair, np.full(2, 0.5 * math.pi), ground(*boxes, *ends))[2].tolist() == [0, 1]
+
+
+def test_a_side_may_go_on_where_nothing_was_seen() -> None:
+    """Of a face in front of unseen ground the length is known, and the width up to the free ground behind it."""
+    seen = ground(line(-0.4, 0.0, 0.4, 0.0), unseen=np.array([0.0, 0.5, 0.0, 0.78, 0.95]))
+    ((length, width),) = unseen_ends(standing((0.0, 0.0, 0.8, 0.06)), np.zeros(1), seen).tolist()
+    assert length < 0.2
+    assert width == pytest.approx(0.97, abs=0.1)
+    assert unseen_ends(standing((0.0, 0.0, 0.8, 0.06)), np.zeros(1), None).tolist() == [[0.0, 0.0]]
+
+
+def side(things: Standing, more: tuple[float, float]) -> Side:
+    count = len(things)
+    return Side(things, np.zeros(count), np.tile(more, (count, 1)), np.ones(count))
+
+
+def test_a_hidden_side_is_a_least_one() -> None:
+    """A face of 0.8 m with up to 1 m of unseen ground behind it may be that of a box with such a side, and of no other."""
+    face = side(standing((0.0, 0.0, 0.8, 0.06)), (0.0, 1.0))
+    boxes = side(
+        standing((2.0, 0.0, 0.8, 0.5), (2.0, 0.0, 0.9, 0.8), (2.0, 0.0, 0.7, 0.5), (2.0, 0.0, 1.5, 0.8)),
+        (0.0, 0.0),
+    )
+    hidden, crossed, short, long = same_sizes(face, boxes)[0].tolist()
+    assert hidden > 2.5
+    assert crossed == pytest.approx(hidden, abs=0.1)
+    assert short < 0.0
+    assert long < hidden - 2.0
+    whole = side(face.things, (0.0, 0.0))
+    assert same_sizes(whole, boxes)[0, 0] < 0.0
+
+
+def test_of_two_candidates_the_one_that_fits_is_it_and_of_like_ones_none() -> None:
+    here = side(standing((0.0, 0.0, 0.8, 0.5)), (0.0, 0.0))
+    there = side(standing((2.0, 0.0, 0.81, 0.49), (0.0, 2.0, 0.6, 0.5)), (0.0, 0.0))
+    near = np.zeros((1, 2), bool)
+    first, second = probabilities(here, there, near)[0].tolist()
+    assert first > 0.9
+    assert second < 0.05
+    like = side(standing((2.0, 0.0, 0.8, 0.5), (0.0, 2.0, 0.8, 0.5)), (0.0, 0.0))
+    assert probabilities(here, like, near)[0].tolist() == pytest.approx([0.49, 0.49], abs=0.02)
