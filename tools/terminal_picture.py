@@ -20,7 +20,7 @@ def findings_picture() -> str:
         README.read_text(encoding="utf-8"),
         re.MULTILINE | re.DOTALL,
     )
-    return terminal_picture(told)
+    return terminal_picture(re.sub(r" \| .*", "", told, count=1))
 
 
 def terminal_picture(told: str) -> str:
