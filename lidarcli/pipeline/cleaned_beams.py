@@ -379,11 +379,16 @@ def _agents_of(tracks: list[_Track], paths: _Paths, sweeps: Int64, pose: Float64
         sure = first + np.flatnonzero(paths.sd[first : mine.stop] <= MOST_SD)
         rows.append(sure)
         radius.append(np.full(len(sure), track.reach))
+    begun = np.array(
+        [sweep for sweep, some in zip(since.values(), rows[1:], strict=True) if len(some)], np.int64
+    )
+    ends = [(some[-1], reach[-1]) for some, reach in zip(rows, radius, strict=True) if len(some)]
+    last = _Reach(np.array([row for row, _ in ends], np.int64), np.array([reach for _, reach in ends]))
     at, reach = np.concatenate(rows), np.concatenate(radius)
     order = np.argsort(paths.sweep[at], kind="stable")
     at, reach = at[order], reach[order]
     for track in tracks:
-        if not track.moves and _is_part(track, paths, at, reach):
+        if not track.moves and _came_along(track, paths, _Reach(at, reach), last, begun):
             since[track.number] = 0
     numbers_of = np.array(sorted(since), np.int64)
     return _Agents(
@@ -405,40 +410,64 @@ def _sets_out(paths: _Paths, rows: slice) -> int:
     At its onset it is off its first place by more than its size. Its smoothed path tells that it was on its way before:
     within a second it went further than the noise of both places.
     """
-    if rows.start == rows.stop:
-        return int(rows.start)
+    first: int = rows.start
+    if first == rows.stop:
+        return first
     x, y, var, stamp_ns = paths.x[rows], paths.y[rows], paths.sd[rows] ** 2, paths.stamp_ns[rows]
     before = np.searchsorted(stamp_ns, stamp_ns - SECOND_NS)
     way = np.hypot(x - x[before], y - y[before])
     least = LEAST_SPEED * 1e-9 * (stamp_ns - stamp_ns[before])
     stands = np.flatnonzero(~(way > np.maximum(least, MOVING_SDS * np.sqrt(var + var[before]))))[-1]
     # What is on its way so soon after it was first seen was so before.
-    return int(rows.start) + int(0 if before[stands] == 0 else stands)
+    return first if before[stands] == 0 else first + int(stands)
 
 
-def _is_part(track: _Track, paths: _Paths, at: Int64, reach: Float64) -> bool:
-    """Return whether a thing was never seen but within the reach of agents: what stands is also seen without them.
+class _Reach(NamedTuple):
+    """Rows (N) of the paths of agents, ascending by sweep, and how far pieces of them are from there."""
+
+    row: Int64
+    radius: Float64
+    """[m]"""
+
+
+def _came_along(track: _Track, paths: _Paths, agents: _Reach, ends: _Reach, since: Int64) -> bool:
+    """Return whether a thing is part of an agent, or an agent that came to stand there.
+
+    What stands is also seen while no agent is within reach. Of an agent that stops, the track may end, and a new one begin.
 
     Parameters
     ----------
     track : the thing
-    at, reach : (N,) rows of agents, ascending by sweep, and their reach [m]
+    agents : all places of agents
+    ends, since : (A,) last places of agents, and the sweeps from which on they are agents
     """
     mine = paths.of(track.number)
-    seen_at = np.arange(mine.start, mine.stop)[~paths.hidden[mine]]
-    sweep = paths.sweep[at]
-    # Most things are seen without agents at their first or their last sight.
-    for some in (seen_at[[0, -1]] if len(seen_at) else seen_at, seen_at):
-        first, after = (np.searchsorted(sweep, paths.sweep[some], side) for side in ("left", "right"))
-        if (first == after).any():
-            return False
-        count = after - first
-        which = np.repeat(np.arange(len(some)), count)
-        agent = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + first[which]
-        away = np.hypot(paths.x[at[agent]] - paths.x[some[which]], paths.y[at[agent]] - paths.y[some[which]])
-        if not np.bincount(which, away + track.half <= reach[agent], len(some)).all():
-            return False
-    return len(seen_at) > 0
+    rows = np.arange(mine.start, mine.stop)[~paths.hidden[mine]]
+    # Most things are seen without agents at first.
+    if not len(rows):
+        return False
+    first = rows[0]
+    over = np.hypot(paths.x[ends.row] - paths.x[first], paths.y[ends.row] - paths.y[first]) + track.half
+    left = (over <= ends.radius) & (since < paths.sweep[first])
+    left &= paths.stamp_ns[ends.row] >= paths.stamp_ns[first] - SECOND_NS
+    if not left.any() and not _with_agents(rows[:1], track.half, paths, agents).all():
+        return False
+    inside = _with_agents(rows, track.half, paths, agents)
+    last = paths.sweep[ends.row[left]]
+    return bool(inside.all()) or any(inside[paths.sweep[rows] <= end].all() for end in last.tolist())
+
+
+def _with_agents(rows: Int64, half: float, paths: _Paths, agents: _Reach) -> Bool:
+    """Return whether in rows (K,) of the path of a thing all of it is within the reach of an agent."""
+    sweep = paths.sweep[agents.row]
+    first, after = (np.searchsorted(sweep, paths.sweep[rows], side) for side in ("left", "right"))
+    count = after - first
+    which = np.repeat(np.arange(len(rows)), count)
+    agent = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + first[which]
+    there, here = agents.row[agent], rows[which]
+    over = np.hypot(paths.x[there] - paths.x[here], paths.y[there] - paths.y[here]) + half
+    inside: Bool = np.bincount(which, over <= agents.radius[agent], len(rows)) > 0
+    return inside
 
 
 def _sensor(pair: Pair, topic: str) -> tuple[Int64, Float64, bool]:
