@@ -49,7 +49,7 @@ PAIRS = 256
 """Places of agents that are looked at together."""
 LEAST_SIDE = 0.1
 """Least side of the place of a thing [m]: what stands at a leg is wider than the points on it."""
-CELL, OFTEN, MOSTLY = 0.12, 0.05, 0.8
+CELL, OFTEN, MOSTLY = 0.12, 0.1, 0.8
 """What is seen mostly in cells of such a size [m], and often in each, is always at the same few places."""
 LONG, MOST_HIDDEN, MOST_DOUBTED = 3.0, 0.5, 0.2
 """A track so long [s] is doubted if it is hidden in such a share of its sweeps; a note tells of such a share of beams."""
