@@ -15,7 +15,16 @@ from lidarcli.formalism.ragged import starts
 from lidarcli.formalism.tracking import grouping
 from lidarcli.formalism.tracking.estimation import Bodies
 from lidarcli.formalism.tracking.naming import Looks, Naming
-from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON, Trajectories
+from lidarcli.formalism.tracking.results import (
+    CONFIRMED_SIGHTINGS,
+    EMPTY,
+    ENDED,
+    LEAST_WAY,
+    LIVE,
+    PERSON,
+    Trajectories,
+)
+from lidarcli.formalism.tracking.settling import LEG_WIDTH
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
 from lidarcli.formalism.tracking.tracks import Body, Track, columns_of, main, row_shape
 from lidarcli.formalism.tracking.trajectories import (
@@ -35,6 +44,16 @@ ARRIVAL_SWEEPS = 8
 """A body that is shown to move within so many sweeps has moved from the first one on."""
 LEFT_SDS = 2.0
 """A body is not where it was first if it is further away than its size and so many standard deviations of both places."""
+STAYED_SECONDS = 6.0
+"""[s] Time before and after a moment, in which the places of a body are compared."""
+STAYED_SHARE = 0.3
+"""Share of the pairs of such places that are one, above which the body stayed at that moment."""
+STAYED_SIGHTINGS = 20
+"""Least number of sightings that show a body to have stayed."""
+LEAST_WAY_ON_LEGS = 0.4
+"""[m] Least distance that a slim body has gone which moves: the legs of a chair are as far apart."""
+MOST_COMPARED = 160
+"""Greatest number of sightings that are compared with each other."""
 LEGS_APART = 0.3
 """[m] Least width of an object that is both legs of a person."""
 
@@ -414,7 +433,7 @@ def _smooth(seen: WindowSightings, bodies: dict[int, Body]) -> list[Path]:
 
     Return the paths of what moves.
     """
-    moving = [(track, at) for track, at in seen.by_track(ahead=True) if _moves(track)]
+    moving = [(track, at) for track, at in seen.by_track(ahead=True) if _moves(seen, track, at)]
     if not moving:
         return []
     first = min([int(seen.sweep.min()), *(track.told for track, _ in moving if track.told >= 0)])
@@ -422,17 +441,47 @@ def _smooth(seen: WindowSightings, bodies: dict[int, Body]) -> list[Path]:
     return [_smooth_track(seen, bodies, track, at, smoother) for track, at in moving]
 
 
-def _moves(track: Track) -> bool:
-    """Return whether a track moves: it does once one of its bodies does, from the first onset on."""
-    if not track.moved:
-        onsets = [
-            part.first_sweep if part.onset - part.first_sweep <= ARRIVAL_SWEEPS else part.onset
-            for part in track.parts
-            if part.moved
-        ]
-        if onsets:
-            track.moved, track.onset = True, min(onsets)
+def _moves(seen: WindowSightings, track: Track, at: Int64) -> bool:
+    """Return whether a track moves: it does once one of its bodies does and it has left a place, from the first onset on."""
+    if track.moved:
+        return True
+    onsets = [
+        part.first_sweep if part.onset - part.first_sweep <= ARRIVAL_SWEEPS else part.onset
+        for part in track.parts
+        if part.moved
+    ]
+    if onsets and (left := _departure(seen, at, _least_way(seen, track, at))) >= 0:
+        onset = min(onsets)
+        # What had stayed in the windows before has left a place since then.
+        track.moved, track.onset = True, max(onset, left) if onset < track.told else onset
     return track.moved
+
+
+def _least_way(seen: WindowSightings, track: Track, at: Int64) -> float:
+    """Return the least distance that a track has gone which moves [m]: slim ones may be now one leg of a thing, now another."""
+    is_slim = float(np.median(seen.width[at])) < LEG_WIDTH or any(part.kind == PERSON for part in track.parts)
+    return LEAST_WAY_ON_LEGS if is_slim else LEAST_WAY
+
+
+def _departure(seen: WindowSightings, at: Int64, way: float) -> int:
+    """Return the first sweep after which a track is hardly seen where it was before; -1 if it always came back.
+
+    `way`: places that are nearer than this are one [m].
+    """
+    if len(at) < STAYED_SIGHTINGS:
+        return int(seen.sweep[at[0]])
+    count = min(len(at), MOST_COMPARED)
+    at = at[np.arange(count) * len(at) // count]
+    time, place = seen.time[at], seen.place[at]
+    near = np.zeros((count + 1, count + 1))
+    near[1:, 1:] = (np.abs(place - place[:, None]) <= way).cumsum(axis=0).cumsum(axis=1)
+    now = np.arange(1, count)
+    first = np.searchsorted(time, time[now - 1] - STAYED_SECONDS)
+    stop = np.searchsorted(time, time[now] + STAYED_SECONDS, side="right")
+    pairs = (now - first) * (stop - now)
+    again = near[now, stop] - near[first, stop] - near[now, now] + near[first, now]
+    left = np.flatnonzero(again <= STAYED_SHARE * pairs)
+    return int(seen.sweep[at[now[left[0]]]]) if len(left) else -1
 
 
 def _smooth_track(
