@@ -442,7 +442,7 @@ def _smooth(seen: WindowSightings, bodies: dict[int, Body]) -> list[Path]:
 
 
 def _moves(seen: WindowSightings, track: Track, at: Int64) -> bool:
-    """Return whether a track moves: it does once one of its bodies does and it has left a place, from the first onset on."""
+    """Return whether a track moves, from the first onset on: one of its bodies does, and it has left a place."""
     if track.moved:
         return True
     onsets = [
@@ -458,7 +458,8 @@ def _moves(seen: WindowSightings, track: Track, at: Int64) -> bool:
 
 
 def _least_way(seen: WindowSightings, track: Track, at: Int64) -> float:
-    """Return the least distance that a track has gone which moves [m]: slim ones may be now one leg of a thing, now another."""
+    """Return the least distance that a track goes [m], by its sightings, if it moves."""
+    # What is slim may be a leg of a thing, and then another one.
     is_slim = float(np.median(seen.width[at])) < LEG_WIDTH or any(part.kind == PERSON for part in track.parts)
     return LEAST_WAY_ON_LEGS if is_slim else LEAST_WAY
 
