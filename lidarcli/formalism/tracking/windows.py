@@ -52,6 +52,10 @@ STAYED_SIGHTINGS = 20
 """Least number of sightings that show a body to have stayed."""
 LEAST_WAY_ON_LEGS = 0.4
 """[m] Least distance that a slim body has gone which moves: the legs of a chair are as far apart."""
+FURNITURE_SHARE = 0.3
+"""Share of the sweeps of a slim track with more legs than a person has, above which it is furniture …"""
+LEAST_TRAVEL = 0.2
+"""… and moves if it leaves its places at more than this share of the moments."""
 MOST_COMPARED = 160
 """Greatest number of sightings that are compared with each other."""
 LEGS_APART = 0.3
@@ -450,39 +454,39 @@ def _moves(seen: WindowSightings, track: Track, at: Int64) -> bool:
         for part in track.parts
         if part.moved
     ]
-    if onsets and (left := _departure(seen, at, _least_way(seen, track, at))) >= 0:
+    if onsets and (left := _departure(seen, track, at)) >= 0:
         onset = min(onsets)
         # What had stayed in the windows before has left a place since then.
         track.moved, track.onset = True, max(onset, left) if onset < track.told else onset
     return track.moved
 
 
-def _least_way(seen: WindowSightings, track: Track, at: Int64) -> float:
-    """Return the least distance that a track goes [m], by its sightings, if it moves."""
-    # What is slim may be a leg of a thing, and then another one.
-    is_slim = float(np.median(seen.width[at])) < LEG_WIDTH or any(part.kind == PERSON for part in track.parts)
-    return LEAST_WAY_ON_LEGS if is_slim else LEAST_WAY
-
-
-def _departure(seen: WindowSightings, at: Int64, way: float) -> int:
+def _departure(seen: WindowSightings, track: Track, at: Int64) -> int:
     """Return the first sweep after which a track is hardly seen where it was before; -1 if it always came back.
 
-    `way`: places that are nearer than this are one [m].
+    `at`: its sightings, in the order of the log.
     """
     if len(at) < STAYED_SIGHTINGS:
         return int(seen.sweep[at[0]])
+    # What is slim may be a leg of a thing, and then another one.
+    is_slim = float(np.median(seen.width[at])) < LEG_WIDTH or any(part.kind == PERSON for part in track.parts)
+    legs = np.diff(starts(seen.sweep[at]), append=len(at))
+    is_furniture = is_slim and float(np.mean(legs > grouping.PERSON_LEGS)) > FURNITURE_SHARE
     count = min(len(at), MOST_COMPARED)
     at = at[np.arange(count) * len(at) // count]
     time, place = seen.time[at], seen.place[at]
     near = np.zeros((count + 1, count + 1))
-    near[1:, 1:] = (np.abs(place - place[:, None]) <= way).cumsum(axis=0).cumsum(axis=1)
+    is_one = np.abs(place - place[:, None]) <= (LEAST_WAY_ON_LEGS if is_slim else LEAST_WAY)
+    near[1:, 1:] = is_one.cumsum(axis=0).cumsum(axis=1)
     now = np.arange(1, count)
     first = np.searchsorted(time, time[now - 1] - STAYED_SECONDS)
     stop = np.searchsorted(time, time[now] + STAYED_SECONDS, side="right")
     pairs = (now - first) * (stop - now)
     again = near[now, stop] - near[first, stop] - near[now, now] + near[first, now]
     left = np.flatnonzero(again <= STAYED_SHARE * pairs)
-    return int(seen.sweep[at[now[left[0]]]]) if len(left) else -1
+    if len(left) <= (LEAST_TRAVEL * count if is_furniture else 0):
+        return -1
+    return int(seen.sweep[at[now[left[0]]]])
 
 
 def _smooth_track(

@@ -117,6 +117,18 @@ def test_what_is_seen_again_where_it_was_does_not_move(x: np.ndarray, width: flo
     assert track.moved == left
 
 
+@pytest.mark.parametrize(("legs", "moves"), [(2, True), (4, False)], ids=["a person", "a chair"])
+def test_what_shows_more_legs_than_a_person_has_to_travel(legs: int, moves: bool) -> None:
+    # A leg of something else was seen at first.
+    x = np.append(np.repeat(1.5, 6), np.tile(0.1 * np.arange(legs), 60))
+    seen = sightings(x, 0.05)
+    seen.sweep = np.append(np.arange(6), 6 + np.repeat(np.arange(60), legs))
+    seen.time = seen.sweep / 10
+    track = Track()
+    track.absorb(Body(1, kind=PERSON, moved=1))
+    assert windows._moves(seen, track, np.arange(len(x))) == moves
+
+
 def test_what_had_stayed_moves_from_where_it_left() -> None:
     track = Track(told=10)
     track.absorb(Body(1, moved=1, first_sweep=0, onset=9))
