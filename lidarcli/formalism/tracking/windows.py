@@ -24,7 +24,7 @@ from lidarcli.formalism.tracking.results import (
     PERSON,
     Trajectories,
 )
-from lidarcli.formalism.tracking.settling import LEG_WIDTH
+from lidarcli.formalism.tracking.settling import LEG_WIDTH, MOST_CROWDED
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
 from lidarcli.formalism.tracking.tracks import Body, Track, columns_of, main, row_shape
 from lidarcli.formalism.tracking.trajectories import (
@@ -44,20 +44,20 @@ ARRIVAL_SWEEPS = 8
 """A body that is shown to move within so many sweeps has moved from the first one on."""
 LEFT_SDS = 2.0
 """A body is not where it was first if it is further away than its size and so many standard deviations of both places."""
-STAYED_SECONDS = 6.0
-"""[s] Time before and after a moment, in which the places of a body are compared."""
-STAYED_SHARE = 0.3
-"""Share of the pairs of such places that are one, above which the body stayed at that moment."""
-STAYED_SIGHTINGS = 20
-"""Least number of sightings that show a body to have stayed."""
-LEAST_WAY_ON_LEGS = 0.4
-"""[m] Least distance that a slim body has gone which moves: the legs of a chair are as far apart."""
-FURNITURE_SHARE = 0.3
-"""Share of the sweeps of a slim track with more legs than a person has, above which it is furniture …"""
-LEAST_TRAVEL = 0.2
-"""… and moves if it leaves its places at more than this share of the moments."""
+STAYED_SIGHTINGS = 40
+"""Least number of sightings that show that a body stayed."""
 MOST_COMPARED = 160
-"""Greatest number of sightings that are compared with each other."""
+"""Greatest number of sightings whose places are compared with each other."""
+STAYED_SECONDS = 6.0
+"""[s] Time before and after a moment, of which the places are compared."""
+STAYED_SHARE = 0.3
+"""Share of the pairs of places before and after a moment that are one, above which the body stayed."""
+STEP_SHARE = 0.05
+"""Greatest share of all pairs before and after a moment at which a body made a step for good …"""
+STEP_SIGHTINGS = 0.25
+"""… with at least this share of its sightings on either side."""
+LEAST_TRAVEL = 0.1
+"""Least share of the moments at which something on more legs than a person has leaves its places, if it moves."""
 LEGS_APART = 0.3
 """[m] Least width of an object that is both legs of a person."""
 
@@ -471,22 +471,28 @@ def _departure(seen: WindowSightings, track: Track, at: Int64) -> int:
     # What is slim may be a leg of a thing, and then another one.
     is_slim = float(np.median(seen.width[at])) < LEG_WIDTH or any(part.kind == PERSON for part in track.parts)
     legs = np.diff(starts(seen.sweep[at]), append=len(at))
-    is_furniture = is_slim and float(np.mean(legs > grouping.PERSON_LEGS)) > FURNITURE_SHARE
+    is_thing = is_slim and float(np.mean(legs > grouping.PERSON_LEGS)) > MOST_CROWDED
     count = min(len(at), MOST_COMPARED)
     at = at[np.arange(count) * len(at) // count]
-    time, place = seen.time[at], seen.place[at]
-    near = np.zeros((count + 1, count + 1))
-    is_one = np.abs(place - place[:, None]) <= (LEAST_WAY_ON_LEGS if is_slim else LEAST_WAY)
-    near[1:, 1:] = is_one.cumsum(axis=0).cumsum(axis=1)
-    now = np.arange(1, count)
+    time, now = seen.time[at], np.arange(1, count)
+    apart = np.abs(seen.place[at] - seen.place[at][:, None])
+    way = grouping.STANDING_LEGS_APART if is_slim else LEAST_WAY
     first = np.searchsorted(time, time[now - 1] - STAYED_SECONDS)
     stop = np.searchsorted(time, time[now] + STAYED_SECONDS, side="right")
-    pairs = (now - first) * (stop - now)
-    again = near[now, stop] - near[first, stop] - near[now, now] + near[first, now]
-    left = np.flatnonzero(again <= STAYED_SHARE * pairs)
-    if len(left) <= (LEAST_TRAVEL * count if is_furniture else 0):
-        return -1
-    return int(seen.sweep[at[now[left[0]]]])
+    left = np.flatnonzero(_share_again(apart <= way, first, now, stop) <= STAYED_SHARE)
+    if len(left) <= (LEAST_TRAVEL * count if is_thing else 0):
+        steps = _share_again(apart <= LEAST_WAY, 0 * now, now, 0 * now + count) <= STEP_SHARE
+        left = np.flatnonzero(steps & (np.minimum(now, count - now) >= STEP_SIGHTINGS * count))
+    return int(seen.sweep[at[now[left[0]]]]) if len(left) else -1
+
+
+def _share_again(near: Bool, first: Int64, now: Int64, stop: Int64) -> Float64:
+    """Return the shares of the pairs of a sighting from `first` to `now` and one from `now` to `stop` that are near."""
+    total = np.zeros((len(near) + 1, len(near) + 1))
+    total[1:, 1:] = near.cumsum(axis=0).cumsum(axis=1)
+    again = total[now, stop] - total[first, stop] - total[now, now] + total[first, now]
+    shares: Float64 = again / ((now - first) * (stop - now))
+    return shares
 
 
 def _smooth_track(
