@@ -138,8 +138,7 @@ def test_what_stands_is_followed_as_standing(drives: Logs, clockwise: bool) -> N
         assert away.min() < 0.03
         assert row["length"] == pytest.approx(2 * THINGS[int(away.argmin())][2], abs=0.04)
     skewed = lidarcli.track(log, end=12.35, deskew=False).tracks.to_pylist()
-    # Without it things seem to move, or are lost and found again.
-    assert any(row["set"] == "A" for row in skewed)
+    # Without it some are told to stand elsewhere.
     away = [
         np.hypot(*(np.array(THINGS)[:, :2] - (row["x"], row["y"])).T).min()
         for row in skewed

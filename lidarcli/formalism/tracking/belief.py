@@ -18,7 +18,7 @@ from lidarcli.formalism.tracking.observation import Memory, Views
 
 PRISMATIC = detection.PRISMATIC
 LEFT_VIEW, FREE, LOST = results.LEFT_VIEW, results.FREE, results.LOST
-CONFIRMED_SIGHTINGS = results.CONFIRMED_SIGHTINGS
+CONFIRMED_SIGHTINGS, LEAST_WAY = results.CONFIRMED_SIGHTINGS, results.LEAST_WAY
 STEADY_LENGTH = 0.06
 """[m] A body whose length seems to change by more than this is not seen as it is."""
 SAME_LENGTH = 0.2
@@ -33,8 +33,6 @@ SETTLED_SIGHTINGS = 2
 """Sightings of the same kind after which a body gathers evidence."""
 MOST_EVIDENCE = 60.0
 """[log-odds] Greatest evidence that is kept."""
-LEAST_WAY = 0.2
-"""[m] Least distance that a moving body has gone."""
 FREE_SHARE = 0.3
 """Least share of the points of a moving body that lie in space that was free."""
 OCCUPIED_SHARE = 0.5

@@ -15,6 +15,8 @@ from lidarcli.sweeps import Float64
 
 PERSON_WIDTH = 0.65
 """[m] Greatest width of a person at the legs."""
+PERSON_LEGS = 2
+"""Legs of a person. What stands on more is no person who stopped."""
 TOGETHER_SWEEPS = 3
 """Least number of sweeps in which two legs are seen together."""
 TOGETHER_SHARE = 0.3
@@ -140,6 +142,8 @@ def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> bool:
     off = _misfits(ends, begins)
     for i, k in np.argwhere(off < 1.0).tolist():
         earlier, later = ends[i], begins[k]
+        if earlier.body.moved and _stands_on_legs(later.body):
+            continue
         if not _differ(earlier.body, later.body) and _is_over(earlier, later):
             pairs.append((off.item(i, k), later.body.number, earlier.body.number))
     taken: set[int] = set()
@@ -288,6 +292,11 @@ def _join_legs(seen: Any, bodies: dict[int, Body]) -> None:
 def _is_leg(body: Body) -> bool:
     """Return whether a body may be a leg of a thing that stands."""
     return not (body.moved or body.member) and body.kind == DISC and 2.0 * max(body.h) <= STANDING_LEG_WIDTH
+
+
+def _stands_on_legs(body: Body) -> bool:
+    """Return whether a body is a leg of a thing that stands on more legs than a person has."""
+    return _is_leg(body) and body.track is not None and sum(map(_is_leg, body.track.parts)) > PERSON_LEGS
 
 
 def _are_seen_together(seen: Any, one: Body, other: Body) -> bool:

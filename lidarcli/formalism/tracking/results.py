@@ -23,6 +23,8 @@ MOST_LEGS = 6
 """Greatest number of legs of a body that are remembered beside it."""
 CONFIRMED_SIGHTINGS = 3
 """Least number of sightings of a track."""
+LEAST_WAY = 0.2
+"""[m] Least distance that a moving body has gone."""
 SIZE_OUTLIER = 9e-4
 """[m²] A measured size that differs from the others by the root of this, (3 cm)², counts half."""
 

@@ -15,7 +15,16 @@ from lidarcli.formalism.ragged import starts
 from lidarcli.formalism.tracking import grouping
 from lidarcli.formalism.tracking.estimation import Bodies
 from lidarcli.formalism.tracking.naming import Looks, Naming
-from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON, Trajectories
+from lidarcli.formalism.tracking.results import (
+    CONFIRMED_SIGHTINGS,
+    EMPTY,
+    ENDED,
+    LEAST_WAY,
+    LIVE,
+    PERSON,
+    Trajectories,
+)
+from lidarcli.formalism.tracking.settling import LEG_WIDTH, MOST_CROWDED
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
 from lidarcli.formalism.tracking.tracks import Body, Track, columns_of, main, row_shape
 from lidarcli.formalism.tracking.trajectories import (
@@ -35,6 +44,20 @@ ARRIVAL_SWEEPS = 8
 """A body that is shown to move within so many sweeps has moved from the first one on."""
 LEFT_SDS = 2.0
 """A body is not where it was first if it is further away than its size and so many standard deviations of both places."""
+STAYED_SIGHTINGS = 40
+"""Least number of sightings that show that a body stayed."""
+MOST_COMPARED = 160
+"""Greatest number of sightings whose places are compared with each other."""
+STAYED_SECONDS = 6.0
+"""[s] Time before and after a moment, of which the places are compared."""
+STAYED_SHARE = 0.3
+"""Share of the pairs of places before and after a moment that are one, above which the body stayed."""
+STEP_SHARE = 0.05
+"""Greatest share of all pairs before and after a moment at which a body made a step for good …"""
+STEP_SIGHTINGS = 0.25
+"""… with at least this share of its sightings on either side."""
+LEAST_TRAVEL = 0.1
+"""Least share of the moments at which something on more legs than a person has leaves its places, if it moves."""
 LEGS_APART = 0.3
 """[m] Least width of an object that is both legs of a person."""
 
@@ -414,7 +437,7 @@ def _smooth(seen: WindowSightings, bodies: dict[int, Body]) -> list[Path]:
 
     Return the paths of what moves.
     """
-    moving = [(track, at) for track, at in seen.by_track(ahead=True) if _moves(track)]
+    moving = [(track, at) for track, at in seen.by_track(ahead=True) if _moves(seen, track, at)]
     if not moving:
         return []
     first = min([int(seen.sweep.min()), *(track.told for track, _ in moving if track.told >= 0)])
@@ -422,17 +445,54 @@ def _smooth(seen: WindowSightings, bodies: dict[int, Body]) -> list[Path]:
     return [_smooth_track(seen, bodies, track, at, smoother) for track, at in moving]
 
 
-def _moves(track: Track) -> bool:
-    """Return whether a track moves: it does once one of its bodies does, from the first onset on."""
-    if not track.moved:
-        onsets = [
-            part.first_sweep if part.onset - part.first_sweep <= ARRIVAL_SWEEPS else part.onset
-            for part in track.parts
-            if part.moved
-        ]
-        if onsets:
-            track.moved, track.onset = True, min(onsets)
+def _moves(seen: WindowSightings, track: Track, at: Int64) -> bool:
+    """Return whether a track moves, from the first onset on: one of its bodies does, and it has left a place."""
+    if track.moved:
+        return True
+    onsets = [
+        part.first_sweep if part.onset - part.first_sweep <= ARRIVAL_SWEEPS else part.onset
+        for part in track.parts
+        if part.moved
+    ]
+    if onsets and (left := _departure(seen, track, at)) >= 0:
+        onset = min(onsets)
+        # What had stayed in the windows before has left a place since then.
+        track.moved, track.onset = True, max(onset, left) if onset < track.told else onset
     return track.moved
+
+
+def _departure(seen: WindowSightings, track: Track, at: Int64) -> int:
+    """Return the first sweep after which a track is hardly seen where it was before; -1 if it always came back.
+
+    `at`: its sightings, in the order of the log.
+    """
+    if len(at) < STAYED_SIGHTINGS:
+        return int(seen.sweep[at[0]])
+    # What is slim may be a leg of a thing, and then another one.
+    is_slim = float(np.median(seen.width[at])) < LEG_WIDTH or any(part.kind == PERSON for part in track.parts)
+    legs = np.diff(starts(seen.sweep[at]), append=len(at))
+    is_thing = is_slim and float(np.mean(legs > grouping.PERSON_LEGS)) > MOST_CROWDED
+    count = min(len(at), MOST_COMPARED)
+    at = at[np.arange(count) * len(at) // count]
+    time, now = seen.time[at], np.arange(1, count)
+    apart = np.abs(seen.place[at] - seen.place[at][:, None])
+    way = grouping.STANDING_LEGS_APART if is_slim else LEAST_WAY
+    first = np.searchsorted(time, time[now - 1] - STAYED_SECONDS)
+    stop = np.searchsorted(time, time[now] + STAYED_SECONDS, side="right")
+    left = np.flatnonzero(_share_again(apart <= way, first, now, stop) <= STAYED_SHARE)
+    if len(left) <= (LEAST_TRAVEL * count if is_thing else 0):
+        steps = _share_again(apart <= LEAST_WAY, 0 * now, now, 0 * now + count) <= STEP_SHARE
+        left = np.flatnonzero(steps & (np.minimum(now, count - now) >= STEP_SIGHTINGS * count))
+    return int(seen.sweep[at[now[left[0]]]]) if len(left) else -1
+
+
+def _share_again(near: Bool, first: Int64, now: Int64, stop: Int64) -> Float64:
+    """Return the shares of the pairs of a sighting from `first` to `now` and one from `now` to `stop` that are near."""
+    total = np.zeros((len(near) + 1, len(near) + 1))
+    total[1:, 1:] = near.cumsum(axis=0).cumsum(axis=1)
+    again = total[now, stop] - total[first, stop] - total[now, now] + total[first, now]
+    shares: Float64 = again / ((now - first) * (stop - now))
+    return shares
 
 
 def _smooth_track(

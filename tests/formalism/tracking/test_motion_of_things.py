@@ -120,6 +120,25 @@ def test_everything_around_a_sensor_that_stands_stands(seed: int) -> None:
         assert len(told.near(thing.x, thing.y)) >= 1
 
 
+@pytest.mark.parametrize(("yaw", "seed"), [(0.3, 0), (0.3, 4), (-0.8, 1)])
+def test_chairs_that_a_sensor_drives_by_are_no_agents(yaw: float, seed: int) -> None:
+    chairs = [
+        make.legged("chair", x, y, 0.45, 0.45, 0.03, yaw + turned)
+        for x, y, turned in ((-0.3, 0.2, 0.0), (0.9, 0.1, -0.8), (0.3, -0.7, 0.5))
+    ]
+    person = make.person(0.0, 0.0, motion=on_route((-4.0, 1.0, 0.5), (1.5, 1.0, 0.5), (4.2, -1.0, 3.0)))
+    fine = replace(SENSOR, beams=1440, angle_increment=TURN / 1440)
+    told = follow(simulated(scene_of(*chairs, person, path=ROUND_TRIP, sensor=fine), 200, seed))
+    assert len(np.unique(rows_of(told, main_agent(told))["sweep"])) > 190
+
+
+def test_who_makes_a_step_has_moved() -> None:
+    step = Waypoint(0.5, 2.0, 0.5, 8.0)
+    route = plan_route([Waypoint(0.0, 2.0, 0.5, 4.0), step], turn_rate=TURN, corner_radius=0.5)
+    told = follow(simulated(scene_of(make.person(0.0, 0.0, motion=Motion(route=route, ahead=False))), 120))
+    assert (rows_of(told, main_agent(told))["set"][-10:] == AGENT).all()
+
+
 def test_a_box_that_turns_in_place_does_not_jump() -> None:
     box = make.box(2.0, 0.5, 0.8, 0.4, motion=Motion(yaw_rate=0.3))
     told = follow(simulated(scene_of(box), 250))
