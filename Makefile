@@ -36,6 +36,7 @@ demo: $(VENV)/compiled ## install, follow the people of a sample log, show the t
 	@echo "Open this in your browser, every sweep to look at: $$($(BIN)/python -c 'from pathlib import Path; print(Path("demo/people.html").resolve().as_uri())')"
 	@echo "The tables, for pandas, DuckDB and polars:         demo/people.*.parquet"
 	@echo "A picture of sweep 34:                             demo/people.png"
+	@echo "To have lidarcli on your path in this shell:       . $(BIN)/activate"
 
 test: check ## install what the tests need, then check
 
