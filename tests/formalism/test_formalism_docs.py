@@ -39,7 +39,17 @@ BACKGROUND = {path.stem for path in (Path(formalism.__file__).parent / "backgrou
 """The subtraction of a background has a page of its own, docs/background.md."""
 MAPS = {path.stem for path in (Path(formalism.__file__).parent / "mapping").glob("*.py")}
 """So have maps, docs/map.md."""
-THINGS = {"catalogue", "evidence", "naming", "runs", "ground", "alignment", "differences"}
+THINGS = {
+    "catalogue",
+    "evidence",
+    "naming",
+    "runs",
+    "ground",
+    "alignment",
+    "differences",
+    "extents",
+    "pairs",
+}
 """And things of interest and what changed, docs/catalogue.md and docs/diff.md."""
 
 
