@@ -26,9 +26,8 @@ PAGE = (ROOT / "docs" / "info.md").read_text(encoding="utf-8")
 ROWS = [
     tuple(cell.strip() for cell in match)
     for match in re.findall(r"^\| `([\w.\[\]]+)` \|([^|]+)\|([^|]*)\|([^|]*)\|$", PAGE, re.MULTILINE)
-    if match[1].strip() not in ("always", "`--deep`")
 ]
-"""(key, type, unit, meaning) of each row; rules are told always or with `--deep`."""
+"""(key, type, unit, meaning) of each row of a key; rows of rules have five cells."""
 KINDS: dict[str, tuple[type, ...]] = {
     "string": (str,),
     "string or null": (str, type(None)),
