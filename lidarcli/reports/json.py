@@ -32,7 +32,7 @@ RUNS_SCHEMA = "lidarcli.runs/1"
 """Name of the schema of a report on runs."""
 CHANGES_SCHEMA = "lidarcli.changes/1"
 """Name of the schema of a report on changes alone."""
-ZONES_SCHEMA = "lidarcli.zone/1"
+ZONES_SCHEMA = "lidarcli.zones/1"
 """Name of the schema of a report on zones alone."""
 DIGITS = 9
 

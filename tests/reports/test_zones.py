@@ -269,7 +269,7 @@ def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:
         assert row in rows
     assert "| stop | 2 | 0.3 s | 0.40 m | 75 % | agents 1, walls 1 |" in render(found, "markdown")
     values = json.loads(render(found, "json"))
-    assert values["schema"] == "lidarcli.zone/1"
+    assert values["schema"] == "lidarcli.zones/1"
     assert values["figures"]["zones.stop.seen"] == 0.75
     assert values["figures"]["zones.left-door.events"] is None
     assert values["zones"][1] == {
