@@ -184,7 +184,7 @@ def tables_page() -> str:
         *_schema(CHANGES),
         "## cloud",
         "",
-        "Written by `map -o FILE.parquet` ([maps.md](maps.md)). One row per point, in the order of the logs.",
+        "Written by `map -o FILE.parquet` ([map.md](map.md)). One row per point, in the order of the logs.",
         "",
         *_schema(CLOUD),
         "## poses",
