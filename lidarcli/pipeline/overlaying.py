@@ -54,7 +54,7 @@ from lidarcli.pipeline.watching.counting import Objects
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.pipeline.watching.showing import Showing
 from lidarcli.range_rules import normalise
-from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS, ZONE_COLOURS, on_dark
+from lidarcli.reports.palette import SET_STYLES, SHAPE_COLOURS, ZONE_COLOURS, on_dark
 from lidarcli.ros.messages import ROS2, TF, Outgoing
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepPoses
@@ -186,7 +186,7 @@ def write_overlay(
 
 COLOURS = Colours(
     {name: on_dark(colour) for name, colour in SHAPE_COLOURS.items()},
-    tuple(on_dark(colour) for colour in TRACK_COLOURS),
+    {name: on_dark(colour) for name, (colour, _, _) in SET_STYLES.items()},
     {name: on_dark(colour) for name, colour in ZONE_COLOURS.items()},
 )
 MAP_Z = -0.05
