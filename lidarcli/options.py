@@ -680,7 +680,7 @@ class Cleaning(_Topic, Poses, Delay, _Objects, Limits, Jobs, total=False):
     ]
 
 
-class Inspecting(Joining, Poses, Ranges, total=False):
+class Inspecting(_Topic, Joining, Poses, Ranges, total=False):
     """Keywords of `info`."""
 
     deep: Annotated[
