@@ -350,12 +350,11 @@ def _load(
         columns |= {*TRACKED_COLUMNS, *(TRACKED_VIEW if viewer else ())}
     track_columns = {*TRACK_COLUMNS, *columns_needed(checks, "tracks")}
     if viewer:
-        from lidarcli.reports.ground import COLUMNS as PATHS
-        from lidarcli.reports.map_picture import COLUMNS
+        from lidarcli.reports import ground, map_picture
 
-        path_columns = {*PATHS["trajectories"], *COLUMNS["trajectories"]}
-        sweep_columns |= {*COLUMNS["sweeps"]}
-        track_columns |= {*COLUMNS["tracks"]}
+        path_columns = {*ground.COLUMNS["trajectories"], *map_picture.COLUMNS["trajectories"]}
+        sweep_columns |= {*map_picture.COLUMNS["sweeps"]}
+        track_columns |= {*map_picture.COLUMNS["tracks"]}
     read: list[tuple[Pair, Origin, pa.Table, pa.Table]] = []
     tracks: dict[int, pa.Table] = {}
     trajectories: dict[int, pa.Table] = {}
