@@ -16,7 +16,7 @@ from pathlib import Path
 from mcap.reader import make_reader
 
 from lidarcli.machine import keep_freed_memory
-from lidarcli.overlays.markers import TYPE
+from lidarcli.overlays.markers import MARKER_TYPE
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.following import TrackOptions
@@ -73,8 +73,8 @@ def main() -> None:
             for _, _, message in make_reader(file).iter_messages():
                 if len(messages) == REFERENCE:
                     break
-                messages.append(ROS2.deserialize_cdr(message.data, TYPE))
-        store = least(asked.rounds, lambda: [ROS2.serialize_cdr(each, TYPE) for each in messages])
+                messages.append(ROS2.deserialize_cdr(message.data, MARKER_TYPE))
+        store = least(asked.rounds, lambda: [ROS2.serialize_cdr(each, MARKER_TYPE) for each in messages])
         store /= len(messages)
         objects = read_columns(table, "objects", OBJECTS, ["sweep"]).num_rows / asked.sweeps
         size = out.stat().st_size / asked.sweeps

@@ -62,6 +62,14 @@ TableOrPath = AnyPath | Table | tuple[Any, ...]
 """A table in memory or its path, or the named tuple of tables that a function returned."""
 Tables = TableOrPath | Iterable[TableOrPath]
 """One table of the kinds that lidarcli makes, or several."""
+
+
+class Changed(Protocol):
+    """A table of changes with all that `diff` tells beside it."""
+
+    changes: Any
+
+
 STDOUT = "-"
 """As the name of an output: standard output."""
 
@@ -672,7 +680,7 @@ class Cleaning(_Topic, Poses, Delay, _Objects, Limits, Jobs, total=False):
     ]
 
 
-class Inspecting(Joining, Poses, Ranges, total=False):
+class Inspecting(_Topic, Joining, Poses, Ranges, total=False):
     """Keywords of `info`."""
 
     deep: Annotated[

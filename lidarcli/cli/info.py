@@ -54,7 +54,7 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
   lidarcli info bags/ --format json | jq '.[].scans[].rate'
   lidarcli info ranges.csv --fov 270 --degrees --range-unit mm
   lidarcli info run.bag --mask auto -o robot.toml
-  lidarcli info run.bag --deep -o robot.toml -o filter.yaml
+  lidarcli info run.bag --topic /scan --deep -o robot.toml -o filter.yaml
   lidarcli info bags/ --check "findings.errors == 0"
   lidarcli info empty.background.parquet
   lidarcli info --help-all""",
@@ -103,7 +103,7 @@ def info(say: Messages, told: InfoCommand) -> int:
     codes = []
     failed = False
     with progress_bar(sources, say) as report:
-        for source, result in inspect_logs(sources, opening, read.rules, poses, report, deep):
+        for source, result in inspect_logs(sources, opening, read.rules, poses, report, deep, read.topics):
             if isinstance(result, Failure):
                 codes.append(result.exit_code)
                 failed = True

@@ -46,7 +46,7 @@ _PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*\.(?:pgm|png|bmp)")
 _SIDE = 2048
 """Images are converted in squares of this side [pixels]."""
 _SAVE_AGAIN = "save the map again"
-TYPE = "nav_msgs/msg/OccupancyGrid"
+MAP_TYPE = "nav_msgs/msg/OccupancyGrid"
 _LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
 
 
@@ -361,7 +361,7 @@ def write_occupancy_mcap(file: BinaryIO, grid: Occupancy, stamp_ns: int, topic: 
 
     stamp_ns = min(max(stamp_ns, 0), _LAST_STAMP_NS)
     writer = start_ros2(file)
-    channel = add_channel(writer, topic, TYPE, ros2_definition(TYPE), offered(1, latched=True))
+    channel = add_channel(writer, topic, MAP_TYPE, ros2_definition(MAP_TYPE), offered(1, latched=True))
     writer.add_message(channel, stamp_ns, occupancy_cdr(grid, stamp_ns), stamp_ns)
     writer.finish()  # type: ignore[no-untyped-call]
 

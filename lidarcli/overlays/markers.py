@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
 
 Structured = NDArray[np.void]
-TYPE = "visualization_msgs/msg/MarkerArray"
+MARKER_TYPE = "visualization_msgs/msg/MarkerArray"
 ADD, DELETE_ALL = 0, 3
 LAST_SECOND = (1 << 31) - 1
 """Latest stamp of ROS 2 [s]."""

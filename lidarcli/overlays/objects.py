@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -75,9 +75,9 @@ class Colours:
     """Colours as `#RRGGBB`."""
 
     shapes: Mapping[str, str]
-    """Colours of objects, by shape."""
-    tracks: Sequence[str]
-    """Colours of tracks, by their number: a track has one colour in all sweeps."""
+    """Colours of objects without a track, by shape."""
+    sets: Mapping[str, str]
+    """Colours of tracks, by set: agents, and objects that stand."""
     zones: Mapping[str, str]
     """Colours of zones, by action."""
 
@@ -92,6 +92,8 @@ class Trajectories:
     x: Float64
     y: Float64
     in_world: Bool
+    is_agent: Bool
+    """True from where it began to move."""
 
     @staticmethod
     def of(table: pa.Table, topic: str) -> Trajectories:
@@ -99,11 +101,15 @@ class Trajectories:
         mine = are(table["topic"], topic)
         names = ("track", "sweep", "t", "x", "y", "vx", "vy")
         track, sweep, seconds, x, y, vx, vy = (held(table[name])[0] for name in names)
-        mine &= np.isin(track, np.unique(track[mine & (np.hypot(vx, vy) > 0.0)]))
+        moving = np.hypot(vx, vy) > 0.0
+        mine &= np.isin(track, np.unique(track[mine & moving]))
         rows = np.flatnonzero(mine)
         rows = rows[np.lexsort((sweep[rows], track[rows]))]
         in_world = are(table["frame"], "world")[rows]
-        return Trajectories(track[rows], sweep[rows], seconds[rows], x[rows], y[rows], in_world)
+        track, moving = track[rows], moving[rows]
+        begin, count = np.searchsorted(track, track), np.cumsum(moving)
+        is_agent = count - count[begin] + moving[begin] > 0
+        return Trajectories(track, sweep[rows], seconds[rows], x[rows], y[rows], in_world, is_agent)
 
     def up_to(self, sweep: int) -> Iterator[tuple[int, Int64]]:
         """Yield each track that has a row in a sweep with its rows in the last `TRAIL` seconds."""
@@ -149,7 +155,7 @@ def paths_of(
     index : (S,) index of each sweep in the log, one message each
     hangs : whether the sensor hangs head down
     """
-    found: dict[int, list[tuple[int, int, Float64]]] = {}
+    found: dict[int, list[_Path]] = {}
     for message, sweep in enumerate(index.tolist()):
         for number, rows in trajectories.up_to(sweep):
             x, y = trajectories.x[rows], trajectories.y[rows]
@@ -158,8 +164,9 @@ def paths_of(
                 x, y = x - poses.x[message], y - poses.y[message]
                 x, y = cos * x + sin * y, (cos * y - sin * x) * (-1.0 if hangs else 1.0)
             if len(x) > 1 and np.isfinite(x).all() and np.isfinite(y).all():
-                found.setdefault(len(x), []).append((message, number, np.column_stack([x, y])))
-    return [_paths(found[count], colours) for count in sorted(found)]
+                colour = colours.sets["A" if trajectories.is_agent[rows[-1]] else "O"]
+                found.setdefault(len(x), []).append(_Path(message, number, colour, np.column_stack([x, y])))
+    return [_paths(found[count]) for count in sorted(found)]
 
 
 def zone_of(number: int, action: str, corners: Float64, occupied: Bool, colours: Colours) -> Markers:
@@ -189,11 +196,20 @@ def zone_of(number: int, action: str, corners: Float64, occupied: Bool, colours:
     )
 
 
-def _paths(paths: Sequence[tuple[int, int, Float64]], colours: Colours) -> Markers:
-    """Return paths with the same number of points, each with its message and the number of its track."""
+class _Path(NamedTuple):
+    """The path of a track before one sweep."""
+
+    message: int
+    track: int
+    colour: str
+    points: Float64
+
+
+def _paths(paths: Sequence[_Path]) -> Markers:
+    """Return paths with the same number of points."""
     message, number = (np.array([path[k] for path in paths], np.int64) for k in (0, 1))
     count = len(paths)
-    rgb = np.array([_rgb(text) for text in colours.tracks], np.float32)[number % len(colours.tracks)]
+    rgb = np.array([_rgb(path.colour) for path in paths], np.float32)
     return Markers(
         Kind.PATH,
         message,
@@ -202,7 +218,7 @@ def _paths(paths: Sequence[tuple[int, int, Float64]], colours: Colours) -> Marke
         np.zeros(count),
         np.full((count, 3), LINE),
         np.column_stack([rgb, np.full(count, SOLID, np.float32)]),
-        np.stack([path[2] for path in paths]),
+        np.stack([path.points for path in paths]),
     )
 
 
@@ -312,9 +328,9 @@ class _Objects:
         """Return (N, 3) the colour of each; `shape` (N,) are indices into `names`."""
         known = [colours.shapes.get(name, colours.shapes[UNKNOWN]) for name in names]
         of_shapes = np.array([_rgb(text) for text in known], np.float32)
-        of_tracks = np.array([_rgb(text) for text in colours.tracks], np.float32)
-        tracked = of_tracks[self._number % len(of_tracks)]
-        chosen: Float32 = np.where(self._is_tracked[:, None], tracked, of_shapes[shape])
+        sets, which = _coded(self._rows["set"])
+        of_sets = np.array([_rgb(colours.sets.get(name, colours.sets["O"])) for name in sets], np.float32)
+        chosen: Float32 = np.where(self._is_tracked[:, None], of_sets[which], of_shapes[shape])
         return chosen
 
     def _behind(self, rows: NDArray[np.intp], letters: NDArray[Any], yaw: Float64) -> Float64:

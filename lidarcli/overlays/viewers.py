@@ -117,7 +117,7 @@ def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
         displays.append(
             f"    - Class: {plugins}/LaserScan\n      Name: {_text(topic)}\n      Enabled: {_enabled(scene, topic)}\n"
             f"      Style: Points\n      Size (Pixels): {POINT}\n      Color Transformer: FlatColor\n"
-            "      Color: 255; 255; 255\n" + _topic(topic, "Topic", is_ros2, reliable=False)
+            f"      Color: {_decimal(BEAMS)}\n" + _topic(topic, "Topic", is_ros2, reliable=False)
         )
     for topic in scene.objects:
         displays.append(
@@ -132,7 +132,7 @@ def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
         f"Panels:\n  - Class: {common}/Displays\n    Name: Displays\n"
         'Visualization Manager:\n  Class: ""\n'
         f"  Displays:\n{''.join(displays)}"
-        "  Enabled: true\n  Global Options:\n    Background Color: 16; 16; 16\n"
+        f"  Enabled: true\n  Global Options:\n    Background Color: {_decimal(BACKGROUND)}\n"
         f"    Fixed Frame: {_text(scene.frame)}\n    Frame Rate: 30\n  Name: root\n"
         f"  Tools:\n{tools}"
         f"  Views:\n    Current:\n      Class: {plugins}/TopDownOrtho\n      Name: Current View\n      Angle: 0\n"
@@ -155,6 +155,15 @@ def _topic(topic: str, key: str, is_ros2: bool, *, latched: bool = False, reliab
         f"        Reliability Policy: {'Reliable' if reliable else 'Best Effort'}\n"
         f"        Durability Policy: {'Transient Local' if latched else 'Volatile'}\n"
     )
+
+
+def _decimal(colour: str) -> str:
+    """Return a colour as RViz writes it.
+
+    >>> _decimal("#FF8000")
+    '255; 128; 0'
+    """
+    return "; ".join(map(str, bytes.fromhex(colour[1:])))
 
 
 def _text(value: str) -> str:

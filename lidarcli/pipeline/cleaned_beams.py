@@ -50,7 +50,7 @@ PAIRS = 256
 LEAST_SIDE = 0.1
 """Least side of the place of a thing [m]: what stands at a leg is wider than the points on it."""
 CELL, OFTEN, MOSTLY = 0.12, 0.1, 0.8
-"""What is seen mostly in cells of such a size [m], and often in each, is always at the same few places."""
+"""Cells of such a size [m] are always the same few places of a thing, which is seen mostly in these, and often in each."""
 LONG, MOST_HIDDEN, MOST_DOUBTED = 3.0, 0.5, 0.2
 """A track so long [s] is doubted if it is hidden in such a share of its sweeps; a note tells of such a share of beams."""
 _NONE = np.zeros(0, np.int64)

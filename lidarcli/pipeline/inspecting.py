@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from lidarcli.logs.clock import Clock, ClockInfo
 from lidarcli.logs.doubts import MOST, Doubts
 from lidarcli.logs.faults import MOST_TOPICS, Faults, repeated_topics
 from lidarcli.logs.joined import Part
-from lidarcli.logs.options import TopicChoice, scan_topics
+from lidarcli.logs.options import TopicChoice, nothing_read, scan_topics
 from lidarcli.logs.piles import Settling
 from lidarcli.masks import Masks
 from lidarcli.pipeline.inputs.filters import View, filter_text
@@ -131,13 +131,16 @@ def inspect_log(
     poses_from: PoseOptions | None = None,
     progress: Callable[[int], None] | None = None,
     deep: bool = False,
+    topics: Collection[str] | None = None,
 ) -> LogInfo:
     """Read a log from end to end, in bounded memory, and return its contents; its poses are read first.
 
-    `deep` adds the findings that align sweeps.
+    `deep` adds the findings that align sweeps; `topics` are those to judge, by default all.
 
     Raises
     ------
+    NoScanError
+        One of the topics is not there.
     OptionError
         `deep` is for a log that can be read only once.
     """
@@ -147,15 +150,20 @@ def inspect_log(
     with open_source(source, opening) as log:
         if deep and log.size is None:
             raise OptionError("--deep reads a log twice, and a pipe is read only once: give the file's name")
-        masking = masking_of(log, rules or RangeRules(), wanted)
+        choice = TopicChoice(topics, log.topics())
+        if choice.wanted and choice.is_listed and (error := choice.error(every=True)) is not None:
+            raise error
+        masking = masking_of(log, rules or RangeRules(), wanted, choice.wanted or None)
         rules = masking.rules
-        posing = Posing.of(log, wanted, TopicChoice(None, log.topics()), rules)
+        posing = Posing.of(log, wanted, choice, rules)
         poses = posing.found
         report, doubts = ReadReport(), Doubts(made_of_clouds(log))
         faults: dict[tuple[str, str], Faults] = {}
-        compares = len(scan_topics(log.topics() or ())) != 1
+        compares = len(choice.chosen) != 1
         count: Counter[str] = Counter()
-        for block, judging in Settling(rules, report).blocks(log.scans(None, report)):
+        scans = log.scans(choice.asked, report)
+        blocks = (one for one in scans if not choice.wanted or choice.takes(one.topic))
+        for block, judging in Settling(rules, report).blocks(blocks):
             for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MOST:
@@ -172,17 +180,19 @@ def inspect_log(
             count[block.topic] += len(block)
             if progress is not None:
                 progress(log.position)
-        topics = _with_counts(log.topics() or (), found, only_counted)
+        if choice.wanted and (error := choice.error(every=True)) is not None:
+            raise nothing_read(damage_lines(report), error, choice.wanted)
+        listed = _with_counts(log.topics() or (), found, only_counted)
         report = report if poses is None else poses.together(report)
         doubts.tell(report)
         made_of = made_of_clouds(log)
         notes, findings = posing.findings(found)
-        findings = [*report.findings(), *_of_sweeps(topics, faults, doubts, report), *findings]
+        findings = [*report.findings(), *_of_sweeps(listed, faults, doubts, report), *findings]
         learned = masking.learned
         if deep:
             from lidarcli.pipeline.reading.deep import deep_findings
 
-            more = deep_findings(source, opening, rules, wanted)
+            more = deep_findings(source, opening, rules, wanted, choice.wanted or None)
             known = {(each.id, each.topic, each.frame) for each in more.findings}
             # A closer look counts.
             findings = [each for each in findings if (each.id, each.topic, each.frame) not in known]
@@ -194,7 +204,7 @@ def inspect_log(
             compression=log.compression,
             size=log.size,
             parts=parts_of(log),
-            topics=topics,
+            topics=listed,
             scans=tuple(
                 found[key].info(
                     *key,
@@ -205,7 +215,7 @@ def inspect_log(
                 )
                 for key in sorted(found)
             ),
-            pose_topics=tuple(topic.name for topic in topics if topic.type in POSE_TYPES),
+            pose_topics=tuple(topic.name for topic in listed if topic.type in POSE_TYPES),
             pose_sources=pose_infos(poses) if poses is not None else (),
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
             notes=(
@@ -360,6 +370,7 @@ def inspect_logs(
     poses: PoseOptions,
     report: LogProgress | None = None,
     deep: bool = False,
+    topics: Collection[str] | None = None,
 ) -> Iterator[tuple[Source | Nothing, LogInfo | Learned | Failure]]:
     """Yield the contents of each log or background table, or its failure, one after the other."""
     for source in sources:
@@ -370,7 +381,7 @@ def inspect_logs(
                 lambda log: (
                     _learned(log)
                     if _is_table(log)
-                    else inspect_log(log, opening, rules, poses, progress_of(log, report), deep)
+                    else inspect_log(log, opening, rules, poses, progress_of(log, report), deep, topics)
                 ),
             ),
         )

@@ -18,8 +18,7 @@ from lidarcli.errors import OptionError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
-from lidarcli.maps.mapserver import TYPE as MAP_TYPE
-from lidarcli.maps.mapserver import image_of, occupancy_cdr, read_map
+from lidarcli.maps.mapserver import MAP_TYPE, image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import new_files, refuse, unwritable
 from lidarcli.overlays.files import (
     BAG,
@@ -31,7 +30,7 @@ from lidarcli.overlays.files import (
     topic_name,
     topics_of_objects,
 )
-from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, Markers, marker_arrays, transforms
+from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, SECOND, Markers, marker_arrays, transforms
 from lidarcli.overlays.objects import Colours, Trajectories, is_mirrored, markers_of, paths_of, zone_of
 from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_config
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
@@ -54,7 +53,7 @@ from lidarcli.pipeline.watching.counting import Objects
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.pipeline.watching.showing import Showing
 from lidarcli.range_rules import normalise
-from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS, ZONE_COLOURS, on_dark
+from lidarcli.reports.palette import SET_STYLES, SHAPE_COLOURS, ZONE_COLOURS, on_dark
 from lidarcli.ros.messages import ROS2, TF, Outgoing
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepPoses
@@ -186,7 +185,7 @@ def write_overlay(
 
 COLOURS = Colours(
     {name: on_dark(colour) for name, colour in SHAPE_COLOURS.items()},
-    tuple(on_dark(colour) for colour in TRACK_COLOURS),
+    {name: on_dark(colour) for name, (colour, _, _) in SET_STYLES.items()},
     {name: on_dark(colour) for name, colour in ZONE_COLOURS.items()},
 )
 MAP_Z = -0.05
@@ -432,7 +431,7 @@ class Overlay:
     def _markers(self, frame: str, joined: Joined) -> Iterator[Outgoing]:
         """Yield the markers of some sweeps of one frame."""
         data = marker_arrays(joined.raw.time_ns, frame, self._groups(frame, joined), cdr=self._is_ros2)
-        return of_sweeps(self._names[joined.raw.topic], TYPE, joined.raw, data)
+        return of_sweeps(self._names[joined.raw.topic], MARKER_TYPE, joined.raw, data)
 
     def _groups(self, frame: str, joined: Joined) -> list[Markers]:
         """Return the markers of some sweeps of one frame."""

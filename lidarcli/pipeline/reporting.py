@@ -15,6 +15,7 @@ import pyarrow as pa
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.pipeline.inputs.files import Named, all_files, files_named
 from lidarcli.pipeline.inputs.tables import (
+    Given,
     Pair,
     find_pairs,
     find_tables,
@@ -47,7 +48,7 @@ from lidarcli.reports.wording import counted
 from lidarcli.reports.zone_report import ZonesReport
 from lidarcli.reports.zones import judge_zones, parse_zone_check, zoned_of
 from lidarcli.stores.url import Place, absolute, place
-from lidarcli.tabular.reading import note_value, notes_of
+from lidarcli.tabular.reading import Readable, note_value, notes_of
 from lidarcli.tabular.runs import Entry, read_run
 from lidarcli.tabular.schemas import EVENTS, LATER
 from lidarcli.tabular.writing import PARAMETERS
@@ -98,9 +99,9 @@ NAMED = 10
 class ReportOptions:
     """Options of a report."""
 
-    tables: tuple[str | Pair, ...]
+    tables: tuple[Given, ...]
     checks: tuple[str, ...] = ()
-    baseline: tuple[str | Pair, ...] = ()
+    baseline: tuple[Given, ...] = ()
     logs: tuple[str, ...] = ()
     """Logs whose raw sweeps the viewer of the HTML shows."""
     join: bool = False
@@ -233,14 +234,14 @@ def _refuse_without_objects(options: ReportOptions, kind: str) -> None:
 
 
 def _read_changes(
-    paths: Sequence[Place], step: Callable[[], None]
+    paths: Sequence[Readable], step: Callable[[], None]
 ) -> tuple[Changed | None, list[UnreadableError]]:
     """Read tables of changes; returns them, None without any, with an error for each that cannot be read."""
-    found: dict[str, pa.Table] = {}
+    found: list[tuple[str, pa.Table]] = []
     problems = []
     for path in paths:
         try:
-            found[str(path)] = read_changes(path)
+            found.append((str(path), read_changes(path)))
         except UnreadableError as err:
             problems.append(err)
         step()
@@ -320,9 +321,9 @@ def _command(options: ReportOptions) -> str:
     return shlex.join([*words, "-o", "report.html"])
 
 
-def _names(paths: Sequence[str | Pair]) -> list[str]:
+def _names(paths: Sequence[Given]) -> list[str]:
     """Return the names of files, of many the first."""
-    told = [str(path.objects) if isinstance(path, Pair) else path for path in paths]
+    told = [str(path.objects if isinstance(path, Pair) else path) for path in paths]
     names = [path.rstrip("/").split("/")[-1] or path for path in told]
     return names if len(names) <= NAMED else [*names[:NAMED], "..."]
 
@@ -349,12 +350,11 @@ def _load(
         columns |= {*TRACKED_COLUMNS, *(TRACKED_VIEW if viewer else ())}
     track_columns = {*TRACK_COLUMNS, *columns_needed(checks, "tracks")}
     if viewer:
-        from lidarcli.reports.ground import COLUMNS as PATHS
-        from lidarcli.reports.map_picture import COLUMNS
+        from lidarcli.reports import ground, map_picture
 
-        path_columns = {*PATHS["trajectories"], *COLUMNS["trajectories"]}
-        sweep_columns |= {*COLUMNS["sweeps"]}
-        track_columns |= {*COLUMNS["tracks"]}
+        path_columns = {*ground.COLUMNS["trajectories"], *map_picture.COLUMNS["trajectories"]}
+        sweep_columns |= {*map_picture.COLUMNS["sweeps"]}
+        track_columns |= {*map_picture.COLUMNS["tracks"]}
     read: list[tuple[Pair, Origin, pa.Table, pa.Table]] = []
     tracks: dict[int, pa.Table] = {}
     trajectories: dict[int, pa.Table] = {}

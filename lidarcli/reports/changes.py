@@ -141,13 +141,13 @@ def _number(value: object) -> float | None:
     return float(value) if isinstance(value, int | float) else None
 
 
-def changed_of(tables: Mapping[str, pa.Table]) -> Changed:
-    """Return the changes of tables, whose statuses are known, by their names."""
+def changed_of(tables: Sequence[tuple[str, pa.Table]]) -> Changed:
+    """Return the changes of tables, whose statuses are known, each with its name."""
     pairs: list[RunPair] = []
     sources = []
     unknown: set[str] = set()
     of_maps: dict[str, float | None] = {}
-    for name, table in tables.items():
+    for name, table in tables:
         notes = notes_of(table)
         figures = note_value(notes, CHANGE_FIGURES, dict)
         # What diff could not count, as of a run too short for anything to stand in it, is not none.

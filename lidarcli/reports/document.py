@@ -157,7 +157,7 @@ class Card(NamedTuple):
     detail: str
     alarming: bool = False
     meaning: str = ""
-    """What the figure counts, for those who do not know the word."""
+    """Meaning of the figure, for those who do not know the word."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

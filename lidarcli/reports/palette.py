@@ -40,8 +40,6 @@ SHAPE_COLOURS = {
 }
 SHAPE_DOTS = {"irregular": (0.0, (1.2, 0.7))}
 """Shape → dots of its outline: in print its colour is as grey as that of another box."""
-TRACK_COLOURS = (ORANGE, SKY, GREEN, YELLOW, VERMILION, PURPLE, BLUE)
-"""Colours of tracks, by their number."""
 SHAPE_WORDS = {
     "prismatic": "prismatic object",
     "round": "round object",

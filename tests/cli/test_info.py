@@ -197,6 +197,37 @@ def test_two_topics(logs: Path, lidarcli: Run) -> None:
     ]
 
 
+@pytest.mark.parametrize("more", [(), ("--deep",)])
+def test_one_topic_of_two(logs: Path, lidarcli: Run, more: tuple[str, ...]) -> None:
+    both, rear = (
+        json.loads(lidarcli("info", logs / "two.mcap", "--format", "json", *more, *topic).out)[0]
+        for topic in ((), ("--topic", "rear"))
+    )
+    assert [scan["topic"] for scan in both["scans"]] == ["/front", "/rear"]
+    assert rear["scans"] == both["scans"][1:]
+    assert rear["topics"] == both["topics"]
+    told = [one["id"] for one in both["findings"] if one["topic"] == "/front"]
+    assert told
+    assert {one["topic"] for one in rear["findings"]} == {"/rear"}
+
+
+def test_a_topic_that_is_not_there(logs: Path, lidarcli: Run) -> None:
+    ran = lidarcli("info", logs / "two.mcap", "--topic", "/rear", "--topic", "/left")
+    assert (ran.code, ran.out) == (4, "")
+    assert ran.err == (
+        f"lidarcli: {logs / 'two.mcap'}: no LaserScan topic /left in this log (its LaserScan topics: /front, /rear)\n"
+    )
+
+
+@pytest.mark.slow
+def test_one_topic_of_a_pipe(logs: Path, process: Callable[..., Any]) -> None:
+    data = (logs / "two.mcap").read_bytes()
+    ran = process("info", "-", "--topic", "/rear", "--format", "json", input=data)
+    assert ran.returncode == 0
+    assert [(scan["topic"], scan["sweeps"]) for scan in json.loads(ran.stdout)[0]["scans"]] == [("/rear", 20)]
+    assert process("info", "-", "--topic", "/left", input=data).returncode == 4
+
+
 def test_hundreds_of_topics_do_not_hide_the_scans(tmp_path: Path, lidarcli: Run) -> None:
     path = tmp_path / "run.mcap"
     with path.open("wb") as file:

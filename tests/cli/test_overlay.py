@@ -27,6 +27,7 @@ from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, ReadReport
 from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
 from lidarcli.overlays import files
 from lidarcli.overlays.objects import PART
+from lidarcli.reports.palette import BLUE, VERMILION, on_dark
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.overlays.reading import Read, read_back, stamp_ns
@@ -170,13 +171,23 @@ def test_what_is_drawn_is_what_the_tables_say(made: Path, name: str) -> None:
     assert len(arrows) > 100 if name == "people" else not arrows
 
 
-def test_a_track_has_one_colour(made: Path) -> None:
-    colours: dict[int, set[tuple[float, ...]]] = {}
-    for marker in markers(read_back(made / "people.mcap", OBJECTS), "body"):
-        colour = (marker.color.r, marker.color.g, marker.color.b)
-        colours.setdefault(number_of(marker), set()).add(colour)
-    assert len(colours) > 5
-    assert {len(found) for found in colours.values()} == {1}
+def test_agents_are_vermilion_and_what_stands_is_blue(made: Path) -> None:
+    """Bodies by the set of their rows; a path has the colour that its body has in the same sweep."""
+    table = pq.read_table(made / "people.objects.parquet", columns=["sweep", "track", "set"]).to_pylist()
+    sets = {(row["sweep"], row["track"]): row["set"] for row in table if row["track"] is not None}
+    expected = {
+        kind: [int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5)]
+        for kind, colour in (("A", on_dark(VERMILION)), ("O", on_dark(BLUE)))
+    }
+    compared: Counter[tuple[str, str]] = Counter()
+    for sweep, each in enumerate(read_back(made / "people.mcap", OBJECTS)):
+        for marker in each.message.markers:
+            if marker.ns in ("body", "path") and (kind := sets.get((sweep, number_of(marker)))) is not None:
+                compared[marker.ns, kind] += 1
+                colour = (marker.color.r, marker.color.g, marker.color.b)
+                assert colour == pytest.approx(expected[kind], abs=1e-5), (sweep, marker.ns, marker.id)
+    assert min(compared["body", kind] for kind in "AO") > 100
+    assert compared["path", "A"] > 100
 
 
 def test_without_tracks_an_object_has_the_colour_of_its_shape(

@@ -14,7 +14,7 @@ from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from lidarcli.formalism.mapping.occupancy import Occupancy
-from lidarcli.maps.mapserver import TYPE, occupancy_cdr, write_occupancy_mcap
+from lidarcli.maps.mapserver import MAP_TYPE, occupancy_cdr, write_occupancy_mcap
 from lidarcli.ros.messages import ros2_definition
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -38,8 +38,8 @@ def written(grid: Occupancy, stamp_ns: int = STAMP_NS, topic: str = "/map") -> b
 def test_rosbags_reads_the_message(frame_id: str, shape: tuple[int, int]) -> None:
     grid = some_grid(frame_id, *shape)
     data = occupancy_cdr(grid, STAMP_NS)
-    message: object = STORE.deserialize_cdr(data, TYPE)
-    assert bytes(STORE.serialize_cdr(message, TYPE)) == data
+    message: object = STORE.deserialize_cdr(data, MAP_TYPE)
+    assert bytes(STORE.serialize_cdr(message, MAP_TYPE)) == data
     assert message.header.frame_id == frame_id
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1_700_000_000, 123_456_789)
     assert message.info.map_load_time == message.header.stamp
@@ -54,13 +54,13 @@ def test_rosbags_reads_the_message(frame_id: str, shape: tuple[int, int]) -> Non
 def test_cells_need_not_be_contiguous() -> None:
     grid = some_grid()
     turned = Occupancy(grid.resolution, grid.x, grid.y, grid.cells[::-1, ::2])
-    message = STORE.deserialize_cdr(occupancy_cdr(turned, 0), TYPE)
+    message = STORE.deserialize_cdr(occupancy_cdr(turned, 0), MAP_TYPE)
     assert message.data.tolist() == grid.cells[::-1, ::2].ravel().tolist()
 
 
 def test_the_definition_is_that_of_ros() -> None:
-    assert STORE.generate_msgdef(TYPE, ros_version=2)[0] == ros2_definition(TYPE)
-    types = get_types_from_msg(ros2_definition(TYPE), TYPE)
+    assert STORE.generate_msgdef(MAP_TYPE, ros_version=2)[0] == ros2_definition(MAP_TYPE)
+    types = get_types_from_msg(ros2_definition(MAP_TYPE), MAP_TYPE)
     assert all(types[name] == STORE.fielddefs[name] for name in types)
     assert len(types) == 7
 
@@ -69,7 +69,11 @@ def test_the_file() -> None:
     reader = make_reader(io.BytesIO(written(some_grid(), topic="/site/map")), validate_crcs=True)
     assert (reader.get_header().profile, reader.get_header().library) == ("ros2", "lidarcli")
     ((schema, channel, message),) = reader.iter_messages()
-    assert (schema.name, schema.encoding, schema.data.decode()) == (TYPE, "ros2msg", ros2_definition(TYPE))
+    assert (schema.name, schema.encoding, schema.data.decode()) == (
+        MAP_TYPE,
+        "ros2msg",
+        ros2_definition(MAP_TYPE),
+    )
     assert (channel.topic, channel.message_encoding) == ("/site/map", "cdr")
     assert (message.log_time, message.publish_time) == (STAMP_NS, STAMP_NS)
     assert message.data == occupancy_cdr(some_grid(), STAMP_NS)
@@ -109,6 +113,6 @@ def test_the_same_map_gives_the_same_bytes() -> None:
 )
 def test_stamps_that_ros_cannot_hold_are_the_nearest(stamp_ns: int, sec: int, nanosec: int) -> None:
     ((_, _, record),) = make_reader(io.BytesIO(written(some_grid(), stamp_ns))).iter_messages()
-    message = STORE.deserialize_cdr(record.data, TYPE)
+    message = STORE.deserialize_cdr(record.data, MAP_TYPE)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (sec, nanosec)
     assert record.log_time == sec * 1_000_000_000 + nanosec

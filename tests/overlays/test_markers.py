@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.overlays.markers import LAST_SECOND, TYPE, Kind, Markers, marker_arrays, transforms
+from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, Kind, Markers, marker_arrays, transforms
 from lidarcli.ros.messages import ROS1, ROS2, TF
 
 MESSAGES = 6
@@ -49,8 +49,10 @@ def built(frame: str, groups: list[Markers], cdr: bool) -> list[Any]:
     """The messages as objects; each is asserted to have the bytes that the type store makes of it."""
     messages = []
     for data in marker_arrays(STAMPS, frame, groups, cdr=cdr):
-        message: Any = ROS2.deserialize_cdr(data, TYPE) if cdr else ROS1.deserialize_ros1(data, TYPE)
-        again = ROS2.serialize_cdr(message, TYPE) if cdr else ROS1.serialize_ros1(message, TYPE)
+        message: Any = (
+            ROS2.deserialize_cdr(data, MARKER_TYPE) if cdr else ROS1.deserialize_ros1(data, MARKER_TYPE)
+        )
+        again = ROS2.serialize_cdr(message, MARKER_TYPE) if cdr else ROS1.serialize_ros1(message, MARKER_TYPE)
         assert bytes(again) == data
         messages.append(message)
     return messages
@@ -105,7 +107,7 @@ def test_no_message_gives_none() -> None:
 )
 def test_a_stamp_that_ros_cannot_hold_becomes_the_nearest(stamp: int, told: tuple[int, int]) -> None:
     (data,) = marker_arrays(np.array([stamp]), "laser", [], cdr=True)
-    message: Any = ROS2.deserialize_cdr(data, TYPE)
+    message: Any = ROS2.deserialize_cdr(data, MARKER_TYPE)
     found = message.markers[0].header.stamp
     assert (found.sec, found.nanosec) == told
 

@@ -25,10 +25,10 @@ from lidarcli.overlays.objects import (
     markers_of,
     paths_of,
 )
-from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS, ZONE_COLOURS
+from lidarcli.reports.palette import BLUE, GREY, SHAPE_COLOURS, VERMILION, ZONE_COLOURS
 from lidarcli.tabular.schemas import OBJECTS, TRAJECTORIES
 
-COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS, ZONE_COLOURS)
+COLOURS = Colours(SHAPE_COLOURS, {"O": BLUE, "A": VERMILION, "S": GREY}, ZONE_COLOURS)
 NOWHERE = Poses(*(np.full(9, np.nan) for _ in range(3)))
 PLAIN: dict[str, Any] = {
     "object": 1,
@@ -190,11 +190,11 @@ def test_what_has_no_place_is_left_out() -> None:
     assert {(int(group.id[0]), int(group.message[0]), len(group.id)) for group in groups} == {(2, 1, 1)}
 
 
-def test_a_track_keeps_its_colour_whatever_its_shape_and_number() -> None:
+def test_a_track_has_the_colour_of_its_set_whatever_its_shape() -> None:
     groups = drawn(
-        {"track": 9, "object": 1, "shape": "round"},
-        {"track": 9, "object": 4, "shape": "irregular"},
-        {"track": 10, "object": 5},
+        {"track": 9, "object": 1, "shape": "round", "set": "A"},
+        {"track": 9, "object": 4, "shape": "irregular", "set": "A"},
+        {"track": 10, "object": 5, "set": "O"},
         message=[0, 1, 1],
     )
     colours: dict[int, set[tuple[float, ...]]] = {}
@@ -202,7 +202,8 @@ def test_a_track_keeps_its_colour_whatever_its_shape_and_number() -> None:
         for number, colour in zip(group.id.tolist(), chosen(group).tolist(), strict=True):
             colours.setdefault(number, set()).add(tuple(round(part, 5) for part in colour))
     assert {number: len(found) for number, found in colours.items()} == {9: 1, 10: 1}
-    assert colours[9].pop() == pytest.approx(rgb(TRACK_COLOURS[9 % len(TRACK_COLOURS)]), abs=1e-5)
+    for number, colour in ((9, VERMILION), (10, BLUE)):
+        assert colours[number].pop() == pytest.approx(rgb(colour), abs=1e-5)
 
 
 def test_no_two_markers_of_a_message_share_namespace_and_id() -> None:
@@ -287,7 +288,39 @@ def test_what_moves_has_a_path_of_the_last_seconds() -> None:
     assert long.points is not None
     assert short.points[0] == pytest.approx(np.array([[1.0, 2.0], [1.1, 2.0], [1.2, 2.0]]))
     assert long.points[0, [0, -1], 0] == pytest.approx([2.0, 5.0])
-    assert long.colour[0, :3].tolist() == pytest.approx(rgb(TRACK_COLOURS[3]))
+    assert long.colour[0, :3].tolist() == pytest.approx(rgb(VERMILION))
+
+
+def test_a_path_is_that_of_an_agent_from_where_it_began_to_move() -> None:
+    """Track 3 stands in the first ten sweeps, as track 4 does in all of them, and moves in the next ten alone."""
+    rows = [
+        {
+            "topic": "/scan",
+            "track": track,
+            "sweep": k,
+            "t": k / 10,
+            "x": 1.0,
+            "y": 2.0,
+            "vx": speed,
+            "vy": 0.0,
+        }
+        | {"frame": "sensor", "seen": "seen", "parts": 1}
+        | dict.fromkeys(("x_sd", "y_sd", "xy_cov", "vx_sd", "vy_sd"), 0.0)
+        for k in range(30)
+        for track, speed in ((3, 1.0 if 10 <= k < 20 else 0.0), (4, 0.0), (5, 1.0 if k >= 25 else 0.0))
+    ]
+    table = pa.Table.from_pylist(rows, schema=TRAJECTORIES)
+    found = paths_of(Trajectories.of(table, "/scan"), np.array([9, 10, 29]), NOWHERE, False, COLOURS)
+    colours = {
+        (int(message), int(number)): colour.tolist()
+        for group in found
+        for message, number, colour in zip(group.message, group.id, group.colour[:, :3], strict=True)
+    }
+    expected = {(0, 3): BLUE, (1, 3): VERMILION, (2, 3): VERMILION}
+    expected |= {(0, 5): BLUE, (1, 5): BLUE, (2, 5): VERMILION}
+    assert colours.keys() == expected.keys()
+    for key, colour in expected.items():
+        assert colours[key] == pytest.approx(rgb(colour))
 
 
 @pytest.mark.parametrize("hangs", [False, True])

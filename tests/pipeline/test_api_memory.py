@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -124,10 +125,39 @@ def test_events_of_zones(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_changes_are_those_of_the_file(tmp_path: Path) -> None:
+    """In the second run nothing changes: the metadata alone tell of it."""
+    empty = SAMPLES / "room_empty.mcap"
+    found = lidarcli.diff(empty, empty, ROOM, output=tmp_path / "changes.parquet")
+    checks = ["new == 5", "gone == 0"]
+    expected = lidarcli.report(tmp_path / "changes.parquet", check=checks)
+    frame = found.changes.to_pandas()
+    frame.attrs = {key.decode(): note.decode() for key, note in found.changes.schema.metadata.items()}
+    for given in (found, found.changes, frame, OfAnother(found.changes)):
+        report = lidarcli.report(given, check=checks)
+        assert report.holds
+        assert report.as_dict() == expected.as_dict()
+    # Beside the tables of a log, and beside another table of the same name.
+    together = lidarcli.report([lidarcli.detect(ROOM, end=1), found])
+    assert (together.figures["sweeps"], together.figures["new"]) == (10, 5)
+    assert lidarcli.report([found, tmp_path / "changes.parquet"]).figures["new"] == 10
+    assert lidarcli.export(found.changes, tmp_path / "changes.csv") == found.changes.num_rows
+    with pytest.raises(UnreadableError, match=r"^changes.parquet \(in memory\): no column why"):
+        lidarcli.report(found.changes.drop_columns("why"))
+    with pytest.raises(OptionError, match=r"^--tracks: give what track returns, not a table of changes$"):
+        lidarcli.plot(ROOM, tracks=found.changes)
+    with pytest.raises(
+        UnreadableError, match=r"^changes.parquet: this is the changes table of lidarcli diff"
+    ):
+        lidarcli.report(lidarcli.detect(ROOM, end=1), baseline=found.changes)
+
+
+@pytest.mark.slow
 def test_paths_in_a_picture_are_those_of_the_files(tracked: Any, frames: Any, files: str) -> None:
     def lines(tables: Any) -> list[Any]:
         figure = lidarcli.plot(PEOPLE, 60, tracks=tables, view="scene")
-        return [line.get_xydata().tolist() for line in figure.axes[0].lines]
+        # No number, where a line is broken, equals none.
+        return [np.nan_to_num(line.get_xydata(), nan=np.inf).tolist() for line in figure.axes[0].lines]
 
     expected = lines(files)
     assert expected
@@ -155,9 +185,7 @@ def test_tables_of_other_libraries(tracked: Any, tmp_path: Path) -> None:
 
 
 def test_what_is_no_table(tracked: Any, frames: Any) -> None:
-    kinds = (
-        r"^tables are named by their paths, or are what detect, track, tables and zones return, .*, not int$"
-    )
+    kinds = r"^tables are named by their paths, or are what detect, track, tables, zones and diff return, .*, not int$"
     for call in (
         lambda: lidarcli.report(3),
         lambda: lidarcli.report([3]),

@@ -102,27 +102,27 @@ def test_runs_of_a_table() -> None:
 
 
 def test_figures_are_those_of_diff() -> None:
-    assert changed_of({"c.parquet": told()}).figures == FIGURES
-    both = changed_of({"a.parquet": told(), "b.parquet": told()}).figures
+    assert changed_of([("c.parquet", told())]).figures == FIGURES
+    both = changed_of([("a.parquet", told()), ("b.parquet", told())]).figures
     assert both == FIGURES | {"known": 4, "moved": 2, "new": 2, "gone": 4, "uncertain": 2}
 
 
 def test_what_diff_could_not_count_stays_unknown() -> None:
     short = dict.fromkeys(FIGURES) | {"overlap": 0.93}
-    changed = changed_of({"c.parquet": told(figures=short)})
+    changed = changed_of([("c.parquet", told(figures=short))])
     assert changed.figures == short
-    assert changed_of({"a": told(), "b": told(figures=short)}).figures["gone"] is None
+    assert changed_of([("a", told()), ("b", told(figures=short))]).figures["gone"] is None
 
 
 def test_figures_of_two_maps_are_those_of_one_table() -> None:
     of_maps = {"precision": 0.9, "recall": None, "f1": 0.8}
     found = told(figures=FIGURES | of_maps)
-    assert changed_of({"c": found}).figures == FIGURES | of_maps
-    assert "f1" not in changed_of({"c": found, "d": found}).figures
+    assert changed_of([("c", found)]).figures == FIGURES | of_maps
+    assert "f1" not in changed_of([("c", found), ("d", found)]).figures
 
 
 def test_without_metadata_the_rows_tell_the_runs() -> None:
-    changed = changed_of({"c": told().replace_schema_metadata(None)})
+    changed = changed_of([("c", told().replace_schema_metadata(None))])
     assert [one.title for one in changed.pairs] == ["monday to tuesday", "monday to wednesday"]
     assert changed.figures == FIGURES | {"overlap": None}
 

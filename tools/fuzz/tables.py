@@ -1,4 +1,4 @@
-"""Tables of `track` and `background`, changed as pandas, other programs and hostile people change them."""
+"""Tables of `track`, `background` and `diff`, changed as pandas, other programs and hostile people change them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from tools.fuzz.target import Random, Target
 LOG = "run.mcap"
 BACKGROUND = "empty.background.parquet"
 TRACKS = "run.tracks.parquet"
-NAMES = ("run.objects.parquet", "run.sweeps.parquet", TRACKS, "run.beams.parquet", BACKGROUND)
+DIFFERENCE = "run.changes.parquet"
+NAMES = ("run.objects.parquet", "run.sweeps.parquet", TRACKS, "run.beams.parquet", BACKGROUND, DIFFERENCE)
 FORMATS = ("text", "markdown", "html", "json", "junit", "github")
 
 SCENE = """
@@ -54,6 +55,7 @@ y = -0.6
 radius = 0.25
 velocity = [0.8, 0.0]
 """
+LATER = f"{SCENE}[[box]]\nx = 0.0\ny = -1.2\nlength = 0.5\nwidth = 0.3\n"
 """Something that stands and something that moves, seen by a sensor that drives: all tables have rows, and poses."""
 
 Change = Callable[[pa.Table, Random], pa.Table]
@@ -65,11 +67,15 @@ def tables() -> dict[str, bytes]:
     with tempfile.TemporaryDirectory() as folder:
         path, scene = str(Path(folder) / LOG), Path(folder) / "scene.toml"
         scene.write_text(SCENE, encoding="utf-8")
+        after, later = str(Path(folder) / "later.mcap"), Path(folder) / "later.toml"
+        later.write_text(LATER, encoding="utf-8")
         background = str(Path(folder) / BACKGROUND)
         for command in (
             ["simulate", str(scene), "-o", path],
             ["track", path, "-o", folder, "--beams"],
             ["background", path, "-o", background],
+            ["simulate", str(later), "-o", after],
+            ["diff", path, after, "-o", str(Path(folder) / DIFFERENCE)],
         ):
             if (ran := run(["-q", *command])).code:
                 raise RuntimeError(ran.err)
@@ -111,6 +117,9 @@ def _reading(name: str, formats: tuple[str, ...]) -> list[list[str]]:
             ["info", f"in/{name}"],
             ["detect", f"in/{LOG}", "-o", "out", "--removed", "--background", f"in/{name}", "--overwrite"],
         ]
+    if name == DIFFERENCE:
+        alone = [["report", f"in/{name}", "--format", form, "--check", "new <= 9"] for form in formats]
+        return [*alone, ["report", f"in/{name}", "in/run.objects.parquet", "--format", formats[0]]]
     reports = [["report", "in/run.objects.parquet", "--format", form] for form in formats]
     baseline = ["report", "in/run.objects.parquet", "--baseline", "in/base", "--format", formats[0]]
     against = ["report", "in/base/run.objects.parquet", "--baseline", "in/run.objects.parquet"]
@@ -269,7 +278,8 @@ def _twice(table: pa.Table, random: Random) -> pa.Table:
 def _by_pandas(table: pa.Table, random: Random) -> pa.Table:
     """Through a data frame and back, as people do."""
     frame = table.to_pandas()
-    frame["topic"] = frame["topic"].astype(str)
+    text = "topic" if "topic" in frame else "log_b"
+    frame[text] = frame[text].astype(str)
     return pa.Table.from_pandas(frame)
 
 
@@ -375,6 +385,10 @@ KNOWN: list[tuple[str, list[Change]]] = [
     ("run.objects.parquet", [_set("track", 2**63 - 1)]),
     ("run.objects.parquet", [_set("vx", 1e308)]),
     ("run.objects.parquet", [_cast("moving", pa.string())]),
+    (DIFFERENCE, [_by_pandas]),
+    (DIFFERENCE, [_cast("status", pa.int64())]),
+    (DIFFERENCE, [_set("log_b", None)]),
+    (DIFFERENCE, [_set("x_b", 1e308)]),
     ("empty.background.parquet", [_geometry({"a": 1})]),
     ("empty.background.parquet", [_geometry([1, 2])]),
     ("empty.background.parquet", [_geometry([{"topic": None}])]),

@@ -12,7 +12,7 @@ from lidarcli.sweeps import Float64, Int32, Int64
 OCCUPIED_SHARE, FREE_SHARE = 0.25, 0.15
 """An occupied cell was hit by more than the first share of the sweeps that saw it, a free one by less than the second."""
 ENOUGH_CELLS, MOST_CELLS = 1000, 40_000
-"""Where more occupied cells than this have two hits, those with one make no line; of more than this, some are left out."""
+"""Occupied cells with two hits beyond which those with one make no line, and beyond which some are left out."""
 DIRECTIONS = 180
 """Number of directions of lines that are tried."""
 NEAR, ON_LINE = 0.09, 0.12

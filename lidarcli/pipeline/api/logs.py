@@ -116,7 +116,7 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
         for source in sources:
             with failed.noted(source):
                 tell = progress_of(source, report)
-                found = inspect_log(source, opening, read.rules, poses, tell, deep=options["deep"])
+                found = inspect_log(source, opening, read.rules, poses, tell, options["deep"], read.topics)
                 for line in found.damage:
                     warn(f"{source.label}: {line}")
                 if found.exit_code == NoScanError.exit_code:

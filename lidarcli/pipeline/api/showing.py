@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from os import fspath
@@ -12,7 +12,19 @@ from lidarcli.choices import TRAIL, VIEWS, Look
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism import Parameters
 from lidarcli.newfiles import refuse, write_whole
-from lidarcli.options import AnyPath, Delay, Joining, Paths, Plotting, Poses, Ranges, Reporting, Tables
+from lidarcli.options import (
+    AnyPath,
+    Changed,
+    Delay,
+    Joining,
+    Paths,
+    Plotting,
+    Poses,
+    Ranges,
+    Reporting,
+    TableOrPath,
+    Tables,
+)
 from lidarcli.pipeline.api.options import (
     Values,
     log_options,
@@ -44,6 +56,7 @@ from lidarcli.reports.picture import Picture
 from lidarcli.reports.zone_report import ZonesReport
 from lidarcli.stores.url import place
 from lidarcli.sweeps import SweepBatch
+from lidarcli.tabular.reading import HeldTable
 from lidarcli.times import as_time
 
 _LOOK = ("width", "dpi", "title", "legend", "vertices")
@@ -137,7 +150,10 @@ def _tracks(tables: Tables | None, log: str) -> str | Pair | None:
     """Return the tables of the log that is drawn: of those of several logs its own."""
     if tables is None:
         return None
-    found = tables_of(tables)
+    given = tables_of(tables)
+    found = [each for each in given if not isinstance(each, HeldTable)]
+    if len(found) < len(given):
+        raise OptionError("--tracks: give what track returns, not a table of changes")
     mine = [each for each in found if isinstance(each, Pair) and each.log == log]
     if len(found) != 1 and len(mine) != 1:
         raise OptionError(f"--tracks: give the tables of {log or 'one log'}, not those of {len(found)} logs")
@@ -205,14 +221,18 @@ class RunReport:
 
 
 @with_keywords
-def report(tables: Tables, output: Paths = (), **options: Unpack[Reporting]) -> RunReport:
+def report(
+    tables: Tables | Changed | Iterable[TableOrPath | Changed],
+    output: Paths = (),
+    **options: Unpack[Reporting],
+) -> RunReport:
     """The figures of one or many runs, held against checks, from tables that are in memory or in files.
 
     Parameters
     ----------
-    tables : what `detect`, `track`, `tables` or `zones` returned, or such tables, as Arrow tables or data frames; paths of
-        objects, sweeps or tracks tables (the others of a log are found beside each), of tables of changes, folders or
-        patterns; or several of all
+    tables : what `detect`, `track`, `tables`, `zones` or `diff` returned, or such tables, as Arrow tables or data frames;
+        paths of objects, sweeps or tracks tables (the others of a log are found beside each), of tables of changes, folders
+        or patterns; or several of all
     output : files to write, replaced where they exist, each in the format that its suffix says: .txt, .md, .html, .json
         or .xml (JUnit); by default none
 

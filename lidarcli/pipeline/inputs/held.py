@@ -13,13 +13,15 @@ from typing import Any
 import pyarrow as pa
 
 from lidarcli.errors import OptionError
-from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.inputs.tables import Given, Pair
 from lidarcli.tabular.reading import HeldTable, is_text, note_value, notes_of
 from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.tabular.writing import DAMAGE, SOURCE
 
 KEYS = ("log", "topic")
-"""Columns of every table."""
+"""Columns of every table of logs."""
+CHANGES_KEYS = frozenset(("log_a", "log_b", "status"))
+"""Columns by which a table of changes is known."""
 _BESIDE: dict[int, tuple[Any, ...]] = {}
 """Identity of an objects table that is in memory → the other tables of its logs."""
 
@@ -96,7 +98,7 @@ def pairs_of(tables: Sequence[Any]) -> list[HeldPair]:
     return found
 
 
-def tables_of(values: Any) -> list[str | Pair]:
+def tables_of(values: Any) -> list[Given]:
     """Return tables, each named by a path or in memory: those of a tuple that a function returned belong together.
 
     Raises
@@ -106,13 +108,15 @@ def tables_of(values: Any) -> list[str | Pair]:
     OptionError
         One is no table of lidarcli, or two of a kind are of the same log.
     """
-    found: list[str | Pair] = []
+    found: list[Given] = []
     loose: list[Any] = []
     for each in _each_table(values):
         if isinstance(each, str):
             found.append(each)
         elif isinstance(each, list):
             found += pairs_of(each)
+        elif {*(table := arrow_of(each)).column_names} >= CHANGES_KEYS:
+            found.append(HeldTable("changes.parquet", table))
         else:
             loose.append(each)
     return [*found, *pairs_of(loose)] if loose else found
@@ -128,7 +132,7 @@ def tables_to_export(values: Any) -> list[str | HeldTable]:
 
 def _each_table(values: Any) -> Iterator[Any]:
     """Yield the path of each table as text, a table itself, or the list of those that a function returned together."""
-    made = isinstance(values, tuple) and hasattr(values, "_fields")
+    made = (isinstance(values, tuple) and hasattr(values, "_fields")) or _has_changes(values)
     given = [values] if isinstance(values, str | PathLike) or is_table(values) or made else values
     if not isinstance(given, Iterable) or isinstance(given, Mapping):
         raise TypeError(_no_table(values))
@@ -140,15 +144,22 @@ def _each_table(values: Any) -> Iterator[Any]:
         elif isinstance(each, tuple) and hasattr(each, "_fields"):
             together = [*each, getattr(each, "trajectories", None)]
             yield [table for table in together if table is not None]
+        elif _has_changes(each):
+            yield each.changes
         else:
             raise TypeError(_no_table(each))
 
 
 def _no_table(value: Any) -> str:
     return (
-        "tables are named by their paths, or are what detect, track, tables and zones return, Arrow tables or data frames, "
-        f"not {type(value).__name__}"
+        "tables are named by their paths, or are what detect, track, tables, zones and diff return, Arrow tables or "
+        f"data frames, not {type(value).__name__}"
     )
+
+
+def _has_changes(value: Any) -> bool:
+    """Tell whether a value is what `diff` returns."""
+    return is_table(getattr(value, "changes", None))
 
 
 def _is_frame(value: Any) -> bool:

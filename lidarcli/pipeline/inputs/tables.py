@@ -90,24 +90,28 @@ class Pair:
         return place(f"{self.before}{table}{self.after}")
 
 
+Given = str | Pair | HeldTable
+"""A name of tables, the tables of a log, or a table of changes in memory."""
+
+
 class Found(NamedTuple):
     """The tables that files, folders and patterns name, each once, in their order."""
 
     pairs: list[Pair]
-    changes: list[Place]
+    changes: list[Readable]
     """Tables of changes, which are those of several logs."""
     problems: list[UnreadableError]
     """Errors of other names."""
 
 
-def find_tables(inputs: Iterable[str | Pair]) -> Found:
-    """Return the tables that files, folders and patterns name; pairs that are known stay as they are."""
+def find_tables(inputs: Iterable[Given]) -> Found:
+    """Return the tables that files, folders and patterns name; those that are known stay as they are."""
     pairs: dict[Pair, None] = {}
-    changes: dict[Place, None] = {}
+    changes: dict[Readable, None] = {}
     problems = []
     for text in inputs:
         try:
-            found = Found([text], [], []) if isinstance(text, Pair) else _tables_named(text)
+            found = _tables_given(text)
         except UnreadableError as err:
             problems.append(err)
             continue
@@ -117,7 +121,7 @@ def find_tables(inputs: Iterable[str | Pair]) -> Found:
     return Found([*pairs], [*changes], problems)
 
 
-def find_pairs(inputs: Iterable[str | Pair]) -> tuple[list[Pair], list[UnreadableError]]:
+def find_pairs(inputs: Iterable[Given]) -> tuple[list[Pair], list[UnreadableError]]:
     """Return the tables of logs that `inputs` name, and errors of other names."""
     pairs, changes, problems = find_tables(inputs)
     others = [
@@ -148,7 +152,14 @@ def one_pair(text: str | Pair) -> Pair:
 def table_files(inputs: Iterable[str]) -> list[Place]:
     """Return the files of all pairs that `inputs` name."""
     found = find_tables(inputs)
-    return [*(getattr(pair, table) for pair in found.pairs for table in SCHEMAS), *found.changes]
+    changes = [path for path in found.changes if not isinstance(path, HeldTable)]
+    return [*(getattr(pair, table) for pair in found.pairs for table in SCHEMAS), *changes]
+
+
+def _tables_given(given: Given) -> Found:
+    if isinstance(given, Pair):
+        return Found([given], [], [])
+    return Found([], [given], []) if isinstance(given, HeldTable) else _tables_named(given)
 
 
 def _tables_named(text: str) -> Found:
@@ -172,7 +183,7 @@ def _tables_named(text: str) -> Found:
                 f"{text}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})"
             )
         raise UnreadableError(f"{text}: no tables match this pattern")
-    return Found([pair for _, _, pair in tables], changes, denied)
+    return Found([pair for _, _, pair in tables], [*changes], denied)
 
 
 def _is_of_changes(file: Place, named: Named) -> bool:
@@ -244,7 +255,7 @@ def require(pair: Pair, kind: str, columns: Collection[str]) -> None:
         )
 
 
-def read_changes(path: Place) -> pa.Table:
+def read_changes(path: Readable) -> pa.Table:
     """Read a table of changes, or raise `UnreadableError` with one line."""
     table = read_columns(path, "changes", CHANGES)
     if others := sorted({*table["status"].unique().to_pylist()} - {*CHANGE_STATUSES}):

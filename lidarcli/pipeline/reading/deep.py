@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -118,8 +118,9 @@ def deep_findings(
     opening: OpenOptions | None = None,
     rules: RangeRules | None = None,
     poses: PoseOptions | None = None,
+    topics: Collection[str] | None = None,
 ) -> DeepFindings:
-    """Align sweeps of a log, in bounded memory, and return what they contradict.
+    """Align sweeps of a log, in bounded memory, and return what they contradict; `topics` are read, by default all.
 
     Raises
     ------
@@ -129,18 +130,21 @@ def deep_findings(
     with open_source(source, opening) as log:
         if log.size is None:
             raise OptionError("--deep reads a log twice, and a pipe is read only once: give the file's name")
-        return _Deep(log, rules or RangeRules(), poses or PoseOptions()).findings()
+        return _Deep(log, rules or RangeRules(), poses or PoseOptions(), topics).findings()
 
 
 class _Deep:
     """A second look at one log."""
 
-    def __init__(self, log: Log, rules: RangeRules, poses: PoseOptions) -> None:
-        self._masking, self._posing = _masking(log, rules, poses)
+    def __init__(
+        self, log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[str] | None
+    ) -> None:
+        choice = TopicChoice(topics, log.topics())
+        self._masking, self._posing = _masking(log, rules, poses, choice)
         self._sees_poses, self._delay = poses.source != NONE, poses.delay or 0.0
         self._sensors: dict[Key, _Sensor] = {}
         for batch in read_batches(
-            log, ReadOptions(rules=self._masking.rules), ReadReport(), TopicChoice(None, log.topics())
+            log, ReadOptions(choice.wanted or None, rules=self._masking.rules), ReadReport(), choice
         ):
             for frame, _, mine in batch.by_frame():
                 key = batch.topic, frame
@@ -224,19 +228,18 @@ class _Deep:
         return found, self._masking.learned
 
 
-def _masking(log: Log, rules: RangeRules, poses: PoseOptions) -> tuple[Masking, Posing]:
+def _masking(log: Log, rules: RangeRules, poses: PoseOptions, choice: TopicChoice) -> tuple[Masking, Posing]:
     """Learn the mask of the robot itself, where the user gave none; return it and the poses."""
     if rules.masks is None or rules.masks.learn:
         with_mask = replace(rules, masks=Masks(learn=True))
         try:
-            masking = masking_of(log, with_mask, poses)
+            masking = masking_of(log, with_mask, poses, choice.wanted or None)
         except OptionError:
             masking = Masking(replace(rules, masks=None))
         if masking.posing is not None:
             return masking, masking.posing
     else:
-        masking = masking_of(log, rules, poses)
-    choice = TopicChoice(None, log.topics())
+        masking = masking_of(log, rules, poses, choice.wanted or None)
     return masking, Posing.of(log, poses, choice, masking.rules, need=Need.ALL)
 
 
