@@ -125,6 +125,25 @@ def test_events_of_zones(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "mixed",
+    [
+        lambda tracked, zones: [tracked, zones],
+        lambda tracked, zones: [tracked, *zones],
+        lambda tracked, zones: [zones, tracked],
+        lambda tracked, zones: [*zones, *tracked],
+    ],
+)
+def test_tables_of_one_log_belong_together_in_any_order(
+    mixed: Callable[[Any, Any], Any], tracked: Any, tmp_path: Path
+) -> None:
+    zones = tmp_path / "near.toml"
+    zones.write_text(ZONE)
+    found = lidarcli.zones(PEOPLE, zones=zones)
+    figures = lidarcli.report(mixed(tracked, found)).figures
+    assert (figures["zones.near.events"], figures["tracks"], figures["sweeps"]) == (1, 6, 80)
+
+
 def test_changes_are_those_of_the_file(tmp_path: Path) -> None:
     """In the second run nothing changes: the metadata alone tell of it."""
     empty = SAMPLES / "room_empty.mcap"

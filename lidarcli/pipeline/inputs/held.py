@@ -6,7 +6,7 @@ import json
 import sys
 import weakref
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from typing import Any
 
@@ -109,17 +109,18 @@ def tables_of(values: Any) -> list[Given]:
         One is no table of lidarcli, or two of a kind are of the same log.
     """
     found: list[Given] = []
+    pairs: list[HeldPair] = []
     loose: list[Any] = []
     for each in _each_table(values):
         if isinstance(each, str):
             found.append(each)
         elif isinstance(each, list):
-            found += pairs_of(each)
+            pairs += pairs_of(each)
         elif {*(table := arrow_of(each)).column_names} >= CHANGES_KEYS:
             found.append(HeldTable("changes.parquet", table))
         else:
             loose.append(each)
-    return [*found, *pairs_of(loose)] if loose else found
+    return [*found, *_joined([*pairs, *(pairs_of(loose) if loose else ())])]
 
 
 def tables_to_export(values: Any) -> list[str | HeldTable]:
@@ -160,6 +161,22 @@ def _no_table(value: Any) -> str:
 def _has_changes(value: Any) -> bool:
     """Tell whether a value is what `diff` returns."""
     return is_table(getattr(value, "changes", None))
+
+
+def _joined(pairs: Sequence[HeldPair]) -> list[HeldPair]:
+    """Return the pairs, those of one log as one where they hold tables of other kinds, as what `track` and `zones` return."""
+    found: list[HeldPair] = []
+    for pair in pairs:
+        same = next((k for k, one in enumerate(found) if _belong(one, pair)), None)
+        if same is None:
+            found.append(pair)
+        else:
+            found[same] = replace(pair, held=found[same].held | pair.held)
+    return found
+
+
+def _belong(one: HeldPair, other: HeldPair) -> bool:
+    return (one.before, one.after) == (other.before, other.after) and not one.held.keys() & other.held.keys()
 
 
 def _is_frame(value: Any) -> bool:
