@@ -444,7 +444,8 @@ def take_map(
     mapping = Mapping(options)
     summary = mapping.add(source)
     paths = [(path.x, path.y) for path in mapping.paths]
-    found = None if tracks is None else _overview(tracks, source, mapping.worlds)
+    topics = [path.topic for path in mapping.paths]
+    found = None if tracks is None else _overview(tracks, source, mapping.worlds, topics)
     whole = MapPicture(
         grid=mapping.occupancy(),
         paths=paths,
@@ -480,8 +481,8 @@ def write_maps(
     return notes
 
 
-def _overview(tracks: str, source: Source, worlds: Iterable[str]) -> MapPicture:
-    """Return the things and agents of the tables of this log, in one of these worlds."""
+def _overview(tracks: str, source: Source, worlds: Iterable[str], topics: Sequence[str]) -> MapPicture:
+    """Return the things and agents of some topics in the tables of this log, in one of these worlds."""
     from lidarcli.pipeline.inputs.tables import one_pair, read_table
     from lidarcli.tabular.reading import note_value, notes_of
     from lidarcli.tabular.writing import SOURCE
@@ -493,6 +494,9 @@ def _overview(tracks: str, source: Source, worlds: Iterable[str]) -> MapPicture:
     here = source.name.rpartition("/")[2]
     if logs and here not in [name.rpartition("/")[2] for name in logs]:
         raise OptionError(f"{tracks}: is of the log {logs[0]}, not of {source.label}")
+    sweeps, things, trajectories = (each.of_topics(topics) for each in (sweeps, things, trajectories))
+    if not len(sweeps):
+        raise OptionError(f"{tracks}: no tracks of {', '.join(topics)} in it; lidarcli track LOG writes them")
     found = overview(sweeps, things, trajectories)
     ways = note_value(notes_of(read["sweeps"]), SOURCE, dict).get("poses") or {}
     told = {str(way["world"]) for way in ways.values() if isinstance(way, dict) and "world" in way}
