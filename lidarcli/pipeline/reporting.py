@@ -211,7 +211,9 @@ def _with_zones(
         mine = [
             one
             for one in found
-            if one.log == pair.log and one not in elsewhere and not (one.zones.exists() or one.events.exists())
+            if one.log == pair.log
+            and one not in elsewhere
+            and not (one.zones.exists() or one.events.exists())
         ]
         if len(mine) == 1:
             elsewhere[mine[0]] = pair

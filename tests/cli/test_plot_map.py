@@ -184,7 +184,11 @@ def test_tracks_of_other_topics_are_left_out(lidarcli: Run, tmp_path: Path) -> N
         odometry=Odometry(),
         sweeps=60,
     )
-    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)), scans(sweeps_of(scene, topic="/again")))
+    log = write_bag(
+        tmp_path / "a.bag",
+        scans(sweeps_of(scene), odometry_of(scene)),
+        scans(sweeps_of(scene, topic="/again")),
+    )
     assert lidarcli("-q", "track", log, "-o", tmp_path).code == 0
     tracks = pq.read_table(tmp_path / "a.tracks.parquet").to_pylist()
     assert {row["topic"] for row in tracks if row["set"] == "A"} == {"/scan", "/again"}
