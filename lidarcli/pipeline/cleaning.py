@@ -145,11 +145,16 @@ def clean_log(
 
 def _table_path(path: Place) -> Place:
     """Return the path of the table beside a log."""
+    return path.with_name(f"{_stem(path)}{table_suffix('cleaned')}")
+
+
+def _stem(path: Place) -> str:
+    """Return the name of a log without the suffixes of its container."""
     stem = path.name
     for suffix in (".zstd", ".mcap", ".bag", ".db3"):
         if stem.lower().endswith(suffix):
             stem = stem[: -len(suffix)]
-    return path.with_name(f"{stem}{table_suffix('cleaned')}")
+    return stem
 
 
 def _refuse_names(source: Source, path: Place) -> None:
@@ -175,9 +180,15 @@ def _refuse(log: Log, source: Source, path: Place, options: CleanOptions) -> Non
     wanted = _suffix(log, source)
     name = path.name.lower()
     fits = name.endswith(wanted) if wanted else not name.endswith(SUFFIXES)
+    if not fits and not wanted:
+        raise OptionError(
+            f"{path}: {source.path} is a ROS 2 bag folder, and clean changes no container: name a folder, e.g. "
+            f"-o {path.with_name(_stem(path))}"
+        )
     if not fits:
-        how = f"the suffix {wanted}" if wanted else "no suffix of a log, as the folder of a ROS 2 bag"
-        raise OptionError(f"{path}: a copy of {source.path} has to have {how}; clean changes no container")
+        raise OptionError(
+            f"{path}: a copy of {source.path} has to have the suffix {wanted}; clean changes no container"
+        )
     if not wanted and isinstance(path, Url):
         raise OptionError(f"{path}: the folder of a ROS 2 bag is not written into a store")
     topics = log.topics()

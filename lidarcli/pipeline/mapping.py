@@ -23,6 +23,7 @@ from lidarcli.maps.clouds import CloudPoints, CloudWriter, VoxelFilter
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
 from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions
+from lidarcli.pose.fit import stands
 from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
 
 MIN_HITS, MIN_HITS_OF_ALL = 2, 4
@@ -85,6 +86,13 @@ class SensorPath:
     x: Float64
     """(N,) metres."""
     y: Float64
+    yaw: Float64
+    """[rad]"""
+
+    @property
+    def stands(self) -> bool:
+        """True where the sensor never moves."""
+        return stands(np.column_stack([self.x, self.y, self.yaw]), np.zeros(len(self.x)))
 
     @property
     def length(self) -> float:
@@ -354,7 +362,7 @@ class _Taken:
             SensorPath(
                 log,
                 *key,
-                *(np.concatenate([getattr(part, axis) for part in parts]) for axis in ("x", "y")),
+                *(np.concatenate([getattr(part, axis) for part in parts]) for axis in ("x", "y", "yaw")),
             )
             for key, parts in sorted(self._places.items())
             if parts

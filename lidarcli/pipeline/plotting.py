@@ -37,7 +37,7 @@ from lidarcli.times import SECOND_NS, Instant
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.tables import Pair
-    from lidarcli.pipeline.mapping import MapOptions
+    from lidarcli.pipeline.mapping import MapOptions, Mapping
     from lidarcli.pipeline.objects.subtracting import Subtracting
     from lidarcli.pipeline.watching.showing import Showing, ShownZone
     from lidarcli.zone import Zones
@@ -444,7 +444,7 @@ def take_map(
     mapping = Mapping(options)
     summary = mapping.add(source)
     paths = [(path.x, path.y) for path in mapping.paths]
-    found = None if tracks is None else _overview(tracks, source, mapping.worlds)
+    found = None if tracks is None else _overview(tracks, source, mapping)
     whole = MapPicture(
         grid=mapping.occupancy(),
         paths=paths,
@@ -480,8 +480,8 @@ def write_maps(
     return notes
 
 
-def _overview(tracks: str, source: Source, worlds: Iterable[str]) -> MapPicture:
-    """Return the things and agents of the tables of this log, in one of these worlds."""
+def _overview(tracks: str, source: Source, mapping: Mapping) -> MapPicture:
+    """Return the things and agents in the tables of this log, of the topics and in one of the worlds of the map."""
     from lidarcli.pipeline.inputs.tables import one_pair, read_table
     from lidarcli.tabular.reading import note_value, notes_of
     from lidarcli.tabular.writing import SOURCE
@@ -493,16 +493,24 @@ def _overview(tracks: str, source: Source, worlds: Iterable[str]) -> MapPicture:
     here = source.name.rpartition("/")[2]
     if logs and here not in [name.rpartition("/")[2] for name in logs]:
         raise OptionError(f"{tracks}: is of the log {logs[0]}, not of {source.label}")
-    found = overview(sweeps, things, trajectories)
+    topics = [path.topic for path in mapping.paths]
+    sweeps, things, trajectories = (each.of_topics(topics) for each in (sweeps, things, trajectories))
+    if not len(sweeps):
+        raise OptionError(f"{tracks}: no tracks of {', '.join(topics)} in it; lidarcli track LOG writes them")
+    # A path that is matched begins at 0, and nothing else tells where a sensor is that stands.
+    stands = [*mapping.worlds] == [MATCH] and all(path.stands for path in mapping.paths)
+    found = overview(sweeps, things, trajectories, stands)
     ways = note_value(notes_of(read["sweeps"]), SOURCE, dict).get("poses") or {}
     told = {str(way["world"]) for way in ways.values() if isinstance(way, dict) and "world" in way}
-    if told and told.isdisjoint(worlds):
+    if told and told.isdisjoint(mapping.worlds):
         raise OptionError(
             f"{tracks}: tracked in another world ({_frame_words(sorted(told))}) than that of the map "
-            f"({_frame_words(worlds)}); give both commands the same --pose"
+            f"({_frame_words(mapping.worlds)}); give both commands the same --pose"
         )
     if found is None:
-        raise OptionError(f"{tracks}: its sweeps have no poses: things have no place in the world")
+        raise OptionError(
+            f"{tracks}: its sweeps have no poses: things have no place in the world; give track and plot the same --pose"
+        )
     return found
 
 

@@ -159,9 +159,11 @@ def parse_check(
     elif figures.zone_of(token.text) is not None and (only is None or zones is not None):
         _known_of_zone(tokens, token, compared, zones)
     elif only is None:
-        _known(tokens, token, compared)
+        _known(tokens, token, compared, zones)
     elif token.text not in only:
-        raise _unknown(tokens, token, only, page)
+        if zones is not None:
+            _refuse_of_objects(tokens, token)
+        raise _unknown(tokens, token, only, page, zones or ())
     if tokens.take_if("between"):
         sign = "between"
         low, high = read_limits(tokens)
@@ -249,7 +251,8 @@ def _known_of_zone(tokens: Tokens, token: Token, compared: bool, zones: Collecti
         raise tokens.error(f"{token.text} needs a --baseline to compare with;")
 
 
-def _known(tokens: Tokens, token: Token, compared: bool) -> None:
+def _known(tokens: Tokens, token: Token, compared: bool, zones: Collection[str] | None) -> None:
+    """Refuse a figure that no tables of objects or changes have."""
     name = token.text
     plain = name.removeprefix(figures.DELTA)
     names = [*figures.names(), *figures.track_names()]
@@ -265,12 +268,30 @@ def _known(tokens: Tokens, token: Token, compared: bool) -> None:
         raise tokens.error(f"{name} has several values, choose one of .{', .'.join(STATISTICS)};")
     known = [*names, *spreads]
     delta = [*figures.COMPARED, *(figures.DELTA + other for other in known)]
-    raise _unknown(tokens, token, dict.fromkeys([*known, *of_changes, *delta]))
+    raise _unknown(tokens, token, dict.fromkeys([*known, *of_changes, *delta]), zones=zones)
+
+
+def _refuse_of_objects(tokens: Tokens, token: Token) -> None:
+    """Refuse a figure of tables of objects where there are those of zones alone."""
+    name = token.text.removeprefix(figures.DELTA)
+    maker = "track" if name in figures.track_names() else "detect or track" if name in figures.names() else ""
+    if maker:
+        raise tokens.error(
+            f"unknown figure '{name}' of zones; it is of the tables of lidarcli {maker}, which report takes beside these;",
+            token,
+        )
 
 
 def _unknown(
-    tokens: Tokens, token: Token, known: Collection[str], page: str = "docs/reports.md"
+    tokens: Tokens,
+    token: Token,
+    known: Collection[str],
+    page: str = "docs/reports.md",
+    zones: Collection[str] | None = (),
 ) -> OptionError:
-    """Return the error of an unknown figure."""
+    """Return the error of an unknown figure; `zones` as of `parse_check`."""
     hint = nearest(token.text, known, OFFERED) or ";"
+    zone, zoned = token.text.partition(".")[0], f"{figures.ZONES}{token.text}"
+    if zoned in figures.zone_names(zone) and (zones is None or zone in zones):
+        hint = f"; did you mean {zoned}?"
     return tokens.error(f"unknown figure '{token.text}'{hint} {page} has all;", token)

@@ -117,6 +117,14 @@ class Rows:
         codes, names = self.words(name)
         return codes == names.index(word) if word in names else np.zeros(len(codes), bool)
 
+    def of_topics(self, topics: Sequence[str]) -> Rows:
+        """The rows of some topics."""
+        import pyarrow as pa
+
+        codes, names = self.words("topic")
+        mine = np.isin(codes, [names.index(topic) for topic in topics if topic in names])
+        return Rows(self.table.filter(pa.array(mine)).combine_chunks(), self.source[mine])
+
     def has_any(self, name: str) -> bool:
         """Return True if the column is there with any value at all."""
         return name in self.table.column_names and self.table[name].null_count < len(self)

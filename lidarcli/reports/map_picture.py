@@ -340,16 +340,22 @@ def paths_of(sweeps: Rows) -> list[tuple[Float64, Float64]]:
     return found
 
 
-def overview(sweeps: Rows, tracks: Rows | None, trajectories: Rows | None) -> MapPicture | None:
-    """Return the run from above, what moved by its trajectories; None where no sweep has a pose."""
+def overview(
+    sweeps: Rows, tracks: Rows | None, trajectories: Rows | None, stands: bool = False
+) -> MapPicture | None:
+    """Return the run from above, what moved by its trajectories; None where no sweep has a pose.
+
+    Without poses the frame of a sensor that `stands` is the world.
+    """
     paths = paths_of(sweeps)
-    if not paths:
+    if not paths and not stands:
         return None
     boxes: list[Box] = []
     agents: list[tuple[int, Float64, Float64]] = []
     if tracks is not None:
         boxes = _track_boxes(sweeps, tracks)
-        agents = [] if trajectories is None else _track_ways(trajectories, tracks)
+        frame = "world" if paths else "sensor"
+        agents = [] if trajectories is None else _track_ways(trajectories, tracks, frame)
     return MapPicture(None, paths, boxes, agents)
 
 
@@ -380,8 +386,8 @@ def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
     ]
 
 
-def _track_ways(trajectories: Rows, tracks: Rows) -> list[tuple[int, Float64, Float64]]:
-    """Return number, x and y of each agent."""
+def _track_ways(trajectories: Rows, tracks: Rows, frame: str) -> list[tuple[int, Float64, Float64]]:
+    """Return number, x and y of each agent in a frame."""
     rows = np.flatnonzero(tracks.are("set", "A"))
     rows = rows[np.argsort(-tracks.integers("sweeps")[rows], kind="stable")][:MOST_AGENTS]
     x, y, track = (trajectories.numbers(name) for name in ("x", "y", "track"))
@@ -389,7 +395,7 @@ def _track_ways(trajectories: Rows, tracks: Rows) -> list[tuple[int, Float64, Fl
     code, names = trajectories.words("topic")
     of_track, topics = tracks.words("topic")
     numbers = tracks.integers("track")
-    known = trajectories.are("frame", "world") & np.isfinite(x)
+    known = trajectories.are("frame", frame) & np.isfinite(x)
     found = []
     for row in sorted(rows.tolist()):
         topic = topics[of_track[row]]

@@ -127,7 +127,8 @@ def test_a_folder_that_holds_more_than_a_bag_is_not_replaced(tmp_path: Path, lid
     words = "holds more than a ROS 2 bag"
     refused(lidarcli, 5, words, tmp_path / "run", "-o", tmp_path / "notes", "--overwrite")
     refused(lidarcli, 2, "is the log that is read", tmp_path / "run", "-o", tmp_path / "run" / "clean")
-    refused(lidarcli, 2, "no suffix of a log", tmp_path / "run", "-o", tmp_path / "out.mcap")
+    words = f"run is a ROS 2 bag folder, and clean changes no container: name a folder, e.g. -o {tmp_path / 'out.clean'}\n"
+    refused(lidarcli, 2, words, tmp_path / "run", "-o", tmp_path / "out.clean.mcap")
     assert (tmp_path / "notes" / "mine.txt").exists()
 
 

@@ -8,14 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
+from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.mapping import MapOptions
 from lidarcli.pipeline.plotting import take_map
+from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Course, Odometry
 from tests.places import SAMPLES
+from tests.zones.runs import odometry_of, scans, scene_of, sweeps_of, walker, write_bag
 
 Run = Callable[..., Any]
 DRIVE = SAMPLES / "drive.db3"
@@ -139,9 +144,72 @@ def test_tables_without_poses(lidarcli: Run, tmp_path: Path) -> None:
     assert (ran.code, ran.out, ran.err) == (
         2,
         "",
-        f"lidarcli: {tables}: its sweeps have no poses: things have no place in the world\n",
+        f"lidarcli: {tables}: its sweeps have no poses: things have no place in the world; give track and plot the same "
+        "--pose\n",
     )
     assert not (tmp_path / "m.png").exists()
+
+
+@pytest.mark.slow
+def test_the_world_of_a_sensor_that_stands_without_poses_is_its_frame(lidarcli: Run, tmp_path: Path) -> None:
+    people = SAMPLES / "people.csv.gz"
+    assert lidarcli("-q", "track", people, "-o", tmp_path).code == 0
+    tracks = pq.read_table(tmp_path / "people.tracks.parquet").to_pylist()
+    (log,) = find_logs([str(people)])
+    assert isinstance(log, Source)
+    (picture,) = take_map(log, MapOptions(), tracks=str(tmp_path)).pictures
+    stand = {(row["x"], row["y"]) for row in tracks if row["set"] == "O"}
+    assert {(box.x, box.y) for box in picture.boxes} <= stand
+    assert len(picture.boxes) >= 2
+    assert [number for number, _, _ in picture.agents] == [
+        row["track"] for row in tracks if row["set"] == "A"
+    ]
+    ways = pq.read_table(tmp_path / "people.trajectories.parquet").to_pylist()
+    for number, x, y in picture.agents:
+        mine = [(row["x"], row["y"]) for row in ways if row["track"] == number]
+        assert [*zip(x.tolist(), y.tolist(), strict=True)] == mine
+    # Of a sensor that drives nobody knows where its things are, be the path matched or not.
+    assert lidarcli("-q", "track", DRIVE, "-o", tmp_path / "none", "--pose", "none").code == 0
+    words = ("plot", DRIVE, "--view", "map", "--tracks", tmp_path / "none", "--pose", "match")
+    ran = lidarcli(*words, "-o", tmp_path / "m.png")
+    assert (ran.code, "things have no place in the world" in ran.err) == (2, True)
+
+
+@pytest.mark.slow
+def test_tracks_of_other_topics_are_left_out(lidarcli: Run, tmp_path: Path) -> None:
+    scene = scene_of(
+        walker((3.0, -3.0), (3.0, 3.0)),
+        make.box(-2.0, 2.0, 0.5, 0.5),
+        path=Course(np.array([[0.0, 0.0], [2.0, 0.0]]), speed=0.3),
+        odometry=Odometry(),
+        sweeps=60,
+    )
+    log = write_bag(
+        tmp_path / "a.bag",
+        scans(sweeps_of(scene), odometry_of(scene)),
+        scans(sweeps_of(scene, topic="/again")),
+    )
+    assert lidarcli("-q", "track", log, "-o", tmp_path).code == 0
+    tracks = pq.read_table(tmp_path / "a.tracks.parquet").to_pylist()
+    assert {row["topic"] for row in tracks if row["set"] == "A"} == {"/scan", "/again"}
+    (found,) = find_logs([str(log)])
+    assert isinstance(found, Source)
+    for topic in ("/scan", "/again"):
+        read = ReadOptions(topics=frozenset({topic}))
+        (picture,) = take_map(found, MapOptions(read), tracks=str(tmp_path)).pictures
+        mine = [row for row in tracks if row["topic"] == topic]
+        assert [number for number, _, _ in picture.agents] == [
+            row["track"] for row in mine if row["set"] == "A"
+        ]
+        assert [box.name for box in picture.boxes] == [str(row["track"]) for row in mine if row["set"] == "O"]
+        assert len(picture.paths) == 1
+    assert lidarcli("-q", "track", log, "-o", tmp_path / "one", "--topic", "/scan").code == 0
+    words = ("plot", log, "--view", "map", "--topic", "/again", "--tracks", tmp_path / "one")
+    ran = lidarcli(*words, "-o", tmp_path / "m.png")
+    assert (ran.code, ran.err.splitlines()[-1]) == (
+        2,
+        f"lidarcli: {tmp_path / 'one'}: no tracks of /again in it; lidarcli track LOG writes them",
+    )
 
 
 def test_tables_of_another_log(lidarcli: Run, tables: Path, tmp_path: Path) -> None:

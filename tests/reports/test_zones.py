@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
@@ -171,7 +172,15 @@ def test_events_of_zones_that_were_never_in_view_are_nothing_to_measure() -> Non
         ("zones.stop == 0", "unknown figure '' of zone stop; there are events"),
         ("zones.stop.dwell == 0", "zones.stop.dwell has several values, choose one of .mean, .std"),
         ("delta.zones.stop.events == 0", "delta.zones.stop.events needs a --baseline"),
-        ("sweeps > 3", "unknown figure 'sweeps'"),
+        (
+            "sweeps > 3",
+            "unknown figure 'sweeps' of zones; it is of the tables of lidarcli detect or track, which report takes beside "
+            "these; at 'sweeps', column 1",
+        ),
+        ("tracks == 0", "unknown figure 'tracks' of zones; it is of the tables of lidarcli track, which"),
+        ("swepes > 3", "unknown figure 'swepes'; docs/reports.md has all;"),
+        ("stop.events == 0", "unknown figure 'stop.events'; did you mean zones.stop.events?"),
+        ("stpo.weight == 0", "unknown figure 'stpo.weight'; docs/reports.md has all;"),
         ("objects where width > 1 == 0", "unknown table 'objects' before where; available: events;"),
         (
             "events where kind == ocupied == 0",
@@ -326,6 +335,7 @@ def test_two_logs_are_summed_up(tmp_path: Path) -> None:
         ("zones.stpo.events == 0", "unknown zone 'stpo'; did you mean stop?"),
         ("zones.hall.events == 0", "unknown zone 'hall'; there are stop, left-door, behind;"),
         ("zones.stop.evnts == 0", "unknown figure 'evnts' of zone stop; did you mean events?"),
+        ("stop.events == 0", "unknown figure 'stop.events'; did you mean zones.stop.events?"),
     ],
 )
 def test_unknown_zones_are_usage_errors(tmp_path: Path, check: str, message: str) -> None:
@@ -345,6 +355,29 @@ def test_checks_of_zones_need_their_tables(tmp_path: Path) -> None:
             OptionError, match=r"asks for zones, but .*run.zones.parquet is not there; lidarcli zones LOG"
         ):
             made(objects, checks=[check])
+
+
+def test_zones_that_lie_in_another_folder_than_their_objects(tmp_path: Path) -> None:
+    objects = write_run(tmp_path / "tables", **crossing())
+    events = write_zones(tmp_path / "out", EVENT_ROWS, ZONE_ROWS)
+    for named in ((objects, events), (events, objects), (tmp_path / "out", tmp_path / "tables")):
+        report = made(*named, checks=["zones.stop.events == 2", "sweeps > 0"]).report
+        assert report.unread == ()
+        assert [verdict.holds for verdict in report.verdicts] == [True, True]
+        assert report.figures["zones.left-door.in"] == 2
+    other = write_run(tmp_path / "other", **crossing(), name="b")
+    report = made(other, events).report
+    assert report.unread == (
+        f"{events}: tables of zones need the objects table of their log, and none of run without zones is named: name one, "
+        "or tables of zones alone",
+    )
+    again = write_run(tmp_path / "again", **crossing())
+    (line,) = made(objects, again, events).report.unread
+    assert "and 2 of run without zones are named" in line
+    longer = pq.read_table(events.with_name("run.zones.parquet"))
+    source = {**longer.schema.metadata, b"lidarcli.source": b'{"name": "run.mcap", "size": 2000}'}
+    pq.write_table(longer.replace_schema_metadata(source), events.with_name("run.zones.parquet"))
+    assert made(objects, events).report.unread == (f"{events}: of another log than {objects}",)
 
 
 def test_tables_of_zones_that_do_not_belong_together(tmp_path: Path) -> None:

@@ -280,6 +280,38 @@ def test_a_visit_goes_on_while_its_agent_is_hidden(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_visit_needs_a_sweep_that_sees_the_agent_and_a_crossing_none(tmp_path: Path) -> None:
+    """A wide box hides two metres of the way, with a circle and a line; a circle before it ends in the shadow."""
+    person = walker((4.0, -3.0), (4.0, 3.0))
+    scene = scene_of(person, make.box(2.0, 0.0, 0.1, 1.0), sweeps=65)
+    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene)))
+    tables = watched(
+        log,
+        """
+        [[zone]]
+        name = "shadow"
+        circle = { x = 4.0, y = 0.0, radius = 0.2 }
+        [[zone]]
+        name = "edge"
+        circle = { x = 4.0, y = -0.9, radius = 0.8 }
+        [[zone]]
+        name = "line"
+        line = [[3.0, 0.0], [5.0, 0.0]]
+        """,
+    )
+    place = where(person, scene)
+    # The edges of the box lie before y = -1 and y = 1 of the way; legs are up to half a metre apart.
+    assert set(column(tables.zones, "agents", zone="shadow")) == {0}
+    assert rows(tables.events, zone="shadow") == []
+    (visit,) = rows(tables.events, zone="edge", kind="visit")
+    away = np.abs(place[:, 1] + 0.9) - 0.8
+    assert abs(visit["first_sweep"] - np.flatnonzero(away < 0.0)[0]) <= 1
+    # Hidden, the path is a guess between what was seen before and behind the box.
+    assert abs(visit["last_sweep"] - np.flatnonzero(away <= 0.1)[-1]) <= 3
+    assert column(tables.events, "direction", zone="line") == ["in"]
+
+
+@pytest.mark.slow
 def test_a_visit_that_the_end_of_the_log_cuts(tmp_path: Path) -> None:
     scene = scene_of(walker((3.0, -3.0), (3.0, 3.0)), sweeps=33)
     tables = watched(write_bag(tmp_path / "a.bag", scans(sweeps_of(scene))), CIRCLE)

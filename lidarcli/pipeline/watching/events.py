@@ -37,6 +37,8 @@ class Tracked(NamedTuple):
     y: Float64
     in_world: Bool
     """(N,) True for the world frame, else that of the sensor."""
+    in_view: Bool
+    """(N,) True where the sweep sees at least a part of it."""
     labels: Mapping[int, str]
     """Track → its name in the catalogue, where it has one; also of what is no agent."""
 
@@ -343,14 +345,21 @@ class _Settling:
         return None if self.paths is None else same_agents(self.paths)
 
     def _visits(self) -> Iterator[tuple[int, int, int, int, bool]]:
-        """Yield topic, track, and first and last index into its path of each visit, and whether an end is not seen."""
+        """Yield topic, track, and first and last index into its path of each visit, and whether an end is not seen.
+
+        Nothing shows that an agent was there whose path is hidden in the zone all the time.
+        """
         assert self.paths is not None
         if self.zone.shape is None or isinstance(self.zone.shape, Line):
             return
-        for index, paths in enumerate(self.paths):
+        for index, (paths, tracked) in enumerate(zip(self.paths, self.counted.tracked, strict=True)):
+            if tracked is None:
+                continue
             for track, path in paths.items():
+                in_view = tracked.in_view[np.searchsorted(tracked.track, track) :]
                 for visit in visits(self.zone.shape, path):
-                    yield index, track, visit.first, visit.last, visit.cut
+                    if in_view[visit.first : visit.last + 1].any():
+                        yield index, track, visit.first, visit.last, visit.cut
 
     def _agents(self) -> tuple[NDArray[np.intp], Int64] | None:
         """Return (K,) sweeps, by row, and (K,) agents that are in the zone then, each pair once."""

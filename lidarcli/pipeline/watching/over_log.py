@@ -277,7 +277,7 @@ class Watching:
         mine = [row for row in tracks.to_pylist() if row["topic"] == series.topic]
         agents = np.array([row["track"] for row in mine if row["set"] == "A"], np.int64)
         labels = {row["track"]: row["label"] for row in mine if row["label"] is not None}
-        columns = ("topic", "track", "sweep", "frame", "x", "y")
+        columns = ("topic", "track", "sweep", "frame", "x", "y", "seen")
         rows = read_columns(pair.trajectories, "trajectories", SCHEMAS["trajectories"], columns)
         here = are(rows["topic"], series.topic)
         track = np.asarray(rows["track"])
@@ -288,13 +288,14 @@ class Watching:
         at = in_order[np.minimum(np.searchsorted(sweeps, sweep, sorter=in_order), len(sweeps) - 1)]
         some = np.flatnonzero(here & np.isin(track, agents) & (sweeps[at] == sweep))
         order = some[np.lexsort((series.column("stamp_ns")[at[some]], track[some]))]
-        world = are(rows["frame"], WORLD)
+        world, hidden = are(rows["frame"], WORLD), are(rows["seen"], "hidden")
         return Tracked(
             track[order],
             at[order],
             np.asarray(rows["x"])[order],
             np.asarray(rows["y"])[order],
             world[order],
+            ~hidden[order],
             labels,
         )
 
