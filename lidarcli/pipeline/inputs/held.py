@@ -164,7 +164,7 @@ def _has_changes(value: Any) -> bool:
 
 
 def _joined(pairs: Sequence[HeldPair]) -> list[HeldPair]:
-    """Return the pairs, those of one log as one where they hold tables of other kinds, as what `track` and `zones` return."""
+    """Return the pairs, those of one log as one where they hold other kinds, as what `track` and `zones` return."""
     found: list[HeldPair] = []
     for pair in pairs:
         same = next((k for k, one in enumerate(found) if _belong(one, pair)), None)
