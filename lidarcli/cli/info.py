@@ -32,7 +32,7 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
     output: Annotated[
         tuple[str, ...],
         output("FILE", shown="none", several=True),
-        "What mends a log by --mask auto or --deep, may be repeated: .toml for --mask, .yaml for laser_filters of ROS.",
+        "How to fix a log, by --mask auto or --deep; may be repeated: .toml for --mask, .yaml for laser_filters of ROS.",
     ]
     brief: Annotated[
         bool,
@@ -60,9 +60,9 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
   lidarcli info --help-all""",
 )
 def info(say: Messages, told: InfoCommand) -> int:
-    """Show what is in a log: topics, sweeps, geometry, time, poses, damage, findings.
+    """Show what is in a log: topics, sweeps, poses and findings.
 
-    Reads every log from end to end. LOG may also be a background (docs/background.md):
+    Reads every log from end to end: geometry, times and damage, too. LOG may also be a background (docs/background.md):
     its sensors, stations, beams and origin. JSON is a list with one object per LOG.
     """
     refuse_no_logs(told)

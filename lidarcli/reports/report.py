@@ -231,8 +231,10 @@ def _overview(summary: Summary) -> Facts:
         ("objects", objects),
     ]
     if has_agents(summary):
-        things = "" if summary.tracked is None else f", of {counted(figures['tracks.agents'], 'thing')}"
-        rows.append(("agents", f"{number(figures['agents'])} of these objects{things}"))
+        agents = f"{number(figures['agents'])} of these objects"
+        if summary.tracked is not None:
+            agents += f" belong to {counted(figures['tracks.agents'], 'agent')}"
+        rows.append(("agents", agents))
     rows += [("clock", _clock(summary)), ("beams", f"{total:,}")]
     rows += [(f"  {name}", Share(count, total)) for name, count in _beams(summary).items()]
     return Facts(rows)
