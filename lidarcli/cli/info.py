@@ -254,11 +254,15 @@ def as_json(infos: Sequence["LogInfo | Learned"]) -> str:
 
 
 def _finding_lines(found: "Finding") -> list[str]:
-    """A finding in a line, and what there is to paste."""
+    """A finding in a line, and its fix below it."""
     told = [f"  {found.level:<9}{found.id:<11}{found.message}"]
-    if found.fix is not None and found.fix.kind == "transform":
-        told += [f"    {line}" for line in found.fix.text.splitlines()]
-    return told
+    if found.fix is None:
+        return told
+    if found.fix.kind == "transform":
+        return told + [f"    {line}" for line in found.fix.text.splitlines()]
+    # A mask takes many lines, and a file.
+    text = "--mask FILE.toml, which -o FILE.toml writes" if found.fix.kind == "mask" else found.fix.text
+    return [*told, f"    fix: {text}"]
 
 
 def _pose_lines(info: "LogInfo") -> list[str]:
