@@ -88,7 +88,7 @@ def _print_version(ctx: click.Context, parameter: click.Parameter, value: bool) 
     "5 output refused, 70 internal error, 130 interrupted.",
 )
 def cli() -> None:
-    """From a 2D LiDAR log to a table of objects, without a running ROS system.
+    """Ask a 2D LiDAR log what happened: who came close, what moved, what changed.
 
     LOG is an MCAP file, a ROS 1 or ROS 2 bag, a text log (CSV, CARMEN and
     others), a folder to search, or - for standard input.

@@ -46,12 +46,13 @@ class BackgroundCommand(ManyLogs, Overwrite, Learning, total=False):
     --station-distance 0.5 --station-angle 10""",
 )
 def background(say: Messages, told: BackgroundCommand) -> int:
-    """Learn r_e, the range of the background, from logs of a scene without objects.
+    """Learn r_e, the range of the background, from logs.
 
-    For every beam this is the farthest surface that enough sweeps agree on: people may
-    walk through the scene in up to 30 % of the sweeps. Several logs make one background.
-    Where a log has poses, every viewpoint gets a background of its own. detect and
-    others find what differs from it (--background FILE); info shows what it knows.
+    The scene should be empty. For every beam r_e is the farthest surface that enough
+    sweeps agree on: people may walk through the scene in up to 30 % of the sweeps.
+    Several logs make one background. Where a log has poses, every viewpoint gets a
+    background of its own. detect and others find what differs from it
+    (--background FILE); info shows what it knows.
     """
     refuse_no_logs(told)
     figure, overwrite = told["plot"], told["overwrite"]

@@ -31,7 +31,7 @@ class CleanCommand(Overwrite, Cleaning, total=False):
   lidarcli map run.clean.mcap -o room.yaml""",
 )
 def clean(say: Messages, told: CleanCommand) -> int:
-    """Write a log once more without what moves in it, for programs that make maps.
+    """Write a log once more without what moves in it, for maps.
 
     MCAP, ROS 1 bags and ROS 2 bags, each to its own kind. All messages stay as they are,
     in their order; of LaserScan messages the beams on agents say NaN.

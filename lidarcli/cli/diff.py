@@ -40,7 +40,7 @@ class DiffCommand(Overwrite, TextOrJson, Diffing, total=False):
   lidarcli diff truth.map.yaml room.yaml --format json""",
 )
 def diff(say: Messages, told: DiffCommand) -> int:
-    """Find what changed from run to run: known, moved, new, gone, or uncertain.
+    """Find what changed from run to run: moved, new, gone.
 
     RUN is a log, a tracks table of `lidarcli track`, a background, or a map (.yaml of
     map_server). Each is compared with the last one before it that saw the place.

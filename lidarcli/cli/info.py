@@ -32,7 +32,7 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
     output: Annotated[
         tuple[str, ...],
         output("FILE", shown="none", several=True),
-        "What mends a log by --mask auto or --deep, may be repeated: .toml for --mask, .yaml for laser_filters of ROS.",
+        "How to fix a log, by --mask auto or --deep; may be repeated: .toml for --mask, .yaml for laser_filters of ROS.",
     ]
     brief: Annotated[
         bool,
@@ -60,9 +60,9 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
   lidarcli info --help-all""",
 )
 def info(say: Messages, told: InfoCommand) -> int:
-    """Show what is in a log: topics, sweeps, geometry, time, poses, damage, findings.
+    """Show what is in a log: topics, sweeps, poses and findings.
 
-    Reads every log from end to end. LOG may also be a background (docs/background.md):
+    Reads every log from end to end: geometry, times and damage, too. LOG may also be a background (docs/background.md):
     its sensors, stations, beams and origin. JSON is a list with one object per LOG.
     """
     refuse_no_logs(told)
@@ -254,11 +254,15 @@ def as_json(infos: Sequence["LogInfo | Learned"]) -> str:
 
 
 def _finding_lines(found: "Finding") -> list[str]:
-    """A finding in a line, and what there is to paste."""
+    """A finding in a line, and its fix below it."""
     told = [f"  {found.level:<9}{found.id:<11}{found.message}"]
-    if found.fix is not None and found.fix.kind == "transform":
-        told += [f"    {line}" for line in found.fix.text.splitlines()]
-    return told
+    if found.fix is None:
+        return told
+    if found.fix.kind == "transform":
+        return told + [f"    {line}" for line in found.fix.text.splitlines()]
+    # A mask takes many lines, and a file.
+    text = "--mask FILE.toml, which -o FILE.toml writes" if found.fix.kind == "mask" else found.fix.text
+    return [*told, f"    fix: {text}"]
 
 
 def _pose_lines(info: "LogInfo") -> list[str]:

@@ -32,7 +32,7 @@ class OverlayCommand(OneLog, Overwrite, Overlaying, total=False):
   ros2 bag play -i run.mcap -i run.overlay.mcap""",
 )
 def overlay(say: Messages, told: OverlayCommand) -> int:
-    """Write objects and tracks as markers that viewers play in step with the log.
+    """Write objects and tracks as markers that viewers play.
 
     One visualization_msgs/MarkerArray per sweep on /lidarcli/objects: outlines, bodies,
     labels and velocities. Open the file together with the log, or give --with-log.

@@ -117,7 +117,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
   lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 --overwrite""",
 )
 def plot(say: Messages, told: Mapping[str, Any]) -> int:
-    """Draw sweeps as in the paper: scene with boxes, r(theta), s(theta).
+    """Draw sweeps: scene with boxes, r(theta), s(theta), map.
 
     Without -o the picture is LOG-0.png in the current directory, and so on. Only the log
     up to the last of these sweeps is read; with --view map, all of it.

@@ -29,7 +29,7 @@ class PosesCommand(OneLog, Overwrite, Reading, total=False):
   evo_traj tum run.tum --plot""",
 )
 def poses(say: Messages, told: PosesCommand) -> int:
-    """Write where the sensor was at each sweep, as evo and others read it."""
+    """Write where the sensor was at each sweep, as evo reads it."""
     logs = log_options(told)
 
     from lidarcli.pipeline.inputs.search import one_log

@@ -26,7 +26,7 @@ class TrackCommand(Tables, Tracking, total=False):
   cat run.mcap | lidarcli track - -o - | jq -c 'select(.set == "A")'""",
 )
 def track(say: Messages, told: TrackCommand) -> int:
-    """Find the objects of every sweep, and follow things from sweep to sweep.
+    """Find objects, and follow things from sweep to sweep.
 
     Does everything that `lidarcli detect` does, with the same options. In the same pass
     it finds which objects are one thing, how fast it is, and which things move by

@@ -334,9 +334,11 @@ class _Work:
         return replace(found, beam_set=np.where(mine, SETS.index("A"), sets).astype(sets.dtype))
 
     def _tracks(self, batch: SweepBatch) -> tuple[TrackPath, ...] | None:
-        """Return the tracks up to this sweep."""
-        paths = self._paths_of(batch)
-        return None if paths is None else paths.up_to(int(batch.sweep[0]), self._options.trail)
+        """Return the tracks up to this sweep, without what stands and is hidden in it: a crowd hides dozens."""
+        if (paths := self._paths_of(batch)) is None:
+            return None
+        found = paths.up_to(int(batch.sweep[0]), self._options.trail)
+        return tuple(path for path in found if path.seen or path.is_agent)
 
     def _paths_of(self, batch: SweepBatch) -> Paths | None:
         """Return the tracks of the topic of all sweeps; None without tables (`OptionError` where they lack this sweep)."""

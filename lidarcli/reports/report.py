@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from typing import TypeVar
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from lidarcli.reports.document import (
     Table,
 )
 from lidarcli.reports.figures import CATEGORIES, DELTA, SPREADS, TRACK_SPREADS, unit_of
-from lidarcli.reports.streams import KINDS, Stream, unlike_of
+from lidarcli.reports.streams import KINDS, Standing, Stream, unlike_of
 from lidarcli.reports.summary import Summary, Track, Tracked, scene_of
 from lidarcli.reports.wording import (
     NONE,
@@ -58,6 +58,8 @@ from lidarcli.reports.wording import (
 )
 from lidarcli.reports.zone_report import ZONE_WORDS, zone_cards, zone_sections, zone_words
 from lidarcli.sweeps import Float64, worth_telling
+
+Item = TypeVar("Item", Track, Standing)
 
 STREAMS, STREAMS_OF_PAGE = 12, 100
 """Most logs and topics that tables show; the JSON holds all."""
@@ -207,7 +209,8 @@ def _logs(summary: Summary) -> Section:
     sources, streams = summary.sources, summary.streams.all
     blocks: list[Block] = []
     if len(streams) > 1:
-        cells = ("log and topic", "sweeps", "duration", "rate", "beams", "gaps", "objects")
+        gaps = ["gaps"] if any(one.gaps for one in streams) else []
+        cells = ("log and topic", "sweeps", "duration", "rate", "beams", *gaps, "objects")
         blocks.append(_table_of_streams(streams, cells, 1, STREAMS, "more, all of them in --format json"))
     if len(sources) > 1:
         formats = Counter(source.format or "unknown format" for source in sources)
@@ -231,8 +234,10 @@ def _overview(summary: Summary) -> Facts:
         ("objects", objects),
     ]
     if has_agents(summary):
-        things = "" if summary.tracked is None else f", of {counted(figures['tracks.agents'], 'thing')}"
-        rows.append(("agents", f"{number(figures['agents'])} of these objects{things}"))
+        agents = f"{number(figures['agents'])} of these objects"
+        if summary.tracked is not None:
+            agents += f" belong to {counted(figures['tracks.agents'], 'agent')}"
+        rows.append(("agents", agents))
     rows += [("clock", _clock(summary)), ("beams", f"{total:,}")]
     rows += [(f"  {name}", Share(count, total)) for name, count in _beams(summary).items()]
     return Facts(rows)
@@ -321,7 +326,7 @@ def _tracks(tracked: Tracked) -> Iterator[tuple[str, Section]]:
     if not shown:
         return
     blocks: list[Block] = []
-    groups = {name: [*group] for name, group in groupby(shown, lambda one: f"{one.log} {one.topic}")}
+    groups = _by_topic(shown)
     for name, group in groups.items():
         if len(groups) > 1:
             blocks.append(Notes([(name,)]))
@@ -421,14 +426,36 @@ def _distributions(summary: Summary) -> Iterator[tuple[str, Section]]:
 def _standing(summary: Summary) -> Iterator[tuple[str, Section]]:
     if not summary.standing:
         return
-    several = len(summary.sources) > 1
-    rows = []
-    for one in summary.standing:
-        log = [one.log] if several else []
-        rows.append([KINDS[one.kind], one.words, str(one.sweep), *log, one.topic, stamp(one.stamp_ns)])
-    head = ("", "value", "sweep", *(["log"] if several else []), "topic", "stamp")
-    note = Notes([("To see one: ", Code("lidarcli plot LOG --topic TOPIC --sweep N -o sweep.png"))])
-    yield "standing", Section("Sweeps that stand out", [Table(head, rows, (1, 2)), note], (TEXT, MARKDOWN))
+    blocks: list[Block] = []
+    for name, group in _by_topic(sorted(summary.standing, key=lambda one: one.stream)).items():
+        if len(summary.streams.all) > 1:
+            blocks.append(Notes([(name,)]))
+        date, times = _times([one.stamp_ns for one in group])
+        rows = [
+            (KINDS[one.kind], one.words, str(one.sweep), time) for one, time in zip(group, times, strict=True)
+        ]
+        blocks.append(Table(("", "value", "sweep", date), rows, (1, 2)))
+    blocks.append(Notes([("To see one: ", Code("lidarcli plot LOG --topic TOPIC --sweep N -o sweep.png"))]))
+    yield "standing", Section("Sweeps that stand out", blocks, (TEXT, MARKDOWN))
+
+
+def _by_topic(items: Sequence[Item]) -> dict[str, list[Item]]:
+    """Return log and topic → the items of it, in their order."""
+    found: dict[str, list[Item]] = {}
+    for one in items:
+        found.setdefault(f"{one.log} {one.topic}", []).append(one)
+    return found
+
+
+def _times(stamps_ns: Sequence[int]) -> tuple[str, list[str]]:
+    """Return the heading and the cells of a column of stamps: their date once, if they share it.
+
+    >>> _times([1_700_000_000_123_456_789, 1_700_000_001_000_000_000])
+    ('2023-11-14', ['22:13:20.123Z', '22:13:21.000Z'])
+    """
+    words = [stamp(each) for each in stamps_ns]
+    dates, _, times = zip(*(each.partition("T") for each in words), strict=True)
+    return (dates[0], [*times]) if len({*dates}) == 1 and all(times) else ("stamp", words)
 
 
 def _streams(summary: Summary) -> Iterator[tuple[str, Section]]:

@@ -76,7 +76,7 @@ def zone_sections(zoned: Zoned, logs: Sequence[str]) -> Iterator[tuple[str, Sect
             rows = event_cells(shown, several=len(logs) > 1)
             left = zoned.listed - len(shown)
             more = f"and {left:,} more, all of them in the table of events" if left else ""
-            title = "Events of zones" + (", the gravest first" if zoned.listed > 1 else "")
+            title = "Events of zones" + (", the worst first" if zoned.listed > 1 else "")
             yield name, Section(title, [_table(rows, EVENT_CELLS, more)], formats, "Events of zones")
 
 

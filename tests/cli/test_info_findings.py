@@ -41,9 +41,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.usefixtures("folder")
 def test_a_line_each(lidarcli: Run) -> None:
     ran = lidarcli("info", "odd.mcap")
-    assert ran.out.splitlines()[-3:] == [
+    assert ran.out.splitlines()[-4:] == [
         "  findings",
         "  error    units      most ranges of /scan are beyond 1,000 m: they are probably millimetres (--range-unit mm)",
+        "    fix: --range-unit mm",
         "  hint     clock      /scan: recorded 5.1 s after the stamps",
     ]
     assert "findings" not in lidarcli("info", "fine.mcap").out
@@ -170,13 +171,14 @@ def test_what_a_closer_look_mends_is_written(
     monkeypatch.setattr(deep, "deep_findings", lambda *_: looked)
     ran = lidarcli("info", "odd.mcap", "--deep", "-o", "robot.toml", "-o", "filter.yaml")
     assert ran.code == 0
-    assert ran.out.splitlines()[-7:] == [
+    assert ran.out.splitlines()[-8:] == [
         "  findings",
         "  hint     units      a closer look counts",
         "  hint     clock      /scan: recorded 5.1 s after the stamps",
         "  warning  mount      laser sits 0.13 m behind",
         *(f"    {line}" for line in text.splitlines()),
         "  warning  body       /scan: 6 beams never change",
+        "    fix: --mask FILE.toml, which -o FILE.toml writes",
     ]
     assert (folder / "robot.toml").read_text() == (
         '[[mask]]\ntopic = "/scan"\nsector = { from = -5.729578, to = 5.729578, nearest = 0.2, farthest = 0.3 }\n\n'

@@ -217,6 +217,29 @@ def test_tracks_are_drawn(lidarcli: Run, logs: Path, tracked: Path, tmp_path: Pa
     assert ("1" in found, "3 box" in found) == (False, True)
 
 
+@pytest.mark.parametrize("kind", ["A", "O"])
+def test_what_stands_and_is_hidden_is_not_drawn(
+    lidarcli: Run, logs: Path, tracked: Path, tmp_path: Path, kind: str
+) -> None:
+    rows = pq.read_table(tracked).to_pylist()
+    for row in rows:
+        row["set"] = kind if row["track"] == 3 else row["set"]
+    pq.write_table(pa.Table.from_pylist(rows, schema=pq.read_schema(tracked)), tracked)
+    path = tracked.with_name("run.trajectories.parquet")
+    places = [
+        row | {"seen": "hidden" if row["sweep"] == 5 else "seen"} for row in pq.read_table(path).to_pylist()
+    ]
+    pq.write_table(pa.Table.from_pylist(places, schema=TRAJECTORIES), path)
+    for number, seen in ((4, True), (5, False)):
+        words = ("plot", logs / "run.mcap", "--sweep", number, "--view", "scene", "--tracks", tracked)
+        assert lidarcli(*words, "-o", tmp_path / "a.svg", "--overwrite").code == 0
+        found = words_of(tmp_path / "a.svg")
+        name = {"A": "agent", "O": "object"}[kind]
+        assert (f"track: {name}" in found) == seen
+        assert (f"track: {name}, hidden" in found) == (not seen and kind == "A")
+        assert ("3 box" in found) == (seen or kind == "A")
+
+
 @pytest.mark.slow
 def test_beams_on_agents_are_those_that_the_tables_count(lidarcli: Run, tmp_path: Path) -> None:
     log = SAMPLES / "people.csv.gz"

@@ -247,10 +247,13 @@ def test_colour(
     assert ran.err == "lidarcli: check failed: objects is 30, expected == 0\n"
 
 
-@pytest.mark.parametrize("form", ["text", "markdown", "github"])
-def test_names_of_a_log_do_not_steer_the_terminal(lidarcli: Run, tmp_path: Path, form: str) -> None:
+@pytest.mark.parametrize(("form", "count"), [("text", 3), ("markdown", 2), ("github", 3)])
+def test_names_of_a_log_do_not_steer_the_terminal(
+    lidarcli: Run, tmp_path: Path, form: str, count: int
+) -> None:
     odd = {"topic": "/a\x1b[2J\x07\u202e", "log": "l\x1b]0;x\x07", "frame_id": "f\x9b2J"}
-    run = write_run(tmp_path, [sweep(0, 1, **odd)], [thing(0, 1)], damage=["\x1bc"])
+    sweeps = [sweep(0, 1, **odd), sweep(1, 2, **odd), sweep(0, 1, topic="/b")]
+    run = write_run(tmp_path, sweeps, [thing(0, 1)], damage=["\x1bc"])
     ran = lidarcli(
         "report",
         run,
@@ -262,7 +265,7 @@ def test_names_of_a_log_do_not_steer_the_terminal(lidarcli: Run, tmp_path: Path,
     )
     assert ran.code == 3
     assert all(line.isprintable() for line in ran.out.splitlines())
-    assert ran.out.replace("\\\\", "\\").replace("\\[", "[").count("/a\\x1b[2J\\x07\\u202e") == 2
+    assert ran.out.replace("\\\\", "\\").replace("\\[", "[").count("/a\\x1b[2J\\x07\\u202e") == count
 
 
 @pytest.fixture

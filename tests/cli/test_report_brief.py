@@ -180,10 +180,10 @@ def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> 
     lines = text.splitlines()
     start = lines.index("Logs")
     assert lines[start + 1 : start + 6] == [
-        "log and topic  sweeps  duration   rate  beams  gaps  objects",
-        "fast /scan          4    0.15 s  20 Hz    100     0        4",
-        "slow /scan          4    0.60 s   5 Hz    100     0        4",
-        "usual /scan         5    0.40 s  10 Hz    360     0        5",
+        "log and topic  sweeps  duration   rate  beams  objects",
+        "fast /scan          4    0.15 s  20 Hz    100        4",
+        "slow /scan          4    0.60 s   5 Hz    100        4",
+        "usual /scan         5    0.40 s  10 Hz    360        5",
         "formats  3 mcap; 3,000 bytes",
     ]
     assert "clock             5 to 20 Hz, no gaps, all stamps increasing" in text

@@ -168,7 +168,9 @@ def test_a_delay_that_is_given_is_kept(late: Path, tmp_path: Path, capfd: pytest
         assert run(["track", str(late), "-o", str(tmp_path), "--overwrite", *options]) == 0
         said = capfd.readouterr().err
         assert ("they were named" in said) == bool(options)
-        assert f"poses from /tf fit the sweeps {found:.2f} s after the header stamps" in said
+        assert (
+            f"poses from /tf fit the sweeps if corrected (stamped {found:.2f} s later than the sweeps" in said
+        )
         for table in ("objects", "sweeps", "tracks"):
             schema = pq.read_schema(tmp_path / f"late.{table}.parquet")
             assert json.loads(schema.metadata[b"lidarcli.parameters"]).get("pose_delay") == parameter

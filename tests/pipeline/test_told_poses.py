@@ -133,7 +133,7 @@ def test_poses_that_fit_are_used_and_cut_where_they_jump(
     length = float(np.hypot(*(poses[100] - poses[99])[:2]))
     assert len(jumps) == cuts
     assert all(line.startswith(note.format(length)) and line.endswith(": cut there") for line in jumps)
-    assert not any("fit better" in line or "header stamps" in line for line in run.notes)
+    assert not any("fit better" in line or "stamped" in line for line in run.notes)
     assert run.agents == 0
     # Only between two poses with a jump nothing is known.
     assert np.isnan(run.path[:, 0]).sum() <= cuts
@@ -150,10 +150,10 @@ def test_late_and_early_poses_are_taken_at_the_time_that_fits(tmp_path: Path, la
     assert fit is not None
     assert fit > 0.98
     assert delay == pytest.approx(late, abs=0.011)
-    side = "after" if late > 0 else "before"
+    side = "later" if late > 0 else "earlier"
     (note,) = [line for line in run.notes if "fit the sweeps" in line]
-    words = f"poses from /odom fit the sweeps {abs(delay):.2f} s {side} the header stamps: {fit:.0%} of 19[0-9] steps"
-    assert re.fullmatch(words, note)
+    words = rf"poses from /odom fit the sweeps if corrected \(stamped {abs(delay):.2f} s {side} than the sweeps\): "
+    assert re.fullmatch(rf"{words}{fit:.0%} of 19[0-9] steps", note)
     assert run.agents == 0
     # The last pose of the log holds for 0.1 s, and after that nothing is known.
     assert np.isnan(run.path[:, 0]).sum() <= 2
@@ -171,7 +171,9 @@ def test_a_second_static_transform_of_another_log_is_corrected(tmp_path: Path) -
     assert (verdict, delay, cuts) == ("corrected", 0.0, 0)
     assert fit is not None
     assert fit > 0.98
-    assert any("fit the sweeps with the sensor turned by -90 degrees: " in line for line in run.notes)
+    assert any(
+        "fit the sweeps if corrected (the sensor turned by -90 degrees): " in line for line in run.notes
+    )
     assert run.agents == 0
     assert np.nanmax(away(run.path, round_about)) < 0.02
 

@@ -144,7 +144,8 @@ def test_info_tells_of_the_delay(folder: Path, capfd: pytest.CaptureFixture[str]
     assert run(["info", str(folder / "late.mcap")]) == 0
     (note,) = [line for line in capfd.readouterr().out.splitlines() if line.startswith("  warning")]
     (delay,) = re.findall(
-        r"  warning  delay      poses from /tf fit the sweeps (0\.\d\d) s after the header stamps: ", note
+        r"  warning  delay      poses from /tf fit the sweeps if corrected \(stamped (0\.\d\d) s later than the sweeps\): ",
+        note,
     )
     assert float(delay) == pytest.approx(0.2, abs=0.02)
     (fits,) = inspect_log(Source(str(folder / "right.mcap"), "right")).notes

@@ -12,7 +12,9 @@ import pytest
 from lidarcli.reports import figures
 from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.reports.figures import density, nice_edges
+from lidarcli.reports.report import Report
 from lidarcli.reports.summary import summarise
+from lidarcli.reports.terminal import render
 from tests.reports.runs import START, TENTH, run_of, sweep, thing
 
 
@@ -206,3 +208,28 @@ def test_of_several_topics_each_has_one_sweep_that_stands_out() -> None:
         for k in range(50)
     ]
     assert standing("most_objects", *rows) == [("/d", 3, "8"), ("/c", 2, "7"), ("/b", 1, "6")]
+
+
+def test_sweeps_that_stand_out_fit_a_terminal_whatever_logs_are_called() -> None:
+    long = "a_log_whose_name_is_longer_than_half_of_a_terminal_is"
+    runs = [
+        run_of([sweep(k, 9 if k == number + 3 else 2, log=log) for k in range(9)])
+        for number, log in enumerate((long, "b"))
+    ]
+    # The other log goes on over midnight.
+    (rest,) = [run_of([sweep(k, 8 if k == 1 else 2, log="b", stamp=START + k * 10**14) for k in range(2)])]
+    tables = [run.sweeps.table for run in runs]
+    tables[1] = pa.concat_tables([tables[1].slice(0, 8), rest.sweeps.table.slice(1)]).unify_dictionaries()
+    run = Run(
+        (Origin("a", long), Origin("b", "b")),
+        Rows.join(tables),
+        Rows.join([run.objects.table for run in runs]),
+    )
+    text = render(Report(summarise(run)))
+    lines = text[text.index("Sweeps that stand out") :].splitlines()
+    assert max(map(len, lines)) <= 80
+    first, other = lines.index(f"{long} /scan"), lines.index("b /scan")
+    assert lines[first + 1].split() == ["value", "sweep", "2023-11-14"]
+    assert lines[first + 2].split() == ["most", "objects", "9", "3", "22:13:20.300Z"]
+    assert lines[other + 1].split() == ["value", "sweep", "stamp"]
+    assert lines[other + 2].split() == ["most", "objects", "9", "4", "2023-11-14T22:13:20.400Z"]

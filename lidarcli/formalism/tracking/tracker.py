@@ -374,8 +374,9 @@ def _of_motion(topic: str, tracks: list[Track], has_poses: bool) -> list[str]:
         return []
     moved = sum(track.moved for track in long)
     why = (
-        "the poses may be wrong, or sweeps take long (--pose TOPIC|none, docs/poses.md)"
+        "the poses may be wrong, or sweeps take long (--pose match|TOPIC|none, docs/poses.md)"
         if has_poses
         else "without poses the sensor is taken as standing; if it drives, tracks need a log with its poses (tf, odometry)"
     )
-    return [f"{topic}: {moved} of {len(long)} things seem to move: {why}"]
+    told = f"{topic}: {moved} of {len(long)} tracks count as moving, which is unlikely"
+    return [f"{told}: do not trust agents here; {why}"]

@@ -437,10 +437,12 @@ def _fit_notes(key: Key, way: Way, fit: PoseFit, named: bool) -> tuple[str | Fin
         return (f"poses from {topic} fit the sweeps: {steps}",)
     evidence = {"share": fit.share, "steps": fit.pairs}
     if fit.verdict == "corrected":
-        words = " and ".join(_changes(fit))
-        hint = "" if fit.share >= WELL_CORRECTED else "; they guide the path that is matched from the sweeps"
+        words = "; ".join(_changes(fit))
+        hint = (
+            "" if fit.share >= WELL_CORRECTED else f"; the path is matched from the sweeps, guided by {topic}"
+        )
         hint = "; they are taken as they are, because they were named" if named else hint
-        message = f"poses from {topic} fit the sweeps {words}: {steps}{hint}"
+        message = f"poses from {topic} fit the sweeps if corrected ({words}): {steps}{hint}"
         x, y, yaw = fit.mount
         evidence |= {"delay": fit.delay, "x": x, "y": y, "yaw": yaw}
         if not fit.delay:
@@ -470,13 +472,14 @@ def _changes(fit: PoseFit) -> list[str]:
     """Return the delay and the mount of a correction in words."""
     changes = []
     if fit.delay:
-        side = "after" if fit.delay > 0 else "before"
-        changes.append(f"{abs(fit.delay):.2f} s {side} the header stamps")
+        side = "later" if fit.delay > 0 else "earlier"
+        changes.append(f"stamped {abs(fit.delay):.2f} s {side} than the sweeps")
     x, y, yaw = fit.mount
-    if abs(yaw) > 0.02:
-        changes.append(f"with the sensor turned by {np.degrees(yaw):.0f} degrees")
+    moves = [f"turned by {np.degrees(yaw):.0f} degrees"] if abs(yaw) > 0.02 else []
     if max(abs(x), abs(y)) > 0.02:
-        changes.append(f"with the sensor at {x:.2f}, {y:.2f} m")
+        moves.append(f"moved by {x:.2f}, {y:.2f} m")
+    if moves:
+        changes.append(f"the sensor {' and '.join(moves)}")
     return changes
 
 
