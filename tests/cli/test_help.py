@@ -91,6 +91,9 @@ def test_commands_and_version(lidarcli: Run) -> None:
     assert [line.split()[0] for line in ran.out.split("Commands:\n")[1].split("\n\n")[0].splitlines()] == [
         *COMMANDS
     ]
+    # The summary of each command fits whole.
+    assert max(map(len, ran.out.splitlines())) <= 80
+    assert "...\n" not in ran.out.split("Commands:\n")[1]
 
 
 def test_version_tells_what_a_report_of_a_bug_needs(lidarcli: Run) -> None:
