@@ -332,4 +332,4 @@ def test_a_topic_that_repeats_another_is_told(tmp_path: Path, capsys: pytest.Cap
         assert run([str(word) for word in words]) == 0
         assert capsys.readouterr().err.splitlines().count(note) == 1
         assert run([*map(str, words), "--topic", "/scan", *(["--overwrite"] if "-o" in words else [])]) == 0
-        assert "repeats" not in capsys.readouterr().err
+        assert "/again" not in capsys.readouterr().err
