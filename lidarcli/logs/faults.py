@@ -1,6 +1,7 @@
 """Faults of sweeps that only a look at the whole log tells: lost beams, missing sweeps, odd headers, repeated sweeps.
 
-Like `doubts` a fold with bounded memory over what `range_rules.normalise` has judged; `info` alone tells them.
+Like `doubts` a fold with bounded memory over what `range_rules.normalise` has judged; `info` alone tells them, and each
+command of topics that repeat others.
 """
 
 from __future__ import annotations
