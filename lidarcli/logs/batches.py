@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Integral
 
 import numpy as np
@@ -13,6 +13,7 @@ from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.doubts import Doubts
+from lidarcli.logs.faults import MOST_TOPICS, Faults, repeated_topics
 from lidarcli.logs.options import TopicChoice
 from lidarcli.logs.piles import MAX_TOPICS, Settling
 from lidarcli.range_rules import RangeRules, normalise
@@ -87,6 +88,8 @@ def read_batches(
             raise error
     lines: dict[str, _Line] = {}
     doubts = Doubts([topic.name for topic in log.topics() or () if topic.sliced])
+    copies: dict[tuple[str, str], Faults] = {}
+    compares = choice.is_listed and len(choice.chosen) > 1
     beyond: Counter[str] = Counter()
 
     def chosen() -> Iterator[RawSweeps]:
@@ -101,6 +104,9 @@ def read_batches(
 
     try:
         for block, rules in Settling(options.rules, report).blocks(chosen()):
+            key = block.topic, ""
+            if compares and (key in copies or len(copies) < MOST_TOPICS):
+                copies.setdefault(key, Faults()).add_hashes(block)
             yield from lines[block.topic].take(block, rules)
         for topic, line in lines.items():
             yield from line.batches(final=True)
@@ -109,6 +115,9 @@ def read_batches(
     finally:
         # Who wants no more sweeps still wants to know what looks wrong in those so far.
         doubts.tell(report)
+        for found in repeated_topics(copies):
+            way = "" if found.fix is None else f"; {found.fix.text} reads them once"
+            report.add_doubts(found.topic, [replace(found, message=found.message + way)])
     if beyond:
         report.add_damage(
             "topics",

@@ -1,6 +1,7 @@
 """Faults of sweeps that only a look at the whole log tells: lost beams, missing sweeps, odd headers, repeated sweeps.
 
-Like `doubts` a fold with bounded memory over what `range_rules.normalise` has judged; `info` alone tells them.
+Like `doubts` a fold with bounded memory over what `range_rules.normalise` has judged; `info` alone tells them, and each
+command of topics that repeat others.
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ class Faults:
         self._take_headers(raw)
         self._take_repeats(raw, batch)
         if self.compares:
-            self._take_hashes(raw)
+            self.add_hashes(raw)
         self.sweeps += len(raw)
 
     def _take_kinds(self, raw: RawSweeps, batch: SweepBatch, rows: slice, stand_for: int) -> None:
@@ -132,8 +133,9 @@ class Faults:
         self.repeats += int(np.count_nonzero(seen & same))
         self.last = some[-1].copy()
 
-    def _take_hashes(self, raw: RawSweeps) -> None:
-        room = MOST_COMPARED - self.sweeps
+    def add_hashes(self, raw: RawSweeps) -> None:
+        """Take sweeps, as the log holds them, only to compare them with those of other topics."""
+        room = MOST_COMPARED - len(self.known)
         times = zip(raw.time_ns.tolist(), raw.record_ns.tolist(), strict=True)
         for row, stamps in zip(range(min(len(raw), room)), times, strict=False):
             self.known.setdefault(hash(raw.ranges[row, : raw.beams[row]].tobytes()), stamps)

@@ -25,6 +25,7 @@ from tests.zones.runs import (
     watched,
     where,
     write_bag,
+    zone_file,
 )
 
 CIRCLE = """
@@ -318,3 +319,17 @@ def test_a_visit_that_the_end_of_the_log_cuts(tmp_path: Path) -> None:
     for kind in ("visit", "occupied"):
         (event,) = rows(tables.events, kind=kind)
         assert (event["cut"], event["last_sweep"]) == (True, 32)
+
+
+@pytest.mark.slow
+def test_a_topic_that_repeats_another_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = scene_of(walker((4.0, -3.0), (2.0, 3.5)), sweeps=40)
+    again = scans(sweeps_of(scene, topic="/again"), record_after_ns=20_000_000)
+    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene)), again)
+    zones = zone_file(tmp_path, CIRCLE)
+    note = "  note     /again repeats /scan: 40 of 40 sweeps; --topic /scan reads them once"
+    for words in (("track", log, "-o", tmp_path), ("zones", log, "--zones", zones)):
+        assert run([str(word) for word in words]) == 0
+        assert capsys.readouterr().err.splitlines().count(note) == 1
+        assert run([*map(str, words), "--topic", "/scan", *(["--overwrite"] if "-o" in words else [])]) == 0
+        assert "/again" not in capsys.readouterr().err
