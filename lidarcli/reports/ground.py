@@ -181,10 +181,10 @@ def limits_of(raw: Raw | None, ground: Ground, x: Float64, y: Float64, of_sweep:
         part, number = raw.rows(rows), np.arange(raw.ranges.shape[1])
         theta, inside = part.bearings(), number < part.beams[:, None]
         r = np.where(inside, part.ranges, np.nan)
-        there = np.isfinite(r)
+        there = np.isfinite(r) & np.isfinite(theta)
         place = np.broadcast_to(rows[:, None], r.shape)[there]
         pieces.append((r[there] * np.cos(theta[there]), r[there] * np.sin(theta[there]), place))
-        turns.append(theta[inside])
+        turns.append(theta[inside & np.isfinite(theta)])
         # In a full turn the last beam has a neighbour, too; one on the bearing of the first is none.
         last = part.beams - (part.closure == Closure.SHARED)
         r[number >= last[:, None]] = np.nan

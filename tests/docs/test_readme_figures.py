@@ -40,16 +40,19 @@ def f1(method: str) -> float:
 
 def test_the_speed_is_that_of_the_benchmark() -> None:
     (measured,) = re.findall(r"^\| room, detect \| [\d.]+ \| ([\d,]+) \|", PERFORMANCE, re.MULTILINE)
-    (about,) = told(r"About ([\d,]+) sweeps per second")
+    (about,) = told(r"about ([\d,]+) sweeps of 361 beams per second on two cores")
+    assert about == pytest.approx(float(measured.replace(",", "")), rel=0.1)
+    (measured,) = re.findall(r"^\| moving, track \| [\d.]+ \| ([\d,]+) \|", PERFORMANCE, re.MULTILINE)
+    (about,) = told(r"`track` about ([\d,]+)")
     assert about == pytest.approx(float(measured.replace(",", "")), rel=0.1)
 
 
 @pytest.mark.parametrize(
     ("method", "pattern"),
     [
-        ("track", r"`track` finds (\d+) % of the things, and (\d+) % of what it finds is one"),
-        ("detect", r"`detect` has (\d+) % and (\d+) %"),
-        (max(PUBLISHED, key=f1), r"the best of five published segmentations (\d+) % and (\d+) %"),
+        ("track", r"`track`, whose constants .*, has (\d+) % and (\d+) %"),
+        ("detect", r"`detect`, .*, has a recall of (\d+) % and a precision of (\d+) %"),
+        (max(PUBLISHED, key=f1), r"the best of five published segmentations has (\d+) % and (\d+) %"),
     ],
 )
 def test_the_accuracy_is_that_of_the_page(method: str, pattern: str) -> None:

@@ -194,6 +194,7 @@ def test_poses_past_the_end_of_those_of_the_log_are_unknown(late: Path) -> None:
 # --- topics and limits --------------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore:.* repeats .*:UserWarning")
 def test_every_topic_has_its_own(tmp_path: Path) -> None:
     log = written(tmp_path / "three.mcap", scene_of(odometry=Odometry()), LATE, 0.0, -0.2, sweeps=100)
     found = checked(log)
@@ -447,6 +448,7 @@ def test_walls_are_sharp_by_the_order_that_was_learned(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @needs_real_logs
+@pytest.mark.filterwarnings("ignore:.* repeats .*:UserWarning")
 @pytest.mark.parametrize(
     ("log", "verdict", "delay"),
     [
