@@ -502,7 +502,7 @@ class Detecting(Finding, total=False):
 
 
 class Trajectories(TypedDict, total=False):
-    """Where the things were between their sights."""
+    """Keywords on the table of trajectories."""
 
     trajectories: Annotated[
         bool,

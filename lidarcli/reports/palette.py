@@ -58,7 +58,7 @@ ZONE_COLOURS = {
     "limit": ORANGE,
     "none": PURPLE,
 }
-"""Action of a zone, the gravest first → its colour; none is that of beams on walls."""
+"""Action of a zone, the worst first → its colour; `none` is that of zones without an action."""
 
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",

@@ -104,7 +104,7 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class DeepFindings:
-    """Findings of a second look at a log, and what mends them."""
+    """Findings of a second look at a log, and how to fix them."""
 
     findings: tuple[Finding, ...] = ()
     masks: Masks = field(default_factory=Masks)
