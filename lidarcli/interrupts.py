@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import _thread
 import enum
 import os
 import signal
+import sys
 import time
 from types import FrameType
 
 _BUSY = ("<frozen importlib", str(enum.__file__))
 """Code during which an interrupt waits: imports, and the look for attributes of an enumeration, which numpy does before it
 computes with one and of which it forgets every error."""
-_AGAIN = 0.01
-"""Time after which an interrupt that had to wait is sent again [s]."""
 _ENOUGH = 1.0
 """Time after an interrupt in which further ones are ignored [s]: they would only disturb the clearing away."""
 _last = -_ENOUGH
@@ -26,9 +24,10 @@ class Terminated(KeyboardInterrupt):
 def wait_for_imports() -> None:
     """From now on ctrl-C raises `KeyboardInterrupt`, and SIGTERM `Terminated`, but not within imports or enumerations.
 
-    Python makes a `RuntimeError` of one that strikes while the fields of a class are made, and swallows it in callbacks
-    of its own; C libraries end the process where something fails while they are loaded.
+    Python makes a `RuntimeError` of one that strikes while the fields of a class are made; C libraries end the process
+    where something fails while they are loaded.
     """
+    sys.unraisablehook = _raise_again
     # Where somebody else decides what a signal does (`nohup`, a host program), nothing changes.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
@@ -44,17 +43,35 @@ def end_as_terminated() -> None:
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
     global _last
-    while frame is not None:
-        if frame.f_code.co_filename.startswith(_BUSY):
-            _thread.start_new_thread(_repeat, (number,))
-            return
-        frame = frame.f_back
     if time.monotonic() - _last < _ENOUGH:
         return
     _last = time.monotonic()
-    raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
+    error = Terminated if number == signal.SIGTERM else KeyboardInterrupt
+    waiting = None
+    while frame is not None:
+        if frame.f_code.co_filename.startswith(_BUSY):
+            waiting = frame.f_back
+        frame = frame.f_back
+    if waiting is None:
+        raise error
+    _raise_in(waiting, error)
 
 
-def _repeat(number: int) -> None:
-    time.sleep(_AGAIN)
-    os.kill(os.getpid(), number)
+def _raise_in(frame: FrameType, error: type[KeyboardInterrupt]) -> None:
+    """Raise an error as soon as this frame, which waits for a call, goes on: as debuggers stop in a caller."""
+
+    def trace(now: FrameType, _event: str, _about: object) -> None:
+        if now is frame:
+            sys.settrace(None)
+            raise error
+
+    frame.f_trace = trace
+    sys.settrace(trace)
+
+
+def _raise_again(ignored: sys.UnraisableHookArgs) -> None:
+    """Raise an interrupt once more that struck where Python ignores errors (`__del__`, callbacks of weak references)."""
+    if issubclass(ignored.exc_type, KeyboardInterrupt):
+        _raise_in(sys._getframe(1), ignored.exc_type)
+    else:
+        sys.__unraisablehook__(ignored)

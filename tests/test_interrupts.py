@@ -82,6 +82,36 @@ def test_numpy_does_not_swallow_it_over_an_enumeration(number: str, raised: str)
     assert (ran.stdout, ran.stderr, ran.returncode) == (f"{raised} True\n", "", 0)
 
 
+IGNORING = """
+import os, signal, sys
+from lidarcli.interrupts import wait_for_imports
+wait_for_imports()
+class Ends:
+    def __del__(self):
+        os.kill(os.getpid(), signal.NUMBER)
+        print("never said")
+ended = []
+try:
+    thing = Ends()
+    del thing
+    ended.append("the run")
+except KeyboardInterrupt as err:
+    print(type(err).__name__, ended)
+"""
+
+
+@pytest.mark.parametrize(("number", "raised"), [("SIGINT", "KeyboardInterrupt"), ("SIGTERM", "Terminated")])
+def test_python_does_not_ignore_it_where_an_object_ends(number: str, raised: str) -> None:
+    ran = subprocess.run(
+        [sys.executable, "-c", IGNORING.replace("NUMBER", number)],
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=False,
+    )
+    assert (ran.stdout, ran.stderr, ran.returncode) == (f"{raised} []\n", "", 0)
+
+
 @pytest.mark.slow
 def test_the_tests_of_interrupts_work_where_they_are_ignored() -> None:
     """As below `nohup make test`: processes inherit it."""
@@ -205,13 +235,18 @@ def test_no_thread_is_at_a_table_that_is_given_up(tmp_path: Path, monkeypatch: p
 
 
 CLOSING = """
-import os, signal, threading, time
+import os, signal, sys, threading, time
 from lidarcli.machine import Beside
 done, begun = [], threading.Event()
+def closing():
+    frame = sys._current_frames()[threading.main_thread().ident]
+    while frame is not None and frame.f_code is not Beside.close.__code__:
+        frame = frame.f_back
+    return frame is not None
 def work():
     begun.set()
-    # By now the other thread waits.
-    time.sleep(0.5)
+    while not closing():
+        time.sleep(0.001)
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(0.3)
     done.append("work")

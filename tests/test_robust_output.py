@@ -8,7 +8,6 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +20,7 @@ import pytest
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.simulation.writers import write_log
+from tests.interrupting import MOMENTS, STARTS, ended, left
 from tests.sweeping import BOX, raw_sweeps, round_room
 from tests.waiting import HANG, endless, wait_until
 
@@ -45,28 +45,20 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def whole(log: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], float]:
-    """The tables of a run that nobody disturbed, and how long it took."""
+def whole(log: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The tables of a run that nobody disturbed."""
     out = tmp_path_factory.mktemp("whole")
-    started = time.monotonic()
     done = detect(log, out)
     assert (done.wait(), said(done)) == (0, "")
-    return {name: (out / name).read_bytes() for name in FINAL}, time.monotonic() - started
+    return {name: (out / name).read_bytes() for name in FINAL}
+
+
+def words(log: Path, out: Path, *options: str) -> list[str]:
+    return ["-q", "detect", str(log), "--beams", "-o", str(out), *options]
 
 
 def detect(log: Path, out: Path, *options: str, **settings: Any) -> subprocess.Popen[bytes]:
-    command = [
-        sys.executable,
-        "-m",
-        "lidarcli",
-        "-q",
-        "detect",
-        str(log),
-        "--beams",
-        "-o",
-        str(out),
-        *options,
-    ]
+    command = [sys.executable, "-m", "lidarcli", *words(log, out, *options)]
     return subprocess.Popen(command, stderr=subprocess.PIPE, **settings)
 
 
@@ -75,101 +67,62 @@ def said(process: subprocess.Popen[bytes]) -> str:
     return err.decode()
 
 
-def wait(process: subprocess.Popen[bytes], out: Path, seconds: float | None) -> None:
-    """So long, or until the tables are being written."""
-    if seconds is None:
-        wait_until(lambda: [*out.glob(".*.part")], process)
-    else:
-        time.sleep(seconds)
-
-
 @contextmanager
-def working(log: Path, out: Path, seconds: float | None) -> Iterator[subprocess.Popen[bytes]]:
-    """`detect` so many seconds after its start, or while it writes tables, to which then no end comes."""
-    if seconds is not None:
-        process = detect(log, out)
-        wait(process, out, seconds)
-        yield process
-        return
+def writing(log: Path, out: Path, *options: str, **settings: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """`detect` while it writes tables, to which no end comes."""
     pipe = log.with_name("pipe") / log.name
     with endless(log, pipe):
-        process = detect(pipe, out)
-        wait(process, out, None)
+        process = detect(pipe, out, *options, **settings)
+        wait_until(lambda: [*out.glob(".*.part")], process)
         yield process
 
 
-def final_names(out: Path, whole: dict[str, bytes]) -> list[str]:
-    """The tables that have their names: whole ones, or they would not have them."""
-    names = [name for name in FINAL if (out / name).exists()]
-    assert all((out / name).read_bytes() == whole[name] for name in names)
-    return names
-
-
-@pytest.mark.whole
-def test_killed_at_any_moment(log: Path, whole: tuple[dict[str, bytes], float], tmp_path: Path) -> None:
+def test_killed_at_any_moment(log: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
     """What killed runs leave behind is in nobody's way: they all write to one folder."""
-    tables, seconds = whole
-    for share in (0.3, 0.45, 0.6, 0.75, 0.9, 1.0, None):
-        with working(log, tmp_path, share and share * seconds) as process:
-            process.kill()
-            assert said(process) == ""
-        for name in final_names(tmp_path, tables):
-            (tmp_path / name).unlink()
-        left = [path.name for path in tmp_path.iterdir()]
+    for moment in MOMENTS:
+        assert ended(moment, signal.SIGKILL, *words(log, tmp_path)).returncode == -signal.SIGKILL
         # That of the run before, if this one did not get far enough to clear it away.
-        assert len(left) <= 1
-        assert all(SCRATCH.fullmatch(name) for name in left)
-    assert left
+        assert all(SCRATCH.fullmatch(path.name) for path in tmp_path.iterdir())
+    with writing(log, tmp_path) as process:
+        process.kill()
+        assert said(process) == ""
+    (scratch,) = tmp_path.iterdir()
+    assert SCRATCH.fullmatch(scratch.name)
     again = detect(log, tmp_path)
     assert (again.wait(), said(again)) == (0, "")
-    assert sorted(path.name for path in tmp_path.iterdir()) == FINAL
-    assert final_names(tmp_path, tables) == FINAL
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == whole
 
 
-def test_interrupted_at_any_moment(log: Path, whole: tuple[dict[str, bytes], float], tmp_path: Path) -> None:
-    tables, seconds = whole
-    codes = []
-    for share in (0.2, 0.35, 0.5, 0.65, 0.8, None):
-        with working(log, tmp_path, share and share * seconds) as process:
-            process.send_signal(signal.SIGINT)
-            err = said(process)
-        codes.append(process.returncode)
-        if process.returncode == 130:
-            assert err == "lidarcli: interrupted\n"
-            # Between two names there is no way back, but what has a name is whole.
-            assert {path.name for path in tmp_path.iterdir()} <= set(FINAL)
-        for name in final_names(tmp_path, tables):
-            (tmp_path / name).unlink()
-    # A signal that comes before Python has begun, or after the work is done, ends the process its own way.
-    assert set(codes) <= {130, 0, -signal.SIGINT}
-    assert codes[-1] == 130
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_interrupted_at_any_moment(log: Path, tmp_path: Path, moment: str) -> None:
+    ran = ended(moment, signal.SIGINT, *words(log, tmp_path))
+    assert (ran.returncode, ran.stderr) == (130, "lidarcli: interrupted\n")
+    assert left(tmp_path) == []
 
 
-@pytest.mark.parametrize("jobs", [1, 3])
-def test_terminated_at_any_moment(jobs: int, log: Path, tmp_path: Path) -> None:
+def test_interrupted_while_it_writes(log: Path, tmp_path: Path) -> None:
+    with writing(log, tmp_path) as process:
+        process.send_signal(signal.SIGINT)
+        assert (said(process), process.returncode) == ("lidarcli: interrupted\n", 130)
+    assert left(tmp_path) == []
+
+
+@pytest.mark.parametrize("jobs", ["1", "3"])
+def test_terminated_while_it_writes(jobs: str, log: Path, tmp_path: Path) -> None:
     """As `kill` and systemd do it, which tell the whole group: everything is cleared away first."""
-    pipe, out = tmp_path / "run.mcap", tmp_path / "out"
-    for seconds in (0.1, 0.2, 0.3, None):
-        with endless(log, pipe):
-            process = detect(pipe, out, "--jobs", str(jobs), start_new_session=True)
-            wait(process, out, seconds)
-            os.killpg(process.pid, signal.SIGTERM)
-            err = said(process)
-        assert process.returncode == -signal.SIGTERM
-        assert err in ("", "lidarcli: terminated\n")
-        assert [*out.glob("**/*")] == []
-    assert err == "lidarcli: terminated\n"
+    with writing(log, tmp_path, "--jobs", jobs, start_new_session=True) as process:
+        os.killpg(process.pid, signal.SIGTERM)
+        assert (said(process), process.returncode) == ("lidarcli: terminated\n", -signal.SIGTERM)
+    assert left(tmp_path) == []
 
 
-def test_interrupted_while_several_logs_get_their_workers(log: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("moment", STARTS)
+def test_interrupted_while_several_logs_get_their_workers(log: Path, tmp_path: Path, moment: str) -> None:
     one, other = tmp_path / "one.mcap", tmp_path / "other.mcap"
-    for seconds in (0.12, 0.15, 0.18, 0.21, 0.24):
-        with endless(log, one, other):
-            process = detect(one, tmp_path / "out", str(other), "--jobs", "2")
-            time.sleep(seconds)
-            process.send_signal(signal.SIGINT)
-            err = said(process)
-        assert (process.returncode, err) in ((130, "lidarcli: interrupted\n"), (-signal.SIGINT, ""))
+    with endless(log, one, other):
+        ran = ended(moment, signal.SIGINT, *words(one, tmp_path / "out", str(other), "--jobs", "2"))
+    assert (ran.returncode, ran.stderr) == (130, "lidarcli: interrupted\n")
+    assert left(tmp_path / "out") == []
 
 
 @pytest.mark.parametrize("logs", [1, 2])
@@ -178,7 +131,7 @@ def test_workers_end_with_the_process_that_gave_them_work(logs: int, log: Path, 
     out = tmp_path / "out"
     with endless(log, *pipes):
         process = detect(pipes[0], out, *map(str, pipes[1:]), "--jobs", "2")
-        wait(process, out, None)
+        wait_until(lambda: [*out.glob(".*.part")], process)
         process.kill()
         # The workers share this end of the pipe: it closes when the last of them is gone.
         process.communicate(timeout=HANG)

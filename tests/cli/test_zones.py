@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,9 +16,10 @@ from lidarcli.simulation import entities as make
 from lidarcli.simulation.generate import START_NS
 from lidarcli.simulation.scene import Course, Odometry
 from tests.cli.maps import Run, names
+from tests.interrupting import MOMENTS, ended, left
 from tests.pipeline.drawn import driven, round_about, told
 from tests.places import SAMPLES
-from tests.sweeping import BOX, raw_sweeps, round_room
+from tests.sweeping import raw_sweeps, round_room
 from tests.zones.runs import (
     SENSOR,
     column,
@@ -240,38 +238,15 @@ def test_a_log_that_is_cut(lidarcli: Run, log: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("moment", MOMENTS)
 @pytest.mark.parametrize("options", [("--no-objects",), ()])
 def test_a_run_that_is_ended_leaves_nothing(
-    tmp_path: Path, ending: signal.Signals, options: tuple[str, ...]
+    log: Path, tmp_path: Path, moment: str, options: tuple[str, ...]
 ) -> None:
-    ranges = round_room(6_000, 360, BOX)
-    log = write_bag(tmp_path / "long.bag", scans([raw_sweeps(ranges)]))
-    out = tmp_path / "out"
-    words = [
-        sys.executable,
-        "-m",
-        "lidarcli",
-        "-q",
-        "zones",
-        log,
-        *zones_of(tmp_path, STOP),
-        "-o",
-        out,
-        *options,
-    ]
-    for seconds in (0.3, 0.6):
-        process = subprocess.Popen([str(word) for word in words], stderr=subprocess.PIPE)
-        time.sleep(seconds)
-        process.send_signal(ending)
-        process.communicate()
-        if process.returncode:
-            assert not out.exists() or not [name for name in names(out) if name.startswith("long")]
-    assert subprocess.run([str(word) for word in words], check=False).returncode == 0
-    assert [name for name in names(out) if name.startswith("long")] == [
-        "long.events.parquet",
-        "long.zones.parquet",
-    ]
+    words = ("zones", log, *zones_of(tmp_path, STOP), "-o", tmp_path / "out", *options)
+    ran = ended(moment, signal.SIGTERM, *words)
+    assert (ran.returncode, ran.stderr) == (-signal.SIGTERM, "lidarcli: terminated\n")
+    assert left(tmp_path / "out") == []
 
 
 # Refusals.
