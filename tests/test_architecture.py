@@ -22,7 +22,7 @@ MAY_IMPORT = {
     "option_forms": {"choices", "errors"},
     "options": {"choices", "errors", "formalism", "range_rules", "option_forms", "times"},
     "interrupts": set[str](),
-    "newfiles": {"errors", "machine", "stores"},
+    "newfiles": {"errors", "machine", "ros", "stores"},
     "screen": {"stores"},
     "stores": {"errors", "machine"},
     "foxglove": set[str](),

@@ -219,6 +219,8 @@ _COMPRESSIONS: dict[str, tuple[Iterable[str], str]] = {
     "ros2-mcap": (FOLDER_COMPRESSIONS, "none"),
 }
 """Container → its compressions and the default; the others are not compressed."""
+BAG_FOLDERS = ("ros2", "ros2-mcap")
+"""Containers that are a folder."""
 _WITH_POSES = {"carmen": write_carmen, "aria": write_aria, "player": write_player}
 _WITHOUT_POSES = {"rplidar": write_rplidar, "jsonl": write_jsonlines}
 """Containers of text that has one way to be written → what writes them; some have a place for poses."""
@@ -314,7 +316,7 @@ def _writer(
         )
     if container == "bag":
         return partial(write_bag, compression=packed, poses=poses, clouds=clouds)
-    if container in ("ros2", "ros2-mcap"):
+    if container in BAG_FOLDERS:
         storage = "mcap" if container == "ros2-mcap" else "sqlite3"
         return partial(write_folder, storage=storage, compression=packed, poses=poses, clouds=clouds)
     if container == "db3":

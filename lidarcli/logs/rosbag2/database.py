@@ -177,16 +177,18 @@ _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
 _PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
 """Definitions of plain tables and indexes, as SQLite stores them."""
 _TABLES = ("topics", "messages")
-# Rows come in the order of their ids, in which tables keep them: sorting would hold all of them.
+ROWID = "rowid"
+# Rows come in the order of their numbers, in which tables keep them: sorting would hold all of them. The column `id` is
+# that number in what rosbag2 writes, and may be any other where somebody else has written the table.
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics NOT INDEXED"
 _TYPES = (int, str, str, str)
-_NEWEST = "SELECT max(id) FROM messages"
+_NEWEST = "SELECT max({}) FROM messages"
 _COUNTED = (
     "SELECT CASE WHEN CAST(topic_id AS INTEGER) = topic_id THEN CAST(topic_id AS INTEGER) ELSE typeof(topic_id) END"
     " FROM messages"
 )
 _ROWS = (
-    "SELECT id, CAST(topic_id AS INTEGER), CASE WHEN typeof(timestamp) IN ('integer', 'real') THEN"
+    "SELECT {}, CAST(topic_id AS INTEGER), CASE WHEN typeof(timestamp) IN ('integer', 'real') THEN"
     " CAST(timestamp AS INTEGER) END,"
     f" CASE WHEN typeof(data) = 'blob' AND length(data) <= {MAX_MESSAGE} THEN data END"
     " FROM messages NOT INDEXED WHERE topic_id IN ({})"
@@ -194,7 +196,13 @@ _ROWS = (
 _ALLOWED = {
     sqlite3.SQLITE_SELECT: None,
     sqlite3.SQLITE_READ: {"sqlite_master", *_TABLES},
-    sqlite3.SQLITE_PRAGMA: {"temp_store", "cell_size_check", "table_xinfo"},
+    sqlite3.SQLITE_PRAGMA: {
+        "temp_store",
+        "cell_size_check",
+        "table_xinfo",
+        "ignore_check_constraints",
+        "quick_check",
+    },
     sqlite3.SQLITE_FUNCTION: {"max", "typeof", "length"},
 }
 """Allowed actions of statements, and their objects."""
@@ -221,6 +229,8 @@ class SqliteBag:
     """Topics and messages of one storage file: by SQLite as far as it goes, then straight from the pages."""
 
     compression = "none"
+    number = ROWID
+    """Column that tells the rows of the messages apart."""
 
     def __init__(self, path: Path, shown: str, report: ReadReport, known: Known) -> None:
         """`shown` names the file in errors; `known` is what is known of it, and takes what is found."""
@@ -247,10 +257,17 @@ class SqliteBag:
         """Share of the file that has been read, from 0 to 1."""
         return max(0.0, self._last / self._newest) if self._newest > 0 else 0.0
 
-    @property
     def sound_file(self) -> Path | None:
-        """The database with its journal merged in, as long as it is open; None where SQLite refuses it."""
-        return None if self._database is None else self._path
+        """Return the database with its journal merged in; None where SQLite refuses it or finds a damaged page."""
+        if self._database is not None:
+            try:
+                # A constraint is SQL of the log.
+                self._ask(self._database, "PRAGMA ignore_check_constraints = on")
+                if self._ask(self._database, "PRAGMA quick_check(1)").fetchone() == ("ok",):
+                    return self._path
+            except SQLITE_ERRORS as err:
+                self._cause = _cause(err)
+        return None
 
     def counts(self) -> Counter[int]:
         """Return the number of messages by topic id."""
@@ -279,9 +296,9 @@ class SqliteBag:
         self._last = BEFORE_ALL
         if self._database is not None:
             try:
-                (newest,) = self._ask(self._database, _NEWEST).fetchone()
+                (newest,) = self._ask(self._database, _NEWEST.format(self.number)).fetchone()
                 self._newest = newest if isinstance(newest, int) else 0
-                sql = _ROWS.format(", ".join(map(str, topics)))
+                sql = _ROWS.format(self.number, ", ".join(map(str, topics)))
                 cursor = self._ask(self._database, sql)
                 left = self._size
                 while rows := _fetch(cursor):
@@ -324,7 +341,7 @@ class SqliteBag:
                 raise UnsoundError("row numbers of topics are out of order")
             self.topics = {row[0]: TopicRow(*row) for row in topics}
             self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_MESSAGE + MAX_TEXT)
-            self._ask(self._database, _NEWEST).fetchone()
+            self._ask(self._database, _NEWEST.format(self.number)).fetchone()
         except SQLITE_ERRORS as err:
             self._cause = _cause(err)
             if self._database is not None:
@@ -356,9 +373,13 @@ class SqliteBag:
                 raise UnsoundError(
                     f"{name} is a {kind} that would run; a bag has plain tables and indexes alone"
                 )
-        for table in _TABLES:
-            if any(column[-1] for column in database.execute(f"PRAGMA table_xinfo({table})")):
-                raise UnsoundError(f"{table} has columns that would be computed")
+            columns = database.execute(f"PRAGMA table_xinfo({quoted(name)})").fetchall()
+            if any(column[-1] for column in columns):
+                raise UnsoundError(f"{name} has columns that would be computed")
+        try:
+            database.execute(f"SELECT {ROWID} FROM messages LIMIT 0")
+        except sqlite3.OperationalError:
+            self.number = "id"
         return database
 
     def _ask(self, database: sqlite3.Connection, sql: str) -> sqlite3.Cursor:
@@ -459,6 +480,13 @@ def _wrong_size(header: bytes, size: int) -> str:
     if size > whole:
         return f"not closed properly: {size - whole:,} bytes behind its declared end"
     return ""
+
+
+def quoted(name: object) -> str:
+    """Return a name as SQL writes it (`UnsoundError` where it cannot)."""
+    if not isinstance(name, str) or "\0" in name:
+        raise UnsoundError("a table has no name that can be written")
+    return '"' + name.replace('"', '""') + '"'
 
 
 def _authorize(

@@ -13,8 +13,9 @@ from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Log, Message, OpenOptions,
 from lidarcli.logs.joined import Part, PartedLog
 from lidarcli.logs.laserscan import Gather
 from lidarcli.logs.rosbag2.database import Known, Row, SqliteBag, has_type
-from lidarcli.logs.rosbag2.folder import METADATA, Folder, read_folder
+from lidarcli.logs.rosbag2.folder import Folder, read_folder
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, Unpacking, is_zstd, unpack_file, unpack_message
+from lidarcli.ros.bag_metadata import METADATA
 from lidarcli.sweeps import RawSweeps
 
 SCANS = (LASERSCAN, MULTI_ECHO)
