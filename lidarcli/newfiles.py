@@ -265,8 +265,10 @@ def refuse(
         if name in taken:
             raise OptionError(f"{path} is to be written twice; give each output a name of its own")
         taken[name] = path
-    for folder, path in {Path(name).parent: path for name, path in taken.items()}.items():
-        if other := next((taken[str(each)] for each in (folder, *folder.parents) if str(each) in taken), None):
+    for folder, path in {Path(name).parent: path for name, path in reversed(taken.items())}.items():
+        if other := next(
+            (taken[str(each)] for each in (folder, *folder.parents) if str(each) in taken), None
+        ):
             raise OptionError(f"{path} and {other} are in each other's way; give each a place of its own")
 
 

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
@@ -18,6 +18,7 @@ from rosbags.typesys.store import Typestore
 from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS, TEXT_CONTAINERS
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.foxglove import descriptors, json_schema
+from lidarcli.ros.mcap_file import start
 from lidarcli.ros.messages import (
     BAG_COMPRESSIONS,
     ROS1,
@@ -115,9 +116,7 @@ def write_mcap(
     encode, channel_encoding, profile, schema_of = ENCODINGS[encoding]
     encode = as_clouds(encode) if clouds else encode
     with path.open("xb") as file:
-        writer = Writer(file, chunk_size=chunk_size, compression=MCAP_COMPRESSIONS[compression])
-        # The library names its version here by default, and the bytes would change with it.
-        writer.start(profile=profile, library="lidarcli")
+        writer = start(file, profile, MCAP_COMPRESSIONS[compression], chunk_size)
         schemas: dict[str, int] = {}
         channels: dict[str, int] = {}
         counts: dict[str, int] = {}
