@@ -44,7 +44,8 @@ MAY_IMPORT = {
     "formalism": CORE,
     "tabular": CORE | {"formalism", "machine", "newfiles", "stores"},
     "ros": CORE,
-    "simulation": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "tabular", "tomlfiles"},
+    "simulation": CORE
+    | {"formalism", "foxglove", "maps", "newfiles", "ros", "stores", "tabular", "tomlfiles"},
     "reports": CORE | {"formalism", "tabular"},
     "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
     "overlays": CORE | {"formalism", "maps", "ros", "tabular"},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -163,8 +163,9 @@ def _refuse_names(source: Source, path: Place) -> None:
         same = str(path) == source.path
     else:
         original = Path(source.path)
-        same = path.exists() and original.exists() and path.samefile(original)
-        same |= original.is_dir() and original.resolve() in path.resolve().parents
+        same = original.is_dir() and original.resolve() in path.resolve().parents
+        with suppress(OSError):
+            same |= path.samefile(original)
     if same:
         raise OptionError(f"{path} is the log that is read; write elsewhere with -o")
 

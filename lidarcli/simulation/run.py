@@ -13,6 +13,7 @@ from lidarcli.errors import OptionError
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, unwritable
 from lidarcli.simulation.load import MAX_SWEEPS, load_scene
 from lidarcli.simulation.scene import Scene
+from lidarcli.stores.url import Url, place
 from lidarcli.sweeps import RawSweeps
 
 MAX_SECONDS = 400_000_000
@@ -86,7 +87,9 @@ def simulate(
         )
     if map is None and map_resolution is not None:
         raise OptionError("--map-resolution is that of --map: name its file, too")
-    log = Path(out)
+    log = place(out)
+    if isinstance(log, Url):
+        raise OptionError(f"{log}: a simulated log is not written into a store; name a file of this machine")
     check_options(log, container, compression, encoding, layout, clouds)
     refuse_nameless(log)
     targets = (log, *truth_paths(log))
