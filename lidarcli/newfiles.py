@@ -37,8 +37,8 @@ _HOST = f"{zlib.crc32(os.uname().nodename.encode() if hasattr(os, 'uname') else 
 """Mark of this host: locks of a shared folder may not reach other hosts, so each clears away its own files."""
 _SCRATCH = re.compile(rf"\.lidarcli-{_HOST}-[0-9a-f]{{16}}\.part")
 
-_PARTS = (".mcap", ".db3", ".zstd")
-"""Ends of the names of files that are read as parts of a bag wherever they stand in its folder."""
+_PARTS = (".mcap", ".db3", ".zstd", ".bag")
+"""Ends of the names of files that are read, or told of, as parts of a bag wherever they stand in its folder."""
 
 Inode = tuple[int, int]
 Identity = tuple[int, int, int, int]
@@ -137,6 +137,9 @@ class NewFiles:
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
         self.close()
         self.refuse_lost(error)
+        if isinstance(error, OSError) and error.filename is None:
+            # What has no name is one of the parts.
+            raise unwritable(self.paths[0], error) from error
 
     def refuse_lost(self, error: object) -> None:
         """Raise an `OutputError` for an error of the system whose cause is that a folder of outputs was removed."""

@@ -39,7 +39,7 @@ MAY_IMPORT = {
     "masks": {"errors", "sweeps"},
     "zone": {"masks", "sweeps"},
     "range_rules": {"errors", "masks", "ranges", "sweeps"},
-    "logs": CORE | {"foxglove", "ros"},
+    "logs": CORE | {"foxglove", "newfiles", "ros"},
     "pose": CORE | {"foxglove", "formalism", "logs", "ros"},
     "formalism": CORE,
     "tabular": CORE | {"formalism", "machine", "newfiles", "stores"},

@@ -46,8 +46,7 @@ def copy_folder(log: Rosbag2Log, target: Path, copy: Copy) -> None:
     is_folder = Path(log.path).is_dir()
     if is_folder:
         target.mkdir()
-        if (Path(log.path) / METADATA).is_file():
-            shutil.copyfile(Path(log.path) / METADATA, target / METADATA)
+        _copy_metadata(Path(log.path) / METADATA, target / METADATA, copy)
     for number, storage, report in log.opened(copy.report):
         original = Path(log.parts[number].path)
         path = target / original.name if is_folder else target
@@ -60,6 +59,14 @@ def copy_folder(log: Rosbag2Log, target: Path, copy: Copy) -> None:
         else:
             _copy_storage(storage, path, mine)
         copy.left_out += mine.left_out
+
+
+def _copy_metadata(source: Path, target: Path, copy: Copy) -> None:
+    """Copy the metadata.yaml of a bag; a link may lead to any file of whoever reads the bag."""
+    if source.is_symlink():
+        copy.report.add_damage(METADATA, "is a link, and not copied; 'ros2 bag reindex' makes a new one")
+    elif source.is_file():
+        shutil.copyfile(source, target)
 
 
 def _copy_storage(storage: object, path: Path, copy: Copy) -> None:

@@ -11,10 +11,9 @@ import re
 import shutil
 import sqlite3
 import struct
-import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from pathlib import Path
@@ -33,6 +32,7 @@ from lidarcli.logs.rosbag2.salvage import (
     TopicRow,
     guess_topics,
 )
+from lidarcli.newfiles import scratch_folder
 
 JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 JOURNAL, WAL = "-journal", "-wal"
@@ -237,7 +237,7 @@ class SqliteBag:
         self.topics: dict[int, TopicRow] = {}
         self._last, self._newest = 0, 0
         self._shown, self._report, self._known = shown, report, known
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._stack = ExitStack()
         self._database: sqlite3.Connection | None = None
         self._file: BinaryIO | None = None
         self._cause = ""
@@ -321,8 +321,7 @@ class SqliteBag:
             self._database.close()
         if self._file is not None:
             self._file.close()
-        if self._folder is not None:
-            self._folder.cleanup()
+        self._stack.close()
 
     def _open(self, path: Path) -> None:
         self._file = path.open("rb")
@@ -422,8 +421,7 @@ class SqliteBag:
 
     def _copy(self, path: Path, sidecars: list[Path]) -> Path | None:
         """Return a copy in a temporary folder, as nothing is changed beside the log; None if it has no room."""
-        self._folder = tempfile.TemporaryDirectory(prefix="lidarcli-")
-        target = Path(self._folder.name) / "bag.db3"
+        target = self._stack.enter_context(scratch_folder()) / "bag.db3"
         needed = 2 * sum(file.stat().st_size for file in [path, *sidecars])
         if needed > DISK_SHARE * shutil.disk_usage(target.parent).free:
             names = ", ".join(sidecar.name for sidecar in sidecars)
