@@ -13,6 +13,7 @@ from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
+from errno import EDQUOT, EFBIG, ENOSPC
 from functools import cache
 from pathlib import Path
 from types import TracebackType
@@ -136,16 +137,11 @@ class NewFiles:
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
         self.close()
-        self.refuse_lost(error)
-        if isinstance(error, OSError) and error.filename is None:
-            # What has no name is one of the parts.
-            raise unwritable(self.paths[0], error) from error
-
-    def refuse_lost(self, error: object) -> None:
-        """Raise an `OutputError` for an error of the system whose cause is that a folder of outputs was removed."""
         for folder in self._scratch:
             if isinstance(folder, Path):
                 refuse_lost(error, folder)
+        if isinstance(error, OSError) and error.filename is None and error.errno in (ENOSPC, EDQUOT, EFBIG):
+            raise unwritable(self.paths[0], error) from error
 
     def _put(self, objects: Sequence[Url]) -> None:
         # Runs that put nothing into a store should not wait for this import.

@@ -112,10 +112,8 @@ def _copy_database(bag: SqliteBag, path: Path, copy: Copy) -> None:
                 changed = _edited(bag, topic_id, data, copy, unpacking)
                 if changed is not data:
                     update = f"UPDATE copy.messages SET data = ? WHERE {bag.number} = ?"
-                    if database.execute(update, (changed, row)).rowcount != 1:
-                        raise OutputError(
-                            f"cannot write {path.name}: row {row} of its messages is not there once"
-                        )
+                    if (count := database.execute(update, (changed, row)).rowcount) != 1:
+                        raise OutputError(f"cannot write {path.name}: {count} messages have the number {row}")
         database.execute("COMMIT")
     for topic_id, count in bag.counts().items():
         if (topic := bag.topics.get(topic_id)) is not None:

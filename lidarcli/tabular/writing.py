@@ -392,7 +392,7 @@ class TableFiles:
         self._new = NewFiles(self.paths, overwrite)
         self._sinks: dict[str, ParquetSink] = {}
         with ExitStack() as stack:
-            stack.callback(self._new.close)
+            stack.push(self._new)
             self._new.open()
             for table, path in paths.items():
                 sink = ParquetSink(self._new.part(path), SCHEMAS[table], path)
@@ -422,4 +422,3 @@ class TableFiles:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.__exit__(kind, error, trace)
-        self._new.refuse_lost(error)

@@ -177,7 +177,7 @@ _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
 _PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
 """Definitions of plain tables and indexes, as SQLite stores them."""
 _TABLES = ("topics", "messages")
-ROWID = "rowid"
+ROWID = "_rowid_"
 # Rows come in the order of their numbers, in which tables keep them: sorting would hold all of them. The column `id` is
 # that number in what rosbag2 writes, and may be any other where somebody else has written the table.
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics NOT INDEXED"
@@ -261,12 +261,16 @@ class SqliteBag:
         """Return the database with its journal merged in; None where SQLite refuses it or finds a damaged page."""
         if self._database is not None:
             try:
-                # A constraint is SQL of the log.
-                self._ask(self._database, "PRAGMA ignore_check_constraints = on")
+                # What a column is computed by, or held against, is SQL of the log.
+                for kind, name, _ in self._ask(self._database, _SCHEMA):
+                    if kind == "table":
+                        _refuse_computed(self._database, name)
+                self._database.execute("PRAGMA ignore_check_constraints = on")
                 if self._ask(self._database, "PRAGMA quick_check(1)").fetchone() == ("ok",):
                     return self._path
             except SQLITE_ERRORS as err:
                 self._cause = _cause(err)
+                self._report.add_damage("database", f"{self._cause}; topics and messages alone are copied")
         return None
 
     def counts(self) -> Counter[int]:
@@ -372,11 +376,12 @@ class SqliteBag:
                 raise UnsoundError(
                     f"{name} is a {kind} that would run; a bag has plain tables and indexes alone"
                 )
-            columns = database.execute(f"PRAGMA table_xinfo({quoted(name)})").fetchall()
-            if any(column[-1] for column in columns):
-                raise UnsoundError(f"{name} has columns that would be computed")
+        for table in _TABLES:
+            _refuse_computed(database, table)
+        columns = {str(column[1]).lower() for column in database.execute("PRAGMA table_xinfo(messages)")}
         try:
             database.execute(f"SELECT {ROWID} FROM messages LIMIT 0")
+            self.number = "id" if ROWID in columns else ROWID
         except sqlite3.OperationalError:
             self.number = "id"
         return database
@@ -485,6 +490,12 @@ def quoted(name: object) -> str:
     if not isinstance(name, str) or "\0" in name:
         raise UnsoundError("a table has no name that can be written")
     return '"' + name.replace('"', '""') + '"'
+
+
+def _refuse_computed(database: sqlite3.Connection, table: object) -> None:
+    """Refuse a table that is not read without running SQL (`UnsoundError`)."""
+    if any(column[-1] for column in database.execute(f"PRAGMA table_xinfo({quoted(table)})")):
+        raise UnsoundError(f"{table} has columns that would be computed")
 
 
 def _authorize(
