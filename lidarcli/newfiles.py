@@ -9,15 +9,19 @@ import stat
 import tempfile
 import time
 import zlib
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections import ChainMap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
+from errno import EDQUOT, EFBIG, ENOSPC
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Self, cast
 
-from lidarcli.errors import OutputError, UnreadableError
+from lidarcli.errors import OptionError, OutputError, UnreadableError
 from lidarcli.machine import Beside
+from lidarcli.ros.bag_metadata import is_one_bag
 from lidarcli.stores.url import Place, Url
 
 try:
@@ -34,36 +38,58 @@ _HOST = f"{zlib.crc32(os.uname().nodename.encode() if hasattr(os, 'uname') else 
 """Mark of this host: locks of a shared folder may not reach other hosts, so each clears away its own files."""
 _SCRATCH = re.compile(rf"\.lidarcli-{_HOST}-[0-9a-f]{{16}}\.part")
 
+_PARTS = (".mcap", ".db3", ".zstd", ".bag")
+"""Ends of the names of files that are read, or told of, as parts of a bag wherever they stand in its folder."""
+
+Inode = tuple[int, int]
 Identity = tuple[int, int, int, int]
 
+_READ: ContextVar[dict[Inode, str] | None] = ContextVar("read", default=None)
 
-class WholeFiles(ABC):
-    """Files of one folder, or of a store, that get their names together; leaving the context without `publish` leaves none.
+
+class NewFiles:
+    """Files of this machine or of stores that get their names together; leaving the context without `publish` leaves none.
+
+    Until they are published they stand in a folder of their own beside their final places, whose name nobody can foresee
+    and which nobody else may enter: no link that was planted is written through, and no other run writes the same file.
+    What a killed run left behind is cleared away by the next one. Objects of a store are written on this machine first; of
+    two runs that write the same object the last one stays, as a whole.
 
     Parameters
     ----------
-    beside : the folder below which the parts stand until then, in one of their own
+    paths : where the files belong; folders are made
+    overwrite : whether files that are there may be replaced
+    bag : as of `refuse`
     """
 
-    def __init__(self, beside: Path) -> None:
-        self._beside = self._scratch = beside
+    def __init__(self, paths: Sequence[Place], overwrite: bool = True, bag: Place | None = None) -> None:
+        self.paths = tuple(paths)
+        self._overwrite = overwrite
+        self._bag = bag
+        self._scratch: dict[Place, Path] = {}
+        """Folder of outputs → folder of their parts."""
+        self._before: dict[Path, Identity | None] = {}
         self._stack = ExitStack()
 
     def part(self, path: Place) -> Path:
         """Return the place to write the file that will be `path`."""
-        return self._scratch / path.name
+        return self._scratch[path.parent] / path.name
 
     def open(self) -> None:
-        """Make the folder for the parts. The caller has seen to `close` before, because an interrupt may come any time.
+        """Make folders for the parts. The caller has seen to `close` before, because an interrupt may come any time.
 
         Raises
         ------
         OutputError
-            A file is there that may not be replaced, or the folder cannot be written.
+            A file is there that may not be replaced, or a folder cannot be written.
         """
-        self._scratch = self._stack.enter_context(scratch_folder(self._beside))
+        local = [path for path in self.paths if isinstance(path, Path)]
+        refuse(local, self._overwrite, bag=self._bag)
+        self._before = {path: _identity(path) for path in local}
+        for folder in dict.fromkeys(path.parent for path in self.paths):
+            beside = folder if isinstance(folder, Path) else None
+            self._scratch[folder] = self._stack.enter_context(scratch_folder(beside))
 
-    @abstractmethod
     def publish(self) -> list[str]:
         """Give all files their names at once; a line for each that another run has written meanwhile.
 
@@ -72,6 +98,30 @@ class WholeFiles(ABC):
         OutputError
             Another run has written a file that may not be replaced, or a name cannot be given.
         """
+        if objects := [path for path in self.paths if isinstance(path, Url)]:
+            # Not in this thread, where an interrupt would come between two files.
+            beside = Beside("put")
+            try:
+                beside.submit(self._put, objects).result()
+            finally:
+                beside.close()
+        notes = []
+        for folder in dict.fromkeys(path.parent for path in self._before):
+            mine = [path for path in self._before if path.parent == folder]
+            with _locked(folder):
+                for path in mine:
+                    now = _identity(path)
+                    if now is None or now == self._before[path]:
+                        continue
+                    if not self._overwrite:
+                        raise OutputError(
+                            f"{path} exists: another run has written it meanwhile; use --overwrite to replace it"
+                        )
+                    notes.append(f"replaced {path}, which another run has written meanwhile")
+                refuse(mine, overwrite=True, bag=self._bag)
+                for path in mine:
+                    self._place(path)
+        return notes
 
     def close(self) -> None:
         """Remove what has not been published."""
@@ -87,57 +137,25 @@ class WholeFiles(ABC):
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
         self.close()
-        refuse_lost(error, self._beside)
+        for folder in self._scratch:
+            if isinstance(folder, Path):
+                refuse_lost(error, folder)
+        if isinstance(error, OSError) and error.filename is None and error.errno in (ENOSPC, EDQUOT, EFBIG):
+            raise unwritable(self.paths[0], error) from error
 
+    def _put(self, objects: Sequence[Url]) -> None:
+        # Runs that put nothing into a store should not wait for this import.
+        from lidarcli.stores.url import put
 
-class NewFiles(WholeFiles):
-    """Files of one folder of this machine.
-
-    Until they are published they stand in a folder of their own beside their final places, whose name nobody can foresee
-    and which nobody else may enter: no link that was planted is written through, and no other run writes the same file.
-    What a killed run left behind is cleared away by the next one.
-
-    Parameters
-    ----------
-    paths : where the files belong, all in one folder, which is made
-    overwrite : whether files that are there may be replaced
-    folders : whether folders may be replaced, too (a ROS 2 bag is one)
-    """
-
-    def __init__(self, paths: Sequence[Path], overwrite: bool = True, folders: bool = False) -> None:
-        super().__init__(paths[0].parent)
-        self.paths = tuple(paths)
-        self._overwrite = overwrite
-        self._folders = folders
-        self._before: list[Identity | None] = []
-
-    def open(self) -> None:
-        refuse(self.paths, self._overwrite, folders=self._folders)
-        self._before = [_identity(path) for path in self.paths]
-        super().open()
-
-    def publish(self) -> list[str]:
-        notes = []
-        with _locked(self._beside):
-            for path, before in zip(self.paths, self._before, strict=True):
-                now = _identity(path)
-                if now is None or now == before:
-                    continue
-                if not self._overwrite:
-                    raise OutputError(
-                        f"{path} exists: another run has written it meanwhile; use --overwrite to replace it"
-                    )
-                notes.append(f"replaced {path}, which another run has written meanwhile")
-            for path in self.paths:
-                self._place(path)
-        return notes
+        for path in objects:
+            put(self.part(path), path)
 
     def _place(self, path: Path) -> None:
         part = self.part(path)
         try:
             # A folder takes the place of none but an empty one, and a file never that of a folder.
             if path.is_dir() and not path.is_symlink():
-                path.rename(self._scratch / f"{path.name}.replaced")
+                path.rename(part.with_name(f"{path.name}.replaced"))
             elif part.is_dir() and os.path.lexists(path):
                 path.unlink()
             part.replace(path)
@@ -145,39 +163,14 @@ class NewFiles(WholeFiles):
             raise unwritable(path, err) from err
 
 
-class StoreFiles(WholeFiles):
-    """Objects of a store, which are written on this machine first.
-
-    What may not be replaced was refused before. Of two runs that write the same object the last one stays, as a whole.
-    """
-
-    def __init__(self, paths: Sequence[Url]) -> None:
-        super().__init__(Path(tempfile.gettempdir()))
-        self.paths = tuple(paths)
-
-    def publish(self) -> list[str]:
-        # Not in this thread, where an interrupt would come between two files.
-        beside = Beside("put")
-        try:
-            beside.submit(self._put).result()
-        finally:
-            beside.close()
-        return []
-
-    def _put(self) -> None:
-        # Runs that put nothing into a store should not wait for this import.
-        from lidarcli.stores.url import put
-
-        for path in self.paths:
-            put(self.part(path), path)
-
-
 @contextmanager
-def scratch_folder(folder: Path) -> Iterator[Path]:
+def scratch_folder(folder: Path | None = None) -> Iterator[Path]:
     """A folder below another one, which is made, that nobody else may enter and that is gone afterwards.
 
-    What a killed run left behind is cleared away by the next one that comes here. `OutputError` where it cannot be made.
+    Without another one it is below the temporary folder. What a killed run left behind is cleared away by the next one that
+    comes here. `OutputError` where it cannot be made.
     """
+    folder = folder or Path(tempfile.gettempdir())
     scratch = folder / f".lidarcli-{_HOST}-{os.urandom(8).hex()}.part"
     lock: int | None = None
     try:
@@ -198,13 +191,6 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
             os.close(lock)
 
 
-def new_files(paths: Sequence[Place], overwrite: bool = True) -> WholeFiles:
-    """Return a context for files of one folder that get their names together, on this machine or in a store."""
-    if isinstance(paths[0], Url):
-        return StoreFiles(cast("Sequence[Url]", paths))
-    return NewFiles(cast("Sequence[Path]", paths), overwrite)
-
-
 def write_whole(path: Place, data: bytes, overwrite: bool = True, devices: bool = False) -> list[str]:
     """Write one file that has its name only when it is whole; notes as of `NewFiles.publish`, `devices` as of `refuse`."""
     if devices and _is_device(path):
@@ -213,7 +199,7 @@ def write_whole(path: Place, data: bytes, overwrite: bool = True, devices: bool 
         except OSError as err:
             raise unwritable(path, err) from err
         return []
-    with new_files([path], overwrite) as files:
+    with NewFiles([path], overwrite) as files:
         try:
             files.part(path).write_bytes(data)
         except OSError as err:
@@ -221,40 +207,101 @@ def write_whole(path: Place, data: bytes, overwrite: bool = True, devices: bool 
         return files.publish()
 
 
+@contextmanager
+def reading(files: Iterable[str]) -> Iterator[None]:
+    """Take files for inputs of all that is written meanwhile, beside those that `refuse` is given."""
+    token = _READ.set(_identified(files))
+    try:
+        yield
+    finally:
+        _READ.reset(token)
+
+
 def refuse(
     outputs: Iterable[Place],
     overwrite: bool,
     inputs: Iterable[str | Path] = (),
-    folders: bool = False,
+    bag: Place | None = None,
     devices: bool = False,
 ) -> None:
-    """Refuse outputs before any work is done for them; `folders` as of `NewFiles`, `devices` such as /dev/null are taken.
+    """Refuse outputs before any work is done for them.
+
+    Parameters
+    ----------
+    overwrite : whether files that are there may be replaced
+    inputs : what is read; an output is none of it, by whatever name, holds none of it, and is no further part of a bag
+    bag : the output that is the folder of a ROS 2 bag; it may replace such a folder, and nothing else may replace any
+    devices : whether /dev/null and the like are taken
 
     Raises
     ------
+    OptionError
+        An output has no name, or two outputs have one name.
     OutputError
-        One exists and may not be replaced, is one of the `inputs` (by whatever name), is no regular file, or stands where
-        nothing can be written.
+        One exists and may not be replaced, is or holds an input, is no regular file, or stands where nothing can be
+        written.
     """
     inputs = [*inputs]
-    sources = {(found.st_dev, found.st_ino): str(path) for path in inputs if (found := _stat(path))}
+    sources = _identified(inputs)
+    never = ChainMap(sources, _READ.get() or {})
+    taken: dict[str, Place] = {}
+    real = cache(os.path.realpath)
     for path in outputs:
+        refuse_nameless(path)
+        name = str(path) if isinstance(path, Url) else os.path.join(real(path.parent), path.name)  # noqa: PTH118 (cheap)
         if isinstance(path, Url):
             _refuse_object(path, overwrite, inputs)
+        elif devices and _is_device(path):
             continue
-        found = _stat(path)
-        if found is not None and (found.st_dev, found.st_ino) in sources:
-            source = sources[found.st_dev, found.st_ino]
-            raise OutputError(f"{path} is an input of this run ({source}); write elsewhere with -o")
-        if devices and _is_device(path):
-            continue
-        if os.path.lexists(path) and not overwrite:
-            raise exists_already(path)
-        if found is not None and stat.S_ISDIR(found.st_mode) and not folders:
+        else:
+            _refuse_file(path, overwrite, never, path == bag)
+            if path == bag or path.suffix.lower() in _PARTS:
+                above = _identified(Path(name).parents)
+                if held := next((sources[key] for key in above if key in sources), None):
+                    raise OutputError(
+                        f"{path} would be a part of {held}, which is read; write elsewhere with -o"
+                    )
+        if name in taken:
+            raise OptionError(f"{path} is to be written twice; give each output a name of its own")
+        taken[name] = path
+    for folder, path in {Path(name).parent: path for name, path in reversed(taken.items())}.items():
+        if other := next(
+            (taken[str(each)] for each in (folder, *folder.parents) if str(each) in taken), None
+        ):
+            raise OptionError(f"{path} and {other} are in each other's way; give each a place of its own")
+
+
+def refuse_nameless(path: Place) -> None:
+    """Refuse `.`, `..` and `/` as the name of an output (`OptionError`)."""
+    if path.name in ("", ".."):
+        raise OptionError(f"{path} is a folder by any name; give a name of its own to what is to be written")
+
+
+def _refuse_file(path: Path, overwrite: bool, never: Mapping[Inode, str], is_bag: bool) -> None:
+    """Refuse an output of this machine, as `refuse` does."""
+    found = _stat(path)
+    if found is not None and (source := never.get((found.st_dev, found.st_ino))):
+        raise OutputError(f"{path} is an input of this run ({source}); write elsewhere with -o")
+    if os.path.lexists(path) and not overwrite:
+        raise exists_already(path)
+    if found is not None and stat.S_ISDIR(found.st_mode):
+        if not is_bag:
             raise OutputError(f"{path} is a folder; it is not replaced")
-        if found is not None and not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
-            raise OutputError(f"{path} is a device or a pipe; it is not replaced")
-        _refuse_place(path.parent)
+        held = [*path.iterdir()]
+        # What is a link, or a folder itself, is not looked into: then nothing is replaced.
+        plain = all(stat.S_ISREG(each.lstat().st_mode) for each in held)
+        if not plain or any(key in never for key in _identified(held)) or (held and not is_one_bag(path)):
+            raise OutputError(
+                f"{path} is a folder that holds more than a ROS 2 bag and its metadata.yaml; it is not replaced"
+            )
+    elif found is not None and not stat.S_ISREG(found.st_mode):
+        raise OutputError(f"{path} is a device or a pipe; it is not replaced")
+    _refuse_place(path.parent)
+
+
+def _identified(paths: Iterable[str | Path]) -> dict[Inode, str]:
+    """Return those of some files that there are, by what is the same whatever their names."""
+    return {(found.st_dev, found.st_ino): str(path) for path in paths if (found := _stat(path))}
 
 
 def _refuse_object(url: Url, overwrite: bool, inputs: Iterable[str | Path]) -> None:

@@ -7,15 +7,16 @@ from dataclasses import replace
 from difflib import get_close_matches
 from functools import partial
 from inspect import cleandoc
+from itertools import chain
 from typing import Any, NoReturn
 
 import click
 from click.core import ParameterSource
 
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import DeclaredOption, click_type
+from lidarcli.cli.options import ORIGINS, DeclaredOption, click_type
 from lidarcli.cli.settings import tell_settings, use_settings
-from lidarcli.option_forms import File, Option, arguments_of, options_of
+from lidarcli.option_forms import Argument, File, Option, arguments_of, options_of
 
 OTHER = "Other"
 TYPED = "lidarcli.typed"
@@ -52,7 +53,12 @@ def command(
         made = DeclaredCommand(
             work.__name__,
             params=[*_arguments(group), *(DeclaredOption(*item) for item in options.items())],
-            callback=partial(_run, work, [field for field, option in options.items() if option.is_negated]),
+            callback=partial(
+                _run,
+                work,
+                [field for field, option in options.items() if option.is_negated],
+                [field for field, each in (options | arguments_of(group)).items() if _is_read(each)],
+            ),
             help=cleandoc(work.__doc__ or ""),
             epilog=f"Examples:\n\n\b\n{examples}",
         )
@@ -75,11 +81,21 @@ def _arguments(group: type) -> list[click.Parameter]:
     ]
 
 
-def _run(work: Work, negated: list[str], /, **values: Any) -> int:
-    """Call the body of a command with the values by their fields."""
+def _is_read(each: Option | Argument) -> bool:
+    """Return True for what names files that are read."""
+    return isinstance(each.value, File) and not each.value.is_output
+
+
+def _run(work: Work, negated: list[str], read: list[str], /, **values: Any) -> int:
+    """Call the body of a command with the values by their fields; no file that they name, or settings, is written."""
+    from lidarcli.newfiles import reading
+
     for field in negated:
         values[field] = not values.pop(f"no_{field}")
-    return work(click.get_current_context().ensure_object(Messages), values)
+    ctx = click.get_current_context()
+    named = [values[field] if isinstance(values[field], tuple) else (values[field],) for field in read]
+    with reading(filter(None, [ctx.meta.get(ORIGINS), *chain(*named)])):
+        return work(ctx.ensure_object(Messages), values)
 
 
 def _set_loudness(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:

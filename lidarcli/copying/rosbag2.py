@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sqlite3
 import tempfile
 from contextlib import closing
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from urllib.parse import quote
 
@@ -18,19 +20,25 @@ from lidarcli.errors import OutputError
 from lidarcli.logs.base import MULTI_ECHO, ros_type
 from lidarcli.logs.laserscan import locate
 from lidarcli.logs.mcap.log import McapLog
-from lidarcli.logs.rosbag2.database import SqliteBag, has_type
-from lidarcli.logs.rosbag2.folder import METADATA
+from lidarcli.logs.rosbag2.database import BATCH, ROWID, SQLITE_ERRORS, SqliteBag, has_type, quoted
 from lidarcli.logs.rosbag2.log import SCANS, DatabaseLog, Rosbag2Log
 from lidarcli.logs.unpacking import Unpacking, is_zstd
+from lidarcli.ros.bag_metadata import METADATA
 
+_INDEX = "timestamp_idx ON messages (timestamp ASC)"
 _TABLES = (
     "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, "
     "serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL)",
     "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, "
     "data BLOB NOT NULL)",
-    "CREATE INDEX timestamp_idx ON messages (timestamp ASC)",
+    f"CREATE INDEX {_INDEX}",
 )
 """Tables of a bag, as rosbag2 makes them."""
+_NAMES = "SELECT name FROM main.sqlite_master WHERE type = 'table' AND substr(name, 1, 7) != 'sqlite_'"
+_TYPE = re.compile(r"\w{1,40}")
+"""Types of columns that are declared as in the log; a column of any other takes all values as they are."""
+_BEYOND = 1 << 63
+"""A rowid is below."""
 
 
 def copy_folder(log: Rosbag2Log, target: Path, copy: Copy) -> None:
@@ -38,8 +46,7 @@ def copy_folder(log: Rosbag2Log, target: Path, copy: Copy) -> None:
     is_folder = Path(log.path).is_dir()
     if is_folder:
         target.mkdir()
-        if (Path(log.path) / METADATA).is_file():
-            shutil.copyfile(Path(log.path) / METADATA, target / METADATA)
+        _copy_metadata(Path(log.path) / METADATA, target / METADATA, copy)
     for number, storage, report in log.opened(copy.report):
         original = Path(log.parts[number].path)
         path = target / original.name if is_folder else target
@@ -54,6 +61,14 @@ def copy_folder(log: Rosbag2Log, target: Path, copy: Copy) -> None:
         copy.left_out += mine.left_out
 
 
+def _copy_metadata(source: Path, target: Path, copy: Copy) -> None:
+    """Copy the metadata.yaml of a bag; a link may lead to any file of whoever reads the bag."""
+    if source.is_symlink():
+        copy.report.add_damage(METADATA, "is a link, and not copied; 'ros2 bag reindex' makes a new one")
+    elif source.is_file():
+        shutil.copyfile(source, target)
+
+
 def _copy_storage(storage: object, path: Path, copy: Copy) -> None:
     if isinstance(storage, McapLog):
         with path.open("xb") as out:
@@ -62,7 +77,7 @@ def _copy_storage(storage: object, path: Path, copy: Copy) -> None:
         assert isinstance(storage, DatabaseLog)
         try:
             _copy_database(storage.bag, path, copy)
-        except sqlite3.Error as err:
+        except SQLITE_ERRORS as err:
             raise OutputError(f"cannot write {path.name}: SQLite says: {err}") from err
         copy.report.add(storage.met)
 
@@ -74,41 +89,67 @@ def _pack(plain: Path, path: Path) -> None:
 
 
 def _copy_database(bag: SqliteBag, path: Path, copy: Copy) -> None:
-    """Write a database once more: a sound one with all that is in it, of a damaged one what can be read."""
-    sound = bag.sound_file
-    if sound is None or not _is_whole(sound):
+    """Write a database once more: a sound one with all its tables, of a damaged one what can be read."""
+    sound = bag.sound_file()
+    if sound is None:
         _write_anew(bag, path, copy)
         return
-    shutil.copyfile(sound, path)
     scans = [topic.id for topic in bag.topics.values() if has_type(topic, SCANS)]
     unpacking = Unpacking()
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("PRAGMA journal_mode = memory")
-        database.execute("PRAGMA synchronous = off")
+    where = f"file:{quote(str(sound.absolute()))}?mode=ro&immutable=1"
+    with closing(sqlite3.connect(where, uri=True, isolation_level=None)) as database:
+        database.execute("ATTACH ? AS copy", (f"file:{quote(str(path.absolute()))}",))
+        database.execute("PRAGMA copy.journal_mode = off")
+        database.execute("PRAGMA copy.synchronous = off")
+        database.execute("BEGIN")
+        for (name,) in database.execute(_NAMES).fetchall():
+            _copy_table(database, quoted(name), name.lower() == "messages" and bag.number == ROWID)
+        database.execute(f"CREATE INDEX copy.{_INDEX}")
         for rows in bag.batches(scans) if scans else ():
-            changes = []
             for row, topic_id, timestamp, data in rows:
                 if data is None or timestamp is None:
                     continue
                 changed = _edited(bag, topic_id, data, copy, unpacking)
                 if changed is not data:
-                    changes.append((changed, row))
-            database.executemany("UPDATE messages SET data = ? WHERE id = ?", changes)
-        database.commit()
+                    update = f"UPDATE copy.messages SET data = ? WHERE {bag.number} = ?"
+                    if (count := database.execute(update, (changed, row)).rowcount) != 1:
+                        raise OutputError(f"cannot write {path.name}: {count} messages have the number {row}")
+        database.execute("COMMIT")
     for topic_id, count in bag.counts().items():
         if (topic := bag.topics.get(topic_id)) is not None:
             copy.messages[topic.name, ros_type(topic.type)] += count
 
 
-def _is_whole(path: Path) -> bool:
-    """Return True if SQLite finds no page damaged."""
-    with closing(
-        sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
-    ) as database:
-        try:
-            return bool(database.execute("PRAGMA quick_check(1)").fetchone() == ("ok",))
-        except sqlite3.Error:
-            return False
+def _copy_table(database: sqlite3.Connection, table: str, is_numbered: bool) -> None:
+    """Copy a table with all its rows into columns of our own: what else a log declares is SQL that would run.
+
+    `is_numbered`: its rows keep their rowids, and come a few at a time, between which an interrupt is heard.
+    """
+    columns = database.execute(f"PRAGMA main.table_info({table})").fetchall()
+    indexes = database.execute(f"PRAGMA main.index_list({table})").fetchall()
+    # INTEGER stands for the rowid in a key that has no index of its own, and INT for any number.
+    has_key = any(origin == "pk" for _, _, _, origin, _ in indexes)
+    kinds = {"INTEGER": "INT"} if has_key else {}
+    declared = [
+        f"{quoted(name)} {kinds.get(kind.upper(), kind) if _TYPE.fullmatch(kind) else ''}"
+        for _, name, kind, *_ in columns
+    ]
+    if keys := [quoted(name) for _, name, *_, place in sorted(columns, key=itemgetter(5)) if place]:
+        declared.append(f"PRIMARY KEY ({', '.join(keys)})")
+    database.execute(f"CREATE TABLE copy.{table} ({', '.join(declared)})")
+    if not is_numbered:
+        database.execute(f"INSERT INTO copy.{table} SELECT * FROM main.{table} NOT INDEXED")
+        return
+    names = ", ".join(quoted(name) for _, name, *_ in columns)
+    first, copied = -_BEYOND, 1
+    while copied and first < _BEYOND:
+        copied = database.execute(
+            f"INSERT INTO copy.{table} ({ROWID}, {names}) SELECT {ROWID}, {names} FROM main.{table} NOT INDEXED "
+            f"WHERE {ROWID} >= ? ORDER BY {ROWID} LIMIT {BATCH}",
+            (first,),
+        ).rowcount
+        (last,) = database.execute(f"SELECT max({ROWID}) FROM copy.{table}").fetchone()
+        first = first if last is None else last + 1
 
 
 def _edited(bag: SqliteBag, topic_id: int, data: bytes, copy: Copy, unpacking: Unpacking) -> bytes:

@@ -174,15 +174,17 @@ def _reasons(
 
 def _beside(batch: SweepBatch, chosen: Bool, margin: int) -> Bool:
     """Return the beams (S, B) that are so near to chosen ones; of a full turn the last is beside the first."""
-    found = chosen.copy()
-    row, beam = np.nonzero(chosen)
-    count, turns = batch.beams[row], batch.closure[row] != Closure.OPEN
-    for step in range(1, margin + 1):
-        for beside in (beam - step, beam + step):
-            within = (beside >= 0) & (beside < count)
-            kept = within | turns
-            found[row[kept], beside[kept] % np.maximum(count[kept], 1)] = True
-    return found
+    beam = np.arange(chosen.shape[1])
+    far = margin + 2 * len(beam) + 1
+    # The chosen ones next to each beam, on both sides; behind the last beam of a full turn comes the first chosen one.
+    before, after = np.where(chosen, beam, -far), np.where(chosen, beam, far)
+    turn = np.where(batch.closure == Closure.OPEN, far, batch.beams)[:, None]
+    last = before.max(axis=1, keepdims=True, initial=-far) - turn
+    first = after.min(axis=1, keepdims=True, initial=far) + turn
+    before = np.maximum(np.maximum.accumulate(before, axis=1), last)
+    after = np.minimum(np.minimum.accumulate(after[:, ::-1], axis=1)[:, ::-1], first)
+    beside: Bool = np.minimum(beam - before, after - beam) <= margin
+    return beside & (beam < batch.beams[:, None])
 
 
 class _Places(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,13 +15,12 @@ import pyarrow as pa
 from lidarcli.choices import ABOVE, INF, MATCH, NAN
 from lidarcli.copying.copies import Copy, replaced
 from lidarcli.display import counted
-from lidarcli.errors import OptionError, OutputError, UnreadableError
+from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.tracking.tracker import share_moving
 from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.logs.blocks import Locate
 from lidarcli.logs.options import TopicChoice
-from lidarcli.logs.rosbag2.folder import METADATA, is_storage
-from lidarcli.newfiles import NewFiles, new_files, refuse, unwritable
+from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, unwritable
 from lidarcli.pipeline.cleaned_beams import REASONS, Choice, Chosen, choose, doubted
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import SUFFIXES
@@ -105,11 +104,7 @@ def clean_log(
         log = stack.enter_context(open_source(source, options.detect.opening))
         _refuse(log, source, path, options)
         outputs = (path, _table_path(path))
-        if isinstance(path, Url):
-            new = stack.enter_context(new_files(outputs, options.overwrite))
-        else:
-            files = [each for each in outputs if isinstance(each, Path)]
-            new = stack.enter_context(NewFiles(files, options.overwrite, folders=log.format.startswith(ROS2)))
+        new = stack.enter_context(NewFiles(outputs, options.overwrite, _bag(log, source, path)))
         private = new.part(path).with_name(f"{path.name}.tables")
         pair, found = detect_beside(source, private, options.detect, progress)
         notes = file_metadata(pair.sweeps)
@@ -163,12 +158,14 @@ def _refuse_names(source: Source, path: Place) -> None:
         raise OptionError("a log is cleaned by reading it twice; give the name of its file instead of -")
     if str(path) == "-":
         raise OptionError("a log is no text for standard output; give the name of a file")
+    refuse_nameless(path)
     if isinstance(path, Url):
         same = str(path) == source.path
     else:
         original = Path(source.path)
-        same = path.exists() and original.exists() and path.samefile(original)
-        same |= original.is_dir() and original.resolve() in path.absolute().parents
+        same = original.is_dir() and original.resolve() in path.resolve().parents
+        with suppress(OSError):
+            same |= path.samefile(original)
     if same:
         raise OptionError(f"{path} is the log that is read; write elsewhere with -o")
 
@@ -201,10 +198,12 @@ def _refuse(log: Log, source: Source, path: Place, options: CleanOptions) -> Non
         if topic.name in chosen and topic.encoding == "protobuf" and options.value == ABOVE:
             raise OptionError(f"--value above: {topic.name} is a {topic.type}, which tells no range_max")
     outputs = (path, _table_path(path))
-    refuse(outputs, options.overwrite, options.detect.inputs([source]), folders=not wanted)
-    there = [*path.iterdir()] if isinstance(path, Path) and path.is_dir() else []
-    if any(not is_storage(each.name) and each.name != METADATA for each in there):
-        raise OutputError(f"{path} is a folder that holds more than a ROS 2 bag; it is not replaced")
+    refuse(outputs, options.overwrite, options.detect.inputs([source]), _bag(log, source, path))
+
+
+def _bag(log: Log, source: Source, path: Place) -> Place | None:
+    """Return the path of a copy that is a folder."""
+    return None if _suffix(log, source) else path
 
 
 def _suffix(log: Log, source: Source) -> str:

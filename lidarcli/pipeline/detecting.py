@@ -14,7 +14,7 @@ import pyarrow as pa
 from lidarcli.errors import LidarcliError, warn
 from lidarcli.formalism import Detection, Parameters
 from lidarcli.formalism.matching.catalogue import Catalogue, names_in
-from lidarcli.newfiles import new_files, refuse
+from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.making import Made, Rows, Splitting, finder, rows_of
 from lidarcli.pipeline.objects.options import OF_TRACKS, DetectOptions
@@ -199,7 +199,7 @@ def detect_file(
     refuse([path], options.overwrite, options.inputs(sources))
     # The last log that could be read, and those after it, wait: its outcome also tells of the file.
     waiting: list[Outcome] = []
-    with new_files([path], options.overwrite) as new:
+    with NewFiles([path], options.overwrite) as new:
         with new.part(path).open("wb") as out:
             for outcome in detect_stream(sources, out, kind, options, report, str(path)):
                 if outcome.summary is not None:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import zlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,7 +54,7 @@ from lidarcli.formalism.matching.pairs import SAME_PLACE
 from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, proposals
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.maps.mapserver import image_of, read_map
-from lidarcli.newfiles import new_files, refuse
+from lidarcli.newfiles import NewFiles, refuse, scratch_folder, unwritable
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
@@ -71,7 +69,7 @@ from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
-from lidarcli.stores.url import Place, Url, place
+from lidarcli.stores.url import Place, place
 from lidarcli.sweeps import Float64, Int64, Status, SweepPoses
 from lidarcli.tabular.background import read_background
 from lidarcli.tabular.reading import column_names
@@ -377,8 +375,8 @@ def _frame_words(key: str) -> str:
 
 def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> Seen:
     """Return the standing things of a log, and the ground that its sweeps saw."""
-    with TemporaryDirectory(prefix="lidarcli-") as private:
-        pair, found = detect_beside(source, Path(private), options.detect, progress)
+    with scratch_folder() as private:
+        pair, found = detect_beside(source, private, options.detect, progress)
         table = read_tracks_table(pair.tracks)
         grounds, places, seconds, summary, described = _survey(
             source, pair, table, options.detect, second_of_two(progress, source.size)
@@ -863,8 +861,6 @@ def refuse_outputs(outputs: Sequence[Place], inputs: Sequence[Input], options: D
     for path in outputs:
         if path.suffix.lower() not in known:
             raise OptionError(f"{path}: the suffix of an output has to be one of {', '.join(known)}")
-    if len(doubles := [path for path, count in Counter(map(_real, outputs)).items() if count > 1]):
-        raise OptionError(f"{doubles[0]} is to be written twice; give each output a name of its own")
     sources = [one.source for one in inputs if one.source is not None]
     refuse(
         outputs,
@@ -873,29 +869,29 @@ def refuse_outputs(outputs: Sequence[Place], inputs: Sequence[Input], options: D
     )
 
 
-def _real(path: Place) -> str:
-    """Return the name of a file, whatever that of its folder is."""
-    return str(path) if isinstance(path, Url) else os.path.realpath(path)
-
-
 def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) -> list[str]:
     """Write the changes as tables and pictures; returns notes."""
     notes: list[str] = []
-    for path in outputs:
-        with new_files([path], overwrite) as new:
-            if path.suffix.lower() == PICTURE:
-                from lidarcli.reports.changes_picture import Sight, draw_changes
+    with NewFiles(outputs, overwrite) as new:
+        for path in outputs:
+            try:
+                notes += _write_changes(found, path, new.part(path))
+            except OSError as err:
+                raise unwritable(path, err) from err
+        return notes + new.publish()
 
-                sights = [Sight(step.ground, step.sensors) for step in found.steps]
-                new.part(path).write_bytes(draw_changes(pairs_of(found.changes), sights))
-            else:
-                with new.part(path).open("wb") as out:
-                    table = found.changes.combine_chunks()
-                    kind = TABLES[path.suffix.lower()]
-                    metadata = dict(table.schema.metadata)
-                    notes += write_stream(out, kind, str(path), CHANGES, metadata, table.to_batches())[1]
-            notes += new.publish()
-    return notes
+
+def _write_changes(found: Difference, path: Place, part: Path) -> list[str]:
+    """Write the changes as a table or picture to a part of an output; returns notes."""
+    if path.suffix.lower() == PICTURE:
+        from lidarcli.reports.changes_picture import Sight, draw_changes
+
+        sights = [Sight(step.ground, step.sensors) for step in found.steps]
+        part.write_bytes(draw_changes(pairs_of(found.changes), sights))
+        return []
+    with part.open("wb") as out:
+        table, kind = found.changes.combine_chunks(), TABLES[path.suffix.lower()]
+        return write_stream(out, kind, str(path), CHANGES, dict(table.schema.metadata), table.to_batches())[1]
 
 
 def parse_checks(expressions: Sequence[str]) -> list[Check]:

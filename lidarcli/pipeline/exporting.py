@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from lidarcli.choices import TABLE_BY_SUFFIX
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.newfiles import new_files, refuse
+from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.inputs.files import files_named
 from lidarcli.stores.url import Place
 from lidarcli.tabular.reading import HeldTable, Readable, read_as_is, schema_of
@@ -95,7 +95,7 @@ def format_of(path: Place) -> str:
 def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tuple[int, list[str]]:
     """Write a file of `kind` (parquet, csv, ndjson, arrow); returns the number of rows and notes on them."""
     refuse([path], overwrite, [str(file) for file in export.files if not isinstance(file, HeldTable)])
-    with new_files([path], overwrite) as new:
+    with NewFiles([path], overwrite) as new:
         with new.part(path).open("wb") as out:
             rows, notes = export_stream(export, out, kind, str(path))
         return rows, [*notes, *new.publish()]

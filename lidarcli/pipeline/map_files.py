@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -18,7 +17,7 @@ from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.machine import cores
 from lidarcli.maps.clouds import CloudWriter, ParquetWriter, PcdWriter, PlyWriter
 from lidarcli.maps.mapserver import pgm_bytes, write_occupancy_mcap, yaml_bytes
-from lidarcli.newfiles import WholeFiles, new_files, refuse, scratch_folder, unwritable
+from lidarcli.newfiles import NewFiles, refuse, scratch_folder, unwritable
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.mapping import MapOptions, Mapping
@@ -26,7 +25,7 @@ from lidarcli.pipeline.reading.one_log import Progress, RunSummary, named_files
 from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
 from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
-from lidarcli.stores.url import Place, Url
+from lidarcli.stores.url import Place
 from lidarcli.tabular.writing import table_metadata
 
 GRIDS = (".yaml", ".png", ".mcap")
@@ -79,7 +78,7 @@ class MapRun:
         # Paths that are matched lie each in a world of its own.
         self._options = options = replace(options, need=Need.ALL if len(sources) == 1 else Need.TOLD)
         self._mapping = Mapping(options, needs_sets)
-        self._new: dict[Place, WholeFiles] = {}
+        self._new = NewFiles(self._files, options.overwrite)
         self._clouds: list[CloudWriter] = []
         self._open: list[tuple[Place, BinaryIO]] = []
         self._stack = ExitStack()
@@ -92,7 +91,7 @@ class MapRun:
         if at_once < 2:
             yield from map(_whole, over_logs(self._sources, self.add, report))
             return
-        with scratch_folder(Path(tempfile.gettempdir())) as scratch:
+        with scratch_folder() as scratch:
             work = partial(_map_apart, options=self._options, sets=self._mapping.sets, scratch=str(scratch))
             for outcome in over_logs(self._sources, work, report, at_once):
                 if outcome.summary is not None:
@@ -130,16 +129,13 @@ class MapRun:
             raise unwritable(self._open[0][0], err) from err
         for path in self._outputs:
             self._write(path, grid)
-        for new in self._new.values():
-            notes += new.publish()
+        notes += self._new.publish()
         worlds = tuple(mapping.worlds)
         return Mapped(grid, worlds, mapping.counts.sweeps, self._files, tuple(notes))
 
     def __enter__(self) -> MapRun:
         try:
-            for folder in dict.fromkeys(path.parent for path in self._files):
-                mine = [path for path in self._files if path.parent == folder]
-                self._new[folder] = self._stack.enter_context(new_files(mine, self._options.overwrite))
+            self._stack.enter_context(self._new)
             for path in self._outputs:
                 if (make := WRITERS.get(path.suffix.lower())) is not None:
                     self._open_cloud(path, make)
@@ -153,7 +149,7 @@ class MapRun:
 
     def _open_cloud(self, path: Place, make: type[PlyWriter] | type[PcdWriter] | type[ParquetWriter]) -> None:
         try:
-            file = self._new[path.parent].part(path).open("w+b")
+            file = self._new.part(path).open("w+b")
             self._stack.callback(_let_go, file)
             cloud = make(file)
         except OSError as err:
@@ -164,12 +160,12 @@ class MapRun:
 
     def _write(self, path: Place, grid: Occupancy) -> None:
         """Write one output that is made of the grid."""
-        suffix, part = path.suffix.lower(), self._new[path.parent].part(path)
+        suffix, part = path.suffix.lower(), self._new.part(path)
         try:
             if suffix == ".yaml":
                 image = path.with_suffix(".pgm")
                 part.write_bytes(yaml_bytes(grid, image.name))
-                self._new[path.parent].part(image).write_bytes(pgm_bytes(grid))
+                self._new.part(image).write_bytes(pgm_bytes(grid))
             elif suffix == ".mcap":
                 with part.open("wb") as file:
                     write_occupancy_mcap(file, grid, self._mapping.end_ns)
@@ -205,7 +201,6 @@ def _files(outputs: Sequence[Place]) -> tuple[Place, ...]:
     """Return all files of the outputs."""
     known = (*GRIDS, *WRITERS)
     files: list[Place] = []
-    places: dict[Place, Place] = {}
     for path in outputs:
         suffix = path.suffix.lower()
         if suffix not in known:
@@ -213,13 +208,7 @@ def _files(outputs: Sequence[Place]) -> tuple[Place, ...]:
             raise OptionError(f"{path}: the suffix of a map has to be one of {', '.join(known)}{hint}")
         if suffix == ".yaml" and not _is_text(path.name):
             raise OptionError(f"{path}: the YAML of a map names its image, and this name is not UTF-8")
-        for file in (path, *([path.with_suffix(".pgm")] if suffix == ".yaml" else [])):
-            # A folder may have several names.
-            real = file if isinstance(file, Url) else Path(os.path.realpath(file.parent)) / file.name
-            if real in places:
-                raise OptionError(f"{places[real]} and {path} would be written to the same file")
-            places[real] = path
-            files.append(file)
+        files += (path, path.with_suffix(".pgm")) if suffix == ".yaml" else (path,)
     return tuple(files)
 
 

@@ -19,7 +19,7 @@ from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.maps.mapserver import MAP_TYPE, image_of, occupancy_cdr, read_map
-from lidarcli.newfiles import new_files, refuse, unwritable
+from lidarcli.newfiles import NewFiles, refuse, unwritable
 from lidarcli.overlays.files import (
     BAG,
     FRAME,
@@ -153,7 +153,7 @@ def write_overlay(
     grid = None if options.map is None else read_map(options.map)
     paths = outputs_of(path, options)
     with ExitStack() as stack:
-        new = stack.enter_context(new_files(paths, options.overwrite))
+        new = stack.enter_context(NewFiles(paths, options.overwrite))
         if options.objects is not None:
             pair, found = one_pair(options.objects), None
         else:

@@ -13,7 +13,7 @@ from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.newfiles import new_files, refuse, unwritable
+from lidarcli.newfiles import NewFiles, refuse, unwritable
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.one_log import (
@@ -100,7 +100,7 @@ def write_path(
     is_table = path.suffix.lower() == PARQUET
     with (
         read_log(source, options, Need.ALL) as reading,
-        new_files([path], options.overwrite) as new,
+        NewFiles([path], options.overwrite) as new,
     ):
         written = _Written(is_table, options.poses.source == MATCH)
         try:

@@ -7,15 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
 from lidarcli.errors import OptionError
-from lidarcli.newfiles import refuse
+from lidarcli.newfiles import refuse, scratch_folder
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
 from lidarcli.pipeline.inputs.tables import one_pair
@@ -92,7 +90,7 @@ def watch(
         found: RunSummary | None = None
         pair = None if options.objects is None else one_pair(options.objects)
         if pair is None and options.find:
-            private = Path(stack.enter_context(TemporaryDirectory(prefix="lidarcli-")))
+            private = stack.enter_context(scratch_folder())
             with open_source(source, options.detect.opening) as log:
                 finding = masked(log, options)
             pair, found = detect_beside(source, private, finding, progress)

@@ -11,11 +11,23 @@ ALL = 0
 """Depth of an unbounded history."""
 
 
-def start_ros2(file: BinaryIO) -> Writer:
-    """Return a writer of profile `ros2`, packed by zstd, whose bytes depend on what is written alone."""
-    writer = Writer(file, compression=CompressionType.ZSTD)
+def start(
+    file: BinaryIO,
+    profile: str,
+    compression: CompressionType = CompressionType.ZSTD,
+    chunk_size: int = 1 << 20,
+) -> Writer:
+    """Return a writer whose bytes depend on what is written alone."""
+    # The library would write summary offsets of groups without any record, too, which are none; files need no offsets.
+    writer = Writer(file, chunk_size, compression, use_summary_offsets=False)
     # The library names its version here by default, and the bytes would change with it.
-    writer.start(profile="ros2", library="lidarcli")
+    writer.start(profile=profile, library="lidarcli")
+    return writer
+
+
+def start_ros2(file: BinaryIO) -> Writer:
+    """Return a writer of profile `ros2`, as of `start`."""
+    writer = start(file, "ros2")
     # Says that what follows is as in Humble: without it, rosbag2 from Jazzy on takes a file for its own, where policies are
     # words.
     writer.add_metadata("rosbag2", {"ROS_DISTRO": "", "serialized_metadata": ""})

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
 from lidarcli.choices import CONTAINER_BY_SUFFIX, MAP_RESOLUTION
-from lidarcli.errors import OptionError, OutputError
-from lidarcli.newfiles import NewFiles, refuse, unwritable
+from lidarcli.errors import OptionError
+from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, unwritable
 from lidarcli.simulation.load import MAX_SWEEPS, load_scene
 from lidarcli.simulation.scene import Scene
+from lidarcli.stores.url import Url, place
 from lidarcli.sweeps import RawSweeps
 
 MAX_SECONDS = 400_000_000
@@ -68,7 +68,7 @@ def simulate(
     # The writers bring half a second of imports along, which `import lidarcli.simulation` need not pay.
     from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
     from lidarcli.simulation.truth import TruthWriter
-    from lidarcli.simulation.writers import check_options, write_log
+    from lidarcli.simulation.writers import BAG_FOLDERS, check_options, container_of, write_log
 
     if sweeps is not None and duration is not None:
         raise OptionError("--sweeps and --duration exclude each other: leave one out")
@@ -87,10 +87,13 @@ def simulate(
         )
     if map is None and map_resolution is not None:
         raise OptionError("--map-resolution is that of --map: name its file, too")
-    log = Path(out)
+    log = place(out)
+    if isinstance(log, Url):
+        raise OptionError(f"{log}: a simulated log is not written into a store; name a file of this machine")
     check_options(log, container, compression, encoding, layout, clouds)
+    refuse_nameless(log)
     targets = (log, *truth_paths(log))
-    map_files = () if map is None else _map_files(Path(map), targets)
+    map_files = () if map is None else _map_files(Path(map))
     scene = load_scene(scene_path)
     count = scene.sweeps if sweeps is None else sweeps
     if duration is not None:
@@ -106,29 +109,19 @@ def simulate(
             f"({MAX_SECONDS:,} seconds)"
         )
     result = Simulated(scene.name, count, *targets, true_map=map_files[0] if map_files else None)
-    refuse(targets, overwrite, [scene_path], folders=True)
-    refuse(map_files, overwrite, [scene_path])
-    for target in targets:
-        if target.is_dir() and not _is_bag(target):
-            raise OutputError(
-                f"{target}: is a folder that holds more than a ROS 2 bag; it will not be replaced"
-            )
+    bag = log if (container or container_of(log)) in BAG_FOLDERS else None
+    outputs = (*map_files, *targets)
+    refuse(outputs, overwrite, [scene_path], bag)
     map_data = _map_data(scene, count, resolution, map_files[1].name) if map_files else ()
     with ExitStack() as stack:
-        # What stands in the folder of the log gets its name together with it, the map of another folder just before.
-        beside = map_files if map_files and map_files[0].parent == log.parent else ()
-        apart = () if beside else map_files
-        new = {log.parent: stack.enter_context(NewFiles([*targets, *beside], overwrite, folders=True))}
-        if apart:
-            new[apart[0].parent] = stack.enter_context(NewFiles(apart, overwrite))
+        new = stack.enter_context(NewFiles(outputs, overwrite, bag))
         for file, data in zip(map_files, map_data, strict=True):
             try:
-                new[file.parent].part(file).write_bytes(data)
+                new.part(file).write_bytes(data)
             except OSError as err:
                 raise unwritable(file, err) from err
-        logs = new[log.parent]
         try:
-            with TruthWriter(logs.part(result.truth), logs.part(result.truth_beams), scene, seed) as truth:
+            with TruthWriter(new.part(result.truth), new.part(result.truth_beams), scene, seed) as truth:
 
                 def raw() -> Iterator[RawSweeps]:
                     for block in simulate_blocks(scene, count, seed):
@@ -138,7 +131,7 @@ def simulate(
                             progress(block.first + len(block.seconds), count)
 
                 write_log(
-                    logs.part(log),
+                    new.part(log),
                     raw(),
                     container=container,
                     compression=compression,
@@ -150,22 +143,14 @@ def simulate(
                 )
         except OSError as err:
             raise unwritable(log, err) from err
-        notes = [note for files in reversed(new.values()) for note in files.publish()]
-        return replace(result, notes=tuple(notes))
+        return replace(result, notes=tuple(new.publish()))
 
 
-def _map_files(path: Path, others: Sequence[Path]) -> tuple[Path, Path]:
-    """Return the two files of a map, which must not be, hold or stand in another file of the run."""
+def _map_files(path: Path) -> tuple[Path, Path]:
+    """Return the two files of a map."""
     if path.suffix.lower() != ".yaml":
         raise OptionError(f"{path}: the suffix of a true map has to be .yaml; it comes with a .pgm")
-    files = path, path.with_suffix(".pgm")
-    for file in files:
-        mine = _absolute(file)
-        for other in others:
-            theirs = _absolute(other)
-            if mine == theirs or mine in theirs.parents or theirs in mine.parents:
-                raise OptionError(f"{file} and {other} are in each other's way; write elsewhere with --map")
-    return files
+    return path, path.with_suffix(".pgm")
 
 
 def _map_data(scene: Scene, sweeps: int, resolution: float, image: str) -> tuple[bytes, bytes]:
@@ -177,19 +162,8 @@ def _map_data(scene: Scene, sweeps: int, resolution: float, image: str) -> tuple
     return yaml_bytes(grid, image), pgm_bytes(grid)
 
 
-def _absolute(path: Path) -> Path:
-    return Path(os.path.realpath(path.parent)) / path.name
-
-
 def truth_paths(log: Path) -> tuple[Path, Path]:
     """Return the paths of the truth tables of a log: beside it, with its stem."""
     name = log.name
     stem = next((name[: -len(suffix)] for suffix in _SUFFIXES if name.lower().endswith(suffix)), name)
     return log.with_name(f"{stem}.truth.parquet"), log.with_name(f"{stem}.truth-beams.parquet")
-
-
-def _is_bag(folder: Path) -> bool:
-    """Return True for an empty folder, or one that holds one ROS 2 bag alone: several logs are recordings."""
-    names = [entry.name for entry in folder.iterdir()]
-    storage = [name for name in names if name.endswith((".db3", ".mcap", ".zstd"))]
-    return not names or ("metadata.yaml" in names and len(storage) == len(names) - 1)

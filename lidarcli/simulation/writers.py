@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
@@ -18,6 +18,7 @@ from rosbags.typesys.store import Typestore
 from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS, TEXT_CONTAINERS
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.foxglove import descriptors, json_schema
+from lidarcli.ros.mcap_file import start
 from lidarcli.ros.messages import (
     BAG_COMPRESSIONS,
     ROS1,
@@ -115,9 +116,7 @@ def write_mcap(
     encode, channel_encoding, profile, schema_of = ENCODINGS[encoding]
     encode = as_clouds(encode) if clouds else encode
     with path.open("xb") as file:
-        writer = Writer(file, chunk_size=chunk_size, compression=MCAP_COMPRESSIONS[compression])
-        # The library names its version here by default, and the bytes would change with it.
-        writer.start(profile=profile, library="lidarcli")
+        writer = start(file, profile, MCAP_COMPRESSIONS[compression], chunk_size)
         schemas: dict[str, int] = {}
         channels: dict[str, int] = {}
         counts: dict[str, int] = {}
@@ -219,6 +218,8 @@ _COMPRESSIONS: dict[str, tuple[Iterable[str], str]] = {
     "ros2-mcap": (FOLDER_COMPRESSIONS, "none"),
 }
 """Container → its compressions and the default; the others are not compressed."""
+BAG_FOLDERS = ("ros2", "ros2-mcap")
+"""Containers that are a folder."""
 _WITH_POSES = {"carmen": write_carmen, "aria": write_aria, "player": write_player}
 _WITHOUT_POSES = {"rplidar": write_rplidar, "jsonl": write_jsonlines}
 """Containers of text that has one way to be written → what writes them; some have a place for poses."""
@@ -314,7 +315,7 @@ def _writer(
         )
     if container == "bag":
         return partial(write_bag, compression=packed, poses=poses, clouds=clouds)
-    if container in ("ros2", "ros2-mcap"):
+    if container in BAG_FOLDERS:
         storage = "mcap" if container == "ros2-mcap" else "sqlite3"
         return partial(write_folder, storage=storage, compression=packed, poses=poses, clouds=clouds)
     if container == "db3":

@@ -299,7 +299,7 @@ def read_object(url: Url) -> bytes:
 def put(path: Path, url: Url) -> None:
     """Put a file of this machine into a store under its final name, where it appears whole or not at all.
 
-    No interrupt may come between opening and writing (`newfiles.StoreFiles`): a stream that is let go of is closed, and
+    No interrupt may come between opening and writing (`newfiles.NewFiles`): a stream that is let go of is closed, and
     what there is of it by then would appear.
     """
     with _errors(url, OutputError, "cannot write "):

@@ -12,7 +12,7 @@ import pyarrow as pa
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.background.stations import SAME_BEAM, Grid
-from lidarcli.newfiles import new_files
+from lidarcli.newfiles import NewFiles
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Float64, SweepPoses
 from lidarcli.tabular.arrays import codes, floats, plain
@@ -39,7 +39,7 @@ def write_background(
 ) -> list[str]:
     """Write the stations of all sensors; the file appears when it is whole. Notes as of `NewFiles.publish`."""
     geometry = json.dumps([_geometry(sensor) for sensor in sensors], sort_keys=True, ensure_ascii=False)
-    with new_files([path], overwrite) as new, ParquetSink(new.part(path), BACKGROUND, path) as file:
+    with NewFiles([path], overwrite) as new, ParquetSink(new.part(path), BACKGROUND, path) as file:
         for sensor in sensors:
             file.write(background_rows(sensor))
         file.finish({**metadata, GEOMETRY.encode(): geometry.encode(errors="replace")})

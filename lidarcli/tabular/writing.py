@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from lidarcli._version import __version__
 from lidarcli.errors import OutputError
 from lidarcli.machine import Beside
-from lidarcli.newfiles import WholeFiles, new_files, refuse_lost, unwritable
+from lidarcli.newfiles import NewFiles, unwritable
 from lidarcli.stores.url import Place
 from lidarcli.tabular.schemas import SCHEMAS
 
@@ -389,16 +389,13 @@ class TableFiles:
         self.paths = tuple(paths.values())
         self.sizes: list[int] = []
         """Bytes of each file, once it is published."""
-        self._new: dict[Place, WholeFiles] = {}
+        self._new = NewFiles(self.paths, overwrite)
         self._sinks: dict[str, ParquetSink] = {}
         with ExitStack() as stack:
-            for folder in dict.fromkeys(path.parent for path in self.paths):
-                new = new_files([path for path in self.paths if path.parent == folder], overwrite)
-                stack.callback(new.close)
-                new.open()
-                self._new[folder] = new
+            stack.push(self._new)
+            self._new.open()
             for table, path in paths.items():
-                sink = ParquetSink(self._new[path.parent].part(path), SCHEMAS[table], path)
+                sink = ParquetSink(self._new.part(path), SCHEMAS[table], path)
                 stack.push(sink)
                 sink.open()
                 self._sinks[table] = sink
@@ -415,8 +412,8 @@ class TableFiles:
             sink.hand_over()
         for sink in self._sinks.values():
             sink.finish(metadata)
-        self.sizes = [self._new[path.parent].part(path).stat().st_size for path in self.paths]
-        return [note for new in self._new.values() for note in new.publish()]
+        self.sizes = [self._new.part(path).stat().st_size for path in self.paths]
+        return self._new.publish()
 
     def __enter__(self) -> Self:
         return self
@@ -425,6 +422,3 @@ class TableFiles:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.__exit__(kind, error, trace)
-        for folder in self._new:
-            if isinstance(folder, Path):
-                refuse_lost(error, folder)

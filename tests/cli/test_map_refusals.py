@@ -26,11 +26,11 @@ from tests.cli.maps import (
         (("-o", "{}/m.pgm"), ".parquet; {}/m.yaml comes with a .pgm\n"),
         (
             ("-o", "{}/m.png", "-o", "{}/m.ply", "-o", "{}/m.png"),
-            "lidarcli: {}/m.png and {}/m.png would be written to the same file\n",
+            "lidarcli: {}/m.png is to be written twice; give each output a name of its own\n",
         ),
         (
             ("-o", "{}/m.YAML", "-o", "{}/m.yaml"),
-            "lidarcli: {}/m.YAML and {}/m.yaml would be written to the same file\n",
+            "lidarcli: {}/m.pgm is to be written twice; give each output a name of its own\n",
         ),
         (("-o", "{}/m.yaml", "--pose", "/odom", "--poses", "f.tum"), "exclude each other: leave one out\n"),
         (("-o", "{}/m.yaml", "--resolution", "0.0001"), "'--resolution': 0.0001 is below 0.001."),
@@ -60,7 +60,7 @@ def test_one_file_by_two_names(lidarcli: Run, tmp_path: Path, other: str) -> Non
     (tmp_path / "link").symlink_to(tmp_path)
     ran = lidarcli("map", DRIVE, "-o", tmp_path / "m.png", "-o", tmp_path / other)
     assert (ran.code, (tmp_path / "m.png").exists()) == (2, False)
-    assert "would be written to the same file" in ran.err
+    assert "is to be written twice" in ran.err
 
 
 @pytest.mark.parametrize("there", ["m.yaml", "m.pgm", "m.ply"])

@@ -83,7 +83,8 @@ def test_a_bag_folder_is_replaced_and_any_other_folder_is_not(scene, tmp_path):
     with pytest.raises(OutputError) as caught:
         simulate(scene, bag, overwrite=True)
     assert (
-        str(caught.value) == f"{bag}: is a folder that holds more than a ROS 2 bag; it will not be replaced"
+        str(caught.value)
+        == f"{bag} is a folder that holds more than a ROS 2 bag and its metadata.yaml; it is not replaced"
     )
     assert (bag / "thesis.tex").read_text() == "mine"
 
@@ -93,8 +94,8 @@ def test_a_folder_of_several_logs_is_not_taken_for_a_bag(scene, tmp_path):
     folder.mkdir()
     for name in ("monday.mcap", "tuesday.mcap", "drive.db3"):
         (folder / name).write_text("mine")
-    for container in ("db3", "ros2"):
-        with pytest.raises(OutputError, match="is a folder that holds more than a ROS 2 bag"):
+    for container, words in (("db3", ""), ("ros2", " that holds more than a ROS 2 bag")):
+        with pytest.raises(OutputError, match=f"is a folder{words}"):
             simulate(scene, folder, container=container, overwrite=True)
     assert names(folder) == ["drive.db3", "monday.mcap", "tuesday.mcap"]
 

@@ -11,10 +11,9 @@ import re
 import shutil
 import sqlite3
 import struct
-import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from pathlib import Path
@@ -33,6 +32,7 @@ from lidarcli.logs.rosbag2.salvage import (
     TopicRow,
     guess_topics,
 )
+from lidarcli.newfiles import scratch_folder
 
 JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 JOURNAL, WAL = "-journal", "-wal"
@@ -177,16 +177,18 @@ _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
 _PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
 """Definitions of plain tables and indexes, as SQLite stores them."""
 _TABLES = ("topics", "messages")
-# Rows come in the order of their ids, in which tables keep them: sorting would hold all of them.
+ROWID = "_rowid_"
+# Rows come in the order of their numbers, in which tables keep them: sorting would hold all of them. The column `id` is
+# that number in what rosbag2 writes, and may be any other where somebody else has written the table.
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics NOT INDEXED"
 _TYPES = (int, str, str, str)
-_NEWEST = "SELECT max(id) FROM messages"
+_NEWEST = "SELECT max({}) FROM messages"
 _COUNTED = (
     "SELECT CASE WHEN CAST(topic_id AS INTEGER) = topic_id THEN CAST(topic_id AS INTEGER) ELSE typeof(topic_id) END"
     " FROM messages"
 )
 _ROWS = (
-    "SELECT id, CAST(topic_id AS INTEGER), CASE WHEN typeof(timestamp) IN ('integer', 'real') THEN"
+    "SELECT {}, CAST(topic_id AS INTEGER), CASE WHEN typeof(timestamp) IN ('integer', 'real') THEN"
     " CAST(timestamp AS INTEGER) END,"
     f" CASE WHEN typeof(data) = 'blob' AND length(data) <= {MAX_MESSAGE} THEN data END"
     " FROM messages NOT INDEXED WHERE topic_id IN ({})"
@@ -194,7 +196,13 @@ _ROWS = (
 _ALLOWED = {
     sqlite3.SQLITE_SELECT: None,
     sqlite3.SQLITE_READ: {"sqlite_master", *_TABLES},
-    sqlite3.SQLITE_PRAGMA: {"temp_store", "cell_size_check", "table_xinfo"},
+    sqlite3.SQLITE_PRAGMA: {
+        "temp_store",
+        "cell_size_check",
+        "table_xinfo",
+        "ignore_check_constraints",
+        "quick_check",
+    },
     sqlite3.SQLITE_FUNCTION: {"max", "typeof", "length"},
 }
 """Allowed actions of statements, and their objects."""
@@ -221,13 +229,15 @@ class SqliteBag:
     """Topics and messages of one storage file: by SQLite as far as it goes, then straight from the pages."""
 
     compression = "none"
+    number = ROWID
+    """Column that tells the rows of the messages apart."""
 
     def __init__(self, path: Path, shown: str, report: ReadReport, known: Known) -> None:
         """`shown` names the file in errors; `known` is what is known of it, and takes what is found."""
         self.topics: dict[int, TopicRow] = {}
         self._last, self._newest = 0, 0
         self._shown, self._report, self._known = shown, report, known
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._stack = ExitStack()
         self._database: sqlite3.Connection | None = None
         self._file: BinaryIO | None = None
         self._cause = ""
@@ -247,10 +257,21 @@ class SqliteBag:
         """Share of the file that has been read, from 0 to 1."""
         return max(0.0, self._last / self._newest) if self._newest > 0 else 0.0
 
-    @property
     def sound_file(self) -> Path | None:
-        """The database with its journal merged in, as long as it is open; None where SQLite refuses it."""
-        return None if self._database is None else self._path
+        """Return the database with its journal merged in; None where SQLite refuses it or finds a damaged page."""
+        if self._database is not None:
+            try:
+                # What a column is computed by, or held against, is SQL of the log.
+                for kind, name, _ in self._ask(self._database, _SCHEMA):
+                    if kind == "table":
+                        _refuse_computed(self._database, name)
+                self._database.execute("PRAGMA ignore_check_constraints = on")
+                if self._ask(self._database, "PRAGMA quick_check(1)").fetchone() == ("ok",):
+                    return self._path
+            except SQLITE_ERRORS as err:
+                self._cause = _cause(err)
+                self._report.add_damage("database", f"{self._cause}; topics and messages alone are copied")
+        return None
 
     def counts(self) -> Counter[int]:
         """Return the number of messages by topic id."""
@@ -279,9 +300,9 @@ class SqliteBag:
         self._last = BEFORE_ALL
         if self._database is not None:
             try:
-                (newest,) = self._ask(self._database, _NEWEST).fetchone()
+                (newest,) = self._ask(self._database, _NEWEST.format(self.number)).fetchone()
                 self._newest = newest if isinstance(newest, int) else 0
-                sql = _ROWS.format(", ".join(map(str, topics)))
+                sql = _ROWS.format(self.number, ", ".join(map(str, topics)))
                 cursor = self._ask(self._database, sql)
                 left = self._size
                 while rows := _fetch(cursor):
@@ -304,8 +325,7 @@ class SqliteBag:
             self._database.close()
         if self._file is not None:
             self._file.close()
-        if self._folder is not None:
-            self._folder.cleanup()
+        self._stack.close()
 
     def _open(self, path: Path) -> None:
         self._file = path.open("rb")
@@ -324,7 +344,7 @@ class SqliteBag:
                 raise UnsoundError("row numbers of topics are out of order")
             self.topics = {row[0]: TopicRow(*row) for row in topics}
             self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_MESSAGE + MAX_TEXT)
-            self._ask(self._database, _NEWEST).fetchone()
+            self._ask(self._database, _NEWEST.format(self.number)).fetchone()
         except SQLITE_ERRORS as err:
             self._cause = _cause(err)
             if self._database is not None:
@@ -357,8 +377,13 @@ class SqliteBag:
                     f"{name} is a {kind} that would run; a bag has plain tables and indexes alone"
                 )
         for table in _TABLES:
-            if any(column[-1] for column in database.execute(f"PRAGMA table_xinfo({table})")):
-                raise UnsoundError(f"{table} has columns that would be computed")
+            _refuse_computed(database, table)
+        columns = {str(column[1]).lower() for column in database.execute("PRAGMA table_xinfo(messages)")}
+        try:
+            database.execute(f"SELECT {ROWID} FROM messages LIMIT 0")
+            self.number = "id" if ROWID in columns else ROWID
+        except sqlite3.OperationalError:
+            self.number = "id"
         return database
 
     def _ask(self, database: sqlite3.Connection, sql: str) -> sqlite3.Cursor:
@@ -401,8 +426,7 @@ class SqliteBag:
 
     def _copy(self, path: Path, sidecars: list[Path]) -> Path | None:
         """Return a copy in a temporary folder, as nothing is changed beside the log; None if it has no room."""
-        self._folder = tempfile.TemporaryDirectory(prefix="lidarcli-")
-        target = Path(self._folder.name) / "bag.db3"
+        target = self._stack.enter_context(scratch_folder()) / "bag.db3"
         needed = 2 * sum(file.stat().st_size for file in [path, *sidecars])
         if needed > DISK_SHARE * shutil.disk_usage(target.parent).free:
             names = ", ".join(sidecar.name for sidecar in sidecars)
@@ -459,6 +483,19 @@ def _wrong_size(header: bytes, size: int) -> str:
     if size > whole:
         return f"not closed properly: {size - whole:,} bytes behind its declared end"
     return ""
+
+
+def quoted(name: object) -> str:
+    """Return a name as SQL writes it (`UnsoundError` where it cannot)."""
+    if not isinstance(name, str) or "\0" in name:
+        raise UnsoundError("a table has no name that can be written")
+    return '"' + name.replace('"', '""') + '"'
+
+
+def _refuse_computed(database: sqlite3.Connection, table: object) -> None:
+    """Refuse a table that is not read without running SQL (`UnsoundError`)."""
+    if any(column[-1] for column in database.execute(f"PRAGMA table_xinfo({quoted(table)})")):
+        raise UnsoundError(f"{table} has columns that would be computed")
 
 
 def _authorize(

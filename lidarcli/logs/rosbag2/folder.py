@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import re
-import stat
 from collections import defaultdict
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
-from itertools import takewhile
 from pathlib import Path, PureWindowsPath
 
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
+from lidarcli.ros.bag_metadata import METADATA, named_files
 
-METADATA = "metadata.yaml"
-MAX_METADATA = 16 << 20
-"""Longest metadata.yaml that is read [bytes]."""
-
-_PATHS = "relative_file_paths:"
-_CONFLICT = re.compile(r"^(<{7,}|={7,}|>{7,})", re.MULTILINE)
 _STORAGE = re.compile(r"\.(db3|mcap)(\.(zstd|zst))?$", re.IGNORECASE)
 _PART = re.compile(r"(.+)_(\d+)\.(?:db3|db3\.zstd|mcap\.zstd)")
 _PACKED = re.compile(r"\.(zstd|zst)$", re.IGNORECASE)
@@ -56,9 +49,10 @@ def read_folder(folder: Path) -> Folder:
     """Find the storage files of a bag: those that are there count, the metadata gives their order."""
     files = [path for path in sorted(folder.iterdir()) if path.is_file()]
     there = {path.name: path for path in files if is_storage(path.name)}
-    named, note = _named_files(folder / METADATA)
-    notes = [note] if note else []
-    ordered, missing = _matched(named, there)
+    named, cause = named_files(folder / METADATA)
+    notes = [f"{cause}, the storage files were read without it"] if cause else []
+    # Old bags put the folder's name before the file's; nothing outside of the folder is ever read.
+    ordered, missing = _matched([PureWindowsPath(name).name for name in named], there)
     unnamed = _unnamed(ordered, there)
     if unnamed and named:
         notes.append(f"{METADATA} does not name {', '.join(sorted(unnamed, key=natural))}: read as well")
@@ -86,21 +80,6 @@ def natural(name: str) -> list[tuple[int, str]]:
     ['bag_2.db3', 'bag_10.db3']
     """
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
-
-
-def _listed(text: str) -> list[str]:
-    """Return the items of the list of files: within brackets, or one in a line each."""
-    lines = iter(text.split("\n"))
-    for line in lines:
-        if line.strip().startswith(_PATHS):
-            rest = line.strip().removeprefix(_PATHS).strip()
-            if rest.startswith("["):
-                # Brackets may be closed lines later.
-                inside, closed, _ = "\n".join([rest, *lines]).partition("]")
-                return inside.strip("[").split(",") if closed else []
-            items = takewhile(lambda item: item.strip().startswith(("- ", "-\t")), lines)
-            return [item.strip()[2:] for item in items]
-    return []
 
 
 def _matched(named: Iterable[str], there: Iterable[str]) -> tuple[dict[str, None], list[str]]:
@@ -133,28 +112,3 @@ def _by_content(names: Iterable[str]) -> defaultdict[str, list[str]]:
 def _content(name: str) -> str:
     """Return the name of a file without its compression suffix."""
     return _PACKED.sub("", name).lower()
-
-
-def _named_files(path: Path) -> tuple[list[str], str]:
-    """Return file names of a metadata.yaml, and what is wrong with it.
-
-    The names are all that is wanted of it: they are taken from their lines, which neither a broken part elsewhere nor
-    a hostile YAML can spoil.
-    """
-    without = "the storage files were read without it"
-    try:
-        # Whoever opens a pipe waits for its writer.
-        if not stat.S_ISREG(path.stat().st_mode):
-            return [], f"{METADATA} is no file, {without}"
-        with path.open("rb") as file:
-            text = file.read(MAX_METADATA).decode("utf-8", "replace")
-    except FileNotFoundError:
-        return [], f"{METADATA} is missing, {without}"
-    except OSError as err:
-        return [], f"{METADATA} cannot be read ({err.strerror}), {without}"
-    if _CONFLICT.search(text):
-        return [], f"{METADATA} holds an unresolved merge conflict, {without}"
-    names = [item.strip().strip("\"'") for item in _listed(text)]
-    # Old bags put the folder's name before the file's; nothing outside of the folder is ever read.
-    names = [PureWindowsPath(name).name for name in names if name]
-    return names, "" if names else f"{METADATA} lists no files, {without}"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -13,8 +12,10 @@ from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Log, Message, OpenOptions,
 from lidarcli.logs.joined import Part, PartedLog
 from lidarcli.logs.laserscan import Gather
 from lidarcli.logs.rosbag2.database import Known, Row, SqliteBag, has_type
-from lidarcli.logs.rosbag2.folder import METADATA, Folder, read_folder
+from lidarcli.logs.rosbag2.folder import Folder, read_folder
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, Unpacking, is_zstd, unpack_file, unpack_message
+from lidarcli.newfiles import scratch_folder
+from lidarcli.ros.bag_metadata import METADATA
 from lidarcli.sweeps import RawSweeps
 
 SCANS = (LASERSCAN, MULTI_ECHO)
@@ -27,7 +28,9 @@ class Rosbag2Log(PartedLog):
 
     def __init__(self, path: str | Path, options: OpenOptions | None = None) -> None:
         self._options = options or OpenOptions()
-        self._unpacked: tuple[Path, tempfile.TemporaryDirectory[str], str] | None = None
+        self._unpacked: tuple[Path, Path, str] | None = None
+        """File that is unpacked, what it unpacks to, and what is wrong with it."""
+        self._stack = ExitStack()
         where = Path(path)
         try:
             is_folder = where.is_dir()
@@ -54,9 +57,8 @@ class Rosbag2Log(PartedLog):
 
     def close(self) -> None:
         """Delete what was unpacked."""
-        if self._unpacked is not None:
-            self._unpacked[1].cleanup()
-            self._unpacked = None
+        self._unpacked = None
+        self._stack.close()
 
     def _probe(self) -> None:
         """Open the first file that can be opened; where none can, the first error is the log's."""
@@ -92,16 +94,14 @@ class Rosbag2Log(PartedLog):
             self._codecs.add("zstd")
             if self._unpacked is None or self._unpacked[0] != file:
                 self.close()
-                target = tempfile.TemporaryDirectory(prefix="lidarcli-")
-                self._unpacked = (file, target, "")
-                cause = unpack_file(file, Path(target.name) / _plain_name(file))
-                self._unpacked = (file, target, cause)
+                plain = self._stack.enter_context(scratch_folder()) / _plain_name(file)
+                self._unpacked = (file, plain, unpack_file(file, plain))
         except OSError as err:
             raise UnreadableError(f"{file}: cannot be read: {err.strerror or err}") from err
-        file, folder, cause = self._unpacked
+        file, plain, cause = self._unpacked
         if cause:
             report.add_damage(file.name, cause)
-        return Path(folder.name) / _plain_name(file)
+        return plain
 
 
 class DatabaseLog:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-import tempfile
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
@@ -283,7 +282,7 @@ def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack:
 def _scratch(stack: ExitStack) -> Path:
     from lidarcli.newfiles import scratch_folder
 
-    return stack.enter_context(scratch_folder(Path(tempfile.gettempdir())))
+    return stack.enter_context(scratch_folder())
 
 
 def _common_folder(files: Sequence[Url]) -> str:

@@ -18,7 +18,6 @@ import os
 import pickle
 import queue
 import sys
-import tempfile
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -35,6 +34,7 @@ from lidarcli import compiled
 from lidarcli._version import __version__
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.machine import keep_freed_memory
+from lidarcli.newfiles import scratch_folder
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.runs.outcomes import INTERNAL_ERROR, Outcome, Work, outcome_of
@@ -254,7 +254,7 @@ class Cluster:
     def _local(self, number: str) -> Any:
         if not number.isdecimal() or not 0 < int(number) <= 1024:
             raise OptionError(f"--cluster {self._address}: write local:N with N workers")
-        folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="lidarcli-"))
+        folder = str(self._stack.enter_context(scratch_folder()))
         self._stack.enter_context(dask.config.set(HERE))
         for _ in range(STARTS):
             with suppress(RuntimeError, OSError):

@@ -100,7 +100,11 @@ class FolderRun:
                 if isinstance(source, Source)
             }
         if not resume or there is None:
-            return Plan([Step(source) for source in sources])
+            plan = Plan([Step(source) for source in sources])
+            if there is not None and not overwrite:
+                # A log of this name may have tables of another day, which would be removed.
+                self.refuse_existing(plan)
+            return plan
         entries, problems = read_entries(self._folder)
         # A later failure, as for tables that were there, has left these as they are.
         by_url = newest(entry for entry in entries if entry.is_done)
