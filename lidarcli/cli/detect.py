@@ -84,6 +84,11 @@ def detect(say: Messages, told: DetectCommand) -> int:
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
     DIR/<log>.sweeps.parquet. Sub-folders of LOG are mirrored below DIR.
     """
+    return find_objects(say, told)
+
+
+def find_objects(say: Messages, told: Mapping[str, Any]) -> int:
+    """Do the work of `detect`, and of `background subtract`; return the exit code."""
 
     def tracking() -> "TrackOptions | None":
         from lidarcli.pipeline.api.options import memory_of

@@ -56,7 +56,7 @@ OWN = {"log", "tables", "scene", "before", "after", "parameters", "axes", "overw
 
 
 def options_of(command: str) -> dict[str, click.Option]:
-    found = dict(commands())[command]
+    found = dict(commands())["background build" if command == "background" else command]
     return {
         max(option.opts, key=len).removeprefix("--"): option
         for option in found.params
@@ -182,4 +182,4 @@ def test_a_function_for_each_command() -> None:
     """Beside them only `read`, and `tables` for data frames."""
     functions = {name for name in lidarcli.__all__ if inspect.isfunction(getattr(lidarcli, name))}
     assert functions == {*FUNCTIONS, "read_catalogue"}
-    assert {*COMMANDS} <= {*dict(commands())}
+    assert {*COMMANDS} <= {name.removesuffix(" build") for name, _ in commands()}

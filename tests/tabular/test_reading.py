@@ -162,7 +162,7 @@ def test_a_background_by_another_program_needs_its_metadata(
     assert run(["info", str(path)]) == 3
     assert capfd.readouterr().err == (
         f"lidarcli: {path}: no {GEOMETRY} in its metadata, which other programs leave out when they write a table; "
-        "build it again with lidarcli background\n"
+        "build it again with lidarcli background build\n"
     )
 
 
