@@ -6,11 +6,11 @@ from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, progress_bar, show_losses
 from lidarcli.cli.options import usage_errors
 from lidarcli.option_forms import Argument
-from lidarcli.options import INPUT, Cleaning, Overwrite, output
+from lidarcli.options import INPUT, Cleaning, Stamped, output
 from lidarcli.stores.url import place
 
 
-class CleanCommand(Overwrite, Cleaning, total=False):
+class CleanCommand(Stamped, Cleaning, total=False):
     """Options of `clean`."""
 
     log: Annotated[str, Argument("LOG", INPUT)]

@@ -12,7 +12,7 @@ from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import into_folder, into_one, refuse_no_logs
 from lidarcli.option_forms import Option, Text
-from lidarcli.options import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Overwrite, output
+from lidarcli.options import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Stamped, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db
 """Suffixes of files that nobody means as the name of a folder."""
 
 
-class Tables(ManyLogs, Overwrite, Beams, total=False):
+class Tables(ManyLogs, Stamped, Beams, total=False):
     """The logs and the tables of `detect` and `track`."""
 
     output: Annotated[

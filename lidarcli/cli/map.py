@@ -11,14 +11,14 @@ from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import options_of
-from lidarcli.options import Jobs, ManyLogs, Mapping, Overwrite, Reading, output
+from lidarcli.options import Jobs, ManyLogs, Mapping, Reading, Stamped, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.map_files import Mapped
 
 
-class MapCommand(ManyLogs, Overwrite, Jobs, Mapping, total=False):
+class MapCommand(ManyLogs, Stamped, Jobs, Mapping, total=False):
     """Options of `map`."""
 
     output: Annotated[
@@ -68,7 +68,8 @@ def map(say: Messages, told: MapCommand) -> int:
     logs = log_options(told)
     sources = chosen_logs(say, told)
     own = {field: told[field] for field in options_of(Mapping).keys() - options_of(Reading).keys()}  # type: ignore[literal-required]
-    options = MapOptions(*logs, overwrite=told["overwrite"], jobs=told["jobs"] or 0, **own)
+    own |= {"overwrite": told["overwrite"], "stamps": told["stamps"]}
+    options = MapOptions(*logs, jobs=told["jobs"] or 0, **own)
     if told["dry_run"]:
         return print_reads(sources, outputs)
     codes = []

@@ -37,6 +37,7 @@ from lidarcli.tabular.arrays import held
 from lidarcli.tabular.reading import file_metadata, note_value, read_columns
 from lidarcli.tabular.rows import constant
 from lidarcli.tabular.schemas import CLEANED, SCHEMAS
+from lidarcli.tabular.stamps import restamped
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_metadata, table_suffix
 
 MCAP, ROS1, ROS2 = "mcap", "ros1 bag", "ros2 bag"
@@ -132,8 +133,9 @@ def clean_log(
         summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
         summary.notes += doubted(pair) if "agents" in options.remove else []
         metadata = table_metadata(options.as_dict(), described, summary.damage)
-        summary.table = _table(source.name, chosen).replace_schema_metadata(metadata)
-        with ParquetSink(new.part(outputs[1]), CLEANED, outputs[1]) as sink:
+        table = restamped(_table(source.name, chosen), options.detect.stamps)
+        summary.table = table.replace_schema_metadata(metadata)
+        with ParquetSink(new.part(outputs[1]), table.schema, outputs[1]) as sink:
             for rows in summary.table.to_batches():
                 sink.write(rows)
             sink.finish(metadata)

@@ -118,7 +118,7 @@ def watch(
             *(f"{name}: {_SAME}" for name, each in zip(names, settled, strict=True) if each.always_same),
         ]
         if paths is not None:
-            files = stack.enter_context(TableFiles(paths, None, options.overwrite))
+            files = stack.enter_context(TableFiles(paths, None, options.overwrite, options.detect.stamps))
             for name, table in tables._asdict().items():
                 for batch in table.to_batches():
                     files.write(name, "", batch)

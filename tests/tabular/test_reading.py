@@ -38,6 +38,7 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     background = [
         "-q",
         "background",
+        "build",
         str(folder / "room_empty.mcap"),
         "-o",
         str(folder / "b.parquet"),
