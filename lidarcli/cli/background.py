@@ -8,13 +8,13 @@ import click
 
 from lidarcli.choices import IMAGES
 from lidarcli.cli.commands import Commands, command
-from lidarcli.cli.detect import Tables, find_objects
+from lidarcli.cli.detect import DetectCommand, find
 from lidarcli.cli.messages import Messages, progress_bar, show_reading
 from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import File, Option
-from lidarcli.options import OUTPUT, STDOUT, Detecting, Learning, ManyLogs, Overwrite, output
+from lidarcli.options import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.building import Learned
 
 
-class BuildCommand(ManyLogs, Overwrite, Learning, total=False):
+class BuildCommand(ManyLogs, Overwrite, TextOrJson, Learning, total=False):
     """Options of `background build`."""
 
     output: Annotated[str, output("FILE"), "Background table to write (Parquet)."]
@@ -69,6 +69,7 @@ def build(say: Messages, told: BuildCommand) -> int:
     from lidarcli.pipeline.runs.outcomes import exit_code
 
     path = place(told["output"])
+    say.begin(told)
     sources = chosen_logs(say, told)
     refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
     if told["dry_run"]:
@@ -83,10 +84,10 @@ def build(say: Messages, told: BuildCommand) -> int:
             codes.append(outcome.exit_code)
     sensors = building.sensors()
     if any(codes) and not sensors:
-        return exit_code(codes)
+        return say.end(exit_code(codes), sensors=[])
     refuse_nothing(sensors)
     for note in [*building.notes(), *scene_notes(sensors)]:
-        say.info(f"note: {note}")
+        say.note(note)
     for line in learned_lines(sensors):
         say.info(line)
     notes = building.write(path, sensors, overwrite)
@@ -95,15 +96,11 @@ def build(say: Messages, told: BuildCommand) -> int:
         notes += draw_background(place(figure), sensors, overwrite)
         say.wrote([figure])
     say.notes(notes)
-    return exit_code(codes)
-
-
-class SubtractCommand(Tables, Detecting, total=False):
-    """Options of `background subtract`: those of `detect`."""
+    return say.end(exit_code(codes), sensors=[_sensor_json(sensor) for sensor in sensors])
 
 
 @command(
-    SubtractCommand,
+    DetectCommand,
     changed={"background": {"required": True, "shown": None}},
     examples="""\
   lidarcli background subtract run.mcap --background empty.background.parquet
@@ -111,14 +108,14 @@ class SubtractCommand(Tables, Detecting, total=False):
   lidarcli background subtract run.mcap --background hall.parquet --removed
   lidarcli background subtract run.bag --background hall.parquet --any-frame""",
 )
-def subtract(say: Messages, told: SubtractCommand) -> int:
+def subtract(say: Messages, told: DetectCommand) -> int:
     """Find what differs from a background, r_w - r_e, in every sweep.
 
     The same as `lidarcli detect --background FILE`, with the same options and tables:
     objects are built of the beams that differ, and the columns difference and change
     say how.
     """
-    return find_objects(say, told)
+    return find(say, told, follow=False)
 
 
 background = Commands(

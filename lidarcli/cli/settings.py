@@ -102,16 +102,14 @@ def commands(ctx: click.Context) -> Iterator[tuple[str, click.Command, click.Con
     yield from _below(ctx.find_root(), "")
 
 
-def _below(group: click.Context, words: str) -> Iterator[tuple[str, click.Command, click.Context]]:
-    assert isinstance(group.command, click.Group)
-    for name in group.command.list_commands(group):
-        command = group.command.get_command(group, name)
+def _below(ctx: click.Context, words: str) -> Iterator[tuple[str, click.Command, click.Context]]:
+    if not isinstance(ctx.command, click.Group):
+        yield words, ctx.command, ctx
+        return
+    for name in ctx.command.list_commands(ctx):
+        command = ctx.command.get_command(ctx, name)
         assert command is not None, "it is listed"
-        below = click.Context(command, group, name)
-        if isinstance(command, click.Group):
-            yield from _below(below, f"{words}{name} ")
-        else:
-            yield f"{words}{name}", command, below
+        yield from _below(click.Context(command, ctx, name), f"{words} {name}".lstrip())
 
 
 def options(command: click.Command) -> list[DeclaredOption]:
@@ -126,8 +124,7 @@ def unknown_variables(ctx: click.Context) -> list[str]:
     prefix, command = f"{ctx.auto_envvar_prefix}_", ctx.info_name
     known = [
         variable.removeprefix(prefix)
-        for name, one, below in commands(ctx)
-        if name.split()[0] == command
+        for _, one, below in _below(ctx, "")
         for each in options(one)
         if (variable := each.variable(below))
     ]

@@ -83,6 +83,12 @@ class CleanSummary(RunSummary):
     """Values of beams in the copy, and their reasons."""
     copied: str = ""
     """Number of messages that were copied."""
+    removed: dict[str, int] = field(default_factory=dict)
+    """Reason that was asked for → beams that say something else in the copy."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary as plain values."""
+        return {**RunSummary.as_dict(self), "removed": self.removed}
 
 
 def clean_log(
@@ -357,11 +363,13 @@ def _summary(
     beams = sum(int(each.beams[0].sum()) for each in chosen.values())
     totals = sum((each.counts[0].sum(axis=0) for each in chosen.values()), np.zeros(4, np.int64))
     removed = int(totals.sum())
+    summary.by_status = found.by_status
     by_mask = ["body"] if options.detect.read.rules.masks else []
     asked = [*options.remove, *by_mask, *(["margin"] if options.margin else [])]
-    parts = ", ".join(
-        f"{reason} {int(count):,}" for reason, count in zip(REASONS, totals, strict=True) if reason in asked
-    )
+    summary.removed = {
+        reason: int(count) for reason, count in zip(REASONS, totals, strict=True) if reason in asked
+    }
+    parts = ", ".join(f"{reason} {count:,}" for reason, count in summary.removed.items())
     share = f" ({removed / beams:.1%})" if beams else ""
     say = f"say {_words(options.value)}: {parts}"
     summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} {say}"

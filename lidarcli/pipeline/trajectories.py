@@ -75,6 +75,10 @@ class PathSummary(RunSummary):
     table: pa.Table = field(default_factory=POSES.empty_table)
     """One row per pose."""
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary as plain values."""
+        return {**RunSummary.as_dict(self), "poses": self.table.num_rows}
+
 
 def read_path(source: Source, options: PathOptions, progress: Progress | None = None) -> PathSummary:
     """Return the poses of the sensors of a log at its sweeps; sweeps without one are left out.

@@ -27,6 +27,7 @@ from lidarcli.pipeline.watching.options import TABLES, ZoneOptions
 from lidarcli.pipeline.watching.over_log import Watching, masked
 from lidarcli.reports.checks import Verdict, verdict_of
 from lidarcli.reports.columns import Rows, Watched
+from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import judge_zones, parse_zone_check, zone_figures
 from lidarcli.stores.url import Place
@@ -60,6 +61,13 @@ class ZoneSummary(RunSummary):
     )
     lines: list[str] = field(default_factory=list)
     """A line for each zone."""
+    gates: frozenset[str] = frozenset()
+    """The zones that are lines."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary as plain values, with what a check may name."""
+        figures = zone_figures(*self.tables, self.gates)
+        return RunSummary.as_dict(self) | {"figures": {name: plain_number(figures[name]) for name in figures}}
 
 
 def watch(
@@ -107,6 +115,7 @@ def watch(
         metadata = table_metadata(options.as_dict(), described, summary.damage)
         tables = _tables(source.name, settled, metadata)
         summary.tables = tables
+        summary.gates = _lines(options)
         names = _names(settled)
         longest = max(map(len, names))
         summary.lines = [
@@ -169,9 +178,9 @@ class Gates:
 
     def __init__(self, options: ZoneOptions, expressions: Sequence[str]) -> None:
         """Understand the checks, or raise a usage error."""
-        zones = options.zones.zones
-        self._lines = {zone.name for zone in zones if isinstance(zone.shape, Line)}
-        self._checks = [parse_zone_check(each, [zone.name for zone in zones]) for each in expressions]
+        names = [zone.name for zone in options.zones.zones]
+        self._lines = _lines(options)
+        self._checks = [parse_zone_check(each, names) for each in expressions]
         self._tables: list[ZoneTables] = []
 
     def add(self, tables: ZoneTables) -> None:
@@ -192,6 +201,10 @@ class Gates:
         figures = zone_figures(events, zones, self._lines)
         watched = Watched(Rows.join([events]), Rows.join([zones]))
         return [judge_zones(check, figures, watched) for check in self._checks]
+
+
+def _lines(options: ZoneOptions) -> frozenset[str]:
+    return frozenset(zone.name for zone in options.zones.zones if isinstance(zone.shape, Line))
 
 
 def _tables(log: str, settled: Sequence[Settled], metadata: dict[bytes, bytes]) -> ZoneTables:

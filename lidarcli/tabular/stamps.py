@@ -16,7 +16,8 @@ def in_unit(schema: pa.Schema, unit: str | None) -> pa.Schema:
     """Return a schema whose stamps count in `unit`, `ns` or `us`; None leaves them as they are."""
     for index, field in enumerate(schema) if unit is not None else ():
         if pa.types.is_timestamp(field.type) and field.type.unit != unit:
-            schema = schema.set(index, field.with_type(pa.timestamp(unit, field.type.tz)))
+            told = field.with_metadata({**(field.metadata or {}), b"unit": unit})
+            schema = schema.set(index, told.with_type(pa.timestamp(unit, field.type.tz)))
     return schema
 
 

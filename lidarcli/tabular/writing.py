@@ -394,11 +394,7 @@ class TableFiles:
     """
 
     def __init__(
-        self,
-        paths: Mapping[str, Place],
-        first_topic: str | None,
-        overwrite: bool = True,
-        stamps: str = NS,
+        self, paths: Mapping[str, Place], first_topic: str | None, overwrite: bool = True, stamps: str = NS
     ) -> None:
         self.paths = tuple(paths.values())
         self.sizes: list[int] = []
@@ -417,8 +413,8 @@ class TableFiles:
                 sink.open()
                 self._sinks[table] = sink
             spill = self.paths[0].parent
-            folder_of_rest = spill if isinstance(spill, Path) else None
-            self._order = TopicOrder(self._sinks, first_topic, folder_of_rest, stamps)
+            spill_folder = spill if isinstance(spill, Path) else None
+            self._order = TopicOrder(self._sinks, first_topic, spill_folder, stamps)
             stack.push(self._order)
             self.write = self._order.write
             self._stack = stack.pop_all()
