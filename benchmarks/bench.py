@@ -44,7 +44,7 @@ COMMANDS = {
     "gif": "{lidarcli} -q plot {log} --animate --sweeps 0:40 -o {out}.gif --overwrite",
     "report": "{lidarcli} -q report {objects} --log {log} -o {out}.html --overwrite",
     "map": "{lidarcli} -q map {log} --min-move 0 --poses {path} --pose-delay 0 -o {out}.yaml --overwrite",
-    "background": "{lidarcli} -q background {log} -o {out}.parquet --overwrite",
+    "background": "{lidarcli} -q background build {log} -o {out}.parquet --overwrite",
     "zones": "{lidarcli} -q zones {log} --zones {zones} -o {out} --no-objects --overwrite",
     "lidarcli": "{lidarcli}",
 }

@@ -92,6 +92,8 @@ CONTAINER_BY_SUFFIX = {
 """Suffix of a log that is simulated → its container; those of text may end in .gz as well."""
 CLOUDS = (".ply", ".pcd", ".parquet")
 """Suffixes of point clouds."""
+NS, _ = STAMPS = ("ns", "us")
+"""Units of the stamps in tables."""
 INCH = 25.4
 """Millimetres in an inch."""
 PICTURE_WIDTHS = (40.0, 2000.0)

@@ -26,6 +26,7 @@ from lidarcli.choices import (
     MIN_MOVE,
     MIN_THING,
     MOST_SHARDS,
+    NS,
     OCCUPIED_RATIO,
     PICTURE_DPI,
     PICTURE_WIDTHS,
@@ -34,6 +35,7 @@ from lidarcli.choices import (
     SAYINGS,
     SIGNIFICANCE,
     SIGNIFICANCES,
+    STAMPS,
     STATION_DEGREES,
     STATION_DISTANCE,
     TRAIL,
@@ -209,6 +211,15 @@ class Overwrite(TypedDict, total=False):
     """Leave to replace files."""
 
     overwrite: Annotated[bool, Option(OUTPUT, None, False), "Replace files that exist."]
+
+
+_STAMPS = "Unit of the stamps in tables; us for Spark, Iceberg and Delta, which have no ns (docs/fleet.md)."
+
+
+class Stamped(Overwrite, total=False):
+    """Options of a command that writes tables."""
+
+    stamps: Annotated[Literal["ns", "us"], Option(OUTPUT, STAMPS, NS), _STAMPS]
 
 
 class TextOrJson(TypedDict, total=False):
@@ -881,3 +892,4 @@ class Exporting(TypedDict, total=False):
         ),
         _COLUMNS,
     ]
+    stamps: Annotated[Literal["ns", "us"] | None, Option(OUTPUT, STAMPS, shown="as they are"), _STAMPS]

@@ -181,7 +181,7 @@ def inputs(folder: Path) -> Path:
     shutil.copy(ROOM, log)
     shutil.copy(SCENE, folder / "s.toml")
     assert run(["-q", "detect", str(log), "-o", str(folder)]) == 0
-    assert run(["-q", "background", str(log), "-o", str(folder / "e.parquet")]) == 0
+    assert run(["-q", "background", "build", str(log), "-o", str(folder / "e.parquet")]) == 0
     (folder / "linked.svg").symlink_to(log)
     os.link(log, folder / "hard.pdf")
     os.link(folder / "run.sweeps.parquet", folder / "hard.json")
@@ -227,7 +227,7 @@ def test_a_background_has_no_name_of_a_log(tmp_path: Path, capsys: pytest.Captur
     """`build -o *.mcap`, with the name forgotten, would replace the first log by the background of the others."""
     log = tmp_path / "a.mcap"
     shutil.copy(ROOM, log)
-    assert run(["background", str(ROOM), "-o", str(log), "--overwrite"]) == 2
+    assert run(["background", "build", str(ROOM), "-o", str(log), "--overwrite"]) == 2
     words = f"{log} is the name of a log; a background is a .parquet"
     assert capsys.readouterr().err == f"lidarcli: {words}\n"
     with pytest.raises(OptionError, match=f"^{re.escape(words)}$"):
@@ -253,7 +253,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path, command: str) -> None:
     arguments = {
         "detect": ["detect", room, "-o", shut / "deeper"],
         "file": ["detect", room, "-o", shut / "deeper" / "x.csv"],
-        "background": ["background", room, "-o", shut / "deeper" / "x.parquet"],
+        "background": ["background", "build", room, "-o", shut / "deeper" / "x.parquet"],
         "plot": ["plot", room, "-o", shut / "deeper" / "x.png"],
         "report": ["report", tmp_path / "room.objects.parquet", "-o", shut / "deeper" / "x.html"],
         "simulate": ["simulate", SCENE, "-o", shut / "deeper" / "x.mcap"],

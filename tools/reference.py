@@ -11,7 +11,7 @@ import click
 import pyarrow as pa
 
 from lidarcli import errors
-from lidarcli.cli import cli
+from lidarcli.cli import cli, settings
 from lidarcli.reports import figures, runs
 from lidarcli.simulation.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tabular import writing
@@ -73,7 +73,7 @@ def cli_page() -> str:
         *as_table(
             ("command", "what it does"),
             (
-                (f"[`lidarcli {name}`](commands/{name}.md)", command.get_short_help_str(limit=200))
+                (f"[`lidarcli {name}`](commands/{page_of(name)})", command.get_short_help_str(limit=200))
                 for name, command in commands()
             ),
         ),
@@ -82,8 +82,8 @@ def cli_page() -> str:
 
 
 def command_page(name: str, command: click.Command) -> str:
-    """docs/commands/NAME.md."""
-    lines = _command(command, click.Context(command, _root(), name))
+    """The page of a command in docs/commands/."""
+    lines = _command(name, command, click.Context(command, _root(), name))
     lines[1:1] = ["", NOTICE.format(source="the command itself"), "", "[All commands, exit codes](../cli.md)"]
     return as_page(lines)
 
@@ -94,12 +94,14 @@ def _root() -> click.Context:
 
 
 def commands() -> Iterator[tuple[str, click.Command]]:
-    """Every command with its name."""
-    context = _root()
-    for name in cli.list_commands(context):
-        command = cli.get_command(context, name)
-        assert command is not None  # the group lists it
+    """Every command with its name, such as `background build`."""
+    for name, command, _ in settings.commands(_root()):
         yield name, command
+
+
+def page_of(name: str) -> str:
+    """Name of the page of a command."""
+    return f"{name.replace(' ', '-')}.md"
 
 
 def exit_codes() -> dict[int, str]:
@@ -146,6 +148,10 @@ def tables_page() -> str:
         "Parquet files that pandas, DuckDB, polars and pyarrow read directly. The unit and the meaning of every column",
         "are in its field metadata too; lengths are metres, angles radians, counter-clockwise, x forward, y left.",
         "A table without rows is a valid file with the full schema.",
+        "",
+        "A folder of tables is no dataset, for each kind has its own columns: read one kind, `tables/*.objects.parquet`, or let",
+        "`--partition table` write a folder for each ([fleet.md](fleet.md)). Stamps are nanoseconds; `--stamps us` writes",
+        "microseconds, for Spark and Iceberg, which read nothing finer.",
         "",
         "Every table has all its columns, in every format and whatever was asked for: what was not computed is null, which",
         "takes next to no space. A column that can be null says so in its meaning. All others have a value in every row,",
@@ -248,14 +254,14 @@ def option_names() -> Iterator[tuple[str, str]]:
                 yield name, max(parameter.opts, key=len)
 
 
-def _command(command: click.Command, context: click.Context) -> list[str]:
+def _command(name: str, command: click.Command, context: click.Context) -> list[str]:
     arguments = " ".join(
         parameter.metavar or parameter.name or ""
         for parameter in command.params
         if isinstance(parameter, click.Argument)
     )
-    lines = [f"# lidarcli {context.info_name}", "", _prose(command.help or ""), ""]
-    lines += ["```", f"lidarcli {context.info_name} [OPTIONS] {arguments}", "```", ""]
+    lines = [f"# lidarcli {name}", "", _prose(command.help or ""), ""]
+    lines += ["```", f"lidarcli {name} [OPTIONS] {arguments}", "```", ""]
     lines += _options(command, context)
     if command.epilog:
         lines += ["Examples:", "", "```sh", _examples(command.epilog), "```", ""]

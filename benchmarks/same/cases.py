@@ -97,7 +97,7 @@ def _subtract(log: NamedLog) -> Case:
     empty = log
     if log.group == "samples" and log.name in BACKGROUNDS:
         empty = NamedLog(log.group, SAMPLES / BACKGROUNDS[log.name])
-    learn = ("-q", "background", str(empty.path), "-o", BACKGROUND, "--overwrite")
+    learn = ("-q", "background", "build", str(empty.path), "-o", BACKGROUND, "--overwrite")
     label = f"--background of {empty.name}"
     return _case(log, label, [learn, _command(log, *SUBTRACTED)], empty)
 

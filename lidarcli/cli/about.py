@@ -72,14 +72,14 @@ class Setting:
 class ConfigCommand(TextOrJson, total=False):
     """Options of `config`."""
 
-    command: Annotated[str | None, Argument("[COMMAND]", Text("COMMAND"), required=False)]
+    command: Annotated[tuple[str, ...], Argument("[COMMAND]", Text("COMMAND"), several=True, required=False)]
 
 
 @command(
     ConfigCommand,
     examples="""\
   lidarcli config
-  lidarcli config background
+  lidarcli config background build
   lidarcli config detect --format json
   lidarcli --config lab.toml config detect""",
 )
@@ -93,8 +93,8 @@ def config(say: Messages, told: ConfigCommand) -> int:
     (LIDARCLI_DETECT_JOBS=2), else from lidarcli.toml, else it has its default.
     """
     ctx = click.get_current_context()
-    asked = told["command"]
-    there = [each for each in commands(ctx) if asked in (None, each[0])]
+    asked = " ".join(told["command"])
+    there = [each for each in commands(ctx) if f"{each[0]} ".startswith(f"{asked} " if asked else "")]
     if not there:
         raise click.UsageError(f"there is no command '{asked}'")
     settings = []
@@ -102,8 +102,8 @@ def config(say: Messages, told: ConfigCommand) -> int:
         say.error(line)
     for name, one, below in there:
         settings += [_setting(name, each, below) for each in options(one)]
-        for line in unknown_variables(below):
-            say.error(line)
+    for line in dict.fromkeys(line for _, _, below in there for line in unknown_variables(below)):
+        say.error(line)
     shown = [each for each in settings if asked or each.origin != "default"]
     file = ctx.find_root().meta.get(ORIGINS)
     if told["format"] == "json":

@@ -1,4 +1,4 @@
-"""`lidarcli background`: learn a scene; its words for `lidarcli info`, too."""
+"""`lidarcli background`: learn a scene, and find what differs from it; its words for `lidarcli info`, too."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from lidarcli.choices import IMAGES
-from lidarcli.cli.commands import command
+from lidarcli.cli.commands import Commands, command
+from lidarcli.cli.detect import DetectCommand, find
 from lidarcli.cli.messages import Messages, progress_bar, show_reading
 from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import File, Option
-from lidarcli.options import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, output
+from lidarcli.options import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.building import Learned
 
 
-class BackgroundCommand(ManyLogs, Overwrite, Learning, total=False):
-    """Options of `background`."""
+class BuildCommand(ManyLogs, Overwrite, TextOrJson, Learning, total=False):
+    """Options of `background build`."""
 
     output: Annotated[str, output("FILE"), "Background table to write (Parquet)."]
     plot: Annotated[
@@ -33,26 +34,21 @@ class BackgroundCommand(ManyLogs, Overwrite, Learning, total=False):
 
 
 @command(
-    BackgroundCommand,
-    superseded={
-        "build": "lidarcli background LOG... -o FILE",
-        "info": "lidarcli info FILE",
-        "subtract": "lidarcli detect LOG... --background FILE",
-    },
+    BuildCommand,
     examples="""\
-  lidarcli background empty.mcap -o empty.background.parquet
-  lidarcli background mon.bag tue.bag -o hall.parquet --plot hall.png
-  lidarcli background lap.mcap -o route.parquet --pose /odom \\
+  lidarcli background build empty.mcap -o empty.background.parquet
+  lidarcli background build mon.bag tue.bag -o hall.parquet --plot hall.png
+  lidarcli background build lap.mcap -o route.parquet --pose /odom \\
     --station-distance 0.5 --station-angle 10""",
 )
-def background(say: Messages, told: BackgroundCommand) -> int:
+def build(say: Messages, told: BuildCommand) -> int:
     """Learn r_e, the range of the background, from logs.
 
     The scene should be empty. For every beam r_e is the farthest surface that enough
     sweeps agree on: people may walk through the scene in up to 30 % of the sweeps.
     Several logs make one background. Where a log has poses, every viewpoint gets a
-    background of its own. detect and others find what differs from it
-    (--background FILE); info shows what it knows.
+    background of its own. `lidarcli background subtract` finds what differs from it;
+    info shows what it knows.
     """
     refuse_no_logs(told)
     figure, overwrite = told["plot"], told["overwrite"]
@@ -73,6 +69,7 @@ def background(say: Messages, told: BackgroundCommand) -> int:
     from lidarcli.pipeline.runs.outcomes import exit_code
 
     path = place(told["output"])
+    say.begin(told)
     sources = chosen_logs(say, told)
     refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
     if told["dry_run"]:
@@ -87,10 +84,10 @@ def background(say: Messages, told: BackgroundCommand) -> int:
             codes.append(outcome.exit_code)
     sensors = building.sensors()
     if any(codes) and not sensors:
-        return exit_code(codes)
+        return say.end(exit_code(codes), sensors=[])
     refuse_nothing(sensors)
     for note in [*building.notes(), *scene_notes(sensors)]:
-        say.info(f"note: {note}")
+        say.note(note)
     for line in learned_lines(sensors):
         say.info(line)
     notes = building.write(path, sensors, overwrite)
@@ -99,7 +96,39 @@ def background(say: Messages, told: BackgroundCommand) -> int:
         notes += draw_background(place(figure), sensors, overwrite)
         say.wrote([figure])
     say.notes(notes)
-    return exit_code(codes)
+    return say.end(exit_code(codes), sensors=[_sensor_json(sensor) for sensor in sensors])
+
+
+@command(
+    DetectCommand,
+    changed={"background": {"required": True, "shown": None}},
+    examples="""\
+  lidarcli background subtract run.mcap --background empty.background.parquet
+  lidarcli background subtract bags/ --background hall.parquet -o tables
+  lidarcli background subtract run.mcap --background hall.parquet --removed
+  lidarcli background subtract run.bag --background hall.parquet --any-frame""",
+)
+def subtract(say: Messages, told: DetectCommand) -> int:
+    """Find what differs from a background, r_w - r_e, in every sweep.
+
+    The same as `lidarcli detect --background FILE`, with the same options and tables:
+    objects are built of the beams that differ, and the columns difference and change
+    say how.
+    """
+    return find(say, told, follow=False)
+
+
+background = Commands(
+    "background",
+    commands=[build, subtract],
+    help="""Learn a scene without objects, and find what differs from it.
+
+    build learns r_e, the range of the background in every direction; subtract
+    compares logs with it (docs/background.md).
+    """,
+)
+background.superseded = {"info": "lidarcli info FILE"}
+background.otherwise = "To learn from logs: lidarcli background build LOG... -o FILE"
 
 
 def learned_lines(sensors: Sequence["Background"]) -> list[str]:

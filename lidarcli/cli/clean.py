@@ -3,14 +3,14 @@
 from typing import Annotated
 
 from lidarcli.cli.commands import command
-from lidarcli.cli.messages import Messages, progress_bar, show_losses
+from lidarcli.cli.messages import Messages, progress_bar, show
 from lidarcli.cli.options import usage_errors
 from lidarcli.option_forms import Argument
-from lidarcli.options import INPUT, Cleaning, Overwrite, output
+from lidarcli.options import INPUT, Cleaning, Stamped, TextOrJson, output
 from lidarcli.stores.url import place
 
 
-class CleanCommand(Overwrite, Cleaning, total=False):
+class CleanCommand(Stamped, TextOrJson, Cleaning, total=False):
     """Options of `clean`."""
 
     log: Annotated[str, Argument("LOG", INPUT)]
@@ -38,7 +38,7 @@ def clean(say: Messages, told: CleanCommand) -> int:
     """
     from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.cleaning import clean_options
-    from lidarcli.pipeline.cleaning import CleanSummary, clean_log
+    from lidarcli.pipeline.cleaning import clean_log
     from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.runs.outcomes import outcome_of
     from lidarcli.pipeline.runs.over_logs import progress_of
@@ -47,17 +47,9 @@ def clean(say: Messages, told: CleanCommand) -> int:
         options = clean_options(told, overwrite=told["overwrite"])
     keep_freed_memory()
     say.of_missing_core()
+    say.begin(told)
     source, path = one_log((told["log"],), False), place(told["output"])
     with progress_bar([source], say) as report:
         outcome = outcome_of(source, lambda one: clean_log(one, path, options, progress_of(one, report)))
-    if outcome.trace:
-        say.bug(outcome.trace)
-    if outcome.error is not None:
-        say.error(outcome.label, outcome.error)
-    if isinstance(run := outcome.summary, CleanSummary):
-        show_losses(outcome.label, run, say)
-        say.info(f"{outcome.label}: {run.line}")
-        say.info(f"  copied   {run.copied}")
-        say.notes(run.notes)
-        say.wrote(run.outputs)
-    return outcome.exit_code
+    show(outcome, say, lambda run: [run.line, f"  copied   {run.copied}"])
+    return say.end(outcome.exit_code)

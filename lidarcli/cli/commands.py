@@ -42,7 +42,7 @@ def command(
     group : arguments and options of the command
     examples : lines for the end of the help
     changed : field -> what its option has in this command otherwise than declared
-    superseded : option that the command had, or command of a group of its name -> words for what does its work now
+    superseded : option that the command had -> words for what does its work now
     """
 
     def decorate(work: Work) -> DeclaredCommand:
@@ -185,8 +185,6 @@ class DeclaredCommand(_Shared):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse; what the command no longer has is refused with what does its work now."""
-        if any(not name.startswith("-") for name in self.superseded) and not ctx.resilient_parsing:
-            self._refuse_first(ctx, args)
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as err:
@@ -195,16 +193,6 @@ class DeclaredCommand(_Shared):
             raise click.UsageError(
                 f"{err.option_name} is gone: {self.superseded[err.option_name]}", ctx
             ) from None
-
-    def _refuse_first(self, ctx: click.Context, args: list[str]) -> None:
-        """Refuse a first argument that was a command, whatever options stand about it; a file of that name is ./NAME."""
-        parser = self.make_parser(ctx)
-        parser.ignore_unknown_options = True
-        given = parser.parse_args([*args])[0]
-        first = next(given[one.name] for one in self.params if isinstance(one, click.Argument))
-        first = first[0] if isinstance(first, tuple) and first else ""
-        if first in self.superseded:
-            raise click.UsageError(f"'{ctx.info_name} {first}' is gone: {self.superseded[first]}", ctx)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Tell of the settings, then do the work."""
@@ -234,6 +222,15 @@ class Commands(_Shared, click.Group):
 
     superseded: Mapping[str, str] = {}
     """Command that there was -> words for what does its work now."""
+    otherwise = ""
+    """Words on the command that is meant where its name is left out."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse; an option of a command whose name is left out is refused with that name."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as err:
+            raise click.UsageError(f"{err.format_message()} {self.otherwise}".rstrip(), ctx) from None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -254,5 +251,6 @@ class Commands(_Shared, click.Group):
             ctx.fail(f"The command '{name}' is gone: {self.superseded[name]}")
         known = self.list_commands(ctx)
         near = get_close_matches(name, known, 1)
-        hint = f"Did you mean '{near[0]}'?" if near else f"There are {', '.join(known)}."
+        meant = " ".join([*ctx.command_path.split()[1:], *near])
+        hint = f"Did you mean '{meant}'?" if near else self.otherwise or f"There are {', '.join(known)}."
         ctx.fail(f"No such command '{name}'. {hint}")

@@ -1,8 +1,8 @@
 """`lidarcli detect`: objects of every sweep as tables, or as a stream on stdout; `track` uses its parts."""
 
 import os
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import click
 
@@ -12,17 +12,14 @@ from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import into_folder, into_one, refuse_no_logs
 from lidarcli.option_forms import Option, Text
-from lidarcli.options import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Overwrite, output
+from lidarcli.options import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Stamped, output
 from lidarcli.stores.url import place
-
-if TYPE_CHECKING:
-    from lidarcli.pipeline.objects.following import TrackOptions
 
 OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db", ".sqlite", ".html", ".png")
 """Suffixes of files that nobody means as the name of a folder."""
 
 
-class Tables(ManyLogs, Overwrite, Beams, total=False):
+class Tables(ManyLogs, Stamped, Beams, total=False):
     """The logs and the tables of `detect` and `track`."""
 
     output: Annotated[
@@ -33,8 +30,8 @@ class Tables(ManyLogs, Overwrite, Beams, total=False):
     ]
     format: Annotated[
         str | None,
-        Option(OUTPUT, ("ndjson", "csv", "arrow", "parquet"), shown="ndjson"),
-        "Format of the stream of -o -.",
+        Option(OUTPUT, ("ndjson", "csv", "arrow", "parquet", "json"), shown="ndjson"),
+        "Format of the stream of -o -; json, beside files: print the summary as JSON (docs/ci.md).",
     ]
     resume: Annotated[
         bool,
@@ -84,22 +81,16 @@ def detect(say: Messages, told: DetectCommand) -> int:
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
     DIR/<log>.sweeps.parquet. Sub-folders of LOG are mirrored below DIR.
     """
-
-    def tracking() -> "TrackOptions | None":
-        from lidarcli.pipeline.api.options import memory_of
-
-        return memory_of(told)
-
-    return find(say, told, tracking)
+    return find(say, told, follow=False)
 
 
-def find(say: Messages, told: Mapping[str, Any], tracking: "Callable[[], TrackOptions | None]") -> int:
+def find(say: Messages, told: Mapping[str, Any], *, follow: bool) -> int:
     """Find objects as `detect` and `track` do, and write them; return the exit code.
 
     Parameters
     ----------
-    told : values of `Tables` and of `Finding`
-    tracking : returns how things are followed; called once all options are found in order
+    told : values of `Tables`, and of `Tracking` where things are followed, else of `Detecting`
+    follow : True for tracks
     """
     output = told["output"]
     one_file = _one_file(output)
@@ -107,8 +98,14 @@ def find(say: Messages, told: Mapping[str, Any], tracking: "Callable[[], TrackOp
     refuse_no_logs(told)
     if is_one and told["beams"]:
         raise click.UsageError("--beams writes a file: give -o DIR")
-    if output != STDOUT and told["format"] is not None:
-        raise click.UsageError("--format is for the stream of -o -; tables are Parquet")
+    if output != STDOUT and told["format"] not in (None, "json"):
+        raise click.UsageError(
+            "--format is for the stream of -o -, or json for the summary; tables are Parquet"
+        )
+    if output == STDOUT and told["format"] == "json":
+        raise click.UsageError(
+            "--format json is the summary, for -o DIR; objects as JSON are --format ndjson"
+        )
     if is_one and (told["resume"] or told["partition"] or told["cluster"] is not None):
         raise click.UsageError("--resume, --partition and --cluster are for tables in a folder: give -o DIR")
     if told["cluster"] is not None and told["jobs"]:
@@ -117,17 +114,17 @@ def find(say: Messages, told: Mapping[str, Any], tracking: "Callable[[], TrackOp
     if told["background"] is None and (told["removed"] or told["any_frame"] or stations != (None, None)):
         raise click.UsageError("--removed, --any-frame and --station-... are for --background FILE")
 
-    from lidarcli.pipeline.api.options import detect_options
+    from lidarcli.pipeline.api.options import detect_options, memory_of, tracking_of
 
     options = detect_options(
         told,
         log_options(told),
-        tracking(),
+        tracking_of(told) if follow else memory_of(told),
         beams=told["beams"],
         overwrite=told["overwrite"] or told["resume"],
         layout=told["partition"],
     )
-    kind = told["format"] or one_file or ("ndjson" if output == STDOUT else None)
+    kind = one_file or (told["format"] or "ndjson" if output == STDOUT else None)
     return into_folder(say, told, options) if kind is None else into_one(say, told, kind, options)
 
 

@@ -48,7 +48,7 @@ def export(say: Messages, told: ExportCommand) -> int:
     from lidarcli.pipeline.exporting import chosen, export_file, export_stream, format_of
 
     form = (kind or "csv") if output == STDOUT else format_of(place(output))
-    wanted = chosen(told["tables"], [*told["columns"]])
+    wanted = chosen(told["tables"], [*told["columns"]], told["stamps"])
     for problem in wanted.problems:
         say.error(str(problem))
     if output == STDOUT:

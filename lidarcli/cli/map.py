@@ -1,6 +1,6 @@
 """`lidarcli map`: one map of one or several logs."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
@@ -11,14 +11,14 @@ from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import options_of
-from lidarcli.options import Jobs, ManyLogs, Mapping, Overwrite, Reading, output
+from lidarcli.options import Jobs, ManyLogs, Mapping, Reading, Stamped, TextOrJson, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.map_files import Mapped
 
 
-class MapCommand(ManyLogs, Overwrite, Jobs, Mapping, total=False):
+class MapCommand(ManyLogs, Stamped, TextOrJson, Jobs, Mapping, total=False):
     """Options of `map`."""
 
     output: Annotated[
@@ -34,10 +34,7 @@ class MapCommand(ManyLogs, Overwrite, Jobs, Mapping, total=False):
     superseded={
         "--path": "lidarcli plot LOG --view map draws it",
         "--without-agents": "give --without agents",
-        **dict.fromkeys(
-            ("--compare", "--format"),
-            "write the map with -o MAP.yaml, then: lidarcli diff TRUTH.yaml MAP.yaml",
-        ),
+        "--compare": "write the map with -o MAP.yaml, then: lidarcli diff TRUTH.yaml MAP.yaml",
     },
     examples="""\
   lidarcli map run.mcap -o room.yaml
@@ -66,9 +63,11 @@ def map(say: Messages, told: MapCommand) -> int:
 
     say.of_missing_core()
     logs = log_options(told)
+    say.begin(told)
     sources = chosen_logs(say, told)
     own = {field: told[field] for field in options_of(Mapping).keys() - options_of(Reading).keys()}  # type: ignore[literal-required]
-    options = MapOptions(*logs, overwrite=told["overwrite"], jobs=told["jobs"] or 0, **own)
+    own |= {"overwrite": told["overwrite"], "stamps": told["stamps"]}
+    options = MapOptions(*logs, jobs=told["jobs"] or 0, **own)
     if told["dry_run"]:
         return print_reads(sources, outputs)
     codes = []
@@ -78,13 +77,11 @@ def map(say: Messages, told: MapCommand) -> int:
                 show_reading(outcome, say)
                 codes.append(outcome.exit_code)
         mapped = None if run.is_empty else run.finish()
-    if mapped is not None:
-        _show(mapped, say)
-    return exit_code(codes)
+    return say.end(exit_code(codes), map=None if mapped is None else _show(mapped, say))
 
 
-def _show(mapped: "Mapped", say: Messages) -> None:
-    """Write a summary of the map to stderr."""
+def _show(mapped: "Mapped", say: Messages) -> dict[str, Any]:
+    """Write a summary of the map to stderr; return it as plain values."""
     grid = mapped.grid
     height, width = grid.cells.shape
     size = f"{width * grid.resolution:.1f} x {height * grid.resolution:.1f} m"
@@ -94,3 +91,5 @@ def _show(mapped: "Mapped", say: Messages) -> None:
     )
     say.notes(mapped.notes)
     say.wrote(mapped.outputs)
+    cells = {"width": width, "height": height, "occupied": grid.occupied, "free": grid.free}
+    return {"sweeps": mapped.sweeps, "worlds": [*mapped.worlds], "resolution": grid.resolution, **cells}

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
@@ -16,6 +17,7 @@ from lidarcli.choices import beams_on
 from lidarcli.display import counted
 from lidarcli.errors import OutputError
 from lidarcli.screen import Count, Screen, byte_bar, count_bar, one_line
+from lidarcli.stores.url import blotted
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Nothing, Source
@@ -62,6 +64,27 @@ class Messages(Screen):
     write: Callable[[str], None] = field(default=_to_stderr)
     quiet: bool = False
     verbose: bool = False
+    summary: dict[str, list[Any]] | None = None
+    """What `--format json` prints in the end; None where it is not asked for."""
+
+    def begin(self, told: Mapping[str, Any]) -> None:
+        """Collect the summary if the options of the command ask for JSON."""
+        if told["format"] == "json":
+            if told.get("dry_run"):
+                raise click.UsageError("--dry-run prints a plan and no summary: leave out --format json")
+            self.summary = {"logs": [], "notes": [], "written": []}
+
+    def end(self, code: int, **more: Any) -> int:
+        """Print the summary as JSON where it was asked for; return the exit code."""
+        if self.summary is not None:
+            text = json.dumps({"exit_code": code, **self.summary, **more}, indent=2)
+            click.echo(blotted(text), standard_output())
+        return code
+
+    def keep(self, key: str, value: object) -> None:
+        """Add something to the summary that is printed as JSON."""
+        if self.summary is not None:
+            self.summary[key].append(value)
 
     def error(self, *parts: str) -> None:
         """`lidarcli: run.mcap: what is wrong`, always shown."""
@@ -75,11 +98,18 @@ class Messages(Screen):
     def notes(self, notes: Iterable[str]) -> None:
         """Lines of a summary that a user should read."""
         for note in notes:
+            self.keep("notes", note)
             self.info(f"  note     {note}")
+
+    def note(self, note: str) -> None:
+        """Line on the run, and not on one log, that a user should read."""
+        self.keep("notes", note)
+        self.info(f"note: {note}")
 
     def wrote(self, files: Iterable[object]) -> None:
         """Lines of a summary for files that were written."""
         for file in files:
+            self.keep("written", str(file))
             self.info(f"  wrote    {file}")
 
     def of_missing_core(self) -> None:
@@ -151,28 +181,31 @@ TELLING_SECONDS = 1.0
 """Shortest run [s] whose speed is shown: that of a shorter one is mostly the start of the program."""
 
 
-def show(outcome: Outcome, say: Messages) -> None:
-    """Show the outcome of one log: errors always, the rest unless quiet."""
+def show(outcome: Outcome, say: Messages, tell: Callable[[Any], Sequence[str]] | None = None) -> None:
+    """Show the outcome of one log: errors always, the rest unless quiet.
+
+    `tell` returns what to say of its summary, by default what was found; lines after the first stand below the log.
+    """
     if outcome.trace:
         say.bug(outcome.trace)
-    if outcome.remark:
-        say.error(outcome.label, outcome.remark)
-    if outcome.error:
-        say.error(outcome.label, outcome.error)
-    if outcome.summary is not None:
-        _show_run(outcome.label, outcome.summary, say)
+    for trouble in filter(None, (outcome.remark, outcome.error)):
+        say.error(outcome.label, trouble)
+    if (run := outcome.summary) is not None:
+        show_losses(outcome.label, run, say)
+        first, *rest = _found_lines(run, say) if tell is None else tell(run)
+        for line in (f"{outcome.label}: {first}", *rest):
+            say.info(line)
+        say.notes(run.notes)
+        say.wrote(run.outputs)
+    if say.summary is not None:
+        names = ("exit_code", "error", "skipped")
+        told = {"log": outcome.label} | {name: getattr(outcome, name) for name in names}
+        say.summary["logs"].append(told if run is None else told | run.as_dict())
 
 
 def show_reading(outcome: Outcome, say: Messages) -> None:
     """Show the outcome of one log that was only read."""
-    if outcome.trace:
-        say.bug(outcome.trace)
-    if outcome.error:
-        say.error(outcome.label, outcome.error)
-    if (run := outcome.summary) is not None:
-        show_losses(outcome.label, run, say)
-        say.info(f"{outcome.label}: {counted(run.sweeps, 'sweep')}{_damaged(run)}")
-        say.notes(run.notes)
+    show(outcome, say, lambda run: [f"{counted(run.sweeps, 'sweep')}{_damaged(run)}"])
 
 
 class Total:
@@ -213,19 +246,18 @@ class Total:
         return next((code for source in sources if (code := self._codes.get(source, 0))), 0)
 
 
-def _show_run(label: str, run: RunSummary, say: Messages) -> None:
-    show_losses(label, run, say)
-    say.info(f"{label}: {_counts(run)}{_damaged(run)}")
+def _found_lines(run: RunSummary, say: Messages) -> list[str]:
+    lines = [f"{_counts(run)}{_damaged(run)}"]
     if run.sweeps:
-        _say_parts(say, f"  beams    {run.beams:,}: ", run.by_status, run.beams, ("valid",))
+        lines += _parts(f"  beams    {run.beams:,}: ", run.by_status, run.beams, ("valid",))
         # Agents are there only where things are followed.
         words = beams_on(run.things is not None)
         on = {name: run.by_set[letter] for letter, name in words.items()}
-        _say_parts(say, "  on       ", on, run.beams, (*on,))
-    say.detail(f"  topics   {', '.join(sorted(run.topics)) or 'none'}")
-    say.detail(f"  time     {run.seconds:.3f} s{_speed(run)}")
-    say.notes(run.notes)
-    say.wrote(run.outputs)
+        lines += _parts("  on       ", on, run.beams, (*on,))
+    if say.verbose:
+        lines.append(f"  topics   {', '.join(sorted(run.topics)) or 'none'}")
+        lines.append(f"  time     {run.seconds:.3f} s{_speed(run)}")
+    return lines
 
 
 def show_losses(label: str, run: RunSummary, say: Messages) -> None:
@@ -256,10 +288,8 @@ def _damaged(run: RunSummary) -> str:
     return ", source damaged" if run.damage else ""
 
 
-def _say_parts(
-    say: Messages, head: str, counts: Mapping[str, int], total: int, always: Sequence[str]
-) -> None:
-    """Say how many beams are of each kind; kinds without beams are left out, except those in `always`."""
+def _parts(head: str, counts: Mapping[str, int], total: int, always: Sequence[str]) -> list[str]:
+    """Return lines on how many beams are of each kind; kinds without beams are left out, except those in `always`."""
     parts = [
         f"{_WORDS.get(name, name)} {count:,} ({count / total:.1%})"
         if total
@@ -267,11 +297,11 @@ def _say_parts(
         for name, count in counts.items()
         if count or name in always
     ]
-    line = head + parts[0]
+    lines = [head + parts[0]]
     for part in parts[1:]:
-        if len(line) + 2 + len(part) > _COLUMNS - 1:
-            say.info(f"{line},")
-            line = " " * 11 + part
+        if len(lines[-1]) + 2 + len(part) > _COLUMNS - 1:
+            lines[-1] += ","
+            lines.append(" " * 11 + part)
         else:
-            line += f", {part}"
-    say.info(line)
+            lines[-1] += f", {part}"
+    return lines

@@ -129,8 +129,8 @@ class DeclaredOption(click.Option):
         """Return the environment variable of the option, None if it has none."""
         if not self.allow_from_autoenv or ctx.auto_envvar_prefix is None:
             return None
-        # One variable names the settings file, for the whole program.
-        if self.key == "config" and ctx.parent is not None:
+        # One variable names the settings file, for the whole program; a group has nothing to set beside its commands.
+        if ctx.parent is not None and (self.key == "config" or isinstance(ctx.command, click.Group)):
             return None
         return f"{ctx.auto_envvar_prefix}_{self.key.upper().replace('-', '_')}"
 

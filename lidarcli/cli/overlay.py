@@ -5,11 +5,11 @@ from typing import Annotated
 from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, progress_bar, show_reading
 from lidarcli.cli.options import log_options, refuse_finding
-from lidarcli.options import OF_FINDING, OneLog, Overlaying, Overwrite, output
+from lidarcli.options import OF_FINDING, OneLog, Overlaying, Overwrite, TextOrJson, output
 from lidarcli.stores.url import place
 
 
-class OverlayCommand(OneLog, Overwrite, Overlaying, total=False):
+class OverlayCommand(OneLog, Overwrite, TextOrJson, Overlaying, total=False):
     """Options of `overlay`."""
 
     output: Annotated[
@@ -51,11 +51,10 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
     options = overlay_options(told, logs, overwrite=told["overwrite"])
     keep_freed_memory()
     say.of_missing_core()
+    say.begin(told)
     source, path = one_log(told["log"], told["join"]), place(told["output"])
     refuse_overlay(path, source, options)
     with progress_bar([source], say) as report:
         outcome = outcome_of(source, lambda one: write_overlay(one, path, options, progress_of(one, report)))
         show_reading(outcome, say)
-    if outcome.summary is not None:
-        say.wrote(outcome.summary.outputs)
-    return outcome.exit_code
+    return say.end(outcome.exit_code)

@@ -5,11 +5,11 @@ from typing import Annotated
 from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, progress_bar, show_reading
 from lidarcli.cli.options import log_options
-from lidarcli.options import OneLog, Overwrite, Reading, output
+from lidarcli.options import OneLog, Reading, Stamped, TextOrJson, output
 from lidarcli.stores.url import place
 
 
-class PosesCommand(OneLog, Overwrite, Reading, total=False):
+class PosesCommand(OneLog, Stamped, TextOrJson, Reading, total=False):
     """Options of `poses`."""
 
     output: Annotated[
@@ -37,12 +37,11 @@ def poses(say: Messages, told: PosesCommand) -> int:
     from lidarcli.pipeline.runs.over_logs import progress_of
     from lidarcli.pipeline.trajectories import PathOptions, refuse_path, write_path
 
+    say.begin(told)
     source, path = one_log(told["log"], told["join"]), place(told["output"])
-    options = PathOptions(*logs, told["overwrite"])
+    options = PathOptions(*logs, told["overwrite"], told["stamps"])
     refuse_path(path, source, options)
     with progress_bar([source], say) as report:
         outcome = outcome_of(source, lambda one: write_path(one, path, options, progress_of(one, report)))
         show_reading(outcome, say)
-    if outcome.summary is not None:
-        say.wrote([path])
-    return outcome.exit_code
+    return say.end(outcome.exit_code)

@@ -47,7 +47,7 @@ def chosen_logs(say: Messages, told: Mapping[str, Any]) -> list[Source | Nothing
         told["base"],
         told["shard"],
         told["join"],
-        lambda note: say.info(f"note: {note}"),
+        say.note,
     )
 
 
@@ -101,7 +101,7 @@ def into_folder(say: Messages, told: Mapping[str, Any], options: DetectOptions) 
     with FolderRun(folder, options, keeps) as run, ExitStack() as stack:
         plan = run.plan(sources, told["resume"], told["overwrite"])
         for note in plan.notes:
-            say.info(f"note: {note}")
+            say.note(note)
         if told["dry_run"]:
             return _print_plan(run, plan, options)
         if address is not None and not options.overwrite:
@@ -122,7 +122,7 @@ def into_folder(say: Messages, told: Mapping[str, Any], options: DetectOptions) 
         total.show(say)
         if run.manifest is not None:
             say.detail(f"  manifest {run.manifest}")
-    return total.exit_code([step.source for step in plan.steps])
+    return say.end(total.exit_code([step.source for step in plan.steps]))
 
 
 def into_one(say: Messages, told: Mapping[str, Any], kind: str, options: DetectOptions) -> int:
@@ -146,7 +146,7 @@ def into_one(say: Messages, told: Mapping[str, Any], kind: str, options: DetectO
             show(outcome, say)
             total.add(outcome)
     total.show(say)
-    return total.exit_code(sources)
+    return say.end(total.exit_code(sources))
 
 
 def _begin(say: Messages, told: Mapping[str, Any], options: DetectOptions) -> list[Source | Nothing]:
@@ -155,6 +155,7 @@ def _begin(say: Messages, told: Mapping[str, Any], options: DetectOptions) -> li
 
     keep_freed_memory()
     say.of_missing_core()
+    say.begin(told)
     sources = chosen_logs(say, told)
     settings = ", ".join(f"{name}={value}" for name, value in options.as_dict().items())
     say.detail(f"{counted(len(sources), 'log')}; {settings}")

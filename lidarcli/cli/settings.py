@@ -9,7 +9,7 @@ import stat
 from collections.abc import Iterator, Mapping
 from datetime import date
 from difflib import get_close_matches
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
@@ -90,19 +90,26 @@ def _use_found(root: click.Context) -> None:
 
 def _use(ctx: click.Context, tree: dict[str, Any]) -> None:
     """Let the values of a file be the defaults of all commands."""
-    ctx.find_root().default_map = tree
-    if ctx.parent is not None:
-        ctx.default_map = tree.get(str(ctx.info_name), {})
+    if ctx.parent is None:
+        ctx.default_map = tree
+        return
+    _use(ctx.parent, tree)
+    ctx.default_map = (ctx.parent.default_map or {}).get(str(ctx.info_name), {})
 
 
 def commands(ctx: click.Context) -> Iterator[tuple[str, click.Command, click.Context]]:
-    """Every command with its name and a context of its own."""
-    root = ctx.find_root()
-    assert isinstance(root.command, click.Group)
-    for name in root.command.list_commands(root):
-        command = root.command.get_command(root, name)
+    """Every command with its name, such as `background build`, and a context of its own."""
+    yield from _below(ctx.find_root(), "")
+
+
+def _below(ctx: click.Context, words: str) -> Iterator[tuple[str, click.Command, click.Context]]:
+    if not isinstance(ctx.command, click.Group):
+        yield words, ctx.command, ctx
+        return
+    for name in ctx.command.list_commands(ctx):
+        command = ctx.command.get_command(ctx, name)
         assert command is not None, "it is listed"
-        yield name, command, click.Context(command, root, name)
+        yield from _below(click.Context(command, ctx, name), f"{words} {name}".lstrip())
 
 
 def options(command: click.Command) -> list[DeclaredOption]:
@@ -111,10 +118,16 @@ def options(command: click.Command) -> list[DeclaredOption]:
 
 
 def unknown_variables(ctx: click.Context) -> list[str]:
-    """Words for the variables of the environment that look like an option of this command and are none."""
-    prefix = f"{ctx.auto_envvar_prefix}_"
-    known = [name.removeprefix(prefix) for each in options(ctx.command) if (name := each.variable(ctx))]
-    command = ctx.info_name
+    """Words for the variables of the environment that look like an option of this command, or its group, and are none."""
+    while ctx.parent is not None and ctx.parent.parent is not None:
+        ctx = ctx.parent
+    prefix, command = f"{ctx.auto_envvar_prefix}_", ctx.info_name
+    known = [
+        variable.removeprefix(prefix)
+        for _, one, below in _below(ctx, "")
+        for each in options(one)
+        if (variable := each.variable(below))
+    ]
     words = []
     for variable in sorted(os.environ):
         name = variable.removeprefix(prefix)
@@ -128,7 +141,7 @@ def unknown_variables(ctx: click.Context) -> list[str]:
 def strange_variables(ctx: click.Context) -> list[str]:
     """Words for the variables of the environment that look like an option of some command, and of which there is none."""
     root = ctx.find_root()
-    known = [f"{PREFIX}_{name.upper()}" for name, _, _ in commands(ctx)]
+    known = [f"{PREFIX}_{name.split()[0].upper()}" for name, _, _ in commands(ctx)]
     own = [name for each in options(root.command) if (name := each.variable(root))]
     strange = [
         name
@@ -180,7 +193,7 @@ def _asked_to_be_quiet(ctx: click.Context) -> bool:
 
 
 def _default_maps(ctx: click.Context, file: str, found_in: Path | None = None) -> dict[str, Any]:
-    """The file's values as the default maps of all commands by their names; all of the file is checked.
+    """The file's values as the default maps of all commands, as `click` nests them; all of the file is checked.
 
     A file that was `found_in` a folder may not set everything: values that it may not set stand there as `Refused`.
     """
@@ -196,33 +209,34 @@ def _default_maps(ctx: click.Context, file: str, found_in: Path | None = None) -
         )
     found: dict[str, dict[str, Any]] = {}
     every: set[str] = set()
+    # A key such as `background = "room.parquet"` is an option, not the tables of the commands.
+    tables = _by_command(file, {key: settings[key] for key in settings.keys() - shared}, ctx)
     for name, command, _ in commands(ctx):
-        # A key such as `background = "room.parquet"` is an option, not the table of the command.
-        table = {} if name in shared else settings.get(name, {})
+        table = tables.get(name, {})
+        header = name.replace(" ", ".")
         known = {each.key: each for each in options(command)}
         every |= known.keys()
         for key in table:
             if _spelled(key) not in known:
                 superseded = getattr(command, "superseded", {})
                 if isinstance(table[key], Mapping):
-                    gone = f" any more: {superseded[key]}" if key in superseded else ""
-                    raise OptionError(f"{file}: [{name}.{key}]: no such command{gone}")
-                _refuse(file, f"[{name}]", key, known, superseded.get(f"--{_spelled(key)}"))
-        own = _by_option(file, name, table)
+                    raise OptionError(f"{file}: [{header}.{key}]: no such command")
+                _refuse(file, f"[{header}]", key, known, superseded.get(f"--{_spelled(key)}"))
+        own = _by_option(file, header, table)
         common = {
             key: value
             for key, value in for_all.items()
             if key in known and not (isinstance(value, list) and takes_one(known[key]))
         }
         values = {
-            str(known[key].name): _typed(file, name if key in own else "", known[key], value)
+            str(known[key].name): _typed(file, header if key in own else "", known[key], value)
             for key, value in (common | own).items()
             if key in known
         }
         if found_in is not None:
             for key, value in (common | own).items():
                 if key in known and (cause := why_refused(found_in, known[key], value)) is not None:
-                    where = _place(file, name if key in own else "", key)
+                    where = _place(file, header if key in own else "", key)
                     values[str(known[key].name)] = refusal(file, where, known[key], value, cause)
         found[name] = values
     for key in shared:
@@ -230,10 +244,29 @@ def _default_maps(ctx: click.Context, file: str, found_in: Path | None = None) -
             if key in found:
                 raise OptionError(f"{file}: '{key}' is a command: its options stand below a line [{key}]")
             _refuse(file, "", key, every)
-    for key in (each for each in settings if each not in shared and each not in found):
+    for key in (each for each in tables if each not in found):
         near = get_close_matches(key, found, 1)
-        hint = f"; did you mean [{near[0]}]?" if near else ""
-        raise OptionError(f"{file}: [{key}]: no such command{hint}")
+        hint = f"; did you mean [{near[0].replace(' ', '.')}]?" if near else ""
+        raise OptionError(f"{file}: [{key.replace(' ', '.')}]: no such command{hint}")
+    tree: dict[str, Any] = {}
+    for name, values in found.items():
+        *groups, last = name.split()
+        reduce(lambda inner, group: inner.setdefault(group, {}), groups, tree)[last] = values
+    return tree
+
+
+def _by_command(file: str, tables: Mapping[str, Mapping[str, Any]], ctx: click.Context) -> dict[str, Any]:
+    """The tables of a file by the names of commands; a group such as [background] has tables alone."""
+    found: dict[str, Any] = {}
+    for key, table in tables.items():
+        below = [name.replace(" ", ".") for name, _, _ in commands(ctx) if name.startswith(f"{key} ")]
+        for inner, value in table.items() if below else ():
+            if not isinstance(value, Mapping):
+                places = " or ".join(f"[{name}]" for name in below)
+                raise OptionError(f"{file}: [{key}]: no option '{inner}': options stand below {places}")
+            found[f"{key} {inner}"] = value
+        if not below:
+            found[key] = table
     return found
 
 

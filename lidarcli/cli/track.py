@@ -1,14 +1,9 @@
 """`lidarcli track`: everything that `detect` does, and things followed from sweep to sweep."""
 
-from typing import TYPE_CHECKING
-
 from lidarcli.cli.commands import command
 from lidarcli.cli.detect import Tables, find
 from lidarcli.cli.messages import Messages
 from lidarcli.options import Tracking
-
-if TYPE_CHECKING:
-    from lidarcli.pipeline.objects.following import TrackOptions
 
 
 class TrackCommand(Tables, Tracking, total=False):
@@ -34,10 +29,4 @@ def track(say: Messages, told: TrackCommand) -> int:
     one row per thing to DIR/<log>.tracks.parquet, and where each thing was in every
     sweep to DIR/<log>.trajectories.parquet.
     """
-
-    def tracking() -> "TrackOptions | None":
-        from lidarcli.pipeline.api.options import tracking_of
-
-        return tracking_of(told)
-
-    return find(say, told, tracking)
+    return find(say, told, follow=True)

@@ -5,16 +5,27 @@ from typing import Annotated
 import click
 
 from lidarcli.cli.commands import command
-from lidarcli.cli.messages import Messages, Total, progress_bar, show_losses
+from lidarcli.cli.messages import Messages, Total, progress_bar, show
 from lidarcli.cli.options import log_options, refuse_finding, usage_errors
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
-from lidarcli.options import BACKGROUND, GATES, OBJECTS, STDOUT, THINGS, ManyLogs, Overwrite, Zoning, output
+from lidarcli.options import (
+    BACKGROUND,
+    GATES,
+    OBJECTS,
+    STDOUT,
+    THINGS,
+    ManyLogs,
+    Stamped,
+    TextOrJson,
+    Zoning,
+    output,
+)
 from lidarcli.stores.url import place
 
 
-class ZonesCommand(Zoning, ManyLogs, Overwrite, total=False):
+class ZonesCommand(Zoning, ManyLogs, Stamped, TextOrJson, total=False):
     """Options of `zones`."""
 
     output: Annotated[
@@ -64,6 +75,7 @@ def zones(say: Messages, told: ZonesCommand) -> int:
     with usage_errors():
         options = zone_options(told, logs, overwrite=told["overwrite"])
         gates = Gates(options, told["check"])
+    say.begin(told)
     sources = chosen_logs(say, told)
     if options.objects is not None and len(sources) != 1:
         raise click.UsageError(f"--objects is for one log, and these are {len(sources):,}")
@@ -75,28 +87,23 @@ def zones(say: Messages, told: ZonesCommand) -> int:
     say.of_missing_core()
     total = Total()
     failed = False
+
+    def tell(run: ZoneSummary) -> list[str]:
+        where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
+        return [f"{where}, {counted(len(options.zones.zones), 'zone')}", *(f"  {line}" for line in run.lines)]
+
     with progress_bar(sources, say) as report:
         for outcome in watch_files(sources, folder, options, report):
             total.add(outcome)
-            if outcome.trace:
-                say.bug(outcome.trace)
-            if outcome.error is not None:
-                say.error(outcome.label, outcome.error)
-            if not isinstance(run := outcome.summary, ZoneSummary):
+            show(outcome, say, tell)
+            if isinstance(outcome.summary, ZoneSummary):
+                gates.add(outcome.summary.tables)
+            else:
                 failed = True
-                continue
-            gates.add(run.tables)
-            show_losses(outcome.label, run, say)
-            where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
-            say.info(f"{outcome.label}: {where}, {counted(len(options.zones.zones), 'zone')}")
-            for line in run.lines:
-                say.info(f"  {line}")
-            say.notes(run.notes)
-            say.wrote(run.outputs)
     verdicts = [] if failed else gates.verdicts()
     for verdict in verdicts:
         if not verdict.holds:
             say.error(f"check failed: {verdict.failure}")
-    if not all(verdict.holds for verdict in verdicts):
-        return CHECK_FAILED
-    return total.exit_code(sources)
+    holds = all(verdict.holds for verdict in verdicts)
+    code = total.exit_code(sources) if holds else CHECK_FAILED
+    return say.end(code, checks=[verdict.as_dict() for verdict in verdicts])

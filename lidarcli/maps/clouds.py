@@ -9,11 +9,13 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from lidarcli.choices import NS
 from lidarcli.formalism.detection import SETS
 from lidarcli.sweeps import Float64, Int8, Int32, Int64, record
 from lidarcli.tabular.arrays import codes, floats, plain
 from lidarcli.tabular.rows import constant
 from lidarcli.tabular.schemas import CLOUD, STAMP, TEXT
+from lidarcli.tabular.stamps import in_unit, restamped
 from lidarcli.tabular.writing import ParquetSink
 
 Bool = NDArray[np.bool_]
@@ -108,10 +110,12 @@ class ParquetWriter:
     Parameters
     ----------
     file : opened to write bytes; the caller closes it
+    stamps : unit of the stamps, as of `in_unit`
     """
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._sink = ParquetSink(file, CLOUD)
+    def __init__(self, file: BinaryIO, stamps: str = NS) -> None:
+        self._stamps = stamps
+        self._sink = ParquetSink(file, in_unit(CLOUD, stamps))
 
     def write(self, points: CloudPoints) -> None:
         """Take points; they wait until there are enough for a row group. May raise what befell the last one."""
@@ -126,7 +130,8 @@ class ParquetWriter:
             "y": floats(points.y),
             "set": pa.nulls(count, TEXT) if points.set is None else codes(points.set, SETS),
         }
-        self._sink.write(pa.RecordBatch.from_arrays([columns[name] for name in CLOUD.names], schema=CLOUD))
+        rows = pa.RecordBatch.from_arrays([columns[name] for name in CLOUD.names], schema=CLOUD)
+        self._sink.write(restamped(rows, self._stamps))
 
     def finish(self, metadata: Mapping[bytes, bytes] | None = None) -> None:
         """Write what waits, the schema and its metadata."""

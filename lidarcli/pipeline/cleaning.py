@@ -36,6 +36,7 @@ from lidarcli.tabular.arrays import held
 from lidarcli.tabular.reading import file_metadata, note_value, read_columns
 from lidarcli.tabular.rows import constant
 from lidarcli.tabular.schemas import CLEANED, SCHEMAS
+from lidarcli.tabular.stamps import restamped
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_metadata, table_suffix
 
 MCAP, ROS1, ROS2 = "mcap", "ros1 bag", "ros2 bag"
@@ -81,6 +82,12 @@ class CleanSummary(RunSummary):
     """Values of beams in the copy, and their reasons."""
     copied: str = ""
     """Number of messages that were copied."""
+    removed: dict[str, int] = field(default_factory=dict)
+    """Reason that was asked for → beams that say something else in the copy."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary as plain values."""
+        return {**RunSummary.as_dict(self), "removed": self.removed}
 
 
 def clean_log(
@@ -127,8 +134,9 @@ def clean_log(
         summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
         summary.notes += doubted(pair) if "agents" in options.remove else []
         metadata = table_metadata(options.as_dict(), described, summary.damage)
-        summary.table = _table(source.name, chosen).replace_schema_metadata(metadata)
-        with ParquetSink(new.part(outputs[1]), CLEANED, outputs[1]) as sink:
+        table = restamped(_table(source.name, chosen), options.detect.stamps)
+        summary.table = table.replace_schema_metadata(metadata)
+        with ParquetSink(new.part(outputs[1]), table.schema, outputs[1]) as sink:
             for rows in summary.table.to_batches():
                 sink.write(rows)
             sink.finish(metadata)
@@ -354,11 +362,13 @@ def _summary(
     beams = sum(int(each.beams[0].sum()) for each in chosen.values())
     totals = sum((each.counts[0].sum(axis=0) for each in chosen.values()), np.zeros(4, np.int64))
     removed = int(totals.sum())
+    summary.by_status = found.by_status
     by_mask = ["body"] if options.detect.read.rules.masks else []
     asked = [*options.remove, *by_mask, *(["margin"] if options.margin else [])]
-    parts = ", ".join(
-        f"{reason} {int(count):,}" for reason, count in zip(REASONS, totals, strict=True) if reason in asked
-    )
+    summary.removed = {
+        reason: int(count) for reason, count in zip(REASONS, totals, strict=True) if reason in asked
+    }
+    parts = ", ".join(f"{reason} {count:,}" for reason, count in summary.removed.items())
     share = f" ({removed / beams:.1%})" if beams else ""
     say = f"say {_words(options.value)}: {parts}"
     summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} {say}"

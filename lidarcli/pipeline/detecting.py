@@ -11,6 +11,7 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import pyarrow as pa
 
+from lidarcli.choices import NS
 from lidarcli.errors import LidarcliError, warn
 from lidarcli.formalism import Detection, Parameters
 from lidarcli.formalism.matching.catalogue import Catalogue, names_in
@@ -24,6 +25,7 @@ from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_log
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.schemas import OBJECTS, SCHEMAS
+from lidarcli.tabular.stamps import in_unit
 from lidarcli.tabular.writing import BY_DATE, RowSink, TableFiles, TopicOrder, table_metadata
 
 if TYPE_CHECKING:
@@ -47,7 +49,7 @@ def detect_to_files(
             paths = options.outputs(source, folder, reading.date)
             if not known_before:
                 refuse(paths.values(), options.overwrite, options.inputs([source]))
-            return stack.enter_context(TableFiles(paths, reading.first, options.overwrite))
+            return stack.enter_context(TableFiles(paths, reading.first, options.overwrite, options.stamps))
 
         files = opened() if known_before else None
         work = stack.enter_context(
@@ -75,7 +77,7 @@ def detect_beside(
     from lidarcli.pipeline.inputs.tables import Pair
 
     half = None if progress is None else lambda position: progress(position // 2)
-    summary = detect_to_files(source, folder, replace(options, overwrite=True, layout=None), half)
+    summary = detect_to_files(source, folder, replace(options, overwrite=True, layout=None, stamps=NS), half)
     return Pair(f"{folder / source.name}.", ".parquet"), summary
 
 
@@ -90,7 +92,7 @@ def detect_to_sinks(
     """Pass the rows of one log to the sinks of their tables; returns the counts and the description of the source."""
     with (
         read_log(source, options, options.need) as reading,
-        TopicOrder(sinks, reading.first) as order,
+        TopicOrder(sinks, reading.first, stamps=options.stamps) as order,
         Splitting(reading, options.recipe(source, tuple(sinks)), options.threads) as work,
         ExitStack() as stack,
     ):
@@ -170,7 +172,7 @@ def detect_stream(
     described: list[dict[str, Any]] = []
     damage: list[str] = []
     try:
-        stream = FORMATS[kind](guard, OBJECTS, table_metadata(parameters))
+        stream = FORMATS[kind](guard, in_unit(OBJECTS, options.stamps), table_metadata(parameters))
 
         def work(log: Source, *, progress: Progress | None = None) -> RunSummary:
             summary, origin = detect_to_sinks(log, {"objects": stream}, options, progress)

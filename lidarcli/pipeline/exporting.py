@@ -15,6 +15,7 @@ from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.inputs.files import files_named
 from lidarcli.stores.url import Place
 from lidarcli.tabular.reading import HeldTable, Readable, read_as_is, schema_of
+from lidarcli.tabular.stamps import in_unit
 from lidarcli.tabular.stream import write_stream
 from lidarcli.tabular.writing import Output
 
@@ -37,11 +38,16 @@ class Export:
         """Yield all rows."""
         for file in self.files:
             for rows in read_as_is(file, self.schema.names):
-                yield rows.cast(self.schema.remove_metadata())
+                # Types are the same but for the unit of stamps.
+                yield rows.cast(self.schema.remove_metadata(), safe=False)
 
 
-def chosen(tables: Sequence[str | HeldTable], columns: Sequence[str] = ()) -> Export:
+def chosen(
+    tables: Sequence[str | HeldTable], columns: Sequence[str] = (), stamps: str | None = None
+) -> Export:
     """Choose some columns, or all, of all tables that are in memory, or that files, folders and patterns name.
+
+    `stamps` is the unit of the stamps, as of `in_unit`.
 
     Raises
     ------
@@ -56,7 +62,7 @@ def chosen(tables: Sequence[str | HeldTable], columns: Sequence[str] = ()) -> Ex
     problems = tuple(problem for _, denied in found for problem in denied)
     if not files:
         raise problems[0]
-    schemas = [schema_of(file) for file in files]
+    schemas = [in_unit(schema_of(file), stamps) for file in files]
     first = schemas[0]
     names = [_column(name, files[0], first) for name in columns] or first.names
     if len(names) > MOST_COLUMNS:
@@ -74,9 +80,9 @@ def chosen(tables: Sequence[str | HeldTable], columns: Sequence[str] = ()) -> Ex
             raise OptionError(f"{files[0]}: no column {', '.join(more)}, which {file} has; {APART}")
         for name in names:
             if schema.field(name).type != first.field(name).type:
-                raise OptionError(
-                    f"{file}: column {name} is {schema.field(name).type}, in {files[0]} {first.field(name).type}"
-                )
+                kinds = [schema.field(name).type, first.field(name).type]
+                hint = "; --stamps us makes them alike" if all(map(pa.types.is_timestamp, kinds)) else ""
+                raise OptionError(f"{file}: column {name} is {kinds[0]}, in {files[0]} {kinds[1]}{hint}")
     fields = [
         first.field(name).with_nullable(any(each.field(name).nullable for each in schemas)) for name in names
     ]

@@ -151,7 +151,7 @@ class MapRun:
         try:
             file = self._new.part(path).open("w+b")
             self._stack.callback(_let_go, file)
-            cloud = make(file)
+            cloud = make(file, self._options.stamps) if make is ParquetWriter else make(file)
         except OSError as err:
             raise unwritable(path, err) from err
         self._stack.callback(cloud.abandon)

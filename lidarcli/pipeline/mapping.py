@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.choices import MAP_RESOLUTION, MATCH, MAX_MAP_KM2, MIN_MOVE, OCCUPIED_RATIO
+from lidarcli.choices import MAP_RESOLUTION, MATCH, MAX_MAP_KM2, MIN_MOVE, NS, OCCUPIED_RATIO
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT, Detection
@@ -60,6 +60,8 @@ class MapOptions:
     need: Need = Need.ALL
     """Sensors whose path is matched where the log tells none."""
     overwrite: bool = False
+    stamps: str = NS
+    """Unit of the stamps of the cloud's table, as of `in_unit`."""
     jobs: int = 0
     """Processes for several logs at most, 0 for as many as there are processors; the result does not depend on it."""
 

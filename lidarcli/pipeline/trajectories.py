@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.choices import MATCH
+from lidarcli.choices import MATCH, NS
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
@@ -30,6 +30,7 @@ from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.arrays import floats, plain
 from lidarcli.tabular.rows import constant
 from lidarcli.tabular.schemas import POSES, STAMP
+from lidarcli.tabular.stamps import restamped
 from lidarcli.tabular.writing import ParquetSink, table_metadata
 
 if TYPE_CHECKING:
@@ -48,6 +49,8 @@ class PathOptions:
     opening: OpenOptions = field(default_factory=OpenOptions)
     poses: PoseOptions = field(default_factory=PoseOptions)
     overwrite: bool = False
+    stamps: str = NS
+    """Unit of the stamps of a table, as of `in_unit`."""
 
 
 def refuse_path(path: Place, source: Source, options: PathOptions) -> None:
@@ -71,6 +74,10 @@ class PathSummary(RunSummary):
 
     table: pa.Table = field(default_factory=POSES.empty_table)
     """One row per pose."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary as plain values."""
+        return {**RunSummary.as_dict(self), "poses": self.table.num_rows}
 
 
 def read_path(source: Source, options: PathOptions, progress: Progress | None = None) -> PathSummary:
@@ -108,9 +115,10 @@ def write_path(
                 lines = None if is_table else out
                 summary = _read(source, reading, written, options, progress, lines)
                 if is_table:
-                    sink = ParquetSink(out, POSES)
+                    table = restamped(summary.table, options.stamps)
+                    sink = ParquetSink(out, table.schema.remove_metadata())
                     try:
-                        for rows in summary.table.to_batches():
+                        for rows in table.to_batches():
                             sink.write(rows)
                         sink.finish(summary.table.schema.metadata)
                     finally:

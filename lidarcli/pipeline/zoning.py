@@ -25,6 +25,7 @@ from lidarcli.pipeline.watching.options import TABLES, ZoneOptions
 from lidarcli.pipeline.watching.over_log import Watching, masked
 from lidarcli.reports.checks import Verdict, verdict_of
 from lidarcli.reports.columns import Rows, Watched
+from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import judge_zones, parse_zone_check, zone_figures
 from lidarcli.stores.url import Place
@@ -58,6 +59,13 @@ class ZoneSummary(RunSummary):
     )
     lines: list[str] = field(default_factory=list)
     """A line for each zone."""
+    gates: frozenset[str] = frozenset()
+    """The zones that are lines."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary as plain values, with what a check may name."""
+        figures = zone_figures(*self.tables, self.gates)
+        return RunSummary.as_dict(self) | {"figures": {name: plain_number(figures[name]) for name in figures}}
 
 
 def watch(
@@ -105,6 +113,7 @@ def watch(
         metadata = table_metadata(options.as_dict(), described, summary.damage)
         tables = _tables(source.name, settled, metadata)
         summary.tables = tables
+        summary.gates = _lines(options)
         names = _names(settled)
         longest = max(map(len, names))
         summary.lines = [
@@ -116,7 +125,7 @@ def watch(
             *(f"{name}: {_SAME}" for name, each in zip(names, settled, strict=True) if each.always_same),
         ]
         if paths is not None:
-            files = stack.enter_context(TableFiles(paths, None, options.overwrite))
+            files = stack.enter_context(TableFiles(paths, None, options.overwrite, options.detect.stamps))
             for name, table in tables._asdict().items():
                 for batch in table.to_batches():
                     files.write(name, "", batch)
@@ -167,9 +176,9 @@ class Gates:
 
     def __init__(self, options: ZoneOptions, expressions: Sequence[str]) -> None:
         """Understand the checks, or raise a usage error."""
-        zones = options.zones.zones
-        self._lines = {zone.name for zone in zones if isinstance(zone.shape, Line)}
-        self._checks = [parse_zone_check(each, [zone.name for zone in zones]) for each in expressions]
+        names = [zone.name for zone in options.zones.zones]
+        self._lines = _lines(options)
+        self._checks = [parse_zone_check(each, names) for each in expressions]
         self._tables: list[ZoneTables] = []
 
     def add(self, tables: ZoneTables) -> None:
@@ -190,6 +199,10 @@ class Gates:
         figures = zone_figures(events, zones, self._lines)
         watched = Watched(Rows.join([events]), Rows.join([zones]))
         return [judge_zones(check, figures, watched) for check in self._checks]
+
+
+def _lines(options: ZoneOptions) -> frozenset[str]:
+    return frozenset(zone.name for zone in options.zones.zones if isinstance(zone.shape, Line))
 
 
 def _tables(log: str, settled: Sequence[Settled], metadata: dict[bytes, bytes]) -> ZoneTables:

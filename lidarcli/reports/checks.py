@@ -14,6 +14,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from lidarcli.errors import OptionError
 from lidarcli.reports import figures
@@ -101,6 +102,11 @@ class Verdict:
     found: float | None
     """Value that was measured; None where there was none, and the check does not hold."""
     holds: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result as plain values."""
+        told = {"check": self.expression, "holds": self.holds, "expected": self.expected}
+        return told | {"found": figures.plain_number(self.found)}
 
     @property
     def failure(self) -> str:

@@ -336,3 +336,10 @@ def density(frame: str, x: Float64, y: Float64) -> Density | None:
     place = (ix[inside] * ny + iy[inside]).astype(np.int64)
     counts = np.bincount(place, minlength=nx * ny).reshape(nx, ny)
     return Density(frame, x0 * cell, y0 * cell, cell, counts.astype(np.int64))
+
+
+def plain_number(value: float | None) -> float | int | None:
+    """Return a whole number as an integer, any other with nine digits; None for a value that is not finite."""
+    if value is None or not math.isfinite(value):
+        return None
+    return int(value) if value == int(value) else float(f"{value:.9g}")

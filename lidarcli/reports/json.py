@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from typing import Any
@@ -17,7 +16,7 @@ from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.document import Document
-from lidarcli.reports.figures import Histogram
+from lidarcli.reports.figures import Histogram, plain_number
 from lidarcli.reports.report import Report
 from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.streams import Standing, Stream
@@ -34,7 +33,6 @@ CHANGES_SCHEMA = "lidarcli.changes/1"
 """Name of the schema of a report on changes alone."""
 ZONES_SCHEMA = "lidarcli.zones/1"
 """Name of the schema of a report on zones alone."""
-DIGITS = 9
 
 
 def render(report: Report | RunsReport | ZonesReport | ChangesReport) -> str:
@@ -68,15 +66,7 @@ def _beginning(report: Document, schema: str) -> dict[str, Any]:
         "schema": schema,
         "lidarcli": __version__,
         "holds": report.holds,
-        "checks": [
-            {
-                "check": verdict.expression,
-                "holds": verdict.holds,
-                "expected": verdict.expected,
-                "found": _number(verdict.found),
-            }
-            for verdict in report.verdicts
-        ],
+        "checks": [verdict.as_dict() for verdict in report.verdicts],
         "problems": list(report.problems),
         "warnings": list(report.warnings),
     }
@@ -118,7 +108,7 @@ def _tracks(summary: Summary) -> dict[str, Any]:
     if (tracked := summary.tracked) is not None:
         found["tracks"] = {
             "scene": tracked.scene,
-            "agent_share": _number(tracked.agent_share),
+            "agent_share": plain_number(tracked.agent_share),
             **{name.removeprefix("tracks."): counts for name, counts in tracked.kinds.items()},
         }
     if summary.labels:
@@ -151,7 +141,7 @@ def _zones(zoned: Zoned) -> dict[str, Any]:
             {
                 **_fields(one, *names),
                 "set": one.set or None,
-                "track": _number(one.track),
+                "track": plain_number(one.track),
                 "label": one.label or None,
             }
             for one in zoned.events
@@ -228,12 +218,12 @@ def _stream(one: Stream) -> dict[str, Any]:
 
 def _standing(one: Standing) -> dict[str, Any]:
     names = _fields(one, "kind", "log", "topic", "sweep")
-    return {**names, "stamp": stamp(one.stamp_ns), "value": _number(one.value)}
+    return {**names, "stamp": stamp(one.stamp_ns), "value": plain_number(one.value)}
 
 
 def _numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
     """Return figures by their names, with nine digits."""
-    return {name: _number(value) for name, value in values.items()}
+    return {name: plain_number(value) for name, value in values.items()}
 
 
 def _fields(one: object, *names: str) -> dict[str, Any]:
@@ -243,8 +233,8 @@ def _fields(one: object, *names: str) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        return value.tolist() if value.dtype.kind in "iu" else [_number(each) for each in value.tolist()]
-    return _number(value) if isinstance(value, float) else value
+        return value.tolist() if value.dtype.kind in "iu" else [plain_number(each) for each in value.tolist()]
+    return plain_number(value) if isinstance(value, float) else value
 
 
 def _runs(report: RunsReport) -> dict[str, Any]:
@@ -267,10 +257,3 @@ def _log(log: Entry) -> dict[str, Any]:
         **_fields(log, "size", "sweeps", "rows", "seconds"),
         "ended": stamp(log.ended),
     }
-
-
-def _number(value: float | None) -> float | int | None:
-    """Return a whole number as an integer, any other with nine digits; None for a value that is not finite."""
-    if value is None or not math.isfinite(value):
-        return None
-    return int(value) if value == int(value) else float(f"{value:.{DIGITS}g}")

@@ -79,7 +79,7 @@ def read_background(path: Place) -> tuple[list[Background], dict[str, Any]]:
     if GEOMETRY not in notes:
         raise UnreadableError(
             f"{path}: no {GEOMETRY} in its metadata, which other programs leave out when they write a table; "
-            "build it again with lidarcli background"
+            "build it again with lidarcli background build"
         )
     _refuse_ranges(path, table)
     try:

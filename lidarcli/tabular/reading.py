@@ -30,7 +30,7 @@ DEEPEST_METADATA = 20
 ANY = "any"
 """Kind of a table whose columns are not checked."""
 MAKERS = {
-    "background": "background",
+    "background": "background build",
     "tracks": "track",
     "trajectories": "track",
     "changes": "diff",
@@ -216,7 +216,9 @@ def _opened(path: Readable, kind: str) -> Iterator[pq.ParquetFile | HeldTable]:
             yield file
     except (OSError, pa.ArrowException, UnicodeDecodeError) as err:
         if kind == "background" and not _begins_as_parquet(path):
-            raise UnreadableError(f"{path}: no Parquet file; give the table of lidarcli background") from err
+            raise UnreadableError(
+                f"{path}: no Parquet file; give the table of lidarcli background build"
+            ) from err
         raise UnreadableError(f"{path}: {refused}: {_first_line(err)}") from err
 
 

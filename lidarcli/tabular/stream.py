@@ -231,8 +231,9 @@ def _python_rows(rows: pa.RecordBatch) -> Any:
     columns: list[list[Any]] = []
     for field, values in zip(rows.schema, rows.columns, strict=True):
         if pa.types.is_timestamp(field.type):
-            stamps = values.view(pa.int64()).to_numpy(zero_copy_only=False).astype("datetime64[ns]")
-            texts = np.datetime_as_string(stamps, unit="ns")
+            unit = field.type.unit
+            stamps = values.view(pa.int64()).to_numpy(zero_copy_only=False).astype(f"datetime64[{unit}]")
+            texts = np.datetime_as_string(stamps, unit=unit)
             there = values.is_valid().to_pylist()
             columns.append([f"{text}Z" if known else None for text, known in zip(texts, there, strict=True)])
         elif (text := _with_singles(field.type, pa.string())) != field.type:

@@ -17,11 +17,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli._version import __version__
+from lidarcli.choices import NS
 from lidarcli.errors import OutputError
 from lidarcli.machine import Beside
 from lidarcli.newfiles import NewFiles, unwritable
 from lidarcli.stores.url import Place
 from lidarcli.tabular.schemas import SCHEMAS
+from lidarcli.tabular.stamps import in_unit, restamped
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -278,12 +280,16 @@ class TopicOrder:
     sinks : name of a table → where its rows go, in the declared schema; rows of other tables are left out
     first : topic that sorts first, where that is known; without it every topic waits
     folder : folder of the file for rows that wait, by default that of temporary files
+    stamps : unit of the stamps that come out, as of `in_unit`
     """
 
-    def __init__(self, sinks: Mapping[str, RowSink], first: str | None, folder: Path | None = None) -> None:
+    def __init__(
+        self, sinks: Mapping[str, RowSink], first: str | None, folder: Path | None = None, stamps: str = NS
+    ) -> None:
         self._sinks = sinks
         self._first = first
         self._folder = folder
+        self._stamps = stamps
         self._file: IO[bytes] | None = None
         self._waiting: dict[tuple[str, str], list[pa.RecordBatch]] = {}
         """Table and topic → rows in memory."""
@@ -295,6 +301,7 @@ class TopicOrder:
         """Take rows of one table and topic, in the order in which they have to come out."""
         if table not in self._sinks:
             return
+        rows = restamped(rows, self._stamps)
         if topic == self._first:
             self._sinks[table].write(rows)
             return
@@ -328,7 +335,7 @@ class TopicOrder:
                 self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 (closed by __exit__)
             for key, parts in self._waiting.items():
                 self._places.setdefault(key, []).append(self._file.tell())
-                with pa.ipc.new_stream(self._file, SCHEMAS[key[0]], options=_SPILLED) as stream:
+                with pa.ipc.new_stream(self._file, parts[0].schema, options=_SPILLED) as stream:
                     for rows in parts:
                         stream.write_batch(rows)
         except OSError as err:
@@ -383,9 +390,12 @@ class TableFiles:
     paths : table → its file
     first_topic : topic that sorts first, where that is known
     overwrite : whether files that are there may be replaced
+    stamps : unit of the stamps, as of `in_unit`
     """
 
-    def __init__(self, paths: Mapping[str, Place], first_topic: str | None, overwrite: bool = True) -> None:
+    def __init__(
+        self, paths: Mapping[str, Place], first_topic: str | None, overwrite: bool = True, stamps: str = NS
+    ) -> None:
         self.paths = tuple(paths.values())
         self.sizes: list[int] = []
         """Bytes of each file, once it is published."""
@@ -395,12 +405,13 @@ class TableFiles:
             stack.push(self._new)
             self._new.open()
             for table, path in paths.items():
-                sink = ParquetSink(self._new.part(path), SCHEMAS[table], path)
+                sink = ParquetSink(self._new.part(path), in_unit(SCHEMAS[table], stamps), path)
                 stack.push(sink)
                 sink.open()
                 self._sinks[table] = sink
             spill = self.paths[0].parent
-            self._order = TopicOrder(self._sinks, first_topic, spill if isinstance(spill, Path) else None)
+            spill_folder = spill if isinstance(spill, Path) else None
+            self._order = TopicOrder(self._sinks, first_topic, spill_folder, stamps)
             stack.push(self._order)
             self.write = self._order.write
             self._stack = stack.pop_all()

@@ -50,7 +50,7 @@ def notes(text: str) -> list[str]:
 
 def test_build_says_what_it_learned(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     file = tmp_path / "new" / "b.parquet"
-    ran = lidarcli("background", scene / "empty.mcap", "-o", file)
+    ran = lidarcli("background", "build", scene / "empty.mcap", "-o", file)
     assert (ran.code, ran.out) == (0, "")
     lines = ran.err.splitlines()
     assert lines[0].startswith(f"{scene / 'empty.mcap'}: 20 sweeps")
@@ -71,7 +71,7 @@ def test_build_says_what_it_learned(scene: Path, tmp_path: Path, lidarcli: Run) 
 def test_build_refuses_to_overwrite(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     file, figure = tmp_path / "b.parquet", tmp_path / "b.png"
     figure.write_bytes(b"mine")
-    build = ("background", scene / "empty.mcap", "-o", file, "--plot", figure)
+    build = ("background", "build", scene / "empty.mcap", "-o", file, "--plot", figure)
     ran = lidarcli(*build)
     assert ran.code == 5
     assert ran.err == f"lidarcli: {figure} exists; use --overwrite to replace it, or -o to write elsewhere\n"
@@ -86,13 +86,18 @@ def test_pictures(scene: Path, tmp_path: Path, lidarcli: Run, suffix: str, magic
     figures = [tmp_path / f"{name}{suffix}" for name in "ab"]
     for figure in figures:
         output = figure.with_suffix(".parquet")
-        assert lidarcli("-q", "background", scene / "empty.mcap", "-o", output, "--plot", figure).code == 0
+        assert (
+            lidarcli("-q", "background", "build", scene / "empty.mcap", "-o", output, "--plot", figure).code
+            == 0
+        )
     assert figures[0].read_bytes().startswith(magic)
     assert figures[0].read_bytes() == figures[1].read_bytes()
 
 
 def test_a_picture_of_an_unknown_kind_is_a_usage_error(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("background", scene / "empty.mcap", "-o", tmp_path / "b.parquet", "--plot", "b.txt")
+    ran = lidarcli(
+        "background", "build", scene / "empty.mcap", "-o", tmp_path / "b.parquet", "--plot", "b.txt"
+    )
     assert ran.code == 2
     assert "Invalid value for '--plot': 'b.txt' is none of .png, .svg, .pdf." in ran.err
 
@@ -101,7 +106,7 @@ def test_a_background_is_no_standard_output(
     scene: Path, tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    ran = lidarcli("background", scene, "-o", "-")
+    ran = lidarcli("background", "build", scene, "-o", "-")
     assert (ran.code, ran.out) == (2, "")
     assert "a background is no text for standard output; give the name of a file" in ran.err
     assert not Path("-").exists()
@@ -111,7 +116,7 @@ def test_several_logs_make_one_background(scene: Path, logs: Path, tmp_path: Pat
     """The boxes are in 20 and 10 of 60 sweeps: fewer than a background needs."""
     write_log(tmp_path / "more.mcap", [empty_room(count=20)])
     inputs = (scene / "empty.mcap", tmp_path / "more.mcap", logs / "run.mcap")
-    ran = lidarcli("background", *inputs, "-o", tmp_path / "b.parquet")
+    ran = lidarcli("background", "build", *inputs, "-o", tmp_path / "b.parquet")
     assert ran.code == 0
     assert "  /scan (frame laser): 1 station of 360 beams, 60 sweeps" in ran.err.splitlines()
     table = pq.read_table(tmp_path / "b.parquet")
@@ -122,7 +127,7 @@ def test_several_logs_make_one_background(scene: Path, logs: Path, tmp_path: Pat
 
 
 def test_a_damaged_log_teaches_what_is_whole(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("background", logs / "cut.mcap", "-o", tmp_path / "b.parquet")
+    ran = lidarcli("background", "build", logs / "cut.mcap", "-o", tmp_path / "b.parquet")
     assert ran.code == 3
     assert ran.err.splitlines()[0].startswith(f"lidarcli: {logs / 'cut.mcap'}: ")
     metadata = pq.read_schema(tmp_path / "b.parquet").metadata
@@ -134,7 +139,7 @@ def test_a_damaged_log_teaches_what_is_whole(logs: Path, tmp_path: Path, lidarcl
 def test_a_bad_log_does_not_stop_the_others(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     (tmp_path / "bad.mcap").write_bytes(b"nonsense")
     inputs = (tmp_path / "bad.mcap", scene / "empty.mcap")
-    ran = lidarcli("background", *inputs, "-o", tmp_path / "b.parquet")
+    ran = lidarcli("background", "build", *inputs, "-o", tmp_path / "b.parquet")
     assert ran.code == 3
     assert pq.read_table(tmp_path / "b.parquet").num_rows == 360
 
@@ -158,7 +163,7 @@ def drifting(count: int = 60) -> RawSweeps:
 def test_weak_support_is_told(tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "crowd.mcap", [crowd()])
     file = tmp_path / "b.parquet"
-    ran = lidarcli("background", tmp_path / "crowd.mcap", "-o", file, "--pose", "none")
+    ran = lidarcli("background", "build", tmp_path / "crowd.mcap", "-o", file, "--pose", "none")
     told = (
         "support below 50%: 40 of 360 beams of /scan (laser): most sweeps saw something else there (--plot "
         "shows where)"
@@ -176,7 +181,7 @@ def test_weak_support_is_told(tmp_path: Path, lidarcli: Run) -> None:
 def test_a_sensor_that_moved_without_poses_is_told(tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "moved.mcap", [drifting()])
     file = tmp_path / "b.parquet"
-    ran = lidarcli("background", tmp_path / "moved.mcap", "-o", file, "--pose", "none")
+    ran = lidarcli("background", "build", tmp_path / "moved.mcap", "-o", file, "--pose", "none")
     (note,) = [line for line in ran.err.splitlines() if line.startswith("note: ")]
     assert ran.code == 0
     assert note.startswith(
@@ -212,13 +217,13 @@ def test_one_background_of_two_places_is_told(x: float, turned: float, tmp_path:
     write_log(tmp_path / "a.mcap", [standing(0.0)])
     write_log(tmp_path / "b.mcap", [standing(x, turned)])
     file = tmp_path / "bg.parquet"
-    ran = lidarcli("background", tmp_path / "a.mcap", tmp_path / "b.mcap", "-o", file)
+    ran = lidarcli("background", "build", tmp_path / "a.mcap", tmp_path / "b.mcap", "-o", file)
     assert ran.code == 0
     assert (
         "note: the sensor of /scan (laser) seems to have moved, or to have stood in several places: "
         in ran.err
     )
-    alone = lidarcli("background", tmp_path / "a.mcap", "-o", tmp_path / "alone.parquet")
+    alone = lidarcli("background", "build", tmp_path / "a.mcap", "-o", tmp_path / "alone.parquet")
     assert alone.code == 0
     assert "seems to have moved" not in alone.err
 
@@ -227,7 +232,7 @@ def test_a_sensor_that_is_moved_on_the_way_is_told(tmp_path: Path, lidarcli: Run
     """Half of the sweeps are far from the background, and all of them together less than half."""
     file = tmp_path / "bg.parquet"
     write_log(tmp_path / "a.mcap", [standing(0.0)])
-    assert lidarcli("background", tmp_path / "a.mcap", "-o", file).code == 0
+    assert lidarcli("background", "build", tmp_path / "a.mcap", "-o", file).code == 0
     both = np.concatenate([standing(0.0).ranges, standing(1.0).ranges])
     write_log(tmp_path / "bumped.mcap", [raw_sweeps(both, angle_increment=np.float32(2 * np.pi / 360))])
     ran = lidarcli("detect", tmp_path / "bumped.mcap", "--background", file, "-o", tmp_path / "out")
@@ -243,7 +248,7 @@ def test_a_sensor_that_is_moved_on_the_way_is_told(tmp_path: Path, lidarcli: Run
 def test_a_log_of_which_nothing_is_known_makes_no_background(tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "blind.mcap", [raw_sweeps(np.full((30, 90), np.nan))])
     file = tmp_path / "bg.parquet"
-    ran = lidarcli("background", tmp_path / "blind.mcap", "-o", file)
+    ran = lidarcli("background", "build", tmp_path / "blind.mcap", "-o", file)
     assert ran.code == 3
     assert "no background: no beam of any sweep has a range or says that nothing returned" in ran.err
     assert not file.exists()
@@ -270,7 +275,7 @@ def test_a_background_of_another_place_is_told(scene: Path, tmp_path: Path, lida
 
 
 def test_nothing_to_learn_from_writes_nothing(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    build = ("background", scene / "empty.mcap", "-o", tmp_path / "b.parquet")
+    build = ("background", "build", scene / "empty.mcap", "-o", tmp_path / "b.parquet")
     assert lidarcli(*build, "--topic", "/other").code == 4
     ran = lidarcli(*build, "--start", "60")
     assert (ran.code, ran.err.splitlines()[-1]) == (4, "lidarcli: no sweep to learn a background from")
@@ -331,7 +336,7 @@ def test_info_knows_a_background_by_its_content(scene: Path, tmp_path: Path, lid
     pq.write_table(pq.read_table(scene / "empty.parquet", columns=["r_e"]), tmp_path / "part.parquet")
     for name, cause in (
         ("cut", "no background: "),
-        ("part", "not a table of lidarcli background: no column "),
+        ("part", "not a table of lidarcli background build: no column "),
     ):
         ran = lidarcli("info", tmp_path / f"{name}.parquet", scene / "empty.parquet")
         assert (ran.code, len(ran.err.splitlines())) == (3, 1)
@@ -348,7 +353,7 @@ def test_info_mends_no_background(scene: Path, tmp_path: Path, lidarcli: Run) ->
 def test_what_is_no_background_is_refused(scene: Path, logs: Path, lidarcli: Run) -> None:
     for file, cause in (
         (logs / "none.parquet", "no such file"),
-        (scene / "empty.mcap", "no Parquet file; give the table of lidarcli background"),
+        (scene / "empty.mcap", "no Parquet file; give the table of lidarcli background build"),
     ):
         ran = lidarcli("detect", logs / "run.mcap", "--background", file, "-o", "-")
         assert ran.code == 3
@@ -356,27 +361,23 @@ def test_what_is_no_background_is_refused(scene: Path, logs: Path, lidarcli: Run
         assert len(ran.err.splitlines()) == 1
 
 
-BUILD = "'background build' is gone: lidarcli background LOG... -o FILE"
-INFO = "'background info' is gone: lidarcli info FILE"
-SUBTRACT = "'background subtract' is gone: lidarcli detect LOG... --background FILE"
+OTHERWISE = "To learn from logs: lidarcli background build LOG... -o FILE"
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("build empty.mcap -o b.parquet", BUILD),
-        ("build", BUILD),
-        ("build --help", BUILD),
-        ("-q build empty.mcap -o b.parquet", BUILD),
-        ("--config none build empty.mcap --plot b.png -o b.parquet", BUILD),
-        ("build --nonsense", BUILD),
-        ("info empty.parquet", INFO),
-        ("info empty.parquet --format json", INFO),
-        ("subtract run.mcap --background empty.parquet -o out", SUBTRACT),
-        ("subtract --background empty.parquet --removed run.mcap", SUBTRACT),
+        ("empty.mcap -o b.parquet", f"No such command 'empty.mcap'. {OTHERWISE}"),
+        ("-o b.parquet empty.mcap", f"No such option '-o'. {OTHERWISE}"),
+        ("--files-from list -o b.parquet", f"No such option '--files-from'. {OTHERWISE}"),
+        ("-q --config none a.mcap b.mcap -o b.parquet", f"No such command 'a.mcap'. {OTHERWISE}"),
+        ("build.mcap -o b.parquet", "No such command 'build.mcap'. Did you mean 'background build'?"),
+        ("info empty.parquet --format json", "The command 'info' is gone: lidarcli info FILE"),
+        ("build -o b.parquet", "Missing argument 'LOG...'."),
+        ("subtract run.mcap -o out", "Missing option '--background'."),
     ],
 )
-def test_the_commands_of_the_group_are_gone(
+def test_background_alone_names_its_commands(
     tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch, words: str, message: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -386,15 +387,40 @@ def test_the_commands_of_the_group_are_gone(
     assert [*tmp_path.iterdir()] == []
 
 
-def test_a_log_may_have_the_name_of_a_command_that_is_gone(
-    scene: Path, tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch
+def test_help_of_background_shows_both_commands(lidarcli: Run) -> None:
+    ran = lidarcli("background", "--help")
+    assert ran.code == 0
+    listed = [line.split()[0] for line in ran.out.split("Commands:\n")[1].splitlines()]
+    assert listed == ["build", "subtract"]
+
+
+@pytest.mark.parametrize(
+    "options", [("--beams",), ("--removed", "--any-frame", "--station-angle", "8"), ("--walls", "--memory")]
+)
+def test_subtract_writes_the_bytes_of_detect(
+    scene: Path, logs: Path, tmp_path: Path, lidarcli: Run, options: tuple[str, ...]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "build").write_bytes((scene / "empty.mcap").read_bytes())
-    assert lidarcli("background", "./build", "-o", "info").code == 0
-    assert lidarcli("background", "-o", "subtract", scene / "empty.mcap", "build").code == 0
-    assert pq.read_table("info")["sweeps"].to_pylist()[0] == 20
-    assert pq.read_table("subtract")["sweeps"].to_pylist()[0] == 40
+    asked = (logs / "run.mcap", "--background", scene / "empty.parquet", *options)
+    said = [
+        lidarcli("detect", *asked, "-o", tmp_path),
+        {path.name: path.read_bytes() for path in tmp_path.iterdir()},
+    ]
+    again = [
+        lidarcli("background", "subtract", *asked, "-o", tmp_path, "--overwrite"),
+        {path.name: path.read_bytes() for path in tmp_path.iterdir()},
+    ]
+    assert said == again
+    assert said[0].code == 0
+    for words in (("detect",), ("background", "subtract")):
+        assert lidarcli(*words, *asked[:3], "-o", "-").out.count('"change":"appeared"') == 30
+
+
+def test_subtract_has_the_options_of_detect(lidarcli: Run) -> None:
+    def shown(*words: str) -> list[tuple[str, str]]:
+        rows = json.loads(lidarcli("config", *words, "--format", "json").out)
+        return [(row["option"], row["value"]) for row in rows if row["option"] != "background"]
+
+    assert shown("background", "subtract") == shown("detect")
 
 
 def test_detect_finds_what_is_new(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
@@ -428,7 +454,7 @@ def test_detect_finds_what_is_new(scene: Path, logs: Path, tmp_path: Path, lidar
 def test_what_has_gone_is_there_when_it_is_asked_for(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     """The background of the first second, in which the second box had not left."""
     early = tmp_path / "early.parquet"
-    assert lidarcli("-q", "background", logs / "run.mcap", "-o", early, "--end", "0.95").code == 0
+    assert lidarcli("-q", "background", "build", logs / "run.mcap", "-o", early, "--end", "0.95").code == 0
     common = (
         "detect",
         logs / "run.mcap",
@@ -530,7 +556,7 @@ def test_views_that_do_not_overlap_are_refused(scene: Path, tmp_path: Path, lida
     write_log(tmp_path / "right.mcap", [empty_room(beams=90, first=-1.8)])
     write_log(tmp_path / "some.mcap", [empty_room(beams=90, first=-0.4)])
     left = tmp_path / "left.parquet"
-    assert lidarcli("-q", "background", tmp_path / "left.mcap", "-o", left).code == 0
+    assert lidarcli("-q", "background", "build", tmp_path / "left.mcap", "-o", left).code == 0
     ran = lidarcli("detect", tmp_path / "right.mcap", "--background", left, "-o", tmp_path)
     assert ran.code == 2
     assert ran.err == (
@@ -546,7 +572,7 @@ def test_views_that_do_not_overlap_are_refused(scene: Path, tmp_path: Path, lida
 
 def test_a_log_with_several_sensors(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     both = tmp_path / "two.parquet"
-    assert lidarcli("-q", "background", logs / "two.mcap", "-o", both).code == 0
+    assert lidarcli("-q", "background", "build", logs / "two.mcap", "-o", both).code == 0
     assert pq.read_table(both)["topic"].unique().to_pylist() == ["/front", "/rear"]
     ran = lidarcli("detect", logs / "two.mcap", "--background", both, "-o", tmp_path)
     assert ran.code == 0
@@ -586,7 +612,9 @@ closed = true
 
 def test_a_moving_sensor_has_stations(tmp_path: Path, lidarcli: Run) -> None:
     log, route = lap(tmp_path, "lap"), tmp_path / "route.parquet"
-    ran = lidarcli("background", log, "-o", route, "--station-distance", "0.35", "--station-angle", "10")
+    ran = lidarcli(
+        "background", "build", log, "-o", route, "--station-distance", "0.35", "--station-angle", "10"
+    )
     assert ran.code == 0
     table = pq.read_table(route).to_pandas()
     stations = table.groupby("station").first()
@@ -604,7 +632,7 @@ def test_a_moving_sensor_has_stations(tmp_path: Path, lidarcli: Run) -> None:
 
 def test_sweeps_without_a_station_are_counted(tmp_path: Path, lidarcli: Run) -> None:
     route = tmp_path / "route.parquet"
-    assert lidarcli("-q", "background", lap(tmp_path, "lap"), "-o", route).code == 0
+    assert lidarcli("-q", "background", "build", lap(tmp_path, "lap"), "-o", route).code == 0
     away = lap(tmp_path, "away", 5.0)
     ran = lidarcli("detect", away, "--background", route, "-o", tmp_path)
     assert ran.code == 0
@@ -649,7 +677,7 @@ def test_the_signature_shows_plain_numbers_in_the_units_of_the_options() -> None
 def test_the_samples(tmp_path: Path, lidarcli: Run) -> None:
     """Empty room, then the same room with five things in it: each is found in every sweep, and nothing else."""
     file = tmp_path / "empty.parquet"
-    assert lidarcli("-q", "background", EMPTY, "-o", file).code == 0
+    assert lidarcli("-q", "background", "build", EMPTY, "-o", file).code == 0
     assert lidarcli("-q", "detect", EMPTY, "--background", file, "-o", tmp_path, "--removed").code == 0
     assert pq.read_table(tmp_path / "room_empty.objects.parquet").num_rows == 0
     ran = lidarcli("detect", ROOM, "--background", file, "-o", tmp_path, "--removed")

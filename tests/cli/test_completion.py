@@ -39,7 +39,9 @@ def completed(*words: str) -> list[str]:
 
 def test_commands_options_and_values_are_completed() -> None:
     assert completed("de") == ["detect"]
-    assert completed("background", "--station-") == ["--station-distance", "--station-angle"]
+    assert completed("background", "") == ["build", "subtract"]
+    assert completed("background", "subtract", "--any") == ["--any-frame"]
+    assert completed("background", "build", "--station-") == ["--station-distance", "--station-angle"]
     assert completed("detect", "--min-") == ["--min-beams", "--min-thing"]
     assert completed("detect", "--profile", "") == ["robust", "paper"]
     assert completed("completion", "") == ["bash", "zsh", "fish"]

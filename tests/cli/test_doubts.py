@@ -19,7 +19,7 @@ COMMANDS = {
     "info": ("info",),
     "detect": ("detect", "-o", "t"),
     "track": ("track", "-o", "t"),
-    "background": ("background", "-o", "t.parquet"),
+    "background": ("background", "build", "-o", "t.parquet"),
     "map": ("map", "--poses", "p.tum", "-o", "m.yaml", "--resolution", "10", "--max-size", "100"),
     "overlay": ("overlay", "-o", "o.mcap"),
     "plot": ("plot", "-o", "p.png"),

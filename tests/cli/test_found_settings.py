@@ -96,7 +96,7 @@ def test_help_and_completion_say_nothing_of_settings(
         ('[detect]\noutput = "link/t"\n', "output", "link/t is outside {lab}"),
         ('[detect]\noutput = "round"\n', "output", "round is outside {lab}"),
         ('[detect]\noutput = "a\\u0000b"\n', "output", "a\\x00b is outside {lab}"),
-        ('[background]\nplot = "/tmp/x.png"\n', "plot", "/tmp/x.png is outside {lab}"),
+        ('[background.build]\nplot = "/tmp/x.png"\n', "plot", "/tmp/x.png is outside {lab}"),
         ('[simulate]\nmap = "../x.yaml"\n', "map", "../x.yaml is outside {lab}"),
         ('[detect]\nbackground = "s3://b/x?endpoint_override=h"\n', "background", OTHER),
         ('[report]\nlog = ["a.mcap", "//host/b"]\n', "log", OTHER),

@@ -165,7 +165,7 @@ def test_a_command_imports_nothing_that_it_does_not_use(
     assert ran.stdout.splitlines()[-1] == "0 []"
 
 
-@pytest.mark.parametrize("words", [(), ("detect",), ("background",)])
+@pytest.mark.parametrize("words", [(), ("detect",), ("background",), ("background", "build")])
 def test_help_is_a_word_too(lidarcli: Run, words: tuple[str, ...]) -> None:
     asked = lidarcli(*words, "--help")
     assert asked.out.startswith("Usage: lidarcli")

@@ -168,7 +168,7 @@ def test_a_background_is_that_of_the_whole_log(drive: Path, lidarcli: Run, tmp_p
     built = []
     for name, log in (("whole", [drive / "drive.mcap"]), ("joined", ["--join", drive / "parts"])):
         output = tmp_path / f"{name}.parquet"
-        assert lidarcli("-q", "background", *log, "-o", output).code == 0
+        assert lidarcli("-q", "background", "build", *log, "-o", output).code == 0
         built.append(pq.read_table(output))
     assert built[0].equals(built[1])
     subtract = ("detect", "--background", tmp_path / "joined.parquet")

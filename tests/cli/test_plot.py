@@ -97,7 +97,7 @@ def test_a_pipe_as_log(logs: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_background(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     table = tmp_path / "empty.parquet"
-    assert lidarcli("-q", "background", logs / "run.mcap", "-o", table).code == 0
+    assert lidarcli("-q", "background", "build", logs / "run.mcap", "-o", table).code == 0
     out = tmp_path / "change.png"
     ran = lidarcli("plot", logs / "run.mcap", "--sweep", 15, "--background", table, "-o", out)
     assert ran.code == 0
@@ -105,7 +105,7 @@ def test_a_background(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     with Image.open(out) as image:
         assert image.size == (1440, pytest.approx(1128, abs=10))
     ran = lidarcli("plot", logs / "run.mcap", "--background", logs / "run.mcap", "-o", tmp_path / "b.png")
-    way_out = "no Parquet file; give the table of lidarcli background"
+    way_out = "no Parquet file; give the table of lidarcli background build"
     assert (ran.code, ran.err) == (3, f"lidarcli: {logs / 'run.mcap'}: {way_out}\n")
 
 

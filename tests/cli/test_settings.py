@@ -70,11 +70,12 @@ def test_the_environment_names_a_file(lidarcli: Run, lab: Path, monkeypatch: pyt
 def test_what_stands_before_the_tables_is_for_every_command_that_has_it(lidarcli: Run, lab: Path) -> None:
     (lab / "lidarcli.toml").write_text(
         'range = [0.1, 20]\nno_return = ["inf", 81.91]\nverbose = false\n'
-        '[background]\nrange = [0.2, 30]\nplot = "scene.png"\n[detect]\ntopic = "/front"\n'
+        '[background.build]\nrange = [0.2, 30]\nplot = "scene.png"\n[detect]\ntopic = "/front"\n'
     )
     found = {name: value for name, (value, _) in origins(lidarcli).items()}
     assert found["detect range"] == found["track range"] == found["map range"] == "0.1 20"
-    assert found["background range"] == "0.2 30"
+    assert found["background build range"] == "0.2 30"
+    assert found["background subtract range"] == "0.1 20"
     assert found["detect no-return"] == "inf,81.91"
     assert found["detect topic"] == "/front"
     assert "report range" not in found
@@ -97,15 +98,17 @@ def test_paths_of_inputs_are_meant_from_the_folder_of_the_file(lidarcli: Run, la
         ("jbos = 1\n", "no option 'jbos'; did you mean 'jobs'?"),
         ("[plot]\nmap = true\n", "[plot]: no option 'map' any more: give --view map"),
         ("[detekt]\njobs = 1\n", "[detekt]: no such command; did you mean [detect]?"),
-        ("[background]\njobs = 1\n", "[background]: no option 'jobs'"),
         (
-            "[background.build]\njoin = true\n",
-            "[background.build]: no such command any more: lidarcli background LOG... -o FILE",
+            "[background]\nstation-distance = 0.5\n",
+            "[background]: no option 'station-distance': options stand below [background.build] or [background.subtract]",
         ),
+        ("[background.build]\njobs = 1\n", "[background.build]: no option 'jobs'"),
         (
-            "[background.subtract]\n",
-            "[background.subtract]: no such command any more: lidarcli detect LOG... --background FILE",
+            "[background.subtract]\njbos = 1\n",
+            "[background.subtract]: no option 'jbos'; did you mean 'jobs'?",
         ),
+        ("[background.build.x]\n", "[background.build.x]: no such command"),
+        ("[detect.x]\n", "[detect.x]: no such command"),
         (
             "[map]\nwithout_agents = true\n",
             "[map]: no option 'without_agents' any more: give --without agents",
@@ -114,7 +117,7 @@ def test_paths_of_inputs_are_meant_from_the_folder_of_the_file(lidarcli: Run, la
         ("[[detect]]\njobs = 1\n", "'detect' is a command: its options stand below a line [detect]"),
         ("[detect]\nmax_width = 1\nmax-width = 2\n", "[detect]: 'max-width' is set twice, with - and with _"),
         ("no-return = 'inf'\nno_return = 'zero'\n", "'no_return' is set twice, with - and with _"),
-        ("[background.biuld]\n", "[background.biuld]: no such command"),
+        ("[background.biuld]\n", "[background.biuld]: no such command; did you mean [background.build]?"),
         ("[detect]\nbeams = 1\n", "[detect]: 'beams' must be true or false"),
         ("[detect]\njobs = [1, 2]\n", "[detect]: 'jobs' takes one value, not a list"),
         ("[detect]\njobs = true\n", "[detect]: 'jobs' must be a text, a number or a list of them"),
@@ -192,6 +195,9 @@ def test_config_of_a_command_shows_every_option_of_it(lidarcli: Run, lab: Path) 
     assert "0.3" in lines["--min-thing"]
     assert "required" in lidarcli("config", "background").out
     assert lidarcli("config", "nothing").code == 2
+    assert lidarcli("config", "background", "nothing").code == 2
+    commands = {line.split("  ")[0] for line in lidarcli("config", "background").out.splitlines()}
+    assert commands == {"background build", "background subtract"}
     assert lidarcli("config").err.splitlines()[0].startswith("settings file: none")
 
 
@@ -205,20 +211,38 @@ def test_verbose_and_quiet_are_taken_before_and_after_the_command(
 
     assert run("-q").err == ""
     assert run("-v").err.startswith("1 log; profile=robust")
-    assert lidarcli("-q", "background", "-v", "x", "-o", "y").code == 2
+    assert lidarcli("-q", "background", "-v", "build", "x", "-o", "y").code == 2
+    assert "exclude each other" in lidarcli("background", "-q", "build", "-v", "x", "-o", "y").err
     assert "exclude each other" in lidarcli("-q", "info", "-v", "x").err
 
 
-def test_a_variable_of_a_command_that_is_gone_is_told(
+def test_a_variable_of_a_group_names_that_of_its_command(
     lidarcli: Run, lab: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("LIDARCLI_BACKGROUND_BUILD_STATION_DISTANCE", "0.5")
-    ran = lidarcli("background", str(logs / "run.mcap"), "-o", "b.parquet")
-    assert ran.code == 0
-    assert ran.err.splitlines()[0] == (
-        "lidarcli: LIDARCLI_BACKGROUND_BUILD_STATION_DISTANCE: background has no such option; did you mean "
-        "LIDARCLI_BACKGROUND_STATION_DISTANCE?"
+    monkeypatch.setenv("LIDARCLI_BACKGROUND_STATION_DISTANCE", "0.5")
+    monkeypatch.setenv("LIDARCLI_BACKGROUND_BUILD_EVERY", "2")
+    told = (
+        "lidarcli: LIDARCLI_BACKGROUND_STATION_DISTANCE: background has no such option; did you mean "
+        "LIDARCLI_BACKGROUND_BUILD_STATION_DISTANCE?"
     )
+    ran = lidarcli("background", "build", str(logs / "run.mcap"), "-o", "b.parquet")
+    assert ran.code == 0
+    assert ran.err.splitlines()[0] == told
+    assert "10 sweeps" in ran.err
+    assert lidarcli("-q", "config").err == f"{told}\n"
+    assert origins(lidarcli) == {"background build every": ("2", "LIDARCLI_BACKGROUND_BUILD_EVERY")}
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_named_file_is_for_a_nested_command_wherever_it_is_named(
+    lidarcli: Run, lab: Path, logs: Path, place: int
+) -> None:
+    (lab / "robot.toml").write_text("[background.build]\nevery = 5\n")
+    words: list[Any] = ["background", "build", logs / "run.mcap", "-o", "b.parquet"]
+    words[place:place] = ["--config", "robot.toml"]
+    ran = lidarcli(*words)
+    assert ran.code == 0
+    assert "4 sweeps" in ran.err
 
 
 def test_a_mistyped_command_has_a_suggestion(lidarcli: Run) -> None:

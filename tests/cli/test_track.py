@@ -199,7 +199,7 @@ def test_what_cannot_be_read_leaves_no_table(logs: Path, tmp_path: Path, lidarcl
 
 def test_a_background_leaves_what_differs(tmp_path: Path, lidarcli: Run, patient: None) -> None:
     background = tmp_path / "b.parquet"
-    assert lidarcli("-q", "background", SAMPLES / "room_empty.mcap", "-o", background).code == 0
+    assert lidarcli("-q", "background", "build", SAMPLES / "room_empty.mcap", "-o", background).code == 0
     ran = lidarcli(
         "track", SAMPLES / "room.mcap", "--background", background, "--walls", "--end", "0.5", "-o", tmp_path
     )
@@ -213,7 +213,7 @@ def test_a_background_leaves_what_differs(tmp_path: Path, lidarcli: Run, patient
 
 def test_what_has_gone_is_no_thing(tmp_path: Path, lidarcli: Run) -> None:
     background = tmp_path / "b.parquet"
-    assert lidarcli("-q", "background", SAMPLES / "room.mcap", "-o", background).code == 0
+    assert lidarcli("-q", "background", "build", SAMPLES / "room.mcap", "-o", background).code == 0
     options = ("--background", background, "--removed", "--end", "0.5", "-o", tmp_path)
     assert lidarcli("-q", "track", SAMPLES / "room_empty.mcap", *options).code == 0
     objects = pq.read_table(tmp_path / "room_empty.objects.parquet")

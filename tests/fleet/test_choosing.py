@@ -103,7 +103,7 @@ def test_a_dry_run_says_what_it_would_do_and_does_nothing(
 
 
 @pytest.mark.parametrize(
-    "arguments", [("info",), ("map", "-o", "map.yaml"), ("background", "-o", "b.parquet")]
+    "arguments", [("info",), ("map", "-o", "map.yaml"), ("background", "build", "-o", "b.parquet")]
 )
 def test_others_say_what_they_would_read(
     arguments: tuple[str, ...], bags: Path, lidarcli: Callable[..., Ran], tmp_path: Path

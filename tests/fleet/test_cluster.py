@@ -507,7 +507,7 @@ def test_ctrl_c_of_a_terminal_reaches_the_workers_too(tmp_path: Path, large_log:
 
 def test_what_is_compared_with_a_background_is_sent_along(tmp_path: Path, lidarcli: CommandLine) -> None:
     background = tmp_path / "empty.background.parquet"
-    assert lidarcli("background", SAMPLES / "room_empty.mcap", "-o", background).code == 0
+    assert lidarcli("background", "build", SAMPLES / "room_empty.mcap", "-o", background).code == 0
     command = ("detect", SAMPLES / "room.mcap", "--background", background)
     assert lidarcli(*command, "-o", tmp_path / "here").code == 0
     assert lidarcli(*command, "-o", tmp_path / "there", "--cluster", "local:1").code == 0

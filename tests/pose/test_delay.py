@@ -83,7 +83,7 @@ def test_detect_and_learn_take_the_delay(folder: Path, tmp_path: Path) -> None:
     same = min(len(other), len(one)) - 1
     np.testing.assert_allclose(other.poses.x[:same], one.poses.x[:same], atol=1e-9)
     file = tmp_path / "route.parquet"
-    command = ["-q", "background", str(folder / "late.mcap"), "-o", str(file), "--pose-delay", "0.2"]
+    command = ["-q", "background", "build", str(folder / "late.mcap"), "-o", str(file), "--pose-delay", "0.2"]
     assert run(command) == 0
     assert json.loads(pq.read_schema(file).metadata[b"lidarcli.parameters"])["pose_delay"] == 0.2
     # Who says nothing gets the poses by the delay that fits, and who says 0 gets them as the log tells them.
@@ -107,7 +107,7 @@ def test_detect_and_learn_take_the_delay(folder: Path, tmp_path: Path) -> None:
         ),
     ],
 )
-@pytest.mark.parametrize("command", ["detect", "background"])
+@pytest.mark.parametrize("command", ["detect", "background build"])
 def test_a_delay_that_cannot_be_is_refused(
     folder: Path,
     tmp_path: Path,
@@ -117,7 +117,7 @@ def test_a_delay_that_cannot_be_is_refused(
     message: str,
 ) -> None:
     output = str(tmp_path / "out.parquet")
-    assert run([command, str(folder / "right.mcap"), "-o", output, *options]) == 2
+    assert run([*command.split(), str(folder / "right.mcap"), "-o", output, *options]) == 2
     assert capfd.readouterr().err == f"lidarcli: {message}\n"
     assert list(tmp_path.iterdir()) == []
 

@@ -195,7 +195,7 @@ def test_backgrounds_maps_and_single_files(store: Store, lidarcli: CommandLine, 
     store.put("drive.db3", (SAMPLES / "drive.db3").read_bytes())
     base = f"s3://{store.bucket}"
     background = f"{base}/empty.background.parquet"
-    assert lidarcli("background", f"{base}/room_empty.mcap", "-o", background).code == 0
+    assert lidarcli("background", "build", f"{base}/room_empty.mcap", "-o", background).code == 0
     assert lidarcli("info", background).code == 0
     ran = lidarcli("detect", f"{base}/room.mcap", "--background", background, "-o", f"{base}/t/")
     assert ran.code == 0, ran.err

@@ -118,7 +118,7 @@ def test_no_sensor_is_a_valid_table(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (None, "no such file"),
-        (b"", "x.parquet: no Parquet file; give the table of lidarcli background$"),
+        (b"", "x.parquet: no Parquet file; give the table of lidarcli background build$"),
         (b"PAR1 and no more", "no background: "),
     ],
 )
@@ -140,7 +140,9 @@ def test_a_folder_is_no_background(tmp_path: Path) -> None:
 def test_another_table_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "x.parquet"
     pq.write_table(pa.table({"theta": [0.0]}), file)
-    with pytest.raises(UnreadableError, match="not a table of lidarcli background: no column beam, frame_id"):
+    with pytest.raises(
+        UnreadableError, match="not a table of lidarcli background build: no column beam, frame_id"
+    ):
         read_background(file)
 
 
@@ -188,5 +190,5 @@ def test_another_table_is_called_by_its_name(tmp_path: Path, kind: str, maker: s
     with pytest.raises(UnreadableError) as err:
         read_background(path)
     assert str(err.value) == (
-        f"{path}: this is the {kind} table of lidarcli {maker}; give the background table of lidarcli background"
+        f"{path}: this is the {kind} table of lidarcli {maker}; give the background table of lidarcli background build"
     )

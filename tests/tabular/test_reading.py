@@ -38,6 +38,7 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     background = [
         "-q",
         "background",
+        "build",
         str(folder / "room_empty.mcap"),
         "-o",
         str(folder / "b.parquet"),
@@ -162,7 +163,7 @@ def test_a_background_by_another_program_needs_its_metadata(
     assert run(["info", str(path)]) == 3
     assert capfd.readouterr().err == (
         f"lidarcli: {path}: no {GEOMETRY} in its metadata, which other programs leave out when they write a table; "
-        "build it again with lidarcli background\n"
+        "build it again with lidarcli background build\n"
     )
 
 

@@ -21,7 +21,7 @@ COMMANDS: tuple[tuple[list[str], tuple[str, ...]], ...] = (
         (["report", TABLE, "-o", f"out/r.{suffix}"], (f"r.{suffix}",))
         for suffix in ("html", "json", "txt", "xml", "md")
     ),
-    (["background", f"in/{LOG}", "-o", "out/b.parquet"], ("b.parquet",)),
+    (["background", "build", f"in/{LOG}", "-o", "out/b.parquet"], ("b.parquet",)),
     (
         ["simulate", "in/scene.toml", "-o", "out/s.csv", "--sweeps", "2"],
         ("s.csv", "s.truth.parquet", "s.truth-beams.parquet"),
@@ -47,16 +47,16 @@ KINDS = (
 )
 """A victim to link to (`new` ones are not there yet), a hard link to one, a folder, a link to itself."""
 SWAPS: tuple[list[str], ...] = (
-    ["background", f"in/{LOG}", "-o", f"in/{LOG}"],
+    ["background", "build", f"in/{LOG}", "-o", f"in/{LOG}"],
     ["simulate", "in/scene.toml", "-o", "in/scene.toml", "--container", "csv", "--sweeps", "2"],
     ["report", TABLE, "-o", TABLE, "--format", "json"],
     ["report", TABLE, "-o", "in/run.sweeps.parquet", "--format", "json"],
     ["report", TABLE, "--log", f"in/{LOG}", "-o", f"in/{LOG}", "--format", "html"],
     ["plot", f"in/{LOG}", "--sweep", "1", "-o", f"in/{LOG}"],
-    ["background", f"in/{LOG}", "-o", "out/b.parquet", "--plot", f"in/{LOG}"],
+    ["background", "build", f"in/{LOG}", "-o", "out/b.parquet", "--plot", f"in/{LOG}"],
     ["detect", f"in/{LOG}", "-o", "in", "--background", "in/run.objects.parquet"],
-    ["background", f"in/{LOG}", "-o", "out/alias.mcap"],
-    ["background", f"in/{LOG}", "-o", "in/../in/run.mcap"],
+    ["background", "build", f"in/{LOG}", "-o", "out/alias.mcap"],
+    ["background", "build", f"in/{LOG}", "-o", "in/../in/run.mcap"],
 )
 """Commands one of whose outputs is one of their inputs: an error, whatever --overwrite says."""
 

@@ -29,7 +29,7 @@ NUMBERS = (
 )
 _DETECT = ["-q", "detect", f"in/{LOG}", "-o", "out", "--overwrite"]
 _TRACK = ["-q", "track", f"in/{LOG}", "-o", "out", "--overwrite"]
-_BUILD = ["-q", "background", f"in/{LOG}", "-o", "out/b.parquet", "--overwrite"]
+_BUILD = ["-q", "background", "build", f"in/{LOG}", "-o", "out/b.parquet", "--overwrite"]
 _MAP = ["-q", "map", f"in/{LOG}", "-o", "out/m.yaml", "-o", "out/m.ply", "--overwrite"]
 _SIMULATE = ["-q", "simulate", "in/scene.toml", "-o", "out/run.csv", "--overwrite"]
 OPTIONS = [

@@ -20,6 +20,7 @@ TABLES = (
     "plot",
     "info",
     "background",
+    "background.build",
     "simulate",
     "odd",
 )

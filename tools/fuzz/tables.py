@@ -73,7 +73,7 @@ def tables() -> dict[str, bytes]:
         for command in (
             ["simulate", str(scene), "-o", path],
             ["track", path, "-o", folder, "--beams"],
-            ["background", path, "-o", background],
+            ["background", "build", path, "-o", background],
             ["simulate", str(later), "-o", after],
             ["diff", path, after, "-o", str(Path(folder) / DIFFERENCE)],
         ):

@@ -17,6 +17,7 @@ from os import PathLike, fspath
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast, get_type_hints
 
+from lidarcli.choices import NS
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.matching.catalogue import Catalogue
@@ -294,6 +295,7 @@ def detect_options(
         catalogue=read_catalogue(catalogue) if isinstance(catalogue, str | PathLike) else catalogue,
         tracking=tracking,
         explain=told.get("explain", False),
+        stamps=told.get("stamps", NS),
         jobs=told["jobs"] or 0,
         **more,
     )

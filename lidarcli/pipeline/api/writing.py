@@ -42,7 +42,9 @@ def export(tables: Tables, output: AnyPath, overwrite: bool = False, **options: 
     path = place(fspath(output))
     form = format_of(path)
     wanted = chosen(
-        tables_to_export(tables), parse_names(columns) if isinstance(columns, str) else [*columns]
+        tables_to_export(tables),
+        parse_names(columns) if isinstance(columns, str) else [*columns],
+        options["stamps"],
     )
     rows, notes = export_file(wanted, path, form, overwrite)
     for line in [*map(str, wanted.problems), *notes]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from lidarcli.choices import NS
 from lidarcli.formalism import Parameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
@@ -49,6 +50,8 @@ class DetectOptions:
     overwrite: bool = False
     layout: str | None = None
     """Layout of the tables below the folder, as of `table_path`."""
+    stamps: str = NS
+    """Unit of the stamps, as of `in_unit`."""
     jobs: int = 0
     """Processors to use at most, 0 for all; the result does not depend on it."""
     cores: int = field(default_factory=cores)
@@ -111,4 +114,5 @@ class DetectOptions:
             **background,
             **({} if self.tracking is None else {"tracking": self.tracking.as_dict()}),
             **({} if self.catalogue is None else {"catalogue": self.catalogue.as_dict()}),
+            **({} if self.stamps == NS else {"stamps": self.stamps}),
         }

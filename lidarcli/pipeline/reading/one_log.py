@@ -85,6 +85,21 @@ class RunSummary:
             return UnreadableError.exit_code
         return NoScanError.exit_code if self.missing_topics else 0
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary as plain values; of objects only where they were looked for (docs/ci.md)."""
+        found: dict[str, Any] = {"objects": self.objects + self.agents, "on_agents": self.agents}
+        found |= {"tracks": self.things, "moving": self.moved, "sets": dict(self.by_set)}
+        return {
+            "sweeps": self.sweeps,
+            "topics": sorted(self.topics),
+            "missing_topics": [*self.missing_topics],
+            "beams": dict(self.by_status),
+            **(found if self.by_set.total() == self.beams else {}),
+            "damage": self.damage,
+            "notes": self.notes,
+            "written": self.outputs,
+        }
+
     def add_sweeps(self, batch: SweepBatch) -> None:
         """Count the sweeps of one batch."""
         self.sweeps += len(batch)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -60,6 +61,9 @@ def attempt(source: Source | Nothing, work: Callable[[Source], T]) -> T | Failur
         if is_short_of_memory(err):
             return Failure(OUT_OF_MEMORY, UnreadableError.exit_code)
         return Failure(f"internal error: {type(err).__name__}: {err}", INTERNAL_ERROR, traceback.format_exc())
+    finally:
+        # Readers refer to themselves; over many logs such garbage would wait, as the command line looks for it rarely.
+        gc.collect(1)
 
 
 def outcome_of(source: Source | Nothing, work: Work) -> Outcome:

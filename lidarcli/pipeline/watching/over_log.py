@@ -40,6 +40,7 @@ from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.arrays import are
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import SCHEMAS
+from lidarcli.tabular.stamps import SAME_STAMP
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
 
 
@@ -182,7 +183,11 @@ class Watching:
         index = np.asarray(sweeps["sweep"])
         stamps = np.asarray(sweeps["stamp"].view(pa.int64()))
         at = np.minimum(np.searchsorted(index, batch.sweep), max(len(index) - 1, 0))
-        if not len(index) or (index[at] != batch.sweep).any() or (stamps[at] != batch.stamp_ns).any():
+        if (
+            not len(index)
+            or (index[at] != batch.sweep).any()
+            or (np.abs(stamps[at] - batch.stamp_ns) > SAME_STAMP).any()
+        ):
             raise UnreadableError(
                 f"{self._pair.sweeps}: not the table of these sweeps of {batch.topic}, which are not in it or have other "
                 f"stamps: give the same --start, --end and --every, or {AGAIN}"
