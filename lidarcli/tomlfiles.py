@@ -252,7 +252,7 @@ def _kind(value: object) -> str:
     if isinstance(value, bool):
         return "true or false"
     if isinstance(value, str):
-        return f"the text '{value}'"
+        return f"the text '{value if len(value) <= 60 else value[:57] + '...'}'"
     if isinstance(value, list):
         return "a list"
     if isinstance(value, Mapping):

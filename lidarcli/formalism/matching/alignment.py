@@ -178,7 +178,8 @@ def _slides(first: Nearest, second: Nearest, motion: Motion) -> bool:
     """Tell whether all structure in place is along one direction, so that nothing holds a motion along it."""
     index, away = first.of(*motion.of(*second.ground.points.T))
     near = index[away <= IN_PLACE]
-    normal = first.across[near[first.is_line[near]]]
+    across, is_line = first.lines
+    normal = across[near[is_line[near]]]
     if not len(normal):
         return False
     least, most = np.linalg.eigvalsh(normal.T @ normal).tolist()
@@ -222,6 +223,7 @@ def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:
     """Return the motion that brings points (N, 2) best onto the structure of the first run."""
     points = points[:: max(1, len(points) // REFINED_POINTS)]
     middle = points.mean(axis=0)
+    across, is_line = first.lines
     for reach in REACHES:
         x, y = motion.of(points[:, 0], points[:, 1])
         index, away = first.of(x, y)
@@ -229,7 +231,7 @@ def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:
         if len(near) < LEAST_POINTS:
             break
         target = first.ground.points[index[near]]
-        normal, on_line = first.across[index[near]], first.is_line[index[near]]
+        normal, on_line = across[index[near]], is_line[index[near]]
         off = np.column_stack([x[near], y[near]]) - target
         weight = 1.0 / (1.0 + (away[near] / (0.5 * reach)) ** 2) ** 2
         # About the middle of the points, a turn and a shift are nearly independent.
