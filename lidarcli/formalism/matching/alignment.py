@@ -91,7 +91,8 @@ class Fit:
 def fit(first: Nearest, second: Nearest, motion: Motion) -> Fit:
     """Return how well a run lies on the first one, moved to its coordinates."""
     shares, explained, against, squares = [], 0, 0, 0.0
-    both_free = float(np.mean(first.ground.state(*motion.of(*second.free.T)) == FREE)) * second.area
+    free = np.count_nonzero(first.ground.state(*motion.of(*second.free.T)) == FREE)
+    both_free = free / max(1, len(second.free)) * second.area
     common = both_free >= LEAST_COMMON * min(first.area, second.area)
     for here, there, way in ((first, second, motion), (second, first, motion.inverse)):
         x, y = way.of(there.ground.points[:, 0], there.ground.points[:, 1])
@@ -107,6 +108,15 @@ def fit(first: Nearest, second: Nearest, motion: Motion) -> Fit:
         common &= both >= max(LEAST_POINTS, LEAST_COMMON * least)
     rms = math.sqrt(squares / explained) if explained else math.nan
     return Fit(motion, min(shares), explained, against, rms, common)
+
+
+def settle(first: Nearest, second: Nearest) -> tuple[Fit, Fit | None]:
+    """Return how well a run lies on the first one as it is, and a shift and turn close by that explains clearly more."""
+    here = fit(first, second, HERE)
+    if not len(first.ground.points) or not len(second.ground.points):
+        return here, None
+    better = _fitted(first, second, HERE)
+    return here, better if better.lies and not _explains_as_much(here, better) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,8 +188,8 @@ def _slides(first: Nearest, second: Nearest, motion: Motion) -> bool:
     """Tell whether all structure in place is along one direction, so that nothing holds a motion along it."""
     index, away = first.of(*motion.of(*second.ground.points.T))
     near = index[away <= IN_PLACE]
-    across, is_line = first.lines
-    normal = across[near[is_line[near]]]
+    across, is_line = first.lines(near)
+    normal = across[is_line]
     if not len(normal):
         return False
     least, most = np.linalg.eigvalsh(normal.T @ normal).tolist()
@@ -223,7 +233,6 @@ def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:
     """Return the motion that brings points (N, 2) best onto the structure of the first run."""
     points = points[:: max(1, len(points) // REFINED_POINTS)]
     middle = points.mean(axis=0)
-    across, is_line = first.lines
     for reach in REACHES:
         x, y = motion.of(points[:, 0], points[:, 1])
         index, away = first.of(x, y)
@@ -231,7 +240,7 @@ def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:
         if len(near) < LEAST_POINTS:
             break
         target = first.ground.points[index[near]]
-        normal, on_line = across[index[near]], is_line[index[near]]
+        normal, on_line = first.lines(index[near])
         off = np.column_stack([x[near], y[near]]) - target
         weight = 1.0 / (1.0 + (away[near] / (0.5 * reach)) ** 2) ** 2
         # About the middle of the points, a turn and a shift are nearly independent.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -146,7 +145,9 @@ def _laid(
     if height * width > MOST_CELLS:
         raise TooLargeError(f"{width * side:,.0f} x {height * side:,.0f} m")
     layers = np.empty((height, width), np.int8), *np.empty((2, height, width), np.int32)
-    middle_x, middle_y = ((np.arange(many) + first + 0.5) * side for many, first in ((width, left), (height, low)))
+    middle_x, middle_y = (
+        (np.arange(many) + first + 0.5) * side for many, first in ((width, left), (height, low))
+    )
     step = max(1, AT_ONCE // max(width, 1))
     for begin in range(0, height, step):
         rows = slice(begin, begin + step)
@@ -275,7 +276,12 @@ class Nearest:
         flat = self._index.reshape(-1)
         flat[cell] = which + 1
         # What is within a mass of others is nearest to no other cell.
-        beside = (flat[cell + 1] > 0) & (flat[cell - 1] > 0) & (flat[cell + across] > 0) & (flat[cell - across] > 0)
+        beside = (
+            (flat[cell + 1] > 0)
+            & (flat[cell - 1] > 0)
+            & (flat[cell + across] > 0)
+            & (flat[cell - across] > 0)
+        )
         edge, cells = which[~beside], cell[~beside]
         # The farthest first, so that nearer points take their place.
         for at in np.argsort(-distance, kind="stable").tolist():
@@ -283,10 +289,17 @@ class Nearest:
                 flat[cells + int(dy[at]) * across + int(dx[at])] = edge + 1
         flat[cell] = which + 1
 
-    @cached_property
-    def lines(self) -> tuple[Float64, Bool]:
-        """(N, 2) normal of the line through each point and its neighbours, and (N,) whether they lie on one."""
-        return _lines(self.ground.points, self._cell, self._index, self.ground.resolution)
+        self._lines = np.empty((len(x), 2)), np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_)
+
+    def lines(self, index: Int64) -> tuple[Float64, Bool]:
+        """Return (K, 2) the normals of the lines through points and their neighbours, and (K,) whether they lie on one."""
+        across, is_line, is_known = self._lines
+        new = np.unique(index[~is_known[index]])
+        for begin in range(0, len(new), AT_ONCE):
+            which = new[begin : begin + AT_ONCE]
+            across[which], is_line[which] = _lines(self.ground, self._cell, self._index, which)
+            is_known[which] = True
+        return across[index], is_line[index]
 
     def of(self, x: Float64, y: Float64) -> tuple[Int64, Float64]:
         """Return (K,) the index of the nearest point of each place, -1 for none, and its distance [m], inf for none."""
@@ -304,24 +317,20 @@ class Nearest:
         return index, away
 
 
-def _lines(points: Float64, cell: Int64, index: Int32, side: float) -> tuple[Float64, Bool]:
-    """Return what `Nearest.lines` holds, of points in cells of an index."""
-    flat, across = index.reshape(-1), index.shape[1]
-    reach = max(1, round(ON_LINE / side))
-    sums = np.zeros((len(points), 6))
-    inner = np.flatnonzero(cell >= 0)
-    for begin in range(0, len(inner), AT_ONCE):
-        which = inner[begin : begin + AT_ONCE]
-        mine, found = cell[which], np.zeros((6, len(which)))
-        for dy in range(-reach, reach + 1):
-            for dx in range(-reach, reach + 1):
-                at = np.clip(mine + dy * across + dx, 0, flat.size - 1)
-                other = flat[at] - 1
-                there = np.flatnonzero((other >= 0) & (cell[other] == at))
-                u, v = (points[other[there]] - points[which[there]]).T
-                for each, value in zip(found, (1.0, u, v, u * u, u * v, v * v), strict=True):
-                    each[there] += value
-        sums[which] = found.T
+def _lines(ground: Ground, cell: Int64, index: Int32, which: Int64) -> tuple[Float64, Bool]:
+    """Return what `Nearest.lines` does, of points in cells of an index."""
+    points, flat, across = ground.points, index.reshape(-1), index.shape[1]
+    reach = max(1, round(ON_LINE / ground.resolution))
+    sums = np.zeros((6, len(which)))
+    for dy in range(-reach, reach + 1):
+        for dx in range(-reach, reach + 1):
+            at = np.clip(cell[which] + dy * across + dx, 0, flat.size - 1)
+            other = flat[at] - 1
+            there = np.flatnonzero((other >= 0) & (cell[other] == at) & (cell[which] >= 0))
+            u, v = (points[other[there]] - points[which[there]]).T
+            for each, value in zip(sums, (1.0, u, v, u * u, u * v, v * v), strict=True):
+                each[there] += value
+    sums = sums.T
     number = np.maximum(sums[:, 0], 1.0)
     mean_x, mean_y = sums[:, 1] / number, sums[:, 2] / number
     xx, xy, yy = (
