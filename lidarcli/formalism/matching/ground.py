@@ -25,7 +25,7 @@ STRAIGHT = 0.1
 """Greatest ratio of the variances across and along a line."""
 MOST_CELLS = 100_000_000
 """Most cells of several grounds together: those of the largest map at 5 cm."""
-FREE_SIDE = 1000
+FREE_SIDE = 300
 """Most places in a row, and rows of them, by which free ground is compared."""
 AT_ONCE = 1 << 18
 """Number of points, or of cells, that are worked on at once."""
@@ -108,10 +108,11 @@ class Ground:
         def read(x: Float64, y: Float64) -> _Layers:
             mine, before = self._at(x, y), older._at(x, y)
             seen = mine[0] != UNKNOWN
-            cells, passes, looks = (np.where(seen, *both) for both in zip(mine, before, strict=True))
-            return cells, passes, looks
+            cells, passes, looks = (np.where(seen, mine[k], before[k]) for k in range(3))
+            return cells.astype(np.int8), passes, looks
 
-        left, low, cells, passes, looks = _laid(self.resolution, *np.array(corners).T, read)
+        x, y = np.array(corners).T
+        left, low, cells, passes, looks = _laid(self.resolution, x, y, read)
         kept = older.points[self.state(older.points[:, 0], older.points[:, 1]) == UNKNOWN]
         points = np.concatenate([self.points, kept])
         return Ground(
@@ -124,7 +125,8 @@ class Ground:
         cells = np.where(inside, self.cells[row, column], UNKNOWN).astype(np.int8)
         if self.passes is None or self.looks is None:
             return cells, np.int32(SEEN_FREE) * (cells == FREE), np.int32(SEEN_FREE) * (cells != UNKNOWN)
-        return cells, *(np.where(inside, layer[row, column], 0) for layer in (self.passes, self.looks))
+        passes, looks = (np.where(inside, layer[row, column], 0) for layer in (self.passes, self.looks))
+        return cells, passes, looks
 
 
 _Layers = tuple[Int8, Int32, Int32]
