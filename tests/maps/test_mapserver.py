@@ -17,7 +17,6 @@ from PIL import Image
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.maps import mapserver
-from lidarcli.maps import mapserver
 from lidarcli.maps.mapserver import pgm_bytes, read_map, yaml_bytes
 
 GRID = Occupancy(0.05, -1.25, 3 * 0.05, np.array([[-1, 0, 100, 0], [100, -1, 0, 0], [0, 0, 0, 100]], np.int8))
