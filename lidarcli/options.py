@@ -863,7 +863,9 @@ class Simulating(TypedDict, total=False):
         "for diff TRUTH.yaml MAP.yaml.",
     ]
     map_resolution: Annotated[
-        float | None, Option(LOG, WIDTH, shown=f"{MAP_RESOLUTION:g}"), "Side of the cells of that map."
+        float | None,
+        Option(LOG, Number("METRES", *MAP_RESOLUTIONS), shown=f"{MAP_RESOLUTION:g}"),
+        "Side of the cells of that map.",
     ]
     sweeps: Annotated[
         int | None, Option(RUN, ANY_COUNT, shown="from the scene", unless=("duration",)), "Number of sweeps."

@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.choices import MAP_RESOLUTIONS
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Int8, Occupancy
 from lidarcli.ros.mcap_file import add_channel, offered, start_ros2
+from lidarcli.tomlfiles import LARGEST
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -29,7 +31,9 @@ OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 LONGEST_YAML = 1 << 16
 """Longest YAML file that is read [bytes]: maps need some two hundred, and parsing is slow."""
 MOST_PIXELS = 400_000_000
-"""Largest image that is read [pixels]: 1 km x 1 km in cells of 5 cm."""
+"""Largest image that is read [pixels]: 1 km x 1 km in cells of 5 cm; …"""
+MOST_PACKED_PIXELS = 40_000_000
+"""… one of fewer bytes than pixels: 300 m x 300 m in cells of 5 cm."""
 LEAST_YAW = 1e-6
 """Least turn of a map that is no rounding [rad]: 1 mm at 1 km."""
 
@@ -113,13 +117,11 @@ def _described(path: Path) -> _Described:
     missing = [key for key in _KEYS if key not in values]
     if missing:
         raise _refused(path, f"no {', '.join(missing)}, hence no map of map_server", "add what is missing")
-    resolution = _number(path, "resolution", values["resolution"])
-    if resolution <= 0:
-        raise _refused(path, f"resolution is {resolution:g} m, not above 0", _SAVE_AGAIN)
+    resolution = _number(path, "resolution", values["resolution"], *MAP_RESOLUTIONS)
     origin = values["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
         raise _refused(path, "origin is not [x, y, yaw]", _SAVE_AGAIN)
-    x, y, yaw = (_number(path, "origin", value) for value in origin)
+    x, y, yaw = (_number(path, "origin", value, -LARGEST, LARGEST) for value in origin)
     if abs(yaw) > LEAST_YAW:
         turned = f"origin has a yaw of {yaw:g} rad, and maps that are turned are not supported"
         raise _refused(path, turned, "turn the image and set the yaw to 0")
@@ -136,8 +138,7 @@ def _described(path: Path) -> _Described:
         x,
         y,
         _TRUTHS[negate.lower()],
-        _number(path, "occupied_thresh", values["occupied_thresh"]),
-        _number(path, "free_thresh", values["free_thresh"]),
+        *(_number(path, key, values[key], -LARGEST, LARGEST) for key in ("occupied_thresh", "free_thresh")),
     )
 
 
@@ -183,10 +184,10 @@ def _plain(node: Node) -> str | list[str | None] | None:
     return [scalar(item) for item in node.value] if isinstance(node, SequenceNode) else scalar(node)
 
 
-def _number(path: Path, key: str, text: object) -> float:
+def _number(path: Path, key: str, text: object, least: float, most: float) -> float:
     number = float(text) if isinstance(text, str) and _NUMBER.fullmatch(text) else math.nan
-    if not math.isfinite(number):
-        raise _refused(path, f"{key} is {_shown(text)}, not a finite number", _SAVE_AGAIN)
+    if not least <= number <= most:
+        raise _refused(path, f"{key} is {_shown(text)}, not a number from {least:g} to {most:g}", _SAVE_AGAIN)
     return number
 
 
@@ -208,7 +209,7 @@ def _cells(path: Path, described: _Described) -> Int8:
         with named.open("rb") as file, warnings.catch_warnings():
             # Pillow warns of large images, which have their own bound here, and of what it could put right.
             warnings.simplefilter("ignore")
-            return _decoded(path, shown, file, described)
+            return _decoded(path, shown, file, found.st_size, described)
     except UnreadableError:
         raise
     except (FileNotFoundError, NotADirectoryError) as err:
@@ -222,24 +223,25 @@ def _cells(path: Path, described: _Described) -> Int8:
         raise _refused(path, f"{shown} cannot be read: {_reason(err)}", _SAVE_AGAIN) from err
 
 
-def _decoded(path: Path, shown: str, file: BinaryIO, described: _Described) -> Int8:
+def _decoded(path: Path, shown: str, file: BinaryIO, size: int, described: _Described) -> Int8:
     image = _opened(path, shown, file)
     width, height = image.size
-    if width * height > MOST_PIXELS:
-        large = f"{shown} has {width:,} x {height:,} pixels, and no more than {MOST_PIXELS:,} are read"
+    most = min(max(size, MOST_PACKED_PIXELS), MOST_PIXELS)
+    if width * height > most:
+        large = f"{shown} has {width:,} x {height:,} pixels, and no more than {most:,} are read"
         raise _refused(path, large, "cut it, or save the map with larger cells")
     image.load()
     cells = np.empty((height, width), np.int8)
     tables: dict[int, Int8] = {}
     for columns, rows in _squares(width, height):
         part: Any = image.crop((columns.start, rows.start, columns.stop, rows.stop))
-        levels, most, opaque = _levels(part, described.mode == "trinary")
-        if most not in tables:
-            tables[most] = _judged(np.arange(most + 1) / most, described)
-        cells[rows, columns] = tables[most][levels]
+        levels, white, opaque = _levels(part, described.mode == "trinary")
+        if white not in tables:
+            tables[white] = _judged(np.arange(white + 1) / white, described)
+        cells[::-1][rows, columns] = tables[white][levels]
         if opaque is not None and described.mode == "scale":
-            cells[rows, columns][~opaque] = UNKNOWN
-    return np.ascontiguousarray(cells[::-1])
+            cells[::-1][rows, columns][~opaque] = UNKNOWN
+    return cells
 
 
 def _opened(path: Path, shown: str, file: BinaryIO) -> ImageFile:

@@ -32,14 +32,16 @@ from lidarcli.formalism.mapping.occupancy import (
     HIT,
     OCCUPIED,
     SKIPPED,
+    TOLERANCE,
     UNKNOWN,
     Occupancy,
     UnlikeError,
     compare,
 )
-from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, NEAR_HERE_TURN, Fit, fit, search
+from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, NEAR_HERE_TURN, Fit, search, settle
 from lidarcli.formalism.matching.differences import (
     GONE,
+    MOST_CHANGES,
     MOVED,
     NEW,
     STRUCTURE,
@@ -47,9 +49,10 @@ from lidarcli.formalism.matching.differences import (
     Changes,
     Compared,
     Run,
+    TooManyError,
 )
 from lidarcli.formalism.matching.extents import BESIDE, measured, within
-from lidarcli.formalism.matching.ground import SEEN_FREE, Ground, Nearest, Surveying, of_map
+from lidarcli.formalism.matching.ground import MOST_CELLS, SEEN_FREE, Ground, Nearest, Surveying, of_map
 from lidarcli.formalism.matching.pairs import SAME_PLACE
 from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, proposals
 from lidarcli.formalism.tracking.results import ENDS
@@ -79,8 +82,10 @@ from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_me
 from lidarcli.times import SECOND_NS
 
 AUTO, AS_IS, _ = ALIGN
-MOST_THINGS = 2000
+MOST_THINGS = 1000
 """Most standing things of a run: each is compared with all of another one."""
+MOST_OCCUPIED = 1_500_000
+"""Most occupied cells of a map from a file: 75 km of walls at 5 cm."""
 LEAST_SWEEPS, LEAST_SECONDS = 10, 2.0
 """Fewest sweeps, and shortest time [s], in which a standing thing was seen."""
 LEAST_WAY = 0.5
@@ -309,13 +314,22 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
     """
     if one.kind == "map":
         grid = read_map(Path(one.text))
+        if grid.occupied > MOST_OCCUPIED:
+            raise UnreadableError(
+                f"{one.text}: {grid.occupied:,} occupied cells are more than can be compared ({MOST_OCCUPIED:,}); make "
+                "what lies behind walls unknown, or save the map with larger cells"
+            )
         return Seen(one.text, Run(*_NOTHING, of_map(grid), np.empty((0, 2))), MAP_WORLD, grid=grid)
-    if one.kind == "background":
-        return _of_background(one.text)
-    if one.source is None:
+    if one.source is None and one.kind == "tracks":
         table = read_tracks_table(place(one.text))
         return _of_tracks(one.text, table, {}, {})
-    return _of_log(one.source, options, progress)
+    try:
+        return _of_background(one.text) if one.source is None else _of_log(one.source, options, progress)
+    except TooLargeError as err:
+        raise OptionError(
+            f"{one.text}: the ground would reach over {err}, more than {MAX_MAP_KM2:g} km²: a pose or a "
+            "range may be far off; limit the log (--range, --start, --end)"
+        ) from err
 
 
 _NO_VALUE, _NO_CODE = np.empty(0), np.empty(0, np.int32)
@@ -422,13 +436,7 @@ def _survey(
                     poses = SweepPoses(zero, zero, zero, np.zeros(len(mine), np.bool_))
                 known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
                 survey = surveys.setdefault(world, Surveying(Counts(MAP_RESOLUTION, most)))
-                try:
-                    survey.add(placed(mine.rows(known), poses.rows(known), use[at][known]), agents[at][known])
-                except TooLargeError as err:
-                    raise OptionError(
-                        f"{source.label}: the ground would reach over {err}, more than {MAX_MAP_KM2:g} km²: a pose or a "
-                        "range may be far off; limit the log (--range, --start, --end)"
-                    ) from err
+                survey.add(placed(mine.rows(known), poses.rows(known), use[at][known]), agents[at][known])
                 places.setdefault(world, []).append(np.column_stack([poses.x, poses.y])[known])
         summary = reading.close()
         described = reading.describe(source)
@@ -482,7 +490,7 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
     at = at[_distinct({name: values[at] for name, values in number.items()}, sweeps[at])]
     if len(at) > MOST_THINGS:
         raise OptionError(
-            f"{name}: {len(at):,} standing things are more than can be compared ({MOST_THINGS:,}); take a part with --end"
+            f"{name}: more than {MOST_THINGS:,} standing things cannot be compared; take a part with --end"
         )
     shapes, labels = ([_code(each) for each in rows[column]] for column in ("shape", "label"))
     things = Standing(
@@ -522,9 +530,13 @@ def _distinct(number: dict[str, Float64], sweeps: Int64) -> Int64:
     """
     kept: list[int] = []
     places = np.column_stack([number["x"], number["y"]])
+    alone = np.ones(len(places), np.bool_)
     for k in np.argsort(-sweeps, kind="stable").tolist():
-        if not any(within(places[k : k + 1], _box(number, other), BESIDE)[0] for other in kept):
+        if alone[k]:
             kept.append(k)
+            alone &= ~within(places, _box(number, k), BESIDE)
+        if len(kept) > MOST_THINGS:
+            break
     return np.array(sorted(kept), np.int64)
 
 
@@ -566,7 +578,10 @@ def diff_inputs(
             each.name = f"{each.name} ({known[each.name]})"
     for each in seen:
         each.log = [each.name] * len(each.log)
-    return _compared([one.text for one in inputs], seen, options)
+    try:
+        return _compared([one.text for one in inputs], seen, options)
+    except TooLargeError as err:
+        raise OptionError(f"the ground of all runs would reach over {err}; compare fewer of them") from err
 
 
 def _told(report: LogProgress, source: Source) -> Progress:
@@ -591,7 +606,13 @@ def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions)
         label = labels[0] if number == 1 else "the runs before"
         step, chance = _align(reference, now, nearest, options.align, label, labels[number], notes)
         compared = Compared(reference.run, now.run, step.motion, nearest, chance, options.min_score)
-        changes = compared.changes()
+        try:
+            changes = compared.changes()
+        except TooManyError as err:
+            raise UnreadableError(
+                f"{label} and {labels[number]} differ in {err} places of their structure, more than are told "
+                f"({MOST_CHANGES:,}); are they of one place?"
+            ) from err
         rows += _rows(changes, reference, now, step.motion, seers)
         ground = None if reference.run.ground is None else reference.run.ground.occupancy()
         sensors = np.column_stack(step.motion.of(*now.run.sensors.T))
@@ -605,7 +626,7 @@ def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions)
     figures["overlap"] = min(overlaps) if overlaps else None
     if len(seen) == 2 and seen[0].grid is not None and seen[1].grid is not None:
         try:
-            found = compare(_laid(seen[1].grid, steps[0].motion), seen[0].grid)
+            found = compare(_laid(seen[1].grid, steps[0].motion), seen[0].grid, 2 * TOLERANCE)
         except UnlikeError as err:
             raise OptionError(
                 f"{labels[0]} and {labels[1]}: {err}; make the map with --resolution {seen[0].grid.resolution:g}"
@@ -634,7 +655,10 @@ def _laid(grid: Occupancy, motion: Motion) -> Occupancy:
     left, low = (math.floor(values.min() / side) for values in (x, y))
     columns = np.floor(x / side).astype(np.int64) - left
     rows = np.floor(y / side).astype(np.int64) - low
-    cells = np.full((int(rows.max()) + 1, int(columns.max()) + 1), UNKNOWN, np.int8)
+    height, width = int(rows.max()) + 1, int(columns.max()) + 1
+    if height * width > MOST_CELLS:
+        raise TooLargeError(f"{width * side:,.0f} x {height * side:,.0f} m")
+    cells = np.full((height, width), UNKNOWN, np.int8)
     cells[rows, columns] = OCCUPIED
     return Occupancy(side, left * side, low * side, cells, grid.frame_id)
 
@@ -653,11 +677,23 @@ def _align(
     common = reference.is_common and reference.world == now.world
     as_is = how == AS_IS or (how == AUTO and common)
     if as_is:
-        here = None if first is None or second is None else fit(first, second, HERE)
-        if here is not None and not here.lies:
-            raise UnreadableError(_lies_not(label, other, here) + "; as they are, that is (--align search)")
         words = f"as they are, in the frame {reference.world}" if common else "as they are"
-        return _step(reference, now, HERE, here, words), 1.0
+        if first is None or second is None:
+            return _step(reference, now, HERE, None, words), 1.0
+        here, better = settle(first, second)
+        if better is not None:
+            way = (
+                f"{math.hypot(better.motion.x, better.motion.y):.2f} m, {_degrees(better.motion):.1f} degrees"
+            )
+            notes.append(
+                f"{label} and {other} lie better on each other if shifted by {way}: {better.overlap:.0%} of the structure "
+                f"in place, not {here.overlap:.0%}; poses of one may be off"
+            )
+            if how == AUTO:
+                here, words = better, f"shifted, in the frame {reference.world}"
+        if not here.lies:
+            raise UnreadableError(_lies_not(label, other, here) + "; as they are, that is (--align search)")
+        return _step(reference, now, here.motion, here, words), 1.0
     if first is None or second is None:
         motion, chance = align(reference.run.things, now.run.things)
         if motion is None:

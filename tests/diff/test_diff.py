@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -305,6 +306,31 @@ def test_runs_that_drove_in_one_world(tmp_path: Path) -> None:
     found = package.diff(one, odometry)
     assert found.lines[0].startswith("aligned by structure: ")
     assert counts(found) == {"known": 4, "gone": 1}
+
+
+@pytest.mark.slow
+def test_a_localisation_that_is_off_is_put_right_and_told(tmp_path: Path) -> None:
+    """By the poses of the second run all of the room lies 0.25 m farther on."""
+    shifted = (
+        closed([(x + 0.25, y) for x, y in ROOM]),
+        *(replace(box, x=box.x + 0.25) for box in BOXES if box is not BOXES[3]),
+    )
+    one = write_run(tmp_path / "a.mcap", SCENE, odometry=ODOMETRY)
+    other = write_run(tmp_path / "b.mcap", shifted, seed=1, odometry=ODOMETRY)
+    found, back = package.diff(one, other), package.diff(other, one)
+    assert counts(found) == {"known": 4, "gone": 1}
+    assert counts(back) == {"known": 4, "new": 1}
+    for each, way in ((found, -1.0), (back, 1.0)):
+        motion = each.steps[0].motion
+        assert (motion.x, motion.y, motion.angle) == pytest.approx((0.25 * way, 0.0, 0.0), abs=0.01)
+        assert each.lines[0].startswith("shifted, in the frame map: 0.25 m, 0.0 degrees; 9")
+        assert re.search(
+            r"lie better on each other if shifted by 0.25 m, 0.0 degrees: 9\d% of the", each.notes[-1]
+        )
+    asis = package.diff(one, other, align="as-is")
+    assert asis.notes[-1] == found.notes[-1]
+    assert asis.lines[0].startswith("as they are, in the frame map; 67%")
+    assert counts(asis)["moved"] >= 3
 
 
 @pytest.fixture(scope="module")

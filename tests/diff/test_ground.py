@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from lidarcli.formalism.mapping.counts import TooLargeError
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.formalism.matching.alignment import fit, refine
 from lidarcli.formalism.matching.ground import REACH, SEEN_FREE, Ground, Nearest, of_map
@@ -58,6 +59,33 @@ def test_the_nearest_point_is_found_within_reach_and_no_farther() -> None:
     for at in (0, 2):
         assert away[at] == pytest.approx(brute[at].min(), abs=SIDE)
     assert near.area == pytest.approx(np.count_nonzero(ground.cells == FREE) * SIDE**2, rel=0.05)
+
+
+def test_within_a_mass_the_nearest_point_is_its_own_and_beside_it_one_of_its_edge() -> None:
+    cells = np.full((60, 70), FREE, np.int8)
+    cells[15:40, 20:50] = OCCUPIED
+    cells[12, 5] = cells[50, 60] = OCCUPIED
+    ground = of_map(Occupancy(SIDE, -1.0, 0.5, cells))
+    row, column = (part.ravel() for part in np.indices(cells.shape))
+    x, y = -1.0 + (column + 0.5) * SIDE, 0.5 + (row + 0.5) * SIDE
+    brute = np.hypot(x[:, None] - ground.points[:, 0], y[:, None] - ground.points[:, 1]).min(axis=1)
+    _, away = Nearest(ground).of(x, y)
+    assert away == pytest.approx(np.where(brute <= REACH + 1e-9, brute, np.inf))
+
+
+def test_large_free_ground_is_compared_by_some_of_its_places() -> None:
+    cells = np.full((700, 1500), FREE, np.int8)
+    cells[:, :500] = UNKNOWN
+    near = Nearest(of_map(Occupancy(SIDE, 0.0, 0.0, cells)))
+    assert len(near.free) == -(-700 // 3) * 200
+    assert near.area == pytest.approx(700 * 1000 * SIDE**2, rel=0.01)
+
+
+def test_grounds_far_apart_are_not_laid_over_each_other() -> None:
+    with pytest.raises(TooLargeError, match=r"^1,006 x 1,004 m$"):
+        room().over(room(corner=(997.0, 998.0)))
+    with pytest.raises(TooLargeError):
+        room(30_000.0, 3.0).moved(Motion(0.8, 0.0, 0.0))
 
 
 def test_a_ground_lies_on_itself_and_not_where_it_is_not() -> None:

@@ -24,7 +24,7 @@ MODULES = tuple(
     f"matching.{name}" for name in ("differences", "pairs", "extents", "ground", "alignment", "runs")
 )
 NUMERICAL = {
-    *("pairs.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "runs.PROPOSALS_AT_ONCE"),
+    *("pairs.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "runs.PROPOSALS_AT_ONCE", "ground.AT_ONCE"),
     *(f"differences.{name}" for name in ("THING", "STRUCTURE", "KNOWN", "MOVED", "NEW", "GONE", "UNCERTAIN")),
     *(
         f"differences.{name}"

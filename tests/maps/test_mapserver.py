@@ -296,6 +296,19 @@ def refused(path: Path) -> str:
     return said
 
 
+def test_a_large_image_needs_as_many_bytes_as_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A PNG of 8 kB may have 9 million pixels, and a bit of a PBM is one."""
+    monkeypatch.setattr(mapserver, "MOST_PACKED_PIXELS", 100)
+    path = put(tmp_path, GRID)
+    (tmp_path / "map.pgm").write_bytes(b"P5\n20 20\n255\n" + bytes(400))
+    assert read_map(path).occupied == 400
+    (tmp_path / "map.pgm").write_bytes(b"P4\n20 20\n" + bytes(60))
+    assert "has 20 x 20 pixels, and no more than 10" in refused(path)
+    monkeypatch.setattr(mapserver, "MOST_PIXELS", 399)
+    (tmp_path / "map.pgm").write_bytes(b"P5\n20 20\n255\n" + bytes(400))
+    assert refused(path).endswith("no more than 399 are read; cut it, or save the map with larger cells")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -305,22 +318,26 @@ def refused(path: Path) -> str:
         (YAML, "", "not the YAML of a map"),
         (YAML, "- image\n- map\n", "not the YAML of a map"),
         (YAML, "just a text", "not the YAML of a map"),
-        ("0.050", ".nan", "resolution is '.nan', not a finite number"),
-        ("0.050", ".inf", "resolution is '.inf', not a finite number"),
-        ("0.050", "1e999", "resolution is '1e999', not a finite number"),
-        ("0.050", "five", "resolution is 'five', not a finite number"),
-        ("0.050", "[0.05]", "resolution is a list, not a finite number"),
-        ("0.050", "{a: 1}", "resolution is neither a text nor a number, not a finite number"),
-        ("0.050", "true", "resolution is 'true', not a finite number"),
-        ("0.050", "1_0", "resolution is '1_0', not a finite number"),
-        ("0.050", "0", "resolution is 0 m, not above 0"),
-        ("0.050", "-0.05", "resolution is -0.05 m, not above 0"),
-        ("-1.250", "-nan", "origin is '-nan', not a finite number"),
-        ("0.150, 0.0", "0.150, -nan", "origin is '-nan', not a finite number"),
+        ("0.050", ".nan", "resolution is '.nan', not a number from "),
+        ("0.050", ".inf", "resolution is '.inf', not a number from "),
+        ("0.050", "1e999", "resolution is '1e999', not a number from "),
+        ("0.050", "five", "resolution is 'five', not a number from "),
+        ("0.050", "[0.05]", "resolution is a list, not a number from "),
+        ("0.050", "{a: 1}", "resolution is neither a text nor a number, not a number from "),
+        ("0.050", "true", "resolution is 'true', not a number from "),
+        ("0.050", "1_0", "resolution is '1_0', not a number from "),
+        ("0.050", "0", "resolution is '0', not a number from 0.001 to 10"),
+        ("0.050", "-0.05", "resolution is '-0.05', not a number from 0.001 to 10"),
+        ("0.050", "1e-300", "resolution is '1e-300', not a number from 0.001 to 10"),
+        ("0.050", "1e300", "resolution is '1e300', not a number from 0.001 to 10"),
+        ("-1.250", "1e300", "origin is '1e300', not a number from -1e+06 to 1e+06"),
+        ("0.65", "1e300", "occupied_thresh is '1e300', not a number from -1e+06 to 1e+06"),
+        ("-1.250", "-nan", "origin is '-nan', not a number from "),
+        ("0.150, 0.0", "0.150, -nan", "origin is '-nan', not a number from "),
         ("0.150, 0.0", "0.150", "origin is not [x, y, yaw]"),
         ("0.150, 0.0", "0.150, 0, 0", "origin is not [x, y, yaw]"),
         ("[-1.250, 0.150, 0.0]", "0", "origin is not [x, y, yaw]"),
-        ("0.150, 0.0", "0.150, [0]", "origin is neither a text nor a number, not a finite number"),
+        ("0.150, 0.0", "0.150, [0]", "origin is neither a text nor a number, not a number from "),
         (
             "0.150, 0.0",
             "0.150, 1.57",
@@ -330,8 +347,8 @@ def refused(path: Path) -> str:
         ("negate: 0", "negate: [0]", "negate is a list"),
         ("trinary", "fuzzy", "mode is 'fuzzy'"),
         ("trinary", "[]", "mode is a list"),
-        ("0.65", "high", "occupied_thresh is 'high', not a finite number"),
-        ("0.196", "nan", "free_thresh is 'nan', not a finite number"),
+        ("0.65", "high", "occupied_thresh is 'high', not a number from "),
+        ("0.196", "nan", "free_thresh is 'nan', not a number from "),
         ("map.pgm", "", "image is ''"),
         ("map.pgm", "[map.pgm]", "image is a list"),
         ("map.pgm", "none.pgm", "image 'none.pgm' is missing"),
@@ -409,7 +426,7 @@ def broken_header(data: bytes, width: int, height: int) -> bytes:
         (b"P5\n4 x\n255\n" + bytes(100), "cannot be read: "),
         (
             b"P5\n40000 40000\n255\n" + bytes(100),
-            "has 40,000 x 40,000 pixels, and no more than 400,000,000 are read",
+            "has 40,000 x 40,000 pixels, and no more than 40,000,000 are read",
         ),
         (b"P2\n2 2\n255\n1 2 3 \x1b[2J", "cannot be read: "),
         (b"P2\n2 2\n255\n1 2 3 900", "cannot be read: "),

@@ -27,7 +27,9 @@ def test_the_bounds_are_those_of_the_code() -> None:
         "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
         "beams of a sweep; LaserScan topics of a log": f"{base.MAX_BEAMS:,}; {batches.MAX_TOPICS:,}",
         "a scene, catalogue or other TOML file": f"{tomlfiles.MAX_BYTES:,} bytes, {tomlfiles.MAX_DEPTH} brackets deep",
-        "pixels of a map that is read": f"{mapserver.MOST_PIXELS:,}",
+        "pixels of a map that is read": (
+            f"one for each byte of its image; at least {mapserver.MOST_PACKED_PIXELS:,}, at most {mapserver.MOST_PIXELS:,}"
+        ),
     }
 
 

@@ -136,8 +136,8 @@ _KNOWN_MAPS: tuple[tuple[str, bytes], ...] = (
 )
 
 
-def write_map(place: Place, number: int, random: Random) -> None:
-    """A map made to harm, or a sound one with words or bytes changed."""
+def map_of(number: int, random: Random) -> tuple[bytes, bytes]:
+    """YAML and image of a map made to harm, or of a sound one with words or bytes changed."""
     if number < len(_KNOWN_MAPS):
         text, image = _KNOWN_MAPS[number]
     else:
@@ -150,6 +150,12 @@ def write_map(place: Place, number: int, random: Random) -> None:
     data = text.encode("utf-8", "surrogateescape")
     if number >= len(_KNOWN_MAPS) and not random.integers(4):
         data = mutate(data, random)
+    return data, image
+
+
+def write_map(place: Place, number: int, random: Random) -> None:
+    """A map, and a command that reads it now and then."""
+    data, image = map_of(number, random)
     (place.input / _MAP).write_bytes(data)
     (place.input / "map.pgm").write_bytes(image)
     if not number % 50:

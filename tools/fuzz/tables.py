@@ -98,15 +98,19 @@ def write(place: Place, number: int, random: Random) -> None:
         commands = _reading(name, ("html", "junit"))
     else:
         name = NAMES[int(random.integers(len(NAMES)))]
-        many = int(random.choice([1, 1, 2, 3]))
-        changes = [CHANGES[int(random.integers(len(CHANGES)))] for _ in range(many)]
-        data = _changed(tables()[name], changes, random)
-        if not random.integers(4):
-            data = mutate(data, random)
+        data = mutated_table(name, random)
         choice = _reading(name, (FORMATS[int(random.integers(len(FORMATS)))],))
         commands = [choice[int(random.integers(len(choice)))]]
     put(place, name, data)
     place.note(commands=commands, table=name)
+
+
+def mutated_table(name: str, random: Random) -> bytes:
+    """A table with one to three changes, now and then of its bytes, too."""
+    many = int(random.choice([1, 1, 2, 3]))
+    changes = [CHANGES[int(random.integers(len(CHANGES)))] for _ in range(many)]
+    data = _changed(tables()[name], changes, random)
+    return data if random.integers(4) else mutate(data, random)
 
 
 def _reading(name: str, formats: tuple[str, ...]) -> list[list[str]]:

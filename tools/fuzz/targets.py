@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from tools.fuzz.checks import check_targets
+from tools.fuzz.cleaning import cleaning_targets
 from tools.fuzz.counts import count_targets
 from tools.fuzz.databases import database_targets
+from tools.fuzz.diffs import diff_targets
 from tools.fuzz.geometry import geometry_targets
 from tools.fuzz.hostile_logs import hostile_log_targets
 from tools.fuzz.links import link_targets
@@ -19,6 +21,7 @@ from tools.fuzz.settings import settings_targets
 from tools.fuzz.tables import table_targets
 from tools.fuzz.target import Target
 from tools.fuzz.twice import twice_targets
+from tools.fuzz.zones import zone_targets
 
 TARGETS: dict[str, Target] = {
     target.name: target
@@ -36,6 +39,9 @@ TARGETS: dict[str, Target] = {
         *number_targets(),
         *map_targets(),
         *mask_targets(),
+        *diff_targets(),
+        *zone_targets(),
+        *cleaning_targets(),
         *settings_targets(),
         *manifest_targets(),
         *twice_targets(),

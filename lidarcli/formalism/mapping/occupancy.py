@@ -88,7 +88,7 @@ class Comparison:
     f1: float
     """Harmonic mean of precision and recall."""
     mean_distance: float
-    """Mean distance from the occupied cells of the true map to the nearest ones of the map [m], cut at `FARTHEST_CELLS`."""
+    """Mean distance from the occupied cells of the true map to the nearest ones of the map [m], cut at `farthest` cells."""
 
 
 def refuse_unlike(resolution: float, true: Occupancy) -> None:
@@ -97,8 +97,12 @@ def refuse_unlike(resolution: float, true: Occupancy) -> None:
         raise UnlikeError(f"cells of {resolution:g} m cannot be compared with cells of {true.resolution:g} m")
 
 
-def compare(found: Occupancy, true: Occupancy) -> Comparison:
+def compare(found: Occupancy, true: Occupancy, farthest: int = FARTHEST_CELLS) -> Comparison:
     """Compare the occupied cells of a map with those of a true one, cell by cell.
+
+    Parameters
+    ----------
+    farthest : greatest distance that is measured, in cells; what is farther away takes time with its square
 
     Raises
     ------
@@ -108,7 +112,7 @@ def compare(found: Occupancy, true: Occupancy) -> Comparison:
     refuse_unlike(found.resolution, true)
     mine, theirs = _cells(found, true), _cells(true, true)
     precise, _ = _nearest(mine, theirs, 2 * TOLERANCE)
-    there, away = _nearest(theirs, mine, FARTHEST_CELLS)
+    there, away = _nearest(theirs, mine, farthest)
     precision = float(np.mean(precise)) if len(mine) else float("nan")
     recall = float(np.mean(there)) if len(theirs) else float("nan")
     both = precision + recall

@@ -37,9 +37,11 @@ CLEARLY = 6
 """Number of points against it by which a shift along walls is clearly worse."""
 HELD = 0.01
 """Least share of the structure across a direction, by the normals of its lines, that holds an alignment along it."""
+MOST_POINTS = 20_000
+"""Greatest number of points by which alignments are compared; of more, every second, third, … one stands for them all."""
 COARSE = 0.2
 """[m] Side of the cells on which all turns and shifts are tried; …"""
-MOST_COARSE = 512
+MOST_COARSE = 256
 """… so large that there are no more than so many in a row."""
 MOST_TURN = math.radians(4.0)
 """[rad] Greatest step of turns that are tried."""
@@ -91,22 +93,38 @@ class Fit:
 def fit(first: Nearest, second: Nearest, motion: Motion) -> Fit:
     """Return how well a run lies on the first one, moved to its coordinates."""
     shares, explained, against, squares = [], 0, 0, 0.0
-    both_free = float(np.mean(first.ground.state(*motion.of(*second.free.T)) == FREE)) * second.area
+    free = np.count_nonzero(first.ground.state(*motion.of(*second.free.T)) == FREE)
+    both_free = free / max(1, len(second.free)) * second.area
     common = both_free >= LEAST_COMMON * min(first.area, second.area)
     for here, there, way in ((first, second, motion), (second, first, motion.inverse)):
-        x, y = way.of(there.ground.points[:, 0], there.ground.points[:, 1])
+        x, y = way.of(*_some(there.ground.points).T)
+        every = max(1, round(len(there.ground.points) / max(1, len(x))))
         _, away = here.of(x, y)
         near = away <= IN_PLACE
         seen = near | (here.ground.state(x, y) != UNKNOWN)
-        both, placed = int(np.count_nonzero(seen)), int(np.count_nonzero(near))
+        both, placed = (every * int(np.count_nonzero(each)) for each in (seen, near))
         shares.append(placed / both if both else 0.0)
         explained += placed
         against += both - placed
-        squares += float((away[near] ** 2).sum())
+        squares += every * float((away[near] ** 2).sum())
         least = min(len(here.ground.points), len(there.ground.points))
         common &= both >= max(LEAST_POINTS, LEAST_COMMON * least)
     rms = math.sqrt(squares / explained) if explained else math.nan
     return Fit(motion, min(shares), explained, against, rms, common)
+
+
+def _some(points: Float64) -> Float64:
+    """Return points (N, 2), of many every second, third, … one."""
+    return points[:: max(1, len(points) // MOST_POINTS)]
+
+
+def settle(first: Nearest, second: Nearest) -> tuple[Fit, Fit | None]:
+    """Return how well a run lies on the first one as it is, and a shift and turn close by that explains clearly more."""
+    here = fit(first, second, HERE)
+    if not len(first.ground.points) or not len(second.ground.points):
+        return here, None
+    better = _fitted(first, second, HERE)
+    return here, better if better.lies and not _explains_as_much(here, better) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,9 +194,10 @@ def _explains_as_much(one: Fit, best: Fit) -> bool:
 
 def _slides(first: Nearest, second: Nearest, motion: Motion) -> bool:
     """Tell whether all structure in place is along one direction, so that nothing holds a motion along it."""
-    index, away = first.of(*motion.of(*second.ground.points.T))
+    index, away = first.of(*motion.of(*_some(second.ground.points).T))
     near = index[away <= IN_PLACE]
-    normal = first.across[near[first.is_line[near]]]
+    across, is_line = first.lines(near)
+    normal = across[is_line]
     if not len(normal):
         return False
     least, most = np.linalg.eigvalsh(normal.T @ normal).tolist()
@@ -196,7 +215,7 @@ def _turn(motion: Motion) -> float:
 
 def _distance(one: Motion, other: Motion, ground: Ground) -> float:
     """Return how far apart two motions bring the corners of the structure [m]."""
-    x, y = ground.points.T
+    x, y = _some(ground.points).T
     corners = np.array([[a, b] for a in (x.min(), x.max()) for b in (y.min(), y.max())])
     (x0, y0), (x1, y1) = (each.of(corners[:, 0], corners[:, 1]) for each in (one, other))
     return float(np.hypot(x1 - x0, y1 - y0).max())
@@ -229,7 +248,7 @@ def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:
         if len(near) < LEAST_POINTS:
             break
         target = first.ground.points[index[near]]
-        normal, on_line = first.across[index[near]], first.is_line[index[near]]
+        normal, on_line = first.lines(index[near])
         off = np.column_stack([x[near], y[near]]) - target
         weight = 1.0 / (1.0 + (away[near] / (0.5 * reach)) ** 2) ** 2
         # About the middle of the points, a turn and a shift are nearly independent.
@@ -272,6 +291,7 @@ def _tried(one: Nearest, other: Nearest) -> list[Motion]:
     wide, high = (math.ceil((float(length) + 2.0 * radius) / side) + 4 for length in extent)
     shape = _even(high), _even(wide)
     ours = _counted(first.points, left, low, side, shape)
+    points = _some(second.points)
     near = _widened(ours > 0)
     our_free = _counted(one.free, left, low, side, shape) > 0
     worth = np.where(near, np.where(ours > 0, 1.0, 0.5), np.where(our_free, -1.0, 0.0))
@@ -282,7 +302,7 @@ def _tried(one: Nearest, other: Nearest) -> list[Motion]:
     for angle in turns.tolist():
         cos, sin = math.cos(angle), math.sin(angle)
         turn = np.array([[cos, sin], [-sin, cos]])
-        theirs = _counted((second.points - middle) @ turn, -radius, -radius, side, shape)
+        theirs = _counted((points - middle) @ turn, -radius, -radius, side, shape)
         space = _counted((free - middle) @ turn, -radius, -radius, side, shape) > 0
         space &= ~_widened(theirs > 0)
         score = np.fft.irfft2(

@@ -19,7 +19,7 @@ from lidarcli.formalism.matching.extents import (
     LINKED,
     box_of,
     clusters,
-    rectangle,
+    rectangles,
     unseen_ends,
     within,
 )
@@ -41,10 +41,16 @@ SMALLEST_CHANGE = 0.3
 """[m] Least extent of a change of the structure."""
 LEAST_CELLS = 4
 """Least number of cells of a change of the structure."""
+MOST_CHANGES = 10_000
+"""Most changes of the structure: runs with more are hardly of one place."""
 AROUND = 0.5
 """[m] What is this near to a place tells that it was in view."""
 MOST_STATIONS = 40
 """Greatest number of places of the sensor from which a thing may have been hidden."""
+
+
+class TooManyError(ValueError):
+    """The structure of two runs differs in more than `MOST_CHANGES` places; the text is their number."""
 
 
 @record
@@ -127,7 +133,7 @@ class Compared:
         self._rows: list[tuple[Any, ...]] = []
 
     def changes(self) -> Changes:
-        """Return all changes, things first."""
+        """Return all changes, things first; `TooManyError` where there are too many to tell."""
         a, b = self._side(0), self._side(1)
         near = in_place(a, b)
         chance = probabilities(a, b, near)
@@ -347,10 +353,15 @@ class Compared:
         at = np.flatnonzero(changed)
         looks = here.seen(*self._motions[side].inverse.of(points[at, 0], points[at, 1]))
         others = there.seen(x[at], y[at])
-        for cluster in clusters(points[at], max(LINKED, 2.1 * here.resolution)):
-            box = rectangle(points[at[cluster]])
-            if len(cluster) < LEAST_CELLS or box[3] < SMALLEST_CHANGE:
-                continue
+        linked = max(LINKED, 2.1 * here.resolution)
+        found = [each for each in clusters(points[at], linked) if len(each) >= LEAST_CELLS]
+        if not found:
+            return
+        boxes = rectangles(points[at[np.concatenate(found)]], np.cumsum([0, *map(len, found[:-1])]))
+        large = np.flatnonzero(boxes[:, 3] >= SMALLEST_CHANGE)
+        if len(large) > MOST_CHANGES:
+            raise TooManyError(f"{len(large):,}")
+        for box, cluster in ((boxes[k], found[k]) for k in large.tolist()):
             sweeps = int(np.median(passed[at[cluster]]))
             score = (sweeps + 1) / (sweeps + 2) * self._chance
             certain = score >= self._least

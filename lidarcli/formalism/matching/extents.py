@@ -103,25 +103,41 @@ def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, 
 
 def rectangle(points: Float64) -> Float64:
     """Return x, y, yaw, length and width of the rectangle near whose edges most of the points lie [m, rad]."""
-    angle, best = 0.0, math.inf
+    found: Float64 = rectangles(points, np.zeros(1, np.int64))[0]
+    return found
+
+
+def rectangles(points: Float64, starts: Int64) -> Float64:
+    """Return (G, 5) the rectangles, as of `rectangle`, of groups of points that begin at (G,) indices, in one go."""
+    sizes = np.diff(np.append(starts, len(points)))
+    angle, best = np.zeros(len(starts)), np.full(len(starts), np.inf)
     for turns in TURNS:
-        for turn in (angle + turns).tolist():
-            u, v = _turned(points, turn)
-            off = np.minimum(np.minimum(u - u.min(), u.max() - u), np.minimum(v - v.min(), v.max() - v))
-            cost = float(np.minimum(off, NEAR_EDGE).mean())
-            if cost < best:
-                angle, best = turn, cost
-    u, v = _turned(points, angle)
-    along, across = 0.5 * (u.min() + u.max()), 0.5 * (v.min() + v.max())
-    cos, sin = math.cos(angle), math.sin(angle)
-    length, width = float(np.ptp(u)), float(np.ptp(v))
-    if width > length:
-        length, width, angle = width, length, angle + 0.5 * math.pi
-    return np.array([cos * along - sin * across, sin * along + cos * across, angle, length, width])
+        for tried in angle + turns[:, None]:
+            off = np.full(len(points), NEAR_EDGE)
+            for values in _turned(points, tried, sizes):
+                low, high = (
+                    np.repeat(each.reduceat(values, starts), sizes) for each in (np.minimum, np.maximum)
+                )
+                off = np.minimum(off, np.minimum(values - low, high - values))
+            cost = np.add.reduceat(off, starts) / sizes
+            angle, best = np.where(cost < best, [tried, cost], [angle, best])
+    ends = [
+        (np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts))
+        for values in _turned(points, angle, sizes)
+    ]
+    (along, across), (length, width) = (
+        np.array([half * (high + sign * low) for low, high in ends])
+        for half, sign in ((0.5, 1.0), (1.0, -1.0))
+    )
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y = cos * along - sin * across, sin * along + cos * across
+    angle = np.where(width > length, angle + 0.5 * np.pi, angle)
+    return np.column_stack([x, y, angle, np.maximum(length, width), np.minimum(length, width)])
 
 
-def _turned(points: Float64, angle: float) -> tuple[Float64, Float64]:
-    cos, sin = math.cos(angle), math.sin(angle)
+def _turned(points: Float64, angle: Float64, sizes: Int64) -> tuple[Float64, Float64]:
+    """Return the coordinates of points along and across the direction of each group."""
+    cos, sin = np.repeat(np.cos(angle), sizes), np.repeat(np.sin(angle), sizes)
     return cos * points[:, 0] + sin * points[:, 1], cos * points[:, 1] - sin * points[:, 0]
 
 
@@ -181,4 +197,5 @@ def clusters(points: Float64, linked: float) -> list[Int64]:
         if (group == before).all():
             break
     which = group[which]
-    return [np.flatnonzero(which == one) for one in np.unique(which)]
+    order = np.argsort(which, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(which[order])) + 1)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidarcli.formalism.mapping.counts import Beams, Counts
+from lidarcli.formalism.mapping.counts import BLOCK, Beams, Counts, TooLargeError
 from lidarcli.formalism.mapping.occupancy import FREE, HIT, OCCUPIED, UNKNOWN, Int8, Occupancy
 from lidarcli.formalism.matching.runs import Motion
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, record
@@ -22,6 +23,12 @@ ON_LINE = 0.15
 """[m] Half width of the windows in which lines are fitted to occupied points."""
 STRAIGHT = 0.1
 """Greatest ratio of the variances across and along a line."""
+MOST_CELLS = 100_000_000
+"""Most cells of several grounds together: those of the largest map at 5 cm."""
+FREE_SIDE = 300
+"""Most places in a row, and rows of them, by which free ground is compared."""
+AT_ONCE = 1 << 18
+"""Number of points, or of cells, that are worked on at once."""
 FAR_CORNER = float(1 << 33)
 """Column and row of the origin of the world, in cells from a corner far outside, so that all cells are positive."""
 
@@ -37,10 +44,10 @@ class Ground:
     """Lower left corner of cell (0, 0) [m]."""
     cells: Int8
     """(H, W) as of `Occupancy`."""
-    passes: Int32
-    """(H, W) number of sweeps that passed each cell; for a map `SEEN_FREE` where it is free."""
-    looks: Int32
-    """(H, W) number of sweeps that hit or passed each cell."""
+    passes: Int32 | None
+    """(H, W) number of sweeps that passed each cell; None for a map: `SEEN_FREE` where it is free."""
+    looks: Int32 | None
+    """(H, W) number of sweeps that hit or passed each cell; None for a map: `SEEN_FREE` where it is known."""
     points: Float64
     """(N, 2) mean of what was hit in each occupied cell [m]."""
     counted: bool = True
@@ -60,16 +67,14 @@ class Ground:
         found: Int8 = np.where(inside, self.cells[row, column], UNKNOWN).astype(np.int8)
         return found
 
-    def passed(self, x: Float64, y: Float64) -> Int64:
+    def passed(self, x: Float64, y: Float64) -> Int32:
         """Return (K,) the number of sweeps that saw places free; 0 for occupied ones."""
-        row, column, inside = self.index(x, y)
-        free = inside & (self.cells[row, column] == FREE)
-        return np.where(free, self.passes[row, column], 0).astype(np.int64)
+        cells, passes, _ = self._at(x, y)
+        return np.where(cells == FREE, passes, 0).astype(np.int32)
 
-    def seen(self, x: Float64, y: Float64) -> Int64:
+    def seen(self, x: Float64, y: Float64) -> Int32:
         """Return (K,) the number of sweeps that hit or passed places."""
-        row, column, inside = self.index(x, y)
-        return np.where(inside, self.looks[row, column], 0).astype(np.int64)
+        return self._at(x, y)[2]
 
     def occupancy(self, frame_id: str = "map") -> Occupancy:
         """Return the cells as a grid."""
@@ -81,9 +86,10 @@ class Ground:
         corners = np.array([[0, 0], [width, 0], [0, height], [width, height]]) * self.resolution
         x, y = motion.of(corners[:, 0] + self.x, corners[:, 1] + self.y)
         points = np.column_stack(motion.of(self.points[:, 0], self.points[:, 1]))
-        left, low, middle_x, middle_y = _cells_of(self.resolution, x, y)
         inverse = motion.inverse
-        cells, passes, looks = self._at(*inverse.of(middle_x, middle_y))
+        left, low, cells, passes, looks = _laid(
+            self.resolution, x, y, lambda x, y: self._at(*inverse.of(x, y))
+        )
         # Turned cells may miss a point, and the points are what counts.
         cells[cells == OCCUPIED] = FREE
         moved = Ground(self.resolution, left, low, cells, passes, looks, points, self.counted)
@@ -98,52 +104,75 @@ class Ground:
             for one in (self, older)
             for up, across in ((0, 0), one.cells.shape)
         ]
-        left, low, x, y = _cells_of(self.resolution, *np.array(corners).T)
-        mine, before = self._at(x, y), older._at(x, y)
-        seen = mine[0] != UNKNOWN
-        cells = np.where(seen, mine[0], before[0]).astype(np.int8)
-        passes, looks = (np.where(seen, mine[k], before[k]).astype(np.int32) for k in (1, 2))
+
+        def read(x: Float64, y: Float64) -> _Layers:
+            mine, before = self._at(x, y), older._at(x, y)
+            seen = mine[0] != UNKNOWN
+            cells, passes, looks = (np.where(seen, mine[k], before[k]) for k in range(3))
+            return cells.astype(np.int8), passes, looks
+
+        x, y = np.array(corners).T
+        left, low, cells, passes, looks = _laid(self.resolution, x, y, read)
         kept = older.points[self.state(older.points[:, 0], older.points[:, 1]) == UNKNOWN]
         points = np.concatenate([self.points, kept])
         return Ground(
             self.resolution, left, low, cells, passes, looks, points, self.counted and older.counted
         )
 
-    def _at(self, x: Float64, y: Float64) -> tuple[Int8, Int32, Int32]:
-        """Return cells, passes and looks at places (H, W)."""
+    def _at(self, x: Float64, y: Float64) -> _Layers:
+        """Return cells, passes and looks at places."""
         row, column, inside = self.index(x, y)
-        return (
-            np.where(inside, self.cells[row, column], UNKNOWN).astype(np.int8),
-            np.where(inside, self.passes[row, column], 0).astype(np.int32),
-            np.where(inside, self.looks[row, column], 0).astype(np.int32),
-        )
+        cells = np.where(inside, self.cells[row, column], UNKNOWN).astype(np.int8)
+        if self.passes is None or self.looks is None:
+            return cells, np.int32(SEEN_FREE) * (cells == FREE), np.int32(SEEN_FREE) * (cells != UNKNOWN)
+        passes, looks = (np.where(inside, layer[row, column], 0) for layer in (self.passes, self.looks))
+        return cells, passes, looks
 
 
-def _cells_of(side: float, x: Float64, y: Float64) -> tuple[float, float, Float64, Float64]:
-    """Return the lower left corner of cells that hold some places, and (H, W) x and y of their middles."""
+_Layers = tuple[Int8, Int32, Int32]
+
+
+def _laid(
+    side: float, x: Float64, y: Float64, read: Callable[[Float64, Float64], _Layers]
+) -> tuple[float, float, Int8, Int32, Int32]:
+    """Return the lower left corner of cells that hold some places, and their layers as `read` tells them of their middles.
+
+    Raises
+    ------
+    TooLargeError
+        There are more than `MOST_CELLS`.
+    """
     left, low = math.floor(x.min() / side), math.floor(y.min() / side)
-    row, column = np.indices((math.ceil(y.max() / side) - low, math.ceil(x.max() / side) - left))
-    return left * side, low * side, (column + left + 0.5) * side, (row + low + 0.5) * side
+    height, width = math.ceil(y.max() / side) - low, math.ceil(x.max() / side) - left
+    if height * width > MOST_CELLS:
+        raise TooLargeError(f"{width * side:,.0f} x {height * side:,.0f} m")
+    layers = np.empty((height, width), np.int8), *np.empty((2, height, width), np.int32)
+    middle_x, middle_y = (
+        (np.arange(many) + first + 0.5) * side for many, first in ((width, left), (height, low))
+    )
+    step = max(1, AT_ONCE // max(width, 1))
+    for begin in range(0, height, step):
+        rows = slice(begin, begin + step)
+        for layer, part in zip(layers, read(*np.meshgrid(middle_x, middle_y[rows])), strict=True):
+            layer[rows] = part
+    return left * side, low * side, *layers
 
 
 def of_map(grid: Occupancy) -> Ground:
     """Return the ground of a map: its occupied points are the middles of its cells, of several fine ones their mean."""
     row, column = np.nonzero(grid.cells == OCCUPIED)
-    middle = np.column_stack([column + 0.5, row + 0.5]) * grid.resolution + [grid.x, grid.y]
-    group = max(1, round(FINEST / grid.resolution))
-    side = group * grid.resolution
-    height, width = (-(-length // group) for length in grid.cells.shape)
-    whole = np.full((height * group, width * group), UNKNOWN, np.int8)
-    whole[: grid.cells.shape[0], : grid.cells.shape[1]] = grid.cells
-    # Occupied goes before free, and free before unknown.
-    cells = np.ascontiguousarray(whole.reshape(height, group, width, group).max(axis=(1, 3)))
-    key, sums = _summed(
-        (row // group) * width + column // group, np.column_stack([middle, np.ones(len(middle))])
-    )
-    passes = np.where(cells == FREE, SEEN_FREE, 0).astype(np.int32)
-    looks = np.where(cells == UNKNOWN, 0, SEEN_FREE).astype(np.int32)
-    points = sums[:, :2] / sums[:, 2:] if len(key) else np.empty((0, 2))
-    return Ground(side, grid.x, grid.y, cells, passes, looks, points, counted=False)
+    points = np.column_stack([column + 0.5, row + 0.5]) * grid.resolution + [grid.x, grid.y]
+    group, cells = max(1, round(FINEST / grid.resolution)), grid.cells
+    if group > 1:
+        height, width = (-(-length // group) for length in cells.shape)
+        whole = np.full((height * group, width * group), UNKNOWN, np.int8)
+        whole[: cells.shape[0], : cells.shape[1]] = cells
+        # Occupied goes before free, and free before unknown.
+        cells = np.ascontiguousarray(whole.reshape(height, group, width, group).max(axis=(1, 3)))
+        count = np.ones(len(points))
+        _, sums = _summed((row // group) * width + column // group, np.column_stack([points, count]))
+        points = sums[:, :2] / sums[:, 2:]
+    return Ground(group * grid.resolution, grid.x, grid.y, cells, None, None, points, counted=False)
 
 
 @dataclass(slots=True)
@@ -176,17 +205,19 @@ class Surveying:
         # The grid lies within what was counted, but for its margin.
         left = round(grid.x / side) - self.counts.column
         low = round(grid.y / side) - self.counts.row
-        layers = []
-        for layer in (self.counts.passes, self.counts.hits + self.counts.passes):
-            part = np.zeros((height, width), np.int32)
-            rows, columns = layer.shape
-            top, right = min(low + height, rows), min(left + width, columns)
-            first, start = max(low, 0), max(left, 0)
-            part[first - low : top - low, start - left : right - left] = layer[first:top, start:right]
-            layers.append(part)
+        passes, looks = np.zeros((2, height, width), np.int32)
+        rows, columns = self.counts.passes.shape
+        top, right, start = min(low + height, rows), min(left + width, columns), max(left, 0)
+        # In parts, so that ground that nobody saw takes no memory.
+        for first in range(max(low, 0), top, BLOCK):
+            last = min(first + BLOCK, top)
+            passed, hit = (layer[first:last, start:right] for layer in (self.counts.passes, self.counts.hits))
+            if passed.any() or hit.any():
+                part = np.s_[first - low : last - low, start - left : right - left]
+                passes[part], looks[part] = passed, passed + hit
         row, column = np.nonzero(grid.cells == OCCUPIED)
         if not len(row):
-            return Ground(side, grid.x, grid.y, grid.cells, layers[0], layers[1], np.empty((0, 2)))
+            return Ground(side, grid.x, grid.y, grid.cells, passes, looks, np.empty((0, 2)))
         middle = np.column_stack([column + 0.5, row + 0.5]) * side + [grid.x, grid.y]
         at = np.searchsorted(self._keys, self._key(middle[:, 0], middle[:, 1]))
         sums = self._sums[np.minimum(at, len(self._keys) - 1)]
@@ -194,7 +225,7 @@ class Surveying:
         stands = sums[:, 3] <= 0.5 * sums[:, 2]
         grid.cells[row[~stands], column[~stands]] = UNKNOWN
         points = sums[stands, :2] / sums[stands, 2:3]
-        return Ground(side, grid.x, grid.y, grid.cells, layers[0], layers[1], points)
+        return Ground(side, grid.x, grid.y, grid.cells, passes, looks, points)
 
     def _key(self, x: Float64, y: Float64) -> Int64:
         """Return (K,) a number for the cell of each place."""
@@ -221,35 +252,56 @@ class Nearest:
 
     def __init__(self, ground: Ground) -> None:
         self.ground = ground
-        row, column = np.nonzero(ground.cells[::2, ::2] == FREE)
-        self.free: Float64 = (np.column_stack([column, row]) * 2 + 0.5) * ground.resolution + [
-            ground.x,
-            ground.y,
-        ]
-        """(F, 2) places that were seen free: every other cell of every other row [m]."""
-        self.area = 4.0 * len(row) * ground.resolution**2
-        """Ground that was seen free [m²]."""
         side = ground.resolution
+        up, right = (max(2, -(-length // FREE_SIDE)) for length in ground.cells.shape)
+        row, column = np.nonzero(ground.cells[::up, ::right] == FREE)
+        self.free: Float64 = (np.column_stack([column * right, row * up]) + 0.5) * side + [ground.x, ground.y]
+        """(F, 2) places that were seen free: every other cell of every other row, of large grounds fewer [m]."""
+        self.area = len(row) * up * right * side**2
+        """Ground that was seen free [m²]."""
         reach = max(1, math.ceil(REACH / side))
         height, width = ground.cells.shape
         self._pad = reach
-        self._index = np.full((height + 2 * reach, width + 2 * reach), -1, np.int32)
+        # One more than the index of a point; 0 takes no memory.
+        self._index = np.zeros((height + 2 * reach, width + 2 * reach), np.int32)
         x, y = ground.points.T
         column = np.floor((x - ground.x) / side).astype(np.int64) + reach
         row = np.floor((y - ground.y) / side).astype(np.int64) + reach
         across = self._index.shape[1]
         inner = (row >= reach) & (column >= reach) & (row < height + reach) & (column < width + reach)
+        self._cell = np.where(inner, row * across + column, -1)
         which = np.flatnonzero(inner).astype(np.int32)
-        cell = row[inner] * across + column[inner]
+        cell = self._cell[which]
         steps = np.arange(-reach, reach + 1)
         dx, dy = (part.ravel() for part in np.meshgrid(steps, steps))
         distance = np.hypot(dx, dy)
         flat = self._index.reshape(-1)
+        flat[cell] = which + 1
+        # What is within a mass of others is nearest to no other cell.
+        beside = (
+            (flat[cell + 1] > 0)
+            & (flat[cell - 1] > 0)
+            & (flat[cell + across] > 0)
+            & (flat[cell - across] > 0)
+        )
+        edge, cells = which[~beside], cell[~beside]
         # The farthest first, so that nearer points take their place.
         for at in np.argsort(-distance, kind="stable").tolist():
-            if distance[at] <= reach:
-                flat[cell + int(dy[at]) * across + int(dx[at])] = which
-        self.across, self.is_line = _lines(ground.points, cell, which, across, self._index.size, side)
+            if 0 < distance[at] <= reach:
+                flat[cells + int(dy[at]) * across + int(dx[at])] = edge + 1
+        flat[cell] = which + 1
+
+        self._lines = np.empty((len(x), 2)), np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_)
+
+    def lines(self, index: Int64) -> tuple[Float64, Bool]:
+        """Return (K, 2) the normals of the lines through points and their neighbours, and (K,) whether they lie on one."""
+        across, is_line, is_known = self._lines
+        new = np.unique(index[~is_known[index]])
+        for begin in range(0, len(new), AT_ONCE):
+            which = new[begin : begin + AT_ONCE]
+            across[which], is_line[which] = _lines(self.ground, self._cell, self._index, which)
+            is_known[which] = True
+        return across[index], is_line[index]
 
     def of(self, x: Float64, y: Float64) -> tuple[Int64, Float64]:
         """Return (K,) the index of the nearest point of each place, -1 for none, and its distance [m], inf for none."""
@@ -259,7 +311,7 @@ class Nearest:
         height, width = self._index.shape
         inside = (row >= 0) & (column >= 0) & (row < height) & (column < width)
         index = np.full(len(x), -1, np.int64)
-        index[inside] = self._index[row[inside], column[inside]]
+        index[inside] = self._index[row[inside], column[inside]] - 1
         away = np.full(len(x), np.inf)
         some = index >= 0
         near = ground.points[index[some]]
@@ -267,23 +319,20 @@ class Nearest:
         return index, away
 
 
-def _lines(
-    points: Float64, cell: Int64, which: Int32, across: int, size: int, side: float
-) -> tuple[Float64, Bool]:
-    """Return (N, 2) the normal of the line through each point and its neighbours, and (N,) whether they lie on one."""
-    count = len(points)
-    of_cell = np.full(size, -1, np.int32)
-    of_cell[cell] = which
-    reach = max(1, round(ON_LINE / side))
-    sums = np.zeros((count, 6))
-    x, y = points[which].T
+def _lines(ground: Ground, cell: Int64, index: Int32, which: Int64) -> tuple[Float64, Bool]:
+    """Return what `Nearest.lines` does, of points in cells of an index."""
+    points, flat, across = ground.points, index.reshape(-1), index.shape[1]
+    reach = max(1, round(ON_LINE / ground.resolution))
+    sums = np.zeros((6, len(which)))
     for dy in range(-reach, reach + 1):
         for dx in range(-reach, reach + 1):
-            at = np.clip(cell + dy * across + dx, 0, size - 1)
-            other = of_cell[at]
-            there = other >= 0
-            u, v = points[other[there], 0] - x[there], points[other[there], 1] - y[there]
-            sums[which[there]] += np.column_stack([np.ones(len(u)), u, v, u * u, u * v, v * v])
+            at = np.clip(cell[which] + dy * across + dx, 0, flat.size - 1)
+            other = flat[at] - 1
+            there = np.flatnonzero((other >= 0) & (cell[other] == at) & (cell[which] >= 0))
+            u, v = (points[other[there]] - points[which[there]]).T
+            for each, value in zip(sums, (1.0, u, v, u * u, u * v, v * v), strict=True):
+                each[there] += value
+    sums = sums.T
     number = np.maximum(sums[:, 0], 1.0)
     mean_x, mean_y = sums[:, 1] / number, sums[:, 2] / number
     xx, xy, yy = (

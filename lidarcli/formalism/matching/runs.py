@@ -41,6 +41,8 @@ LEAST_AREA = 10.0
 """[m²] Least area in which things stand."""
 MOST_THINGS = 40
 """Greatest number of things of each side that propose motions, the largest first."""
+MOST_ALIGNED = 100
+"""Greatest number of things of each side by which runs are aligned, the largest first."""
 MOST_PROPOSALS = 3000
 """Greatest number of proposals, those of the most alike pairs first."""
 MOST_REFINED = 24
@@ -252,6 +254,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
     """
     if not len(known) or not len(run):
         return None, 0.0
+    known, run = (_rows(each, _chosen(each, MOST_ALIGNED)) for each in (known, run))
     found: dict[bytes, tuple[float, Motion]] = {}
     for motion in [HERE, *proposals(known, run)]:
         refined = motion if motion == HERE else _refine(known, run, motion)
@@ -279,7 +282,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
 
 def proposals(known: Standing, run: Standing) -> list[Motion]:
     """Return the proposals under which most things fall into place."""
-    ours, theirs = _chosen(known), _chosen(run)
+    ours, theirs = _chosen(known, MOST_THINGS), _chosen(run, MOST_THINGS)
     like = alike(known, run)[np.ix_(ours, theirs)]
     x0, y0, x1, y1 = known.x[ours], known.y[ours], run.x[theirs], run.y[theirs]
     a, b = (part.ravel() for part in np.nonzero(~np.eye(len(ours), dtype=bool)))
@@ -327,10 +330,14 @@ def _same(one: Motion, other: Motion, x: Float64, y: Float64) -> bool:
     return bool(np.hypot(x1 - x0, y1 - y0).max() < IN_PLACE_SDS * RUN_PLACE_SD)
 
 
-def _chosen(things: Standing) -> Int64:
-    """Return the indices of the things that propose motions."""
+def _chosen(things: Standing, most: int) -> Int64:
+    """Return the indices of the largest things."""
     size = np.nan_to_num(things.length, nan=-1.0)
-    return np.sort(np.argsort(-size, kind="stable")[:MOST_THINGS]).astype(np.int64)
+    return np.sort(np.argsort(-size, kind="stable")[:most]).astype(np.int64)
+
+
+def _rows(things: Standing, index: Int64) -> Standing:
+    return Standing(**{name: getattr(things, name)[index] for name in Standing.__dataclass_fields__})
 
 
 def _refine(known: Standing, run: Standing, motion: Motion) -> Motion:
