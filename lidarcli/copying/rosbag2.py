@@ -18,9 +18,9 @@ from lidarcli.errors import OutputError
 from lidarcli.logs.base import MULTI_ECHO, ros_type
 from lidarcli.logs.laserscan import locate
 from lidarcli.logs.mcap.log import McapLog
-from lidarcli.logs.rosbag2.database import SqliteBag, has_type
+from lidarcli.logs.rosbag2.database import SqliteBag
 from lidarcli.logs.rosbag2.folder import METADATA
-from lidarcli.logs.rosbag2.log import SCANS, DatabaseLog, Rosbag2Log
+from lidarcli.logs.rosbag2.log import DatabaseLog, Rosbag2Log
 from lidarcli.logs.unpacking import Unpacking, is_zstd
 
 _TABLES = (
@@ -80,7 +80,7 @@ def _copy_database(bag: SqliteBag, path: Path, copy: Copy) -> None:
         _write_anew(bag, path, copy)
         return
     shutil.copyfile(sound, path)
-    scans = [topic.id for topic in bag.topics.values() if has_type(topic, SCANS)]
+    scans = [topic.id for topic in bag.topics.values() if topic.is_cdr and topic.read_as]
     unpacking = Unpacking()
     with closing(sqlite3.connect(path)) as database:
         database.execute("PRAGMA journal_mode = memory")
@@ -113,9 +113,9 @@ def _is_whole(path: Path) -> bool:
 
 def _edited(bag: SqliteBag, topic_id: int, data: bytes, copy: Copy, unpacking: Unpacking) -> bytes:
     topic = bag.topics[topic_id]
-    if not has_type(topic, SCANS):
+    if not topic.is_cdr or not topic.read_as:
         return data
-    where = partial(locate, encoding="cdr", several=ros_type(topic.type) == MULTI_ECHO)
+    where = partial(locate, encoding="cdr", several=topic.read_as == MULTI_ECHO)
     return edited(copy, topic.name, data, where, unpacking)
 
 

@@ -14,7 +14,8 @@ from lidarcli.sweeps import RawSweeps
 
 LASERSCAN = "sensor_msgs/msg/LaserScan"
 MULTI_ECHO = "sensor_msgs/msg/MultiEchoLaserScan"
-SCAN_TYPES = frozenset({LASERSCAN, MULTI_ECHO, foxglove.SCAN})
+PROTOBUF_SCAN = "ros.sensor_msgs.LaserScan"
+SCAN_TYPES = frozenset({LASERSCAN, MULTI_ECHO, PROTOBUF_SCAN, foxglove.SCAN})
 
 POINTCLOUD2 = "sensor_msgs/msg/PointCloud2"
 CLOUD_TYPES = frozenset({POINTCLOUD2, foxglove.CLOUD})
@@ -66,11 +67,13 @@ class Topic:
     messages: int | None = None
     sliced: bool = False
     """True for point clouds that are read as sweeps."""
+    read_as: str = field(default="", compare=False)
+    """Type as which messages are read as sweeps, where they are; a LaserScan of messages that begin with one."""
 
     @property
     def is_scan(self) -> bool:
         """True if sweeps are read from this topic."""
-        return self.type in SCAN_TYPES or self.sliced
+        return self.type in SCAN_TYPES or self.sliced or self.read_as != ""
 
 
 @dataclass(frozen=True, slots=True)

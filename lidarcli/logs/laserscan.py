@@ -501,7 +501,7 @@ _SCALARS = (
     "range_min",
     "range_max",
 )
-_EXPECTED = {LASERSCAN: ("Header", "float32[]"), MULTI_ECHO: ("Header", "LaserEcho[]")}
+EXPECTED = {LASERSCAN: ("Header", "float32[]"), MULTI_ECHO: ("Header", "LaserEcho[]")}
 # What is left open goes on to the end, and nothing is gone back over: a schema may be a megabyte of anything.
 _NO_CODE = re.compile(r'"(?:[^"\\]|\\.)*+"?|//[^\n]*+|/\*(?:[^*]|\*(?!/))*+(?:\*/)?', re.DOTALL)
 _ANNOTATION = re.compile(r"@\w++\s*+\([^)]*+\)?")
@@ -515,10 +515,12 @@ def differs(type_name: str, encoding: str, text: str) -> str | None:
     >>> differs(LASERSCAN, "ros2msg", "std_msgs/Header header\\nfloat64 angle_min")
     "field 2 is 'float64 angle_min', not 'float32 angle_min'"
     """
-    header, ranges = _EXPECTED[type_name]
+    header, ranges = EXPECTED[type_name]
     expected = [(header, "header"), *(("float32", name) for name in _SCALARS), (ranges, "ranges")]
     read = _idl_fields if encoding == "ros2idl" else _msg_fields
-    found = read(text, type_name.rsplit("/", 1)[-1])
+    # Behind the definition of a message stand those of its parts.
+    part = re.search(rf"^MSG: {type_name.replace('/msg/', '/(?:msg/)?')}\s*$", text, re.MULTILINE)
+    found = read(text[part.end() :] if part else text, type_name.rsplit("/", 1)[-1])
     if not found:
         return None
     for place, (kind, name) in enumerate(expected):
@@ -526,6 +528,34 @@ def differs(type_name: str, encoding: str, text: str) -> str | None:
         if seen != (kind, name):
             return f"field {place + 1} is '{' '.join(seen).strip()}', not '{kind} {name}'"
     return None
+
+
+_BEGINS_WITH_SCAN = {
+    "ros2idl": r"\bstruct\s++{}\s*+\{{\s*+sensor_msgs::(?:msg::)?LaserScan\s",
+    "msg": r"\A(?:\s*+(?:#.*+|[^\s=#]++\s++\w++\s*+=.*+)?\n)*+\s*+sensor_msgs/(?:msg/)?LaserScan\s",
+}
+"""Beginnings of definitions, before the first field only comments and constants."""
+
+
+def scan_type(kind: str, encoding: str, definition: bytes) -> str:
+    """Return the type as which messages are read: a LaserScan where they begin with one; empty where they are no sweeps.
+
+    >>> scan_type("sick/msg/ExtendedLaserScan", "ros2msg", b"sensor_msgs/LaserScan laser_scan\\nbool[] intrusion")
+    'sensor_msgs/msg/LaserScan'
+    """
+    if kind in EXPECTED:
+        return kind
+    if b"LaserScan" not in definition and definition:
+        return ""
+    name = kind.rsplit("/", 1)[-1]
+    if not definition:
+        # Databases without definitions; this is the one type of the kind that drivers publish.
+        return LASERSCAN if name == "ExtendedLaserScan" else ""
+    text = definition.decode("utf-8", "replace")
+    if encoding == "ros2idl":
+        text = _ANNOTATION.sub("", _NO_CODE.sub("", text))
+    pattern = _BEGINS_WITH_SCAN.get(encoding, _BEGINS_WITH_SCAN["msg"])
+    return LASERSCAN if re.search(pattern.format(re.escape(name)), text) else ""
 
 
 def _msg_fields(text: str, _name: str) -> list[tuple[str, str]]:

@@ -18,7 +18,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 from urllib.parse import quote
 
 from lidarcli.errors import UnreadableError
@@ -176,10 +176,11 @@ ASKED_EVERY = 10_000
 _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
 _PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
 """Definitions of plain tables and indexes, as SQLite stores them."""
-_TABLES = ("topics", "messages")
+_TABLES = ("topics", "messages", "message_definitions")
 # Rows come in the order of their ids, in which tables keep them: sorting would hold all of them.
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics NOT INDEXED"
 _TYPES = (int, str, str, str)
+_DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions NOT INDEXED"
 _NEWEST = "SELECT max(id) FROM messages"
 _COUNTED = (
     "SELECT CASE WHEN CAST(topic_id AS INTEGER) = topic_id THEN CAST(topic_id AS INTEGER) ELSE typeof(topic_id) END"
@@ -319,10 +320,14 @@ class SqliteBag:
         try:
             self._database = self._connect(path)
             rows = self._ask(self._database, _TOPICS)
-            topics = list(_bounded((row for row in rows if all(map(isinstance, row, _TYPES))), self._size))
+            topics = [*_bounded((row for row in rows if all(map(isinstance, row, _TYPES))), self._size)]
             if not _ascending([row[0] for row in topics]):
                 raise UnsoundError("row numbers of topics are out of order")
-            self.topics = {row[0]: TopicRow(*row) for row in topics}
+            known = self._definitions()
+            self.topics = {
+                number: TopicRow(number, name, kind, encoding, known.get(kind, ("", "")))
+                for number, name, kind, encoding in topics
+            }
             self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_MESSAGE + MAX_TEXT)
             self._ask(self._database, _NEWEST).fetchone()
         except SQLITE_ERRORS as err:
@@ -331,6 +336,16 @@ class SqliteBag:
                 self._database.close()
                 self._database = None
             self._open_damaged()
+
+    def _definitions(self) -> dict[str, tuple[str, str]]:
+        """Return encoding and text of the definition of each type; none of bags before ROS 2 Iron."""
+        assert self._database is not None
+        try:
+            rows = self._ask(self._database, _DEFINITIONS)
+            bounded = _bounded((row for row in rows if {*map(type, row)} == {str}), self._size)
+            return {kind: (encoding, text) for kind, encoding, text in bounded}
+        except SQLITE_ERRORS:
+            return {}
 
     def _connect(self, path: Path) -> sqlite3.Connection:
         """Connect to the database for reading rows of plain tables in bounded time, and nothing else.
@@ -471,7 +486,7 @@ def _authorize(
     return sqlite3.SQLITE_OK if fine else sqlite3.SQLITE_DENY
 
 
-def _bounded(rows: Iterable[tuple[int, str, str, str]], most: int) -> Iterator[tuple[int, str, str, str]]:
+def _bounded(rows: Iterable[tuple[Any, ...]], most: int) -> Iterator[tuple[Any, ...]]:
     """Yield rows whose texts together are no longer than the file that they come from [bytes]."""
     for row in rows:
         most -= sum(map(len, row[1:]))
@@ -506,4 +521,4 @@ def _fetch(cursor: sqlite3.Cursor) -> list[Row]:
 
 def has_type(topic: TopicRow, types: Collection[str]) -> bool:
     """Return True if a topic has one of the types, serialised as in ROS 2."""
-    return topic.encoding.lower() == "cdr" and ros_type(topic.type) in types
+    return topic.is_cdr and ros_type(topic.type) in types

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from lidarcli.errors import LidarcliError, UnreadableError
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Log, Message, OpenOptions, ReadReport, Topic, ros_type
+from lidarcli.logs.base import Log, Message, OpenOptions, ReadReport, Topic, ros_type
 from lidarcli.logs.joined import Part, PartedLog
 from lidarcli.logs.laserscan import Gather
 from lidarcli.logs.rosbag2.database import Known, Row, SqliteBag, has_type
@@ -17,7 +17,6 @@ from lidarcli.logs.rosbag2.folder import METADATA, Folder, read_folder
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, Unpacking, is_zstd, unpack_file, unpack_message
 from lidarcli.sweeps import RawSweeps
 
-SCANS = (LASERSCAN, MULTI_ECHO)
 NO_DATA = "no data, or more than a sweep can have"
 NO_TIME = "no time that is a number"
 
@@ -129,17 +128,31 @@ class DatabaseLog:
         """Return the topics with the number of their messages."""
         counts = self.bag.counts()
         return [
-            Topic(topic.name, ros_type(topic.type), topic.encoding, counts.get(topic.id, 0))
+            Topic(
+                topic.name,
+                ros_type(topic.type),
+                topic.encoding,
+                counts.get(topic.id, 0),
+                read_as=topic.read_as,
+            )
             for topic in self.bag.topics.values()
         ]
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield blocks of sweeps in log order within each topic."""
-        gathers = {
-            topic.id: Gather(topic.name, ros_type(topic.type), "cdr", report, self._options.echo)
+        mine = [
+            topic
             for topic in self.bag.topics.values()
-            if has_type(topic, SCANS) and (topics is None or topic.name in topics)
+            if topic.read_as and (topics is None or topic.name in topics)
+        ]
+        gathers = {
+            topic.id: Gather(topic.name, topic.read_as, "cdr", report, self._options.echo)
+            for topic in mine
+            if topic.is_cdr
         }
+        for topic in mine:
+            if not topic.is_cdr and (count := self.bag.counts().get(topic.id, 0)):
+                report.refused[(topic.name, f"the encoding '{topic.encoding}' is not read")] += count
         try:
             self.bag.report_orphans()
             for batch in self.bag.batches(gathers) if gathers else ():
