@@ -32,6 +32,7 @@ from lidarcli.choices import (
     PROFILES,
     REMOVABLE,
     SAYINGS,
+    SEGMENTS,
     SIGNIFICANCE,
     SIGNIFICANCES,
     STATION_DEGREES,
@@ -76,7 +77,7 @@ STDOUT = "-"
 OUTPUT, MANY = "Output", "Many logs"
 SELECT, POSES = "Sweeps to read", "Where the sensor was"
 RANGES, GEOMETRY = "Beams without a range", "Text logs without geometry"
-CLOUDS, ECHO = "Point clouds", "Beams with several echoes"
+CLOUDS, ECHO = "Point clouds", "Beams with several echoes, turns in segments"
 OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
 BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
@@ -361,6 +362,12 @@ class Ranges(Limits, total=False):
         Literal["first", "last", "strongest"],
         Option(ECHO, ECHOES, ECHOES[0], rare=True),
         "Echo to take of each beam of a MultiEchoLaserScan; strongest: that of the greatest intensity.",
+    ]
+    segments: Annotated[
+        Literal["join", "keep"],
+        Option(ECHO, SEGMENTS, SEGMENTS[0], rare=True),
+        "Messages that are segments of a turn, each from where the one before ended: join makes one sweep of a turn, "
+        "keep takes each message for a sweep.",
     ]
     slice: Annotated[
         tuple[float, float] | None,

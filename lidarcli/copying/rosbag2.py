@@ -18,7 +18,7 @@ from lidarcli.errors import OutputError
 from lidarcli.logs.base import MULTI_ECHO, ros_type
 from lidarcli.logs.laserscan import locate
 from lidarcli.logs.mcap.log import McapLog
-from lidarcli.logs.rosbag2.database import SqliteBag
+from lidarcli.logs.rosbag2.database import SqliteBag, is_cdr
 from lidarcli.logs.rosbag2.folder import METADATA
 from lidarcli.logs.rosbag2.log import DatabaseLog, Rosbag2Log
 from lidarcli.logs.unpacking import Unpacking, is_zstd
@@ -80,7 +80,7 @@ def _copy_database(bag: SqliteBag, path: Path, copy: Copy) -> None:
         _write_anew(bag, path, copy)
         return
     shutil.copyfile(sound, path)
-    scans = [topic.id for topic in bag.topics.values() if topic.is_cdr and topic.read_as]
+    scans = [topic.id for topic in bag.topics.values() if is_cdr(topic) and bag.read_as(topic)]
     unpacking = Unpacking()
     with closing(sqlite3.connect(path)) as database:
         database.execute("PRAGMA journal_mode = memory")
@@ -113,9 +113,10 @@ def _is_whole(path: Path) -> bool:
 
 def _edited(bag: SqliteBag, topic_id: int, data: bytes, copy: Copy, unpacking: Unpacking) -> bytes:
     topic = bag.topics[topic_id]
-    if not topic.is_cdr or not topic.read_as:
+    kind = bag.read_as(topic)
+    if not is_cdr(topic) or not kind:
         return data
-    where = partial(locate, encoding="cdr", several=topic.read_as == MULTI_ECHO)
+    where = partial(locate, encoding="cdr", several=kind == MULTI_ECHO)
     return edited(copy, topic.name, data, where, unpacking)
 
 

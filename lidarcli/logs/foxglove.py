@@ -161,13 +161,7 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str =
         others = [
             # What writes infinity as null means it so here, too.
             float(default if fields.get(name) is None else fields[name])
-            for name, default in (
-                ("range_min", 0.0),
-                ("range_max", np.inf),
-                ("time_increment", 0.0),
-                ("scan_time", 0.0),
-                ("angle_max", np.nan),
-            )
+            for name, default in Scan._field_defaults.items()
         ]
         stamp_ns = _stamp_ns(header.get("stamp" if of_ros else "timestamp"), line)
         frame_id = str(header.get("frame_id", ""))
@@ -299,9 +293,8 @@ def protobuf_decoder(name: str, schema: bytes) -> tuple[Decoder, Locate] | None:
     def locate(data: bytes) -> Written | None:
         try:
             scan = decode_one(data, 0)
-        except RefusedError:
-            return None
-        if not [*blocks_of("", [scan], ReadReport())]:
+            [_] = blocks_of("", [scan], ReadReport())
+        except ValueError:
             return None
         place = _places(data, field.number, kind)
         # What is written in another way is left as it is.

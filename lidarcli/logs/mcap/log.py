@@ -86,24 +86,9 @@ class _OneByOne:
         yield from foxglove.decode_each(self.topic, waiting, self.decoder, self.report)
 
 
-@dataclass(slots=True)
-class _Unread:
-    """Counts the messages of a topic of scans that cannot be read."""
-
-    topic: str
-    cause: str
-    report: ReadReport
-    locate: Locate | None = None
-
-    def decode(self, rows: Messages) -> Iterator[RawSweeps]:
-        self.report.refused[(self.topic, self.cause)] += len(rows)
-        return self.flush()
-
-    def flush(self) -> Iterator[RawSweeps]:
-        return iter(())
-
-
-_Decoding = _Columns | _OneByOne | _Unread
+def _refuse(_data: bytes, _record_ns: int, *, cause: str) -> foxglove.Scan:
+    """Decode no message of a topic."""
+    raise foxglove.RefusedError(cause)
 
 
 def _are_packed(rows: Messages) -> bool:
@@ -224,7 +209,7 @@ class McapLog:
             topic = (channel.topic, known.type(key), channel.message_encoding, self._read_as(key))
             messages[topic] = messages.get(topic, 0) + (counts or {}).get(key, 0)
         return [
-            Topic(*topic[:3], count if counts is not None else None, read_as=topic[3])
+            Topic(*topic[:3], count if counts is not None else None, topic[3])
             for topic, count in messages.items()
         ]
 
@@ -233,7 +218,7 @@ class McapLog:
         definition, kind = self._catalogue.schema(key), self._catalogue.type(key)
         if definition is None or kind in SCAN_TYPES:
             return kind
-        return scan_type(kind, definition.encoding, definition.data)
+        return scan_type(kind, definition.encoding, definition.data.decode("utf-8", "replace"))
 
     def _count(self) -> Counter[int]:
         """Count messages by channel, from chunk indexes where possible; damage is left to reading."""
@@ -252,7 +237,7 @@ class McapLog:
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield blocks of sweeps in file order within each topic."""
-        decoders: list[_Decoding] = []
+        decoders: list[_Columns | _OneByOne] = []
         numbers: dict[tuple[str, str, str, int], int] = {}
 
         def choose(key: int) -> int:
@@ -313,7 +298,7 @@ class McapLog:
             if plain is not None:
                 yield message._replace(data=plain)
 
-    def _decoder(self, key: int, report: ReadReport) -> _Decoding | None:
+    def _decoder(self, key: int, report: ReadReport) -> _Columns | _OneByOne | None:
         """Return the decoder of a channel; None if its messages are no sweeps."""
         channel, definition = self._catalogue.channels[key], self._catalogue.schema(key)
         kind, encoding, topic = self._read_as(key), channel.message_encoding, channel.topic
@@ -332,7 +317,7 @@ class McapLog:
             if known is not None:
                 return _OneByOne(topic, known[0], report, known[1])
             problem = f"its protobuf schema does not describe a {kind}"
-        return _Unread(topic, problem, report)
+        return _OneByOne(topic, partial(_refuse, cause=problem), report)
 
     def _pass(self, choose: Callable[[int], int], report: ReadReport) -> Iterator[tuple[int, Messages]]:
         """Go through the log once and hand out messages with the group that `choose` gave their channel."""

@@ -474,7 +474,7 @@ def connection_of(record: Record, data: bytes) -> Connection:
     name = data[kind.start : kind.end].decode("utf-8", "replace") if kind else ""
     whole = b"".join(len(part).to_bytes(4, "little") + part for part in (record.header, data))
     definition = fields.get(b"message_definition")
-    told = data[definition.start : definition.end] if definition else b""
+    told = data[definition.start : definition.end].decode("utf-8", "replace") if definition else ""
     read_as = scan_type(ros_type(name), "ros1msg", told)
     return Connection(record.value(b"topic").decode("utf-8", "replace"), ros_type(name), whole, read_as)
 

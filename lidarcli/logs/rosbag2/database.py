@@ -14,7 +14,7 @@ import struct
 import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from pathlib import Path
@@ -23,6 +23,7 @@ from urllib.parse import quote
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import MAX_MESSAGE, ReadReport, ros_type
+from lidarcli.logs.laserscan import scan_type
 from lidarcli.logs.rosbag2.salvage import (
     BEFORE_ALL,
     HEADER,
@@ -180,7 +181,10 @@ _TABLES = ("topics", "messages", "message_definitions")
 # Rows come in the order of their ids, in which tables keep them: sorting would hold all of them.
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics NOT INDEXED"
 _TYPES = (int, str, str, str)
-_DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions NOT INDEXED"
+_DEFINITIONS = (
+    "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions NOT INDEXED"
+    " WHERE typeof(topic_type) || typeof(encoding) || typeof(encoded_message_definition) = 'texttexttext'"
+)
 _NEWEST = "SELECT max(id) FROM messages"
 _COUNTED = (
     "SELECT CASE WHEN CAST(topic_id AS INTEGER) = topic_id THEN CAST(topic_id AS INTEGER) ELSE typeof(topic_id) END"
@@ -226,6 +230,7 @@ class SqliteBag:
     def __init__(self, path: Path, shown: str, report: ReadReport, known: Known) -> None:
         """`shown` names the file in errors; `known` is what is known of it, and takes what is found."""
         self.topics: dict[int, TopicRow] = {}
+        self._read_as: dict[str, str] = {}
         self._last, self._newest = 0, 0
         self._shown, self._report, self._known = shown, report, known
         self._folder: tempfile.TemporaryDirectory[str] | None = None
@@ -252,6 +257,10 @@ class SqliteBag:
     def sound_file(self) -> Path | None:
         """The database with its journal merged in, as long as it is open; None where SQLite refuses it."""
         return None if self._database is None else self._path
+
+    def read_as(self, topic: TopicRow) -> str:
+        """Return the type as which the messages of a topic are read as sweeps; empty where they are none."""
+        return self._read_as.get(topic.type, scan_type(ros_type(topic.type)))
 
     def counts(self) -> Counter[int]:
         """Return the number of messages by topic id."""
@@ -320,14 +329,14 @@ class SqliteBag:
         try:
             self._database = self._connect(path)
             rows = self._ask(self._database, _TOPICS)
-            topics = [*_bounded((row for row in rows if all(map(isinstance, row, _TYPES))), self._size)]
+            topics = list(_bounded((row for row in rows if all(map(isinstance, row, _TYPES))), self._size))
             if not _ascending([row[0] for row in topics]):
                 raise UnsoundError("row numbers of topics are out of order")
-            known = self._definitions()
-            self.topics = {
-                number: TopicRow(number, name, kind, encoding, known.get(kind, ("", "")))
-                for number, name, kind, encoding in topics
-            }
+            self.topics = {row[0]: TopicRow(*row) for row in topics}
+            # Bags before ROS 2 Iron have no definitions.
+            with suppress(*SQLITE_ERRORS):
+                for kind, *told in _bounded(self._ask(self._database, _DEFINITIONS), self._size):
+                    self._read_as[kind] = scan_type(ros_type(kind), *told)
             self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_MESSAGE + MAX_TEXT)
             self._ask(self._database, _NEWEST).fetchone()
         except SQLITE_ERRORS as err:
@@ -336,16 +345,6 @@ class SqliteBag:
                 self._database.close()
                 self._database = None
             self._open_damaged()
-
-    def _definitions(self) -> dict[str, tuple[str, str]]:
-        """Return encoding and text of the definition of each type; none of bags before ROS 2 Iron."""
-        assert self._database is not None
-        try:
-            rows = self._ask(self._database, _DEFINITIONS)
-            bounded = _bounded((row for row in rows if {*map(type, row)} == {str}), self._size)
-            return {kind: (encoding, text) for kind, encoding, text in bounded}
-        except SQLITE_ERRORS:
-            return {}
 
     def _connect(self, path: Path) -> sqlite3.Connection:
         """Connect to the database for reading rows of plain tables in bounded time, and nothing else.
@@ -521,4 +520,9 @@ def _fetch(cursor: sqlite3.Cursor) -> list[Row]:
 
 def has_type(topic: TopicRow, types: Collection[str]) -> bool:
     """Return True if a topic has one of the types, serialised as in ROS 2."""
-    return topic.is_cdr and ros_type(topic.type) in types
+    return is_cdr(topic) and ros_type(topic.type) in types
+
+
+def is_cdr(topic: TopicRow) -> bool:
+    """Return True if the messages of a topic are serialised as in ROS 2."""
+    return topic.encoding.lower() == "cdr"

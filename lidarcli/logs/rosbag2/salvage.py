@@ -14,8 +14,8 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from lidarcli.logs.base import LASERSCAN, MAX_MESSAGE, ReadReport, ros_type
-from lidarcli.logs.laserscan import decode, scan_type
+from lidarcli.logs.base import LASERSCAN, MAX_MESSAGE, ReadReport
+from lidarcli.logs.laserscan import decode
 
 MAGIC = b"SQLite format 3\0"
 LEAF = 0x0D
@@ -38,18 +38,6 @@ class TopicRow(NamedTuple):
     name: str
     type: str
     encoding: str
-    definition: tuple[str, str] = ("", "")
-    """Encoding and text of the definition of its type, where there is one."""
-
-    @property
-    def read_as(self) -> str:
-        """Type as which its messages are read as sweeps; empty where they are none."""
-        return scan_type(ros_type(self.type), self.definition[0], self.definition[1].encode())
-
-    @property
-    def is_cdr(self) -> bool:
-        """True for messages that are serialised as in ROS 2."""
-        return self.encoding.lower() == "cdr"
 
 
 class MessageRow(NamedTuple):
