@@ -18,6 +18,7 @@ from lidarcli.choices import (
     CONTAINERS,
     ECHOES,
     GREATEST_COUNT,
+    JOIN,
     LAST_SWEEP,
     LEAST_SCORE,
     MAP_RESOLUTION,
@@ -77,7 +78,7 @@ STDOUT = "-"
 OUTPUT, MANY = "Output", "Many logs"
 SELECT, POSES = "Sweeps to read", "Where the sensor was"
 RANGES, GEOMETRY = "Beams without a range", "Text logs without geometry"
-CLOUDS, ECHO = "Point clouds", "Beams with several echoes, turns in segments"
+CLOUDS, ECHO = "Point clouds", "Beams with several echoes"
 OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
 BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
@@ -325,6 +326,11 @@ class Limits(TypedDict, total=False):
         "Leave out the robot's own body: the beams that end on a [[mask]] of this file (TOML, docs/formats.md); auto: "
         "those that always end near by while the sensor drives.",
     ]
+    segments: Annotated[
+        Literal["join", "keep"],
+        Option(SELECT, SEGMENTS, JOIN, rare=True),
+        "Messages that go on where the one before ended: join makes sweeps of whole turns, keep takes each for a sweep.",
+    ]
 
 
 class Ranges(Limits, total=False):
@@ -362,12 +368,6 @@ class Ranges(Limits, total=False):
         Literal["first", "last", "strongest"],
         Option(ECHO, ECHOES, ECHOES[0], rare=True),
         "Echo to take of each beam of a MultiEchoLaserScan; strongest: that of the greatest intensity.",
-    ]
-    segments: Annotated[
-        Literal["join", "keep"],
-        Option(ECHO, SEGMENTS, SEGMENTS[0], rare=True),
-        "Messages that are segments of a turn, each from where the one before ended: join makes one sweep of a turn, "
-        "keep takes each message for a sweep.",
     ]
     slice: Annotated[
         tuple[float, float] | None,

@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 
 from lidarcli import foxglove
 from lidarcli.choices import ECHOES, SEGMENTS
+from lidarcli.errors import OptionError
 from lidarcli.findings import Finding
 from lidarcli.sweeps import RawSweeps
 
@@ -191,6 +192,11 @@ class OpenOptions:
     """Echo taken of a beam that has several: one of `choices.ECHOES`."""
     segments: str = SEGMENTS[0]
     """Use of messages that are segments of a turn: one of `choices.SEGMENTS`."""
+
+    def __post_init__(self) -> None:
+        """Refuse a word without a meaning (`OptionError`)."""
+        if self.segments not in SEGMENTS:
+            raise OptionError(f"--segments: '{self.segments}' is not one of {', '.join(SEGMENTS)}")
 
 
 class Log(Protocol):

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Iterable, Sequence
 from fnmatch import fnmatchcase
 
-from lidarcli.choices import BINS, ECHOES, SEGMENTS, UNITS
+from lidarcli.choices import BINS, ECHOES, JOIN, UNITS
 from lidarcli.errors import LidarcliError, NoScanError, OptionError, UnreadableError
 from lidarcli.logs.base import CLOUD_TYPES, LASERSCAN, SCAN_TYPES, OpenOptions, Slice, Topic
 from lidarcli.masks import Masks
@@ -49,7 +49,7 @@ def open_options(
     degrees: bool,
     range_unit: str,
     echo: str,
-    segments: str = SEGMENTS[0],
+    segments: str = JOIN,
     heights: tuple[float, float] | None = None,
     bins: int | None = None,
     limits: tuple[float, float] | None = None,
@@ -67,8 +67,6 @@ def open_options(
         raise OptionError(f"--range-unit: '{range_unit}' is not one of {', '.join(UNITS)}")
     if echo not in ECHOES:
         raise OptionError(f"--echo: '{echo}' is not one of {', '.join(ECHOES)}")
-    if segments not in SEGMENTS:
-        raise OptionError(f"--segments: '{segments}' is not one of {', '.join(SEGMENTS)}")
     if angle_increment is not None and fov is not None:
         raise OptionError("--angle-increment and --fov exclude each other")
     if angle_increment == 0:

@@ -117,8 +117,8 @@ def clean_log(
         described = note_value(notes, SOURCE, dict)
         if joined := described.get("segments"):
             raise OptionError(
-                f"{source.path}: messages of {joined[0]} are segments of a turn, which clean cannot put back into "
-                f"messages; --segments {KEEP} cleans each segment for itself"
+                f"{source.path}: messages of {joined[0]} are segments of a turn, which clean cannot write back; "
+                f"--segments {KEEP} cleans each alone"
             )
         mask = described.get("mask")
         rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
