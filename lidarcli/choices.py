@@ -43,6 +43,8 @@ UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Units that the ranges of a log may have, in metres."""
 ECHOES = ("first", "last", "strongest")
 """Echoes to take of a beam that has several; the first by default."""
+JOIN, KEEP = SEGMENTS = ("join", "keep")
+"""Use of messages that are segments of a turn; the first by default."""
 BINS = 720
 """Beams of a sweep that is made of a point cloud: half a degree each in a full turn."""
 ALIGN = ("auto", "as-is", "search")

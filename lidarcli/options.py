@@ -18,6 +18,7 @@ from lidarcli.choices import (
     CONTAINERS,
     ECHOES,
     GREATEST_COUNT,
+    JOIN,
     LAST_SWEEP,
     LEAST_SCORE,
     MAP_RESOLUTION,
@@ -33,6 +34,7 @@ from lidarcli.choices import (
     PROFILES,
     REMOVABLE,
     SAYINGS,
+    SEGMENTS,
     SIGNIFICANCE,
     SIGNIFICANCES,
     STAMPS,
@@ -334,6 +336,11 @@ class Limits(TypedDict, total=False):
         Option(RANGES, File("FILE|auto|none"), shown="none"),
         "Leave out the robot's own body: the beams that end on a [[mask]] of this file (TOML, docs/formats.md); auto: "
         "those that always end near by while the sensor drives.",
+    ]
+    segments: Annotated[
+        Literal["join", "keep"],
+        Option(SELECT, SEGMENTS, JOIN, rare=True),
+        "Messages that go on where the one before ended: join makes sweeps of whole turns, keep takes each for a sweep.",
     ]
 
 

@@ -10,7 +10,7 @@ from functools import partial
 from typing import BinaryIO
 
 from lidarcli.copying.copies import Copy
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO
+from lidarcli.logs.base import MULTI_ECHO
 from lidarcli.logs.laserscan import locate
 from lidarcli.logs.rosbag1.log import Rosbag1Log
 from lidarcli.logs.rosbag1.records import MAGIC, Op
@@ -38,8 +38,8 @@ def copy_bag(log: Rosbag1Log, out: BinaryIO, copy: Copy) -> None:
                 continue
             start, length = int(block.starts[row]), int(block.lengths[row])
             data = block.data[start : start + length].tobytes()
-            if connection.type in (LASERSCAN, MULTI_ECHO):
-                where = partial(locate, encoding="ros1", several=connection.type == MULTI_ECHO)
+            if connection.read_as:
+                where = partial(locate, encoding="ros1", several=connection.read_as == MULTI_ECHO)
                 data = copy.edit(connection.topic, data, where)
             bag.message(number, connection.record, int(block.time_ns[row]), data)
             copy.messages[connection.topic, connection.type] += 1

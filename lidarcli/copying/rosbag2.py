@@ -20,8 +20,8 @@ from lidarcli.errors import OutputError
 from lidarcli.logs.base import MULTI_ECHO, ros_type
 from lidarcli.logs.laserscan import locate
 from lidarcli.logs.mcap.log import McapLog
-from lidarcli.logs.rosbag2.database import BATCH, ROWID, SQLITE_ERRORS, SqliteBag, has_type, quoted
-from lidarcli.logs.rosbag2.log import SCANS, DatabaseLog, Rosbag2Log
+from lidarcli.logs.rosbag2.database import BATCH, ROWID, SQLITE_ERRORS, SqliteBag, is_cdr, quoted
+from lidarcli.logs.rosbag2.log import DatabaseLog, Rosbag2Log
 from lidarcli.logs.unpacking import Unpacking, is_zstd
 from lidarcli.ros.bag_metadata import METADATA
 
@@ -94,7 +94,7 @@ def _copy_database(bag: SqliteBag, path: Path, copy: Copy) -> None:
     if sound is None:
         _write_anew(bag, path, copy)
         return
-    scans = [topic.id for topic in bag.topics.values() if has_type(topic, SCANS)]
+    scans = [topic.id for topic in bag.topics.values() if is_cdr(topic) and bag.read_as(topic)]
     unpacking = Unpacking()
     where = f"file:{quote(str(sound.absolute()))}?mode=ro&immutable=1"
     with closing(sqlite3.connect(where, uri=True, isolation_level=None)) as database:
@@ -154,9 +154,10 @@ def _copy_table(database: sqlite3.Connection, table: str, is_numbered: bool) -> 
 
 def _edited(bag: SqliteBag, topic_id: int, data: bytes, copy: Copy, unpacking: Unpacking) -> bytes:
     topic = bag.topics[topic_id]
-    if not has_type(topic, SCANS):
+    kind = bag.read_as(topic)
+    if not is_cdr(topic) or not kind:
         return data
-    where = partial(locate, encoding="cdr", several=ros_type(topic.type) == MULTI_ECHO)
+    where = partial(locate, encoding="cdr", several=kind == MULTI_ECHO)
     return edited(copy, topic.name, data, where, unpacking)
 
 

@@ -8,13 +8,15 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
 from lidarcli import foxglove
-from lidarcli.choices import ECHOES
+from lidarcli.choices import ECHOES, SEGMENTS
+from lidarcli.errors import OptionError
 from lidarcli.findings import Finding
 from lidarcli.sweeps import RawSweeps
 
 LASERSCAN = "sensor_msgs/msg/LaserScan"
 MULTI_ECHO = "sensor_msgs/msg/MultiEchoLaserScan"
-SCAN_TYPES = frozenset({LASERSCAN, MULTI_ECHO, foxglove.SCAN})
+PROTOBUF_SCAN = "ros.sensor_msgs.LaserScan"
+SCAN_TYPES = frozenset({LASERSCAN, MULTI_ECHO, PROTOBUF_SCAN, foxglove.SCAN})
 
 POINTCLOUD2 = "sensor_msgs/msg/PointCloud2"
 CLOUD_TYPES = frozenset({POINTCLOUD2, foxglove.CLOUD})
@@ -64,13 +66,15 @@ class Topic:
     encoding: str
     """`cdr`, `ros1`, `json`, `protobuf`, `csv`, `carmen`, `aria` or `player`."""
     messages: int | None = None
+    read_as: str = field(default="", compare=False)
+    """Type as which messages are read as sweeps, where they are; a LaserScan of messages that begin with one."""
     sliced: bool = False
     """True for point clouds that are read as sweeps."""
 
     @property
     def is_scan(self) -> bool:
         """True if sweeps are read from this topic."""
-        return self.type in SCAN_TYPES or self.sliced
+        return self.type in SCAN_TYPES or self.sliced or self.read_as != ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +108,8 @@ class ReadReport:
     """(topic, cause) → messages that were whole but cannot be a sweep (NaN geometry, count beyond the message)."""
     notes: list[str] = field(default_factory=list)
     """Choices the reader made that a user should know (the CSV layout taken, a missing metadata.yaml)."""
+    segments: set[str] = field(default_factory=set)
+    """Topics whose messages were joined to turns (`logs.segments`)."""
     no_return: dict[str, float] = field(default_factory=dict)
     """Topic → the range [m] from which on there is no return, by a pile of values (`logs.piles`)."""
     doubts: dict[str, tuple[Finding, ...]] = field(default_factory=dict)
@@ -136,6 +142,7 @@ class ReadReport:
         self.damage_more += other.damage_more
         self.refused.update(other.refused)
         self.notes += [note for note in other.notes if note not in self.notes]
+        self.segments |= other.segments
         self.no_return.update(other.no_return)
         for topic, findings in other.doubts.items():
             self.add_doubts(topic, findings)
@@ -183,6 +190,13 @@ class OpenOptions:
     """Slice of point clouds that becomes a sweep; None: point clouds are not read."""
     echo: str = ECHOES[0]
     """Echo taken of a beam that has several: one of `choices.ECHOES`."""
+    segments: str = SEGMENTS[0]
+    """Use of messages that are segments of a turn: one of `choices.SEGMENTS`."""
+
+    def __post_init__(self) -> None:
+        """Refuse a word without a meaning (`OptionError`)."""
+        if self.segments not in SEGMENTS:
+            raise OptionError(f"--segments: '{self.segments}' is not one of {', '.join(SEGMENTS)}")
 
 
 class Log(Protocol):

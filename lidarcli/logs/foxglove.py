@@ -1,33 +1,32 @@
-"""`foxglove.LaserScan` in JSON and in protobuf, message by message."""
+"""Scans in JSON and in protobuf, message by message: `foxglove.LaserScan`, and LaserScan of ROS."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from lidarcli.choices import ECHOES
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.blocks import (
-    ANGLE_MIN,
-    IN_DEGREES,
-    INCREMENT,
-    INCREMENT_ZERO,
     TOO_MANY,
     Locate,
     Written,
     as_singles,
-    in_degrees,
+    keep_sound,
     pad_intensities,
     pad_rows,
     split_rows,
 )
+from lidarcli.logs.times import DATE, S, to_ns
 from lidarcli.ros.cursor import MAX_NAME, NAME_LONG
 from lidarcli.sweeps import Float32, Int64, RawSweeps
 
 NOT_JSON = "not JSON"
-NOT_SCAN = "not a foxglove.LaserScan"
+NOT_SCAN = "not a LaserScan"
 NOT_PROTOBUF = "not protobuf of its schema"
 STAMP = "timestamp out of range"
 
@@ -35,119 +34,203 @@ ROWS = 256
 VALUES = 1 << 20
 """Most sweeps, and about the most ranges, of a block."""
 
-_FIELDS = frozenset({"timestamp", "frame_id", "start_angle", "end_angle", "ranges"})
+_FIELDS = (
+    frozenset({"timestamp", "frame_id", "start_angle", "end_angle", "ranges"}),
+    frozenset({"header", "angle_min", "angle_increment", "ranges"}),
+)
+"""Fields of a scan, of foxglove and of ROS."""
 _WORDS = {"nan": np.nan, "infinity": np.inf, "inf": np.inf, "-infinity": -np.inf, "-inf": -np.inf}
-
-
-class Sweep(NamedTuple):
-    """One decoded message."""
-
-    frame_id: str
-    stamp_ns: int
-    angle_min: float
-    angle_max: float
-    ranges: Float32
-    intensities: Float32
-    """Empty where it has none."""
 
 
 class RefusedError(ValueError):
     """A message that cannot be a sweep; the text is the cause."""
 
 
-Decoder = Callable[[bytes], Sweep]
+class Scan(NamedTuple):
+    """One decoded message."""
+
+    frame_id: str
+    stamp_ns: int
+    record_ns: int
+    angle_min: float
+    increment: float
+    ranges: Float32
+    intensities: Float32
+    """Empty where it has none."""
+    range_min: float = 0.0
+    range_max: float = np.inf
+    time_increment: float = 0.0
+    scan_time: float = 0.0
+    angle_max: float = np.nan
+    """Last bearing of the message, beside the increment."""
+
+
+Decoder = Callable[[bytes, int], Scan]
+"""Decodes a message and the time [ns] at which it was recorded; raises `RefusedError`."""
 
 
 def decode_each(
     topic: str, messages: Iterable[tuple[int, bytes]], decoder: Decoder, report: ReadReport
 ) -> Iterator[RawSweeps]:
     """Yield blocks of sweeps from (record time, payload) pairs, in order; count refused messages."""
-    sweeps: list[Sweep] = []
-    times: list[int] = []
+    scans: list[Scan] = []
     values = 0
     for record_ns, data in messages:
         try:
-            sweep = decoder(data)
-            _check(sweep)
+            scans.append(decoder(data, record_ns))
         except RefusedError as err:
             report.refused[(topic, str(err))] += 1
             continue
-        sweeps.append(sweep)
-        times.append(record_ns)
-        values += len(sweep.ranges)
-        if len(sweeps) >= ROWS or values >= VALUES:
-            yield from _blocks(topic, sweeps, times)
-            sweeps, times, values = [], [], 0
-    if sweeps:
-        yield from _blocks(topic, sweeps, times)
+        values += len(scans[-1].ranges)
+        if len(scans) >= ROWS or values >= VALUES:
+            yield from blocks_of(topic, scans, report)
+            scans, values = [], 0
+    yield from blocks_of(topic, scans, report)
 
 
-def _check(sweep: Sweep) -> None:
-    if len(sweep.frame_id) > MAX_NAME:
-        raise RefusedError(NAME_LONG)
-    beams = len(sweep.ranges)
-    if beams > MAX_BEAMS:
-        raise RefusedError(TOO_MANY)
-    if not np.isfinite(sweep.angle_min):
-        raise RefusedError(ANGLE_MIN)
-    if not np.isfinite(sweep.angle_max - sweep.angle_min):
-        raise RefusedError(INCREMENT)
-    if beams > 1 and sweep.angle_max == sweep.angle_min:
-        raise RefusedError(INCREMENT_ZERO)
-    if in_degrees(np.array([beams]), np.array([sweep.angle_max - sweep.angle_min]) / max(beams - 1, 1))[0]:
-        raise RefusedError(IN_DEGREES)
-    if not -(2**63) <= sweep.stamp_ns < 2**63:
-        raise RefusedError(STAMP)
+def blocks_of(topic: str, scans: Sequence[Scan], report: ReadReport) -> Iterator[RawSweeps]:
+    """Yield scans of one topic as blocks; those that can be no sweep are counted."""
+    for rows in split_rows(np.array([len(scan.ranges) for scan in scans], np.int32)):
+        if (block := _block(topic, scans[rows], report)) is not None:
+            yield block
 
 
-def _blocks(topic: str, sweeps: list[Sweep], times: list[int]) -> Iterator[RawSweeps]:
-    beams = np.array([len(sweep.ranges) for sweep in sweeps], np.int32)
-    for rows in split_rows(beams):
-        some = sweeps[rows]
-        names = {name: code for code, name in enumerate(dict.fromkeys(sweep.frame_id for sweep in some))}
-        start = np.array([sweep.angle_min for sweep in some])
-        end = np.array([sweep.angle_max for sweep in some])
-        yield RawSweeps(
-            topic=topic,
-            frame_ids=tuple(names),
-            frame=np.array([names[sweep.frame_id] for sweep in some], np.int32),
-            stamp_ns=np.array([sweep.stamp_ns for sweep in some], np.int64),
-            record_ns=np.array(times[rows], np.int64),
-            angle_min=start,
-            angle_increment=np.where(beams[rows] > 1, (end - start) / np.maximum(beams[rows] - 1, 1), 0.0),
-            range_min=np.zeros(len(some), np.float32),
-            range_max=np.full(len(some), np.inf, np.float32),
-            beams=beams[rows],
-            ranges=pad_rows([sweep.ranges for sweep in some]),
-            intensities=pad_intensities(
-                [sweep.intensities[: len(sweep.ranges)] for sweep in some], int(beams[rows].max())
-            ),
-        )
+def _block(topic: str, scans: Sequence[Scan], report: ReadReport) -> RawSweeps | None:
+    names = {name: code for code, name in enumerate(dict.fromkeys(scan.frame_id for scan in scans))}
+    told = np.array([scan[7:] for scan in scans], np.float64)
+    others = as_singles(told)
+    beams = [len(scan.ranges) for scan in scans]
+    block = RawSweeps(
+        topic=topic,
+        frame_ids=tuple(names),
+        frame=np.array([names[scan.frame_id] for scan in scans], np.int32),
+        stamp_ns=np.array([scan.stamp_ns for scan in scans], np.int64),
+        record_ns=np.array([scan.record_ns for scan in scans], np.int64),
+        angle_min=np.array([scan.angle_min for scan in scans]),
+        angle_increment=np.array([scan.increment for scan in scans]),
+        range_min=others[:, 0],
+        range_max=others[:, 1],
+        beams=np.array(beams, np.int32),
+        ranges=pad_rows([scan.ranges for scan in scans]),
+        intensities=pad_intensities([scan.intensities[: len(scan.ranges)] for scan in scans], max(beams)),
+        time_increment=others[:, 2],
+        scan_time=others[:, 3],
+        angle_max=told[:, 4],
+    )
+    return keep_sound(block, None, report)
 
 
-def decode_json(data: bytes) -> Sweep:
+def decode_json(data: bytes, record_ns: int, echo: str = ECHOES[0]) -> Scan:
     """Decode a message in JSON. A range may be null or a word (`"NaN"`, `"Infinity"`) where the writer had no number."""
     try:
-        fields = json.loads(data)
+        message = scan_in(json.loads(data))
     except (ValueError, RecursionError):
         raise RefusedError(NOT_JSON) from None
-    return decode_fields(fields)
+    if message is None:
+        raise RefusedError(NOT_SCAN)
+    return scan_of(message, data, record_ns, echo)
 
 
-def decode_fields(fields: Any) -> Sweep:
-    """Decode a message whose JSON has been parsed."""
+_CAMEL = {"startAngle": "start_angle", "endAngle": "end_angle", "frameId": "frame_id"}
+"""Names of protobuf in JSON → names of the fields."""
+_BEARINGS = frozenset({"angle_increment", "start_angle", "startAngle"})
+_DECIMAL_STAMP = re.compile(rb'"(?:time)?stamp"\s*:\s*(\d{1,12}\.\d{1,9})')
+
+
+def scan_in(message: Any) -> dict[str, Any] | None:
+    """Return a parsed message that has the fields of a LaserScan, of ROS or of foxglove, or the one that it begins with."""
+    for each in (message, next(iter(message.values()), None) if isinstance(message, dict) else None):
+        if isinstance(each, dict) and "ranges" in each and not _BEARINGS.isdisjoint(each):
+            return each
+    return None
+
+
+def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str = ECHOES[0]) -> Scan:
+    """Return the sweep of a message that `scan_in` found; `line` is its text. RefusedError where it can be none."""
+    fields = {_CAMEL.get(name, name): value for name, value in message.items()}
+    of_ros = "angle_increment" in fields
     try:
-        stamp = fields.get("timestamp") or {}
-        return Sweep(
-            str(fields.get("frame_id", "")),
-            int(stamp.get("sec", 0)) * 1_000_000_000 + int(stamp.get("nsec", 0)),
-            float(fields["start_angle"]),
-            float(fields["end_angle"]),
-            _floats(fields["ranges"]),
-            _intensities(fields.get("intensities")),
-        )
+        header = (fields.get("header") or {}) if of_ros else fields
+        chosen, intensities = _chosen(fields["ranges"], fields.get("intensities"), echo)
+        ranges = _floats(chosen)
+        first = float(fields["angle_min" if of_ros else "start_angle"])
+        if of_ros:
+            step = float(fields["angle_increment"])
+        else:
+            step = (float(fields["end_angle"]) - first) / max(len(ranges) - 1, 1)
+        others = [
+            # What writes infinity as null means it so here, too.
+            float(default if fields.get(name) is None else fields[name])
+            for name, default in Scan._field_defaults.items()
+        ]
+        stamp_ns = _stamp_ns(header.get("stamp" if of_ros else "timestamp"), line)
+        frame_id = str(header.get("frame_id", ""))
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
         raise RefusedError(NOT_SCAN) from None
+    for bad, cause in (
+        (len(frame_id) > MAX_NAME, NAME_LONG),
+        (len(ranges) > MAX_BEAMS, TOO_MANY),
+        (not -(2**63) <= stamp_ns < 2**63, STAMP),
+    ):
+        if bad:
+            raise RefusedError(cause)
+    return Scan(frame_id, stamp_ns, record_ns, first, step, ranges, _intensities(intensities), *others)
+
+
+def _chosen(ranges: Any, intensities: Any, echo: str) -> tuple[list[Any], Any]:
+    """Return ranges and intensities of the beams; of a MultiEchoLaserScan those of one echo each."""
+    if not any(isinstance(value, dict) for value in ranges):
+        return list(ranges), intensities
+    echoes = [_echoes(value) for value in ranges]
+    strengths = [_echoes(value) for value in intensities or ()]
+    strengths += [[]] * (len(echoes) - len(strengths))
+    which = [_which(many, strong, echo) for many, strong in zip(echoes, strengths, strict=False)]
+    return (
+        [many[at] if many else None for many, at in zip(echoes, which, strict=True)],
+        [strong[at] if at < len(strong) else None for strong, at in zip(strengths, which, strict=False)]
+        if any(strengths)
+        else None,
+    )
+
+
+def _echoes(value: Any) -> list[Any]:
+    return list(value.get("echoes") or []) if isinstance(value, dict) else [value]
+
+
+def _which(ranges: Sequence[Any], intensities: Sequence[Any], echo: str) -> int:
+    """Return the index of the echo that counts."""
+    if echo == "last":
+        return max(len(ranges) - 1, 0)
+    if echo == "strongest":
+        known = np.array([_strength(each) for each in intensities[: len(ranges)]])
+        return 0 if np.isnan(known).all() else int(np.nanargmax(known))
+    return 0
+
+
+def _strength(value: Any) -> float:
+    """Return an intensity, NaN where it is none: that costs no sweep."""
+    try:
+        return np.nan if value is None else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
+
+
+def _stamp_ns(stamp: Any, line: bytes) -> int:
+    """Return a stamp of ROS 2, of ROS 1, of protobuf, as text, or as one number, which JSON would round."""
+    if isinstance(stamp, dict):
+        whole, rest = (
+            int(next((stamp[name] for name in names if name in stamp), 0))
+            for names in (("sec", "secs", "seconds"), ("nanosec", "nsecs", "nsec", "nanos"))
+        )
+        return whole * 1_000_000_000 + rest
+    if stamp is None:
+        return 0
+    exact = None if isinstance(stamp, str) else _DECIMAL_STAMP.search(line)
+    text, unit = (stamp, DATE) if isinstance(stamp, str) else (exact[1].decode() if exact else str(stamp), S)
+    times, bad = to_ns([text.encode()], unit)
+    if bad is not None:
+        raise ValueError(f"{text} is no time")
+    return int(times[0])
 
 
 def _intensities(values: Any) -> Float32:
@@ -195,46 +278,43 @@ def protobuf_decoder(name: str, schema: bytes) -> tuple[Decoder, Locate] | None:
         message = message_factory.GetMessageClass(pool.FindMessageTypeByName(name))
     except (DecodeError, TypeError, KeyError, ValueError):
         return None
-    if not set(message.DESCRIPTOR.fields_by_name) >= _FIELDS:
+    if not any(set(message.DESCRIPTOR.fields_by_name) >= fields for fields in _FIELDS):
         return None
 
-    has_intensities = "intensities" in message.DESCRIPTOR.fields_by_name
-
-    def decode_one(data: bytes) -> Sweep:
+    def decode_one(data: bytes, record_ns: int) -> Scan:
         try:
-            fields: Any = message.FromString(data)
+            return scan_of(_plain(message.FromString(data)), b"", record_ns)
         except DecodeError:
             raise RefusedError(NOT_PROTOBUF) from None
-        try:
-            ranges = as_singles(np.array(fields.ranges, np.float64))
-            stamp = fields.timestamp
-            return Sweep(
-                str(fields.frame_id),
-                int(stamp.seconds) * 1_000_000_000 + int(stamp.nanos),
-                float(fields.start_angle),
-                float(fields.end_angle),
-                ranges,
-                _intensities([*fields.intensities] if has_intensities else None),
-            )
-        except (AttributeError, TypeError, ValueError):
-            raise RefusedError(NOT_SCAN) from None
 
     field = message.DESCRIPTOR.fields_by_name["ranges"]
     kind = {field.TYPE_DOUBLE: "<f8", field.TYPE_FLOAT: "<f4"}.get(field.type, "")
 
     def locate(data: bytes) -> Written | None:
         try:
-            sweep = decode_one(data)
-            _check(sweep)
-        except RefusedError:
+            scan = decode_one(data, 0)
+            [_] = blocks_of("", [scan], ReadReport())
+        except ValueError:
             return None
         place = _places(data, field.number, kind)
         # What is written in another way is left as it is.
-        beams = len(sweep.ranges)
+        beams = len(scan.ranges)
         beam = np.arange(beams) if len(place) == beams else np.zeros(0, np.int64)
-        return Written(sweep.stamp_ns, beams, 0.0, np.inf, beam, place[: len(beam)], kind)
+        return Written(scan.stamp_ns, beams, scan.range_min, scan.range_max, beam, place[: len(beam)], kind)
 
     return decode_one, locate
+
+
+def _plain(message: Any) -> dict[str, Any]:
+    """Return a message of protobuf as its JSON would be parsed."""
+    plain: dict[str, Any] = {}
+    for name in message.DESCRIPTOR.fields_by_name:
+        value = getattr(message, name)
+        if not hasattr(value, "DESCRIPTOR"):
+            plain[name] = value if isinstance(value, bool | int | float | str | bytes) else [*value]
+        elif message.HasField(name):
+            plain[name] = _plain(value)
+    return plain
 
 
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5

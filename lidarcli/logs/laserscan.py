@@ -501,7 +501,7 @@ _SCALARS = (
     "range_min",
     "range_max",
 )
-_EXPECTED = {LASERSCAN: ("Header", "float32[]"), MULTI_ECHO: ("Header", "LaserEcho[]")}
+EXPECTED = {LASERSCAN: ("Header", "float32[]"), MULTI_ECHO: ("Header", "LaserEcho[]")}
 # What is left open goes on to the end, and nothing is gone back over: a schema may be a megabyte of anything.
 _NO_CODE = re.compile(r'"(?:[^"\\]|\\.)*+"?|//[^\n]*+|/\*(?:[^*]|\*(?!/))*+(?:\*/)?', re.DOTALL)
 _ANNOTATION = re.compile(r"@\w++\s*+\([^)]*+\)?")
@@ -515,17 +515,40 @@ def differs(type_name: str, encoding: str, text: str) -> str | None:
     >>> differs(LASERSCAN, "ros2msg", "std_msgs/Header header\\nfloat64 angle_min")
     "field 2 is 'float64 angle_min', not 'float32 angle_min'"
     """
-    header, ranges = _EXPECTED[type_name]
+    header, ranges = EXPECTED[type_name]
     expected = [(header, "header"), *(("float32", name) for name in _SCALARS), (ranges, "ranges")]
-    read = _idl_fields if encoding == "ros2idl" else _msg_fields
-    found = read(text, type_name.rsplit("/", 1)[-1])
+    # Behind the definition of a message stand those of its parts.
+    part = re.search(rf"^MSG: {type_name.replace('/msg/', '/(?:msg/)?')}\s*$", text, re.MULTILINE)
+    found = _defined(encoding, text[part.end() :] if part else text, type_name)
     if not found:
         return None
     for place, (kind, name) in enumerate(expected):
-        seen = found[place] if place < len(found) else ("nothing", "")
-        if seen != (kind, name):
-            return f"field {place + 1} is '{' '.join(seen).strip()}', not '{kind} {name}'"
+        seen, called = found[place] if place < len(found) else ("nothing", "")
+        seen = seen.rsplit("/", 1)[-1]
+        if (seen, called) != (kind, name):
+            return f"field {place + 1} is '{f'{seen} {called}'.strip()}', not '{kind} {name}'"
     return None
+
+
+def scan_type(kind: str, encoding: str = "", text: str = "") -> str:
+    """Return the type as which messages are read: a LaserScan where they begin with one; empty where they are no sweeps.
+
+    >>> scan_type("sick/msg/ExtendedLaserScan", "ros2msg", "sensor_msgs/LaserScan laser_scan\\nbool[] intrusion")
+    'sensor_msgs/msg/LaserScan'
+    """
+    if kind in EXPECTED:
+        return kind
+    if not text:
+        # Some logs tell no definitions; this is the one type of the kind that drivers publish.
+        return LASERSCAN if kind.endswith("/ExtendedLaserScan") else ""
+    begins = _defined(encoding, text, kind)[:1] if "LaserScan" in text else []
+    names = ["LaserScan"] if encoding == "ros2idl" else ["sensor_msgs/LaserScan", LASERSCAN]
+    return LASERSCAN if begins and begins[0][0] in names else ""
+
+
+def _defined(encoding: str, text: str, kind: str) -> list[tuple[str, str]]:
+    """Return types and names of the fields of a message."""
+    return (_idl_fields if encoding == "ros2idl" else _msg_fields)(text, kind.rsplit("/", 1)[-1])
 
 
 def _msg_fields(text: str, _name: str) -> list[tuple[str, str]]:
@@ -537,14 +560,14 @@ def _msg_fields(text: str, _name: str) -> list[tuple[str, str]]:
             break
         words = line.split()
         if len(words) >= 2 and "=" not in line:
-            fields.append((words[0].rsplit("/", 1)[-1], words[1]))
+            fields.append((words[0], words[1]))
     return fields
 
 
 def _idl_fields(text: str, name: str) -> list[tuple[str, str]]:
     """Return types and names of the members of `struct name` in an IDL definition."""
     bare = _NO_CODE.sub("", text)
-    struct = re.search(rf"\bstruct\s++{name}\s*+\{{([^}}]*+)", bare)
+    struct = re.search(rf"\bstruct\s++{re.escape(name)}\s*+\{{([^}}]*+)", bare)
     if struct is None:
         return []
     members = _ANNOTATION.sub("", struct[1])

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Iterable, Sequence
 from fnmatch import fnmatchcase
 
-from lidarcli.choices import BINS, ECHOES, UNITS
+from lidarcli.choices import BINS, ECHOES, JOIN, UNITS
 from lidarcli.errors import LidarcliError, NoScanError, OptionError, UnreadableError
 from lidarcli.logs.base import CLOUD_TYPES, LASERSCAN, SCAN_TYPES, OpenOptions, Slice, Topic
 from lidarcli.masks import Masks
@@ -49,6 +49,7 @@ def open_options(
     degrees: bool,
     range_unit: str,
     echo: str,
+    segments: str = JOIN,
     heights: tuple[float, float] | None = None,
     bins: int | None = None,
     limits: tuple[float, float] | None = None,
@@ -95,6 +96,7 @@ def open_options(
         range_scale=UNITS[range_unit],
         slice=part,
         echo=echo,
+        segments=segments,
     )
     if part is not None:
         _refuse_view(told, part.bins)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.choices import ABOVE, INF, MATCH, NAN
+from lidarcli.choices import ABOVE, INF, KEEP, MATCH, NAN
 from lidarcli.copying.copies import Copy, replaced
 from lidarcli.display import counted
 from lidarcli.errors import OptionError, UnreadableError
@@ -108,7 +108,8 @@ def clean_log(
     """
     with ExitStack() as stack:
         _refuse_names(source, path)
-        log = stack.enter_context(open_source(source, options.detect.opening))
+        # Messages are copied one by one, so they are read as they are.
+        log = stack.enter_context(open_source(source, replace(options.detect.opening, segments=KEEP)))
         _refuse(log, source, path, options)
         outputs = (path, _table_path(path))
         new = stack.enter_context(NewFiles(outputs, options.overwrite, _bag(log, source, path)))
@@ -116,6 +117,11 @@ def clean_log(
         pair, found = detect_beside(source, private, options.detect, progress)
         notes = file_metadata(pair.sweeps)
         described = note_value(notes, SOURCE, dict)
+        if joined := described.get("segments"):
+            raise OptionError(
+                f"{source.path}: messages of {joined[0]} are segments of a turn, which clean cannot write back; "
+                f"--segments {KEEP} cleans each alone"
+            )
         mask = described.get("mask")
         rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
         blind = _blind(pair)

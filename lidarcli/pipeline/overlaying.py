@@ -213,7 +213,9 @@ class Overlay:
         # Sweeps are to be made again as they were for the tables.
         notes = file_metadata(pair.sweeps)
         told = opening_of(note_value(notes, PARAMETERS, dict))
-        self._opening = replace(opening, slice=opening.slice or told.slice, echo=told.echo)
+        self._opening = replace(
+            opening, slice=opening.slice or told.slice, echo=told.echo, segments=told.segments
+        )
         self._zones = zones
         self._showing: Showing | None = None
         mask = note_value(notes, SOURCE, dict).get("mask")

@@ -131,6 +131,40 @@ def protobuf_scan(number: int) -> bytes:
     return bytes(message.SerializeToString())
 
 
+def ros_schema() -> descriptor_pb2.FileDescriptorSet:
+    """ros.sensor_msgs.LaserScan, as an MCAP's schema record holds it."""
+    field = descriptor_pb2.FieldDescriptorProto
+    file = descriptor_pb2.FileDescriptorProto(
+        name="ros/LaserScan.proto", package="ros.sensor_msgs", syntax="proto3"
+    )
+
+    def add(message: Any, number: int, name: str, kind: Any, **more: Any) -> None:
+        message.field.add(name=name, number=number, type=kind, **{"label": field.LABEL_OPTIONAL, **more})
+
+    stamp, header, laser = (file.message_type.add(name=name) for name in ("Time", "Header", "LaserScan"))
+    add(stamp, 1, "sec", field.TYPE_UINT32)
+    add(stamp, 2, "nsec", field.TYPE_UINT32)
+    add(header, 1, "stamp", field.TYPE_MESSAGE, type_name=".ros.sensor_msgs.Time")
+    add(header, 2, "frame_id", field.TYPE_STRING)
+    add(laser, 1, "header", field.TYPE_MESSAGE, type_name=".ros.sensor_msgs.Header")
+    for number, name in enumerate(("angle_min", "angle_max", "angle_increment", "range_min", "range_max"), 2):
+        add(laser, number, name, field.TYPE_FLOAT)
+    add(laser, 9, "ranges", field.TYPE_FLOAT, label=field.LABEL_REPEATED)
+    return descriptor_pb2.FileDescriptorSet(file=[file])
+
+
+def ros_protobuf_scan(number: int) -> bytes:
+    """Sweep `number` as ros.sensor_msgs.LaserScan."""
+    pool = DescriptorPool()
+    pool.Add(ros_schema().file[0])
+    message: Any = GetMessageClass(pool.FindMessageTypeByName("ros.sensor_msgs.LaserScan"))()
+    message.header.stamp.sec, message.header.stamp.nsec = number, 8
+    message.header.frame_id = "laser"
+    message.angle_min, message.angle_increment, message.range_max = -1.5, 0.5, 99.0
+    message.ranges.extend(ranges_of(number).tolist())
+    return bytes(message.SerializeToString())
+
+
 def json_scan(number: int, **changes: Any) -> bytes:
     """Sweep `number` in JSON."""
     fields = {

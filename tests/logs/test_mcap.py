@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,12 @@ from lidarcli.foxglove import SCAN as FOXGLOVE_SCAN
 from lidarcli.logs import foxglove
 from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.logs.mcap import walk as mcap_walk
+from lidarcli.pipeline.detecting import detect_to_files
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.sweeps import RawSweeps, concatenate
+from lidarcli.tabular.reading import file_metadata
+from lidarcli.tabular.writing import DAMAGE
 from tests.logs import mcap_samples as samples
 from tests.logs.mcap_samples import json_scan, protobuf_scan, ranges_of, sample
 from tests.logs.scan_messages import scan
@@ -197,34 +203,38 @@ def test_other_types_are_not_scans(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("schema", "encoding", "note"),
+    ("schema", "encoding", "cause"),
     [
         (
             ("sensor_msgs/msg/LaserScan", "ros2msg", b"std_msgs/Header header\nfloat64 angle_min\n"),
             "cdr",
-            "/scan (sensor_msgs/msg/LaserScan) is left out: its definition is not the standard one: "
-            "field 2 is 'float64 angle_min', not 'float32 angle_min'",
+            "its definition is not the standard one: field 2 is 'float64 angle_min', not 'float32 angle_min'",
         ),
         (
             (*IDL[:2], samples.LASERSCAN_IDL.replace(b"float scan_time;", b"")),
             "cdr",
-            "/scan (sensor_msgs/msg/LaserScan) is left out: its definition is not the standard one: "
-            "field 6 is 'float32 range_min', not 'float32 scan_time'",
+            "its definition is not the standard one: field 6 is 'float32 range_min', not 'float32 scan_time'",
         ),
-        (IDL, "cbor", "/scan (sensor_msgs/msg/LaserScan) is left out: the encoding 'cbor' is not read"),
+        (IDL, "cbor", "the encoding 'cbor' is not read"),
         (
             (FOXGLOVE_SCAN, "protobuf", b"\xff\xff"),
             "protobuf",
-            "/scan (foxglove.LaserScan) is left out: its protobuf schema does not describe a foxglove.LaserScan",
+            "its protobuf schema does not describe a foxglove.LaserScan",
         ),
     ],
 )
-def test_a_scan_that_is_none_is_named(tmp_path: Path, schema: Any, encoding: str, note: str) -> None:
+def test_a_scan_that_is_none_is_counted(tmp_path: Path, schema: Any, encoding: str, cause: str) -> None:
+    """Tables without it are marked, and the exit code is 3."""
     path = tmp_path / "run.mcap"
     path.write_bytes(sample(2, schema=schema, encoding=encoding, payload=lambda _: b"\0" * 99))
     raw, report = read(path)
     assert raw is None
-    assert report.notes == [note]
+    assert report.refused == {("/scan", cause): 2}
+    summary = detect_to_files(Source(str(path), "run"), tmp_path, DetectOptions())
+    assert (summary.sweeps, summary.exit_code) == (0, 3)
+    assert (
+        f"topic /scan: 2 messages left out: {cause}" in file_metadata(tmp_path / "run.sweeps.parquet")[DAMAGE]
+    )
 
 
 @pytest.mark.parametrize(
@@ -294,6 +304,92 @@ def test_json_without_numbers(tmp_path: Path) -> None:
         ("/scan", "angle_increment is zero"): 1,
         ("/scan", foxglove.STAMP): 1,
     }
+
+
+def ros_json(number: int, stamp: Any, **changes: Any) -> bytes:
+    """Sweep `number` of ROS in JSON."""
+    fields = {
+        "header": {"stamp": stamp, "frame_id": "laser"},
+        "angle_min": -1.5, "angle_max": 1.5, "angle_increment": 0.5, "range_min": 0.0, "range_max": 99.0,
+        "time_increment": 0.25, "scan_time": 0.5, "ranges": ranges_of(number).tolist(), "intensities": [],
+    }
+    return json.dumps(fields | changes).encode()
+
+
+@pytest.mark.parametrize("schema", ["sensor_msgs/msg/LaserScan", "sensor_msgs/LaserScan"])
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        lambda second: {"sec": second, "nanosec": 8},
+        lambda second: {"secs": second, "nsecs": 8},
+        lambda second: f"1970-01-01T00:00:{second:02}.000000008Z",
+    ],
+)
+def test_a_scan_of_ros_in_json(tmp_path: Path, schema: str, stamp: Any) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(
+        sample(
+            N,
+            schema=(schema, "jsonschema", b"{}"),
+            encoding="json",
+            payload=lambda number: ros_json(number, stamp(number)),
+        )
+    )
+    raw, report = read(path)
+    assert_whole(raw, report)
+    assert raw is not None
+    assert raw.time_increment is not None
+    assert (raw.angle_increment[0], raw.range_max[0], raw.time_increment[0]) == (0.5, 99.0, 0.25)
+
+
+def test_json_of_ros_without_numbers(tmp_path: Path) -> None:
+    """As Python writes them, and as JavaScript does; with limits that are null, echoes, and no scan at all."""
+    path = tmp_path / "run.mcap"
+    values = [float("inf"), float("nan"), None, "Infinity", 2.5]
+    echoes = [{"echoes": [1, 2]}, {"echoes": []}]
+    payloads = [
+        ros_json(0, {"sec": 0, "nanosec": 8}, ranges=values, range_max=None),
+        ros_json(1, {"sec": 1}, ranges=echoes),
+        b"[]",
+        ros_json(3, "yesterday"),
+        ros_json(4, {"sec": 4}, angle_min=None),
+    ]
+    schema = ("sensor_msgs/msg/MultiEchoLaserScan", "jsonschema", b"{}")
+    path.write_bytes(sample(5, schema=schema, encoding="json", payload=payloads.__getitem__))
+    raw, report = read(path)
+    assert raw is not None
+    np.testing.assert_array_equal(raw.ranges[0], np.float32([np.inf, np.nan, np.nan, np.inf, 2.5]))
+    np.testing.assert_array_equal(raw.ranges[1, :2], np.float32([1, np.nan]))
+    assert raw.range_max.tolist() == [np.inf, 99.0]
+    assert report.refused == {("/scan", foxglove.NOT_SCAN): 3}
+
+
+@pytest.mark.parametrize(
+    "stamp", ["1970-01-01T00:00:07.000000008Z", {"sec": 7, "nsec": 8}, {"seconds": 7, "nanos": 8}]
+)
+def test_a_foxglove_scan_without_pose_with_any_stamp(tmp_path: Path, stamp: Any) -> None:
+    path = tmp_path / "run.mcap"
+    fields = json.loads(json_scan(7, timestamp=stamp))
+    del fields["pose"]
+    path.write_bytes(sample(1, schema=JSON, encoding="json", payload=lambda _: json.dumps(fields).encode()))
+    raw, _ = read(path)
+    assert raw is not None
+    assert raw.stamp_ns.tolist() == [7 * 10**9 + 8]
+
+
+def test_a_scan_of_ros_in_protobuf(tmp_path: Path) -> None:
+    """As ros-to-mcap converters named them before foxglove.LaserScan was there."""
+    path = tmp_path / "run.mcap"
+    schema = ("ros.sensor_msgs.LaserScan", "protobuf", samples.ros_schema().SerializeToString())
+    path.write_bytes(sample(N, schema=schema, encoding="protobuf", payload=samples.ros_protobuf_scan))
+    raw, report = read(path)
+    assert_whole(raw, report)
+    assert raw is not None
+    assert (raw.angle_min[0], raw.angle_increment[0], raw.range_max[0]) == (-1.5, 0.5, 99.0)
+    with McapLog(path) as log:
+        assert [(topic.type, topic.is_scan) for topic in log.topics() or ()][:1] == [
+            ("ros.sensor_msgs.LaserScan", True)
+        ]
 
 
 def test_broken_protobuf_is_refused(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
@@ -17,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import UnreadableError
-from lidarcli.foxglove import SCAN as FOXGLOVE_SCAN
 from lidarcli.logs import foxglove
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, OpenOptions, ReadReport, Topic
+from lidarcli.logs.base import MULTI_ECHO, SCAN_TYPES, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.blocks import Locate, Written
-from lidarcli.logs.laserscan import Gather, differs, locate
+from lidarcli.logs.laserscan import EXPECTED, Gather, differs, locate, scan_type
 from lidarcli.logs.mcap.records import Cursor, Messages
 from lidarcli.logs.mcap.walk import MAGIC, Catalogue, Summary, Walker, index_is_complete, read_summary
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, Unpacking, unpack_message
@@ -67,7 +67,7 @@ class _Columns:
 
 @dataclass(slots=True)
 class _OneByOne:
-    """Decoder message by message of a foxglove.LaserScan topic."""
+    """Decoder message by message of a topic in JSON or protobuf."""
 
     topic: str
     decoder: foxglove.Decoder
@@ -84,6 +84,11 @@ class _OneByOne:
     def flush(self) -> Iterator[RawSweeps]:
         waiting, self.waiting = self.waiting, []
         yield from foxglove.decode_each(self.topic, waiting, self.decoder, self.report)
+
+
+def _refuse(_data: bytes, _record_ns: int, *, cause: str) -> foxglove.Scan:
+    """Decode no message of a topic."""
+    raise foxglove.RefusedError(cause)
 
 
 def _are_packed(rows: Messages) -> bool:
@@ -199,11 +204,21 @@ class McapLog:
     def _listed(self, counts: Mapping[int, int] | None) -> list[Topic]:
         """Return the topics of the catalogue; several channels (publishers) of one topic are one."""
         known = self._catalogue
-        messages: dict[tuple[str, str, str], int] = {}
+        messages: dict[tuple[str, str, str, str], int] = {}
         for key, channel in known.channels.items():
-            topic = (channel.topic, known.type(key), channel.message_encoding)
+            topic = (channel.topic, known.type(key), channel.message_encoding, self._read_as(key))
             messages[topic] = messages.get(topic, 0) + (counts or {}).get(key, 0)
-        return [Topic(*topic, count if counts is not None else None) for topic, count in messages.items()]
+        return [
+            Topic(*topic[:3], count if counts is not None else None, topic[3])
+            for topic, count in messages.items()
+        ]
+
+    def _read_as(self, key: int) -> str:
+        """Return the type as which the messages of a channel are read as sweeps; empty where they are none."""
+        definition, kind = self._catalogue.schema(key), self._catalogue.type(key)
+        if definition is None or kind in SCAN_TYPES:
+            return kind
+        return scan_type(kind, definition.encoding, definition.data.decode("utf-8", "replace"))
 
     def _count(self) -> Counter[int]:
         """Count messages by channel, from chunk indexes where possible; damage is left to reading."""
@@ -284,31 +299,25 @@ class McapLog:
                 yield message._replace(data=plain)
 
     def _decoder(self, key: int, report: ReadReport) -> _Columns | _OneByOne | None:
-        """Return the decoder of a channel; None, with a note where due, if its messages are no sweeps."""
+        """Return the decoder of a channel; None if its messages are no sweeps."""
         channel, definition = self._catalogue.channels[key], self._catalogue.schema(key)
-        type_name, encoding = self._catalogue.type(key), channel.message_encoding
-        problem = None
-        if definition is None:
+        kind, encoding, topic = self._read_as(key), channel.message_encoding, channel.topic
+        if definition is None or not kind:
             return None
-        if type_name in (LASERSCAN, MULTI_ECHO) and encoding in ("cdr", "ros1"):
-            text = definition.data.decode("utf-8", "replace")
-            different = differs(type_name, definition.encoding, text)
+        if encoding == "json":
+            return _OneByOne(topic, partial(foxglove.decode_json, echo=self._echo), report)
+        problem = f"the encoding '{encoding}' is not read"
+        if encoding in ("cdr", "ros1") and kind in EXPECTED:
+            different = differs(kind, definition.encoding, definition.data.decode("utf-8", "replace"))
             if different is None:
-                gather = Gather(channel.topic, type_name, encoding, report, self._echo)
-                return _Columns(gather, self._unpacking)
+                return _Columns(Gather(topic, kind, encoding, report, self._echo), self._unpacking)
             problem = f"its definition is not the standard one: {different}"
-        elif type_name == FOXGLOVE_SCAN and encoding == "json":
-            return _OneByOne(channel.topic, foxglove.decode_json, report)
-        elif type_name == FOXGLOVE_SCAN and encoding == "protobuf":
+        elif encoding == "protobuf":
             known = foxglove.protobuf_decoder(definition.name, definition.data)
             if known is not None:
-                return _OneByOne(channel.topic, known[0], report, known[1])
-            problem = "its protobuf schema does not describe a foxglove.LaserScan"
-        elif type_name in (LASERSCAN, MULTI_ECHO, FOXGLOVE_SCAN):
-            problem = f"the encoding '{encoding}' is not read"
-        if problem is not None:
-            report.notes.append(f"{channel.topic} ({type_name}) is left out: {problem}")
-        return None
+                return _OneByOne(topic, known[0], report, known[1])
+            problem = f"its protobuf schema does not describe a {kind}"
+        return _OneByOne(topic, partial(_refuse, cause=problem), report)
 
     def _pass(self, choose: Callable[[int], int], report: ReadReport) -> Iterator[tuple[int, Messages]]:
         """Go through the log once and hand out messages with the group that `choose` gave their channel."""

@@ -17,7 +17,7 @@ from typing import BinaryIO, cast
 import numpy as np
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import LASERSCAN, MAX_MESSAGE, MULTI_ECHO, Message, OpenOptions, ReadReport, Topic
+from lidarcli.logs.base import MAX_MESSAGE, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.laserscan import Gather
 from lidarcli.logs.rosbag1.records import (
     CODECS,
@@ -538,9 +538,7 @@ class Rosbag1Log:
         """Yield blocks of sweeps in log order within each topic."""
 
         def wanted(connection: Connection) -> bool:
-            return connection.type in (LASERSCAN, MULTI_ECHO) and (
-                topics is None or connection.topic in topics
-            )
+            return bool(connection.read_as) and (topics is None or connection.topic in topics)
 
         gathers: dict[Connection, Gather] = {}
         reading = self._pass(wanted, report)
@@ -548,7 +546,7 @@ class Rosbag1Log:
             for connections in _by_topic(block, reading, wanted):
                 first = reading.connections[connections[0]]
                 gather = gathers.setdefault(
-                    first, Gather(first.topic, first.type, "ros1", report, self._echo)
+                    first, Gather(first.topic, first.read_as, "ros1", report, self._echo)
                 )
                 yield from _decode(block, np.flatnonzero(np.isin(block.connection, connections)), gather)
             self._progress(reading)
@@ -640,7 +638,7 @@ def _topics(connections: dict[int, Connection], counts: dict[int, int]) -> list[
     totals: dict[Connection, int] = {}
     for number, connection in sorted(connections.items()):
         totals[connection] = totals.get(connection, 0) + counts.get(number, 0)
-    return [Topic(it.topic, it.type, "ros1", count) for it, count in totals.items()]
+    return [Topic(it.topic, it.type, "ros1", count, read_as=it.read_as) for it, count in totals.items()]
 
 
 def _by_topic(block: MessageBlock, reading: Pass, wanted: Wanted) -> list[list[int]]:

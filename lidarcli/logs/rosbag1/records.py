@@ -16,6 +16,7 @@ import numpy as np
 from lz4.frame import LZ4FrameDecompressor
 
 from lidarcli.logs.base import ros_type
+from lidarcli.logs.laserscan import scan_type
 from lidarcli.sweeps import Int64, UInt8
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -438,6 +439,8 @@ class Connection:
     type: str
     record: bytes = field(default=b"", compare=False, repr=False)
     """Its record, as it stands in the bag."""
+    read_as: str = field(default="", compare=False)
+    """Type as which its messages are read as sweeps; empty where they are none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -470,7 +473,10 @@ def connection_of(record: Record, data: bytes) -> Connection:
     kind = fields.get(b"type")
     name = data[kind.start : kind.end].decode("utf-8", "replace") if kind else ""
     whole = b"".join(len(part).to_bytes(4, "little") + part for part in (record.header, data))
-    return Connection(record.value(b"topic").decode("utf-8", "replace"), ros_type(name), whole)
+    definition = fields.get(b"message_definition")
+    told = data[definition.start : definition.end].decode("utf-8", "replace") if definition else ""
+    read_as = scan_type(ros_type(name), "ros1msg", told)
+    return Connection(record.value(b"topic").decode("utf-8", "replace"), ros_type(name), whole, read_as)
 
 
 def read_index(file: BinaryIO, size: int) -> Index:

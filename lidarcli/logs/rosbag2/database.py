@@ -13,15 +13,16 @@ import sqlite3
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 from urllib.parse import quote
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import MAX_MESSAGE, ReadReport, ros_type
+from lidarcli.logs.laserscan import scan_type
 from lidarcli.logs.rosbag2.salvage import (
     BEFORE_ALL,
     HEADER,
@@ -176,12 +177,16 @@ ASKED_EVERY = 10_000
 _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
 _PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
 """Definitions of plain tables and indexes, as SQLite stores them."""
-_TABLES = ("topics", "messages")
+_TABLES = ("topics", "messages", "message_definitions")
 ROWID = "_rowid_"
 # Rows come in the order of their numbers, in which tables keep them: sorting would hold all of them. The column `id` is
 # that number in what rosbag2 writes, and may be any other where somebody else has written the table.
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics NOT INDEXED"
 _TYPES = (int, str, str, str)
+_DEFINITIONS = (
+    "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions NOT INDEXED"
+    " WHERE typeof(topic_type) || typeof(encoding) || typeof(encoded_message_definition) = 'texttexttext'"
+)
 _NEWEST = "SELECT max({}) FROM messages"
 _COUNTED = (
     "SELECT CASE WHEN CAST(topic_id AS INTEGER) = topic_id THEN CAST(topic_id AS INTEGER) ELSE typeof(topic_id) END"
@@ -235,6 +240,7 @@ class SqliteBag:
     def __init__(self, path: Path, shown: str, report: ReadReport, known: Known) -> None:
         """`shown` names the file in errors; `known` is what is known of it, and takes what is found."""
         self.topics: dict[int, TopicRow] = {}
+        self._read_as: dict[str, str] = {}
         self._last, self._newest = 0, 0
         self._shown, self._report, self._known = shown, report, known
         self._stack = ExitStack()
@@ -272,6 +278,10 @@ class SqliteBag:
                 self._cause = _cause(err)
                 self._report.add_damage("database", f"{self._cause}; topics and messages alone are copied")
         return None
+
+    def read_as(self, topic: TopicRow) -> str:
+        """Return the type as which the messages of a topic are read as sweeps; empty where they are none."""
+        return self._read_as.get(topic.type, scan_type(ros_type(topic.type)))
 
     def counts(self) -> Counter[int]:
         """Return the number of messages by topic id."""
@@ -343,6 +353,10 @@ class SqliteBag:
             if not _ascending([row[0] for row in topics]):
                 raise UnsoundError("row numbers of topics are out of order")
             self.topics = {row[0]: TopicRow(*row) for row in topics}
+            # Bags before ROS 2 Iron have no definitions.
+            with suppress(*SQLITE_ERRORS):
+                for kind, *told in _bounded(self._ask(self._database, _DEFINITIONS), self._size):
+                    self._read_as[kind] = scan_type(ros_type(kind), *told)
             self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_MESSAGE + MAX_TEXT)
             self._ask(self._database, _NEWEST.format(self.number)).fetchone()
         except SQLITE_ERRORS as err:
@@ -508,7 +522,7 @@ def _authorize(
     return sqlite3.SQLITE_OK if fine else sqlite3.SQLITE_DENY
 
 
-def _bounded(rows: Iterable[tuple[int, str, str, str]], most: int) -> Iterator[tuple[int, str, str, str]]:
+def _bounded(rows: Iterable[tuple[Any, ...]], most: int) -> Iterator[tuple[Any, ...]]:
     """Yield rows whose texts together are no longer than the file that they come from [bytes]."""
     for row in rows:
         most -= sum(map(len, row[1:]))
@@ -543,4 +557,9 @@ def _fetch(cursor: sqlite3.Cursor) -> list[Row]:
 
 def has_type(topic: TopicRow, types: Collection[str]) -> bool:
     """Return True if a topic has one of the types, serialised as in ROS 2."""
-    return topic.encoding.lower() == "cdr" and ros_type(topic.type) in types
+    return is_cdr(topic) and ros_type(topic.type) in types
+
+
+def is_cdr(topic: TopicRow) -> bool:
+    """Return True if the messages of a topic are serialised as in ROS 2."""
+    return topic.encoding.lower() == "cdr"

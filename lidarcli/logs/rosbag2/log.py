@@ -8,17 +8,16 @@ from functools import partial
 from pathlib import Path
 
 from lidarcli.errors import LidarcliError, UnreadableError
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Log, Message, OpenOptions, ReadReport, Topic, ros_type
+from lidarcli.logs.base import Log, Message, OpenOptions, ReadReport, Topic, ros_type
 from lidarcli.logs.joined import Part, PartedLog
 from lidarcli.logs.laserscan import Gather
-from lidarcli.logs.rosbag2.database import Known, Row, SqliteBag, has_type
+from lidarcli.logs.rosbag2.database import Known, Row, SqliteBag, has_type, is_cdr
 from lidarcli.logs.rosbag2.folder import Folder, read_folder
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, Unpacking, is_zstd, unpack_file, unpack_message
 from lidarcli.newfiles import scratch_folder
 from lidarcli.ros.bag_metadata import METADATA
 from lidarcli.sweeps import RawSweeps
 
-SCANS = (LASERSCAN, MULTI_ECHO)
 NO_DATA = "no data, or more than a sweep can have"
 NO_TIME = "no time that is a number"
 
@@ -129,17 +128,21 @@ class DatabaseLog:
         """Return the topics with the number of their messages."""
         counts = self.bag.counts()
         return [
-            Topic(topic.name, ros_type(topic.type), topic.encoding, counts.get(topic.id, 0))
-            for topic in self.bag.topics.values()
+            Topic(it.name, ros_type(it.type), it.encoding, counts.get(it.id, 0), self.bag.read_as(it))
+            for it in self.bag.topics.values()
         ]
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield blocks of sweeps in log order within each topic."""
-        gathers = {
-            topic.id: Gather(topic.name, ros_type(topic.type), "cdr", report, self._options.echo)
-            for topic in self.bag.topics.values()
-            if has_type(topic, SCANS) and (topics is None or topic.name in topics)
-        }
+        gathers = {}
+        for topic in self.bag.topics.values():
+            kind = self.bag.read_as(topic)
+            if not kind or (topics is not None and topic.name not in topics):
+                continue
+            if is_cdr(topic):
+                gathers[topic.id] = Gather(topic.name, kind, "cdr", report, self._options.echo)
+            elif count := self.bag.counts().get(topic.id, 0):
+                report.refused[(topic.name, f"the encoding '{topic.encoding}' is not read")] += count
         try:
             self.bag.report_orphans()
             for batch in self.bag.batches(gathers) if gathers else ():

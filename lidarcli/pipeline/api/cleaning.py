@@ -71,7 +71,7 @@ def clean(
 
 def clean_options(told: Values, *, overwrite: bool = False) -> CleanOptions:
     """Return which beams are left out, and how they are found."""
-    logs = LogOptions(read_options(told), OpenOptions(), pose_options(told))
+    logs = LogOptions(read_options(told), OpenOptions(segments=told["segments"]), pose_options(told))
     tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
     remove = told["remove"]
     words = [remove] if isinstance(remove, str) else remove

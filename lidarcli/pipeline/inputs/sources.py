@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, BinaryIO, Self, cast
 
+from lidarcli.choices import JOIN
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.joined import JoinedLog, Part
+from lidarcli.logs.segments import join
 from lidarcli.stores.url import State, Url, is_url, place
 from lidarcli.sweeps import RawSweeps
 
@@ -148,13 +151,13 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
 
     With a slice of point clouds, the log has the sweeps of these, too.
     """
+    told = opening or OpenOptions()
     with _opened_source(source, opening) as log:
-        scaled = opening is not None and opening.range_scale != 1.0 and log.format.startswith(_IN_METRES)
-        if opening is None or (opening.slice is None and not scaled):
-            yield log
-            return
-        log = ScaledLog(log, opening.range_scale) if scaled else log
-        yield log if opening.slice is None else SlicedLog(log, opening, opening.slice)
+        if told.range_scale != 1.0 and log.format.startswith(_IN_METRES):
+            log = ChangedLog(log, partial(_in_metres, scale=told.range_scale))
+        if told.segments == JOIN:
+            log = ChangedLog(log, join)
+        yield log if told.slice is None else SlicedLog(log, told, told.slice)
 
 
 @contextmanager
@@ -325,11 +328,14 @@ def parts_of(log: Log) -> tuple[Part, ...]:
     return log.parts if isinstance(log, JoinedLog | ChangedLog) else ()
 
 
+Change = Callable[[Iterable[RawSweeps], ReadReport], Iterator[RawSweeps]]
+
+
 class ChangedLog:
     """A `Log` that changes the sweeps of another one and passes everything else on."""
 
-    def __init__(self, log: Log) -> None:
-        self._log = log
+    def __init__(self, log: Log, change: Change = lambda blocks, _: iter(blocks)) -> None:
+        self._log, self._change = log, change
         self.path, self.format = log.path, log.format
         self.parts = parts_of(log)
 
@@ -352,6 +358,10 @@ class ChangedLog:
         """Delegate to the log."""
         return self._log.topics()
 
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
+        """Yield blocks as they are changed."""
+        return self._change(self._log.scans(topics, report), report)
+
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Delegate to the log."""
         return self._log.messages(types, report)
@@ -367,22 +377,13 @@ class ChangedLog:
         self.close()
 
 
-class ScaledLog(ChangedLog):
-    """A `Log` whose LaserScan messages have ranges in another unit than metres."""
+def _in_metres(blocks: Iterable[RawSweeps], _report: ReadReport, *, scale: float) -> Iterator[RawSweeps]:
+    """Yield sweeps of LaserScan messages in metres."""
+    from lidarcli.logs.blocks import as_singles, limits_in_metres
 
-    def __init__(self, log: Log, scale: float) -> None:
-        super().__init__(log)
-        self._scale = scale
-
-    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Yield the sweeps in metres."""
-        from lidarcli.logs.blocks import as_singles, limits_in_metres
-
-        for block in self._log.scans(topics, report):
-            least, most = limits_in_metres(block.range_min, block.range_max, self._scale)
-            yield replace(
-                block, ranges=as_singles(block.ranges * self._scale), range_min=least, range_max=most
-            )
+    for block in blocks:
+        least, most = limits_in_metres(block.range_min, block.range_max, scale)
+        yield replace(block, ranges=as_singles(block.ranges * scale), range_min=least, range_max=most)
 
 
 class SlicedLog(ChangedLog):

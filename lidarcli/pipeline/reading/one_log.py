@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
-from lidarcli.choices import ECHOES
+from lidarcli.choices import ECHOES, KEEP
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS, Detection
 from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
@@ -185,6 +185,7 @@ def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions)
         **({"csv": told} if told else {}),
         **({} if part is None else {"slice": [part.low, part.high], "bins": part.bins}),
         **({"echo": opening.echo} if opening.echo != _AS_IT_IS.echo else {}),
+        **({"segments": KEEP} if opening.segments == KEEP else {}),
         **poses.as_dict(),
     }
 
@@ -315,6 +316,7 @@ class Reading:
         told = {
             "poses": self._posing.described(),
             "made_of_clouds": made_of_clouds(self._log),
+            "segments": sorted(self._report.segments),
             "no_return_from": dict(sorted(self._report.no_return.items())),
             "mask": plain(self._read.rules.masks or Masks()),
         }
@@ -401,6 +403,8 @@ def opening_of(parameters: dict[str, Any]) -> OpenOptions:
     }
     if echo in ECHOES:
         known["echo"] = echo
+    if parameters.get("segments") == KEEP:
+        known["segments"] = KEEP
     heights, bins = parameters.get("slice"), parameters.get("bins")
     are_heights = isinstance(heights, list) and len(heights) == 2 and all(map(_is_number, heights))
     if are_heights and heights and isinstance(bins, int) and 0 < bins <= MAX_BEAMS:
