@@ -43,6 +43,10 @@ from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
 
 
+Key = tuple[str, str]
+"""Topic and frame of a sensor."""
+
+
 class Watching:
     """One pass over a log that counts what is in its zones."""
 
@@ -64,10 +68,10 @@ class Watching:
         # Beams under a mask are counted here, and left out.
         self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
         self._topics: set[str] = set()
-        self._agents: dict[str, Tracked | None] = {}
-        self._worlds: dict[tuple[str, str], str] = {}
-        """Topic and frame of a sensor → the fixed frame of its poses."""
-        self._counting: dict[str, Counting] = {}
+        self._agents: dict[Key, Tracked | None] = {}
+        self._worlds: dict[Key, str] = {}
+        """Sensor → the fixed frame of its poses."""
+        self._counting: dict[Key, Counting] = {}
         self._report = ReadReport()
         self._told = {
             zone.velocity_topic: self._velocities(zone) for zone in options.zones.zones if zone.velocity_topic
@@ -142,16 +146,17 @@ class Watching:
         whole = self._objects(batch)
         for sensor, rows, mine in batch.by_frame():
             resolved = [self._resolved(zone, batch.topic, sensor, reading) for zone in zones]
-            if batch.topic not in self._counting:
+            key = batch.topic, sensor
+            if key not in self._counting:
                 series = TopicSeries(
                     batch.topic,
                     sensor,
                     [ZoneSeries.of(zone, self._shapes[zone.name]) for zone in resolved],
                     batch.first_ns,
                 )
-                self._counting[batch.topic] = Counting(series, self._frames, self._masks, self._told)
+                self._counting[key] = Counting(series, self._frames, self._masks, self._told)
             objects = None if whole is None else whole.of_rows(rows)
-            self._counting[batch.topic].add(mine, objects)
+            self._counting[key].add(mine, objects)
 
     def _resolved(self, zone: Zone, topic: str, sensor: str, reading: Reading) -> Zone:
         """Return a zone whose frame is `world` where it names the fixed frame of the poses; refuse one without poses."""
@@ -194,9 +199,11 @@ class Watching:
         return Objects.of(objects, batch)
 
     def _counted_in(self, zone: Zone) -> list[tuple[str, TopicSeries]]:
-        """Return the topics that count in a zone."""
+        """Return the topic of each sensor that counts in a zone, and its sweeps."""
         return [
-            (topic, each.series) for topic, each in sorted(self._counting.items()) if _counts(zone, topic)
+            (topic, self._counting[topic, sensor].series)
+            for topic, sensor in sorted(self._counting)
+            if _counts(zone, topic)
         ]
 
     def _gaps(self, zone: Zone) -> Iterator[str]:
@@ -248,8 +255,8 @@ class Watching:
         counted_in = self._counted_in(zone)
         groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
         for topic, found in counted_in:
-            if topic not in self._agents:
-                self._agents[topic] = self._tracked(found)
+            if (key := (topic, found.frame_id)) not in self._agents:
+                self._agents[key] = self._tracked(found)
         for group in groups:
             series = [next(one for one in each.zones if one.zone.name == zone.name) for _, each in group]
             topics = [each.series for each in self._counting.values()]
@@ -260,7 +267,7 @@ class Watching:
                     tuple(each for _, each in group),
                     tuple(series),
                     tuple(case.name for case in zone.cases),
-                    tuple(self._agents[topic] for topic, _ in group),
+                    tuple(self._agents[topic, each.frame_id] for topic, each in group),
                     self._pair is not None,
                     (min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
                     min(each.first_ns for each in topics),
@@ -269,12 +276,13 @@ class Watching:
             )
 
     def _tracked(self, series: TopicSeries) -> Tracked | None:
-        """Return the agents of a topic; None where nobody followed them."""
+        """Return the agents that a sensor sees; None where nobody followed them."""
         pair = self._pair
         if pair is None or not pair.trajectories.exists() or not pair.tracks.exists():
             return None
-        tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "track", "set", "label"))
-        mine = [row for row in tracks.to_pylist() if row["topic"] == series.topic]
+        tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "frame_id", "track", "set", "label"))
+        sensor = series.topic, series.frame_id
+        mine = [row for row in tracks.to_pylist() if (row["topic"], row["frame_id"]) == sensor]
         agents = np.array([row["track"] for row in mine if row["set"] == "A"], np.int64)
         labels = {row["track"]: row["label"] for row in mine if row["label"] is not None}
         columns = ("topic", "track", "sweep", "frame", "x", "y", "seen")
@@ -303,7 +311,7 @@ class Watching:
         """Refuse zones in a fixed frame where the sweeps contradict the poses; return notes on matched worlds."""
         fixed = {
             (zone.zone.name, topic): zone.zone.frame
-            for topic, each in self._counting.items()
+            for (topic, _), each in self._counting.items()
             for zone in each.series.zones
             if zone.zone.frame == WORLD or frame_name(zone.zone.frame).rpartition("/")[2] in WORLDS
         }
