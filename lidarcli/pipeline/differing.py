@@ -60,7 +60,7 @@ from lidarcli.newfiles import new_files, refuse
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.inputs.tables import Pair, TracksTable, find_tracks, read_tracks_table
+from lidarcli.pipeline.inputs.tables import Pair, TracksTable, find_tracks, read_tracks_table, world_in
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import Cursor
@@ -330,16 +330,16 @@ _NOTHING = (
 
 def _of_background(text: str) -> Seen:
     sensors, told = read_background(place(text))
-    worlds = {
-        frame: str(way["world"]).strip("/")
+    ways = {
+        frame: way
         for log in told.get(SOURCE, [])
         for frame, way in (log.get("poses") or {}).items()
-        if isinstance(way, dict) and "world" in way
+        if isinstance(way, dict)
     }
     notes = []
     groups: dict[str, list[Background]] = {}
     for sensor in sensors:
-        key = worlds.get(sensor.frame_id, "") if sensor.posed.any() else ""
+        key = world_in(ways.get(sensor.frame_id, {}), sensor.topic) if sensor.posed.any() else ""
         groups.setdefault(key or f" {sensor.frame_id}", []).append(sensor)
     if not groups:
         raise UnreadableError(f"{text}: the background of no sensor")
@@ -461,7 +461,8 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
     """Return the standing things of a tracks table in the world that has most of them, with its ground."""
     rows = table.rows.to_pydict()
     # A sensor without poses is a world of its own.
-    worlds = np.array([table.worlds.get(frame) or f" {frame}" for frame in rows["frame_id"]] or [""], object)
+    sensors = zip(rows["topic"], rows["frame_id"], strict=True)
+    worlds = np.array([table.world(*each) or f" {each[1]}" for each in sensors] or [""], object)
     count = len(rows["track"])
     worlds = worlds[:count]
     number = {each: np.array(rows[each], np.float64).reshape(count) for each in _MEASURED}

@@ -76,13 +76,13 @@ def pose_findings(
         frame_name(name) for track in sources.tracks if track.is_link for name in (track.parent, track.child)
     }
     for topic, frame in sorted(keys):
-        way = sources.way(frame)
-        is_missing = frame and links and frame_name(frame) not in links and not sources.alike(frame)
+        way = sources.way(frame, topic)
+        is_missing = frame and links and frame_name(frame) not in links and not sources.alike(frame, topic)
         if is_missing and way is not None and way.assumption:
             message = f"no transform leads to frame {frame}: {way.assumption}"
             found.append(Finding("frames", "warning", topic, frame, message))
         if way is None:
-            found += [unplaced(frame, sources.alternatives(frame), topic)] if is_missing else []
+            found += [unplaced(frame, sources.alternatives(frame, topic), topic)] if is_missing else []
             continue
         found += way_findings(way, topic)
         found += _leaps(way, topic, is_known=(topic, frame) in jumping)

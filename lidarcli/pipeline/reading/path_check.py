@@ -236,8 +236,8 @@ def check_paths(
     By topic and frame, for at most `MOST_MATCHED`; without those that need no look.
     """
 
-    def told_by(frame: str) -> Way | None:
-        way = None if sources is None or match else sources.way(frame)
+    def told_by(topic: str, frame: str) -> Way | None:
+        way = None if sources is None or match else sources.way(frame, topic)
         return way if way is None or not delay_ns else replace(way, correction=Correction(delay_ns))
 
     matched = match or need is Need.ALL
@@ -245,7 +245,7 @@ def check_paths(
     expected = {topic.name for topic in log.topics() or () if topic.messages != 0} & set(choice.chosen)
     for key, sweeps in _sweeps(log, choice, rules):
         if key not in looks:
-            told = told_by(key[1])
+            told = told_by(*key)
             if len(looks) == MOST_MATCHED or (told is None and need is Need.TOLD and not match):
                 continue
             looks[key] = _Look(told, order, whole=match, wanted=wanted)

@@ -148,7 +148,8 @@ def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | Non
     from lidarcli.pose.sources import PoseSources
 
     told = log.poses() if isinstance(log, SlicedLog) else read_pose_messages(log)
-    return FoundPoses(PoseSources(told.tracks, wanted), told.notes, told.report)
+    scans = [topic.name for topic in listed if topic.is_scan]
+    return FoundPoses(PoseSources(told.tracks, wanted, scans), told.notes, told.report)
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,8 +33,10 @@ _PIPE = "poses, if there are any, are not used: a pipe is read only once; give t
 
 @dataclass(slots=True)
 class _Seen:
-    """Counts and times of the sweeps of one frame."""
+    """Counts and times of the sweeps of one frame in a namespace."""
 
+    topic: str
+    """The first of their topics."""
     sweeps: int = 0
     without: int = 0
     tilt: float = 0.0
@@ -70,7 +72,8 @@ class Posing:
     """True where batches also tell the way of the sensor during a sweep."""
     levelled: Collection[str] = ()
     """Topics of point clouds, whose sweeps are level however their sensor leans."""
-    seen: dict[str, _Seen] = field(default_factory=dict)
+    seen: dict[tuple[str, str], _Seen] = field(default_factory=dict)
+    """Frame and namespace of sweeps → their counts."""
     paths: Mapping[tuple[str, str], CheckedPath] = field(default_factory=dict)
     """Topic and frame → what a first pass over its sweeps tells of its path."""
     named: bool = False
@@ -147,6 +150,7 @@ class Posing:
             return batch
         from lidarcli.pose.sources import later
         from lidarcli.pose.tracks import planar, tilt
+        from lidarcli.pose.tree import namespace
 
         some = False
         takes_time = batch.duration is not None or any(path.timing.takes_time for path in self.paths.values())
@@ -156,7 +160,7 @@ class Posing:
         fits = np.ones(len(batch), bool)
         for frame, rows, mine in batch.by_frame():
             path = self.paths.get((batch.topic, frame))
-            seen = self.seen.setdefault(frame, _Seen())
+            seen = self.seen.setdefault((frame, namespace(batch.topic)), _Seen(batch.topic))
             seen.add(mine.stamp_ns, mine.record_ns)
             if path is not None and len(path.still):
                 knows, still[rows] = True, path.stood(mine.stamp_ns)
@@ -193,7 +197,7 @@ class Posing:
         """Return the path to use for the sweeps of a topic and frame."""
         if (path := self.paths.get((topic, frame))) is not None:
             return path.way
-        way = None if self.found is None else self.found.sources.way(frame)
+        way = None if self.found is None else self.found.sources.way(frame, topic)
         if way is None or not self.delay:
             return way
         from lidarcli.pose.sources import Correction
@@ -216,8 +220,8 @@ class Posing:
             unused = "no poses in this log: --pose-delay changes nothing" if self.delay else ""
             return [line for line in (self.missed or unused,) if line] + self.path_notes()
         lines: list[str] = []
-        for frame in sorted(self.seen):
-            lines += self._frame_notes(frame, self.found.sources)
+        for frame, space in sorted(self.seen):
+            lines += self._frame_notes(frame, self.seen[frame, space], self.found.sources)
         return [*dict.fromkeys(lines), *self.found.notes, *self.path_notes()]
 
     def path_notes(self) -> list[str]:
@@ -255,26 +259,34 @@ class Posing:
     def described(self) -> dict[str, dict[str, Any]]:
         """Return the poses of each sensor frame and the verdict on them, for the tables' metadata.
 
-        The verdict has a value per topic: `pose_verdict`, `pose_fit`, `pose_delay` [s], `pose_cuts`, `beam_order`.
+        The verdict has a value per topic: `pose_verdict`, `pose_fit`, `pose_delay` [s], `pose_cuts`, `beam_order`. So have
+        `world` and `topic` where sensors of the same frame have several worlds.
         """
         found: dict[str, dict[str, Any]] = {}
-        for frame in sorted(self.seen):
-            told = None if self.found is None else self.found.sources.way(frame)
+        for frame in sorted({frame for frame, _ in self.seen}):
             paths = [(topic, path) for (topic, name), path in sorted(self.paths.items()) if name == frame]
-            ways = [path.way for _, path in paths if path.way is not None] or (
-                [] if paths or told is None else [told]
-            )
-            if ways:
+            topics = [seen.topic for (name, _), seen in sorted(self.seen.items()) if name == frame]
+            known = {topic: way for topic, path in paths if (way := path.way) is not None} or {
+                topic: way for topic in topics if not paths and (way := self._way(topic, frame)) is not None
+            }
+            ways = [*known.values()]
+            if len({way.world for way in ways}) > 1:
+                worlds, sources = (
+                    {topic: way.world for topic, way in known.items()},
+                    {topic: way.topics[0] for topic, way in known.items()},
+                )
+                found[frame] = {"world": worlds, "topic": sources}
+            elif ways:
                 found[frame] = {"world": ways[0].world, "topic": ways[0].topics[0]}
             for topic, path in paths:
                 for key, value in path.facts().items():
                     found.setdefault(frame, {}).setdefault(key, {})[topic] = value
         return found
 
-    def _frame_notes(self, frame: str, sources: PoseSources | GivenPaths) -> list[str]:
-        way, seen, others = sources.way(frame), self.seen[frame], sources.alternatives(frame)
+    def _frame_notes(self, frame: str, seen: _Seen, sources: PoseSources | GivenPaths) -> list[str]:
+        way, others = sources.way(frame, seen.topic), sources.alternatives(frame, seen.topic)
         name = frame or "without a name"
-        if way is None and (alike := sources.alike(frame)):
+        if way is None and (alike := sources.alike(frame, seen.topic)):
             return [alike_note(frame, alike, others)]
         from lidarcli.pose.faults import unplaced, way_findings
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,26 +28,41 @@ class Frames:
     robot: str
     """Name of the frame of the robot; empty: the one at the end of the mounts, or by the transforms of the log."""
     _log: Log
-    _tree: FrameTree | None = None
-    _found: dict[tuple[str, str], Mount] = field(default_factory=dict)
+    _topic: str = ""
+    """Topic of the sensors; empty: any."""
+    _links: list[list[Track]] = field(default_factory=list)
+    """One list of all transforms, once they have been read."""
+    _trees: dict[str, FrameTree] = field(default_factory=dict)
+    _found: dict[tuple[str, str, str], Mount] = field(default_factory=dict)
 
     @classmethod
     def of(cls, log: Log, zones: Zones, mounts: Sequence[Mount] = ()) -> Frames:
         """Return the frames for the zones of a file; `mounts`: more of them."""
         return cls((*zones.masks.mounts, *mounts), zones.robot, log)
 
+    def of_topic(self, topic: str) -> Frames:
+        """Return the frames as the sensors of a topic see them: robots may have the same names for theirs."""
+        return replace(self, _topic=topic)
+
     @property
     def tree(self) -> FrameTree:
-        """The transforms of the log, which are read when somebody asks for the first time."""
-        if self._tree is None:
+        """The transforms of the log for the topic of the sensors."""
+        if self._topic not in self._trees:
+            scans = [topic.name for topic in self._log.topics() or () if topic.is_scan]
+            self._trees[self._topic] = FrameTree(self._read(), self._topic, scans)
+        return self._trees[self._topic]
+
+    def _read(self) -> list[Track]:
+        """Return the transforms of the log, which are read when somebody asks for the first time."""
+        if not self._links:
             tracks: Sequence[Track] = ()
             if self._log.size is not None and self._log.topics() is not None:
                 told = (
                     self._log.poses() if isinstance(self._log, SlicedLog) else read_pose_messages(self._log)
                 )
                 tracks = told.tracks
-            self._tree = FrameTree([track for track in tracks if track.is_link])
-        return self._tree
+            self._links.append([track for track in tracks if track.is_link])
+        return self._links[0]
 
     def sensor_in(self, frame: str, sensor: str, stamp_ns: Int64) -> SweepPoses:
         """Return where a sensor is in a frame other than the world at each time (S,).
@@ -126,7 +141,7 @@ class Frames:
         return Masks(tuple(placed), tuple(mounts), masks.path)
 
     def _mount(self, frame: str, sensor: str, stamp_ns: Int64) -> Mount:
-        key = frame, sensor
+        key = self._topic, frame, sensor
         if key not in self._found:
             here = self.sensor_in(frame, sensor, stamp_ns)
             x, y, yaw = (float(each[0]) for each in (here.x, here.y, here.yaw))

@@ -14,7 +14,7 @@ from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.masks import Circle, Masks, Polygon, same_name
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.inputs.tables import Pair, world_in
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import AGAIN, Cursor
 from lidarcli.pipeline.reading.masking import masking_of
@@ -105,7 +105,7 @@ class Watching:
         shapes: dict[tuple[tuple[float, float], ...], int] = {}
         times, parts = [], []
         for each in told:
-            corners = self._frames.corners_in("", each.frame_id, each.stamp_ns, each.corners)
+            corners = self._frames.of_topic(zone.shape_topic).corners_in("", each.frame_id, each.stamp_ns, each.corners)
             if corners is None:
                 raise NoScanError(
                     f"zone '{zone.name}': nothing leads from frame {each.frame_id} of {zone.shape_topic} to the robot"
@@ -154,7 +154,9 @@ class Watching:
                     [ZoneSeries.of(zone, self._shapes[zone.name]) for zone in resolved],
                     batch.first_ns,
                 )
-                self._counting[key] = Counting(series, self._frames, self._masks, self._told)
+                self._counting[key] = Counting(
+                    series, self._frames.of_topic(batch.topic), self._masks, self._told
+                )
             objects = None if whole is None else whole.of_rows(rows)
             self._counting[key].add(mine, objects)
 
@@ -162,7 +164,9 @@ class Watching:
         """Return a zone whose frame is `world` where it names the fixed frame of the poses; refuse one without poses."""
         world = self._worlds[topic, sensor] = reading.world_of(topic, sensor)
         if zone.frame == WORLD or (
-            world and zone.frame not in (SENSOR, ROBOT) and same_name(zone.frame, world)
+            world
+            and zone.frame not in (SENSOR, ROBOT)
+            and (same_name(zone.frame, world) or world.endswith(f"/{frame_name(zone.frame)}"))
         ):
             if not world:
                 raise NoScanError(
@@ -323,7 +327,7 @@ class Watching:
                         f"zone '{name}' is in the frame {where}, and the poses of {frame or 'the sensor'} contradict the "
                         f"sweeps of {topic}: nothing written; give other poses (--pose TOPIC, --poses FILE)"
                     )
-                if told.get("world") == MATCH and where == WORLD:
+                if world_in(told, topic) == MATCH and where == WORLD:
                     notes[
                         f"zone '{name}' is in the world of the path that is matched from the sweeps of {topic}"
                     ] = None
