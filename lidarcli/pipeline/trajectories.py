@@ -192,6 +192,8 @@ class _Written:
         self._is_matched = is_matched
         self._is_table = is_table
         self._last: dict[tuple[str, str], int] = {}
+        self._world = ""
+        """World of the first sensor."""
         self._count = 0
         self._left_out = 0
         self._twice: dict[str, str] = {}
@@ -206,7 +208,8 @@ class _Written:
                 continue
             key = batch.topic, frame
             if not self._is_table:
-                kept = self._later(key, mine, kept)
+                self._world = self._world or world
+                kept = self._later(key, mine, kept, is_beside=world == self._world)
             else:
                 self._last.setdefault(key, 0)
             self._count += len(kept)
@@ -230,10 +233,13 @@ class _Written:
         ]
         summary.notes.append(f"{self._count:,} pose{'' if self._count == 1 else 's'}")
 
-    def _later(self, key: tuple[str, str], batch: SweepBatch, kept: Any) -> Any:
-        """Return the rows whose stamps increase, of one sensor alone, from its first topic."""
+    def _later(self, key: tuple[str, str], batch: SweepBatch, kept: Any, *, is_beside: bool) -> Any:
+        """Return the rows whose stamps increase, of one sensor alone, from its first topic.
+
+        `is_beside`: the sensor is in the world of the first one.
+        """
         first = next(iter(self._last), key)
-        if key != first and key[1] == first[1]:
+        if key != first and key[1] == first[1] and is_beside:
             self._twice[key[0]] = first[0]
             return kept[:0]
         if key != first:

@@ -278,6 +278,8 @@ class Posing:
                 found[frame] = {"world": worlds, "topic": sources}
             elif ways:
                 found[frame] = {"world": ways[0].world, "topic": ways[0].topics[0]}
+                if (fixed := ways[0].steps[-1].target) != ways[0].world:
+                    found[frame]["fixed_frame"] = fixed
             for topic, path in paths:
                 for key, value in path.facts().items():
                     found.setdefault(frame, {}).setdefault(key, {})[topic] = value
