@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from lidarcli.foxglove import SCAN
 from lidarcli.pose.messages import ODOMETRY, TRANSFORMS, WITH_COVARIANCE, frame_name
 from lidarcli.pose.tracks import Motion, Track, compose, planar
 from lidarcli.pose.tree import FrameTree, Step, along, is_within, namespace, nearness
@@ -201,7 +202,7 @@ class PoseSources:
     def _choice(self, frame_id: str, topic: str) -> tuple[Way | None, tuple[str, ...], tuple[str, ...]]:
         key = frame_id, topic
         if key not in self._ways:
-            frame = frame_name(frame_id)
+            frame = self._tree(topic).sensor(frame_name(frame_id))
             alike: tuple[str, ...] = ()
             if self._wanted is None:
                 chosen, alike = self._unasked(frame, topic)
@@ -259,7 +260,9 @@ class PoseSources:
             if all(track.static for track in mine):
                 return []  # what only mounts something is no source of its own
             links = [
-                one for one in self.tracks if one.is_link and (one.static or one.topic.strip("/") == name)
+                one
+                for one in self.tracks
+                if one.is_link and (one.static or one.type == SCAN or one.topic.strip("/") == name)
             ]
             # What mounts the sensor is beside these poses, or else beside its sweeps.
             trees = (FrameTree(links, near, self._scans) for near in (told, topic))

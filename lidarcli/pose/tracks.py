@@ -12,6 +12,7 @@ from typing import NamedTuple, TextIO
 import numpy as np
 
 from lidarcli.errors import UnreadableError
+from lidarcli.foxglove import SCAN
 from lidarcli.logs.base import Message
 from lidarcli.logs.planar import ENCODING as PLANAR
 from lidarcli.pose.messages import TRANSFORMS, PoseRows, decode_foxglove, decode_planar, decode_ros
@@ -119,6 +120,15 @@ def tilt(motion: Motion) -> float:
     return float(np.arccos(np.clip(known.min(), 0.0, 1.0))) if len(known) else 0.0
 
 
+def scan_frame(topic: str) -> str:
+    """Return the name of the frame of the sweeps of a topic that tell their pose in another one; no frame of a log has it.
+
+    >>> scan_frame("/front/lidar")
+    '/front/lidar'
+    """
+    return f"/{topic.strip('/')}"
+
+
 MAX_POSES = 2_000_000
 """Most poses of one log that are kept, 64 bytes each; those after them are left out."""
 MAX_TRACKS = 10_000
@@ -199,7 +209,12 @@ class Track:
     @property
     def is_link(self) -> bool:
         """True for links of the tree of frames."""
-        return self.type in TRANSFORMS
+        return self.type in TRANSFORMS or self.type == SCAN
+
+    @property
+    def is_identity(self) -> bool:
+        """True if both frames are always one."""
+        return not self.motion.position.any() and not self.motion.rotation[:, :3].any()
 
     @property
     def hold_ns(self) -> int:
@@ -313,7 +328,8 @@ class Tracks:
     def finish(self) -> list[Track]:
         """Return all tracks, in the order in which they first appear."""
         self._flush_all()
-        return [growing.finish(key) for key, growing in self._growing.items()]
+        found = [growing.finish(key) for key, growing in self._growing.items()]
+        return [track for track in found if track.type != SCAN or not track.is_identity]
 
     def _flush_all(self) -> None:
         for key in list(self._waiting):
@@ -326,7 +342,8 @@ class Tracks:
         refused: Counter[str] = Counter()
         found: dict[tuple[str, str], list[PoseRows]] = {}
         for rows in _decode(kind, encoding, data, refused):
-            found.setdefault((rows.parent, rows.child), []).append(rows)
+            child = scan_frame(topic) if kind == SCAN else rows.child
+            found.setdefault((rows.parent, child), []).append(rows)
         record_ns = np.array(times, np.int64)
         for (parent, child), parts in found.items():
             self._take((topic, kind, parent, child), parts, record_ns, refused)

@@ -11,7 +11,7 @@ import numpy as np
 
 from lidarcli.logs.slicing import Levelled
 from lidarcli.pose.messages import frame_name
-from lidarcli.pose.tracks import Motion, Track, compose, inverse, planar, rotate
+from lidarcli.pose.tracks import Motion, Track, compose, inverse, planar, rotate, scan_frame
 from lidarcli.sweeps import Bool, Float64, Int64
 
 WORLDS = ("map", "odom", "world", "camera_init")
@@ -85,6 +85,7 @@ class FrameTree:
     """
 
     def __init__(self, links: Sequence[Track], topic: str = "", scans: Collection[str] = ()) -> None:
+        self._own = scan_frame(topic)
         self._near: dict[str, dict[str, Step]] = {}
         self._parent: dict[str, Track] = {}
         told: dict[str, int] = {}
@@ -103,6 +104,10 @@ class FrameTree:
     def frames(self) -> list[str]:
         """The frames that links join."""
         return [*self._near]
+
+    def sensor(self, frame: str) -> str:
+        """Return where the sweeps of the topic are that say this frame: in it, or where each says that it is in it."""
+        return self._own if frame in self._near.get(self._own, {}) else frame
 
     def path(self, start: str, target: str, avoid: Collection[str] = ()) -> tuple[Step, ...] | None:
         """Return the shortest way between two frames, empty if they are one; None if there is none."""

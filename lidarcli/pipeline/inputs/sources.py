@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, BinaryIO, Self, cast
 
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
+from lidarcli.foxglove import SCAN
 from lidarcli.logs import open_log
 from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.joined import JoinedLog, Part
@@ -125,7 +126,7 @@ def read_pose_messages(log: Log) -> PoseMessages:
 
     tracks = Tracks()
     report = ReadReport()
-    tracks.add(log.messages(POSE_TYPES, report))
+    tracks.add(log.messages(POSE_TYPES | {SCAN}, report))
     found = tracks.finish()
     notes = [
         f"{count:,} of {topic} left out: {cause}" for (topic, cause), count in sorted(tracks.refused.items())

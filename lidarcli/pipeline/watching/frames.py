@@ -76,9 +76,10 @@ class Frames:
             return _resting(Mount(sensor, sensor, 0.0, 0.0, 0.0), len(stamp_ns))
         target = self.robot_of(sensor) if frame == ROBOT else frame
         mount = mounted(self.mounts, sensor, target)
-        if mount is not None:
+        # Sweeps may tell that they are elsewhere in the frame that they name.
+        if mount is not None and not same_name(sensor, target):
             return _resting(mount, len(stamp_ns))
-        steps = self.tree.path(frame_name(sensor), frame_name(target))
+        steps = self.tree.path(self.tree.sensor(frame_name(sensor)), frame_name(target))
         if steps is None:
             raise self._lost(sensor, target)
         # A mount stays where it is, also before the first transform of it and after the last one; the robot does not.
@@ -95,7 +96,7 @@ class Frames:
             here, left = parent, left - 1
         if here != sensor or any(same_name(one.parent, sensor) for one in self.mounts):
             return here
-        steps = self.tree.to_base(frame_name(sensor))
+        steps = self.tree.to_base(self.tree.sensor(frame_name(sensor)))
         if steps:
             return steps[-1].target
         if frame_name(sensor).rpartition("/")[2].startswith("base"):
