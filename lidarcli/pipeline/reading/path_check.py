@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarcli.choices import BEAM_ORDERS
-from lidarcli.display import times
+from lidarcli.display import counted, times
 from lidarcli.findings import Finding, Fix
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
@@ -428,6 +428,8 @@ def _fit_notes(key: Key, way: Way, fit: PoseFit, named: bool) -> tuple[str | Fin
     topic, steps = way.topics[0], f"{fit.share:.0%} of {fit.pairs:,} steps" if fit.pairs else "no step"
     if fit.verdict == "unchecked":
         why = "the sensor hardly moves" if fit.pairs < LEAST_PAIRS else "too few sweeps could be matched"
+        if fit.moves and fit.pairs < LEAST_PAIRS:
+            why = f"only {counted(fit.pairs, 'step')} of its sweeps can be compared"
         note = f"poses from {topic} are taken as they are, unchecked: {why}"
         if not fit.jumps:
             return (note,)
@@ -456,7 +458,7 @@ def _fit_notes(key: Key, way: Way, fit: PoseFit, named: bool) -> tuple[str | Fin
     if np.isfinite(fit.turn_ratio) and fit.turn_ratio < -0.5:
         causes.append("the sensor turns the other way")
     if fit.jumps and not fit.cuts:
-        causes.append(f"they jump by up to {fit.jumps[0]:,.1f} m and back")
+        causes.append(f"they jump by up to {fit.jumps[0]:,.1f} m and back: two publishers that disagree?")
     cause = f"; {'; '.join(causes)}" if causes else ""
     end = "they are taken because they were named" if named else "the path is matched from the sweeps"
     words = (
