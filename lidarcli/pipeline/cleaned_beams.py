@@ -23,6 +23,7 @@ from lidarcli.pipeline.reading.one_log import Progress
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
+from lidarcli.pose.faults import Key
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
 from lidarcli.tabular.arrays import held, numbers
@@ -54,8 +55,6 @@ CELL, OFTEN, MOSTLY = 0.12, 0.1, 0.8
 LONG, MOST_HIDDEN, MOST_DOUBTED = 3.0, 0.5, 0.2
 """A track so long [s] is doubted if it is hidden in such a share of its sweeps; a note tells of such a share of beams."""
 _NONE = np.zeros(0, np.int64)
-Key = tuple[str, str]
-"""Topic and frame of a sensor."""
 
 
 class Sweep(NamedTuple):

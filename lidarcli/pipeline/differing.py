@@ -462,7 +462,8 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
     rows = table.rows.to_pydict()
     # A sensor without poses is a world of its own.
     sensors = zip(rows["topic"], rows["frame_id"], strict=True)
-    worlds = np.array([table.world(*each) or f" {each[1]}" for each in sensors] or [""], object)
+    ways = [(world_in(table.poses.get(frame, {}), topic), frame) for topic, frame in sensors]
+    worlds = np.array([world or f" {frame}" for world, frame in ways] or [""], object)
     count = len(rows["track"])
     worlds = worlds[:count]
     number = {each: np.array(rows[each], np.float64).reshape(count) for each in _MEASURED}

@@ -191,9 +191,7 @@ class _Written:
         """`is_table`: the output has room for several sensors; `is_matched`: the poses were matched from the sweeps."""
         self._is_matched = is_matched
         self._is_table = is_table
-        self._last: dict[tuple[str, str], int] = {}
-        self._world = ""
-        """World of the first sensor."""
+        self._last: dict[tuple[str, str, str], int] = {}
         self._count = 0
         self._left_out = 0
         self._twice: dict[str, str] = {}
@@ -206,10 +204,9 @@ class _Written:
             kept = np.flatnonzero(~np.isnan(motion.position).any(axis=1))
             if not len(kept):
                 continue
-            key = batch.topic, frame
+            key = batch.topic, frame, world
             if not self._is_table:
-                self._world = self._world or world
-                kept = self._later(key, mine, kept, is_beside=world == self._world)
+                kept = self._later(key, mine, kept)
             else:
                 self._last.setdefault(key, 0)
             self._count += len(kept)
@@ -233,13 +230,10 @@ class _Written:
         ]
         summary.notes.append(f"{self._count:,} pose{'' if self._count == 1 else 's'}")
 
-    def _later(self, key: tuple[str, str], batch: SweepBatch, kept: Any, *, is_beside: bool) -> Any:
-        """Return the rows whose stamps increase, of one sensor alone, from its first topic.
-
-        `is_beside`: the sensor is in the world of the first one.
-        """
+    def _later(self, key: tuple[str, str, str], batch: SweepBatch, kept: Any) -> Any:
+        """Return the rows whose stamps increase, of one sensor alone, from its first topic."""
         first = next(iter(self._last), key)
-        if key != first and key[1] == first[1] and is_beside:
+        if key != first and key[1:] == first[1:]:
             self._twice[key[0]] = first[0]
             return kept[:0]
         if key != first:

@@ -209,18 +209,10 @@ class PoseSources:
             else:
                 chosen = next(iter(self._told(frame, topic, self._wanted)), None)
             used = {*chosen.topics} if chosen else {*alike}
-            others = tuple(
-                told
-                for told in self.topics
-                if told not in used
-                and self._nearness(told, topic) is not None
-                and self._told(frame, topic, told)
-            )
+            near = (told for told in self.topics if nearness(told, topic, self._scans) is not None)
+            others = tuple(told for told in near if told not in used and self._told(frame, topic, told))
             self._ways[key] = chosen, others, alike
         return self._ways[key]
-
-    def _nearness(self, told: str, topic: str) -> int | None:
-        return nearness(told, topic, self._scans)
 
     def _tree(self, topic: str) -> FrameTree:
         """Return the tree of frames for the sweeps of a topic."""
@@ -235,7 +227,7 @@ class PoseSources:
             return way, ()
         found = []
         for track in self.tracks:
-            rank, near = None if track.is_link else _rank(track), self._nearness(track.topic, topic)
+            rank, near = None if track.is_link else _rank(track), nearness(track.topic, topic, self._scans)
             if rank is not None and near is not None:
                 way = self._by_track(frame, topic, track)
                 mountless = bool(way.assumption) and track.type == ODOMETRY

@@ -120,15 +120,6 @@ def tilt(motion: Motion) -> float:
     return float(np.arccos(np.clip(known.min(), 0.0, 1.0))) if len(known) else 0.0
 
 
-def scan_frame(topic: str) -> str:
-    """Return the name of the frame of the sweeps of a topic that tell their pose in another one; no frame of a log has it.
-
-    >>> scan_frame("/front/lidar")
-    '/front/lidar'
-    """
-    return f"/{topic.strip('/')}"
-
-
 MAX_POSES = 2_000_000
 """Most poses of one log that are kept, 64 bytes each; those after them are left out."""
 MAX_TRACKS = 10_000
@@ -141,6 +132,8 @@ FLAT = 0.02
 """Components of a quaternion below this are zero."""
 ROLLS = 0.05
 """A component with a larger spread changes (6 degrees)."""
+SHIFTS, TURNS = 0.02, 0.02
+"""Poses that differ by more tell of a motion [m, rad]."""
 GOES = 0.5
 """A frame that has moved this far [m] is no joint."""
 
@@ -205,6 +198,12 @@ class Track:
         """Poses per second, on average; None for a single one."""
         seconds = (self.span_ns[1] - self.span_ns[0]) / SECOND_NS
         return (self.messages - 1) / seconds if seconds > 0 else None
+
+    @property
+    def moves(self) -> bool:
+        """True if one of its frames moves in the other."""
+        turned = np.abs(self.motion.rotation @ self.motion.rotation[0]).min() < np.cos(0.5 * TURNS)
+        return bool(turned or np.ptp(self.motion.position, axis=0).max() > SHIFTS)
 
     @property
     def is_link(self) -> bool:
@@ -342,7 +341,8 @@ class Tracks:
         refused: Counter[str] = Counter()
         found: dict[tuple[str, str], list[PoseRows]] = {}
         for rows in _decode(kind, encoding, data, refused):
-            child = scan_frame(topic) if kind == SCAN else rows.child
+            # No frame of a log begins with a slash: it is that of the sweeps of this topic.
+            child = f"/{topic.strip('/')}" if kind == SCAN else rows.child
             found.setdefault((rows.parent, child), []).append(rows)
         record_ns = np.array(times, np.int64)
         for (parent, child), parts in found.items():

@@ -11,7 +11,7 @@ import numpy as np
 
 from lidarcli.logs.slicing import Levelled
 from lidarcli.pose.messages import frame_name
-from lidarcli.pose.tracks import Motion, Track, compose, inverse, planar, rotate, scan_frame
+from lidarcli.pose.tracks import Motion, Track, compose, inverse, planar, rotate
 from lidarcli.sweeps import Bool, Float64, Int64
 
 WORLDS = ("map", "odom", "world", "camera_init")
@@ -85,7 +85,7 @@ class FrameTree:
     """
 
     def __init__(self, links: Sequence[Track], topic: str = "", scans: Collection[str] = ()) -> None:
-        self._own = scan_frame(topic)
+        self._own = f"/{topic.strip('/')}"
         self._near: dict[str, dict[str, Step]] = {}
         self._parent: dict[str, Track] = {}
         told: dict[str, int] = {}

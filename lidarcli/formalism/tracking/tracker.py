@@ -208,7 +208,8 @@ class Tracker:
             placed |= batch.still
         else:
             for name, rows, mine in batch.by_frame():
-                placed[rows] |= self._sensor(name).standing.see(mine)
+                sensor = self._sensors[min(self.frames.index(name), MOST_SENSORS - 1)]
+                placed[rows] |= sensor.standing.see(mine)
         seen = Seen(detection, poses, seconds, way, shares, placed)
         for number in np.flatnonzero(np.bincount(which)).tolist():
             sensor = self._sensors[number]
@@ -261,10 +262,6 @@ class Tracker:
             self._settle()
         self._windows.append({})
 
-    def _sensor(self, frame: str) -> _Sensor:
-        """Return the sensor of a frame that `_frames` has met."""
-        return self._sensors[min(self.frames.index(frame), MOST_SENSORS - 1)]
-
     def _frames(self, batch: SweepBatch) -> Any:
         """Return (S,) the index into `frames` of each sweep."""
         for name in batch.frame_ids:
@@ -273,9 +270,7 @@ class Tracker:
             self.frames.append(name)
             if len(self._sensors) < MOST_SENSORS:
                 naming = None if self._catalogue is None else Naming(self._catalogue)
-                self._sensors.append(
-                    _Sensor(self.parameters.significance, Register(naming, self._numbers))
-                )
+                self._sensors.append(_Sensor(self.parameters.significance, Register(naming, self._numbers)))
         return np.array([self.frames.index(name) for name in batch.frame_ids], np.int64)[batch.frame]
 
     def _settle(self) -> None:

@@ -328,10 +328,6 @@ class TracksTable:
     poses: dict[str, dict[str, Any]]
     """Sensor frame → the description of its poses; positions of other frames are in the sensor frame."""
 
-    def world(self, topic: str, frame: str) -> str:
-        """Return the world frame of the positions of a sensor; empty where they are in its own frame."""
-        return world_in(self.poses.get(frame, {}), topic)
-
 
 def find_tracks(inputs: Iterable[str]) -> list[Place]:
     """Return the tracks tables that files, folders and patterns name, each once, in their order.

@@ -265,17 +265,17 @@ class Posing:
         found: dict[str, dict[str, Any]] = {}
         for frame in sorted({frame for frame, _ in self.seen}):
             paths = [(topic, path) for (topic, name), path in sorted(self.paths.items()) if name == frame]
-            topics = [seen.topic for (name, _), seen in sorted(self.seen.items()) if name == frame]
-            known = {topic: way for topic, path in paths if (way := path.way) is not None} or {
-                topic: way for topic in topics if not paths and (way := self._way(topic, frame)) is not None
-            }
+            topics = [topic for topic, _ in paths] or [
+                seen.topic for (name, _), seen in sorted(self.seen.items()) if name == frame
+            ]
+            known = {topic: way for topic in topics if (way := self._way(topic, frame)) is not None}
             ways = [*known.values()]
             if len({way.world for way in ways}) > 1:
-                worlds, sources = (
-                    {topic: way.world for topic, way in known.items()},
-                    {topic: way.topics[0] for topic, way in known.items()},
-                )
-                found[frame] = {"world": worlds, "topic": sources}
+                told = [(topic, way.world, way.topics[0]) for topic, way in known.items()]
+                found[frame] = {
+                    "world": {topic: world for topic, world, _ in told},
+                    "topic": {topic: source for topic, _, source in told},
+                }
             elif ways:
                 found[frame] = {"world": ways[0].world, "topic": ways[0].topics[0]}
                 if (fixed := ways[0].steps[-1].target) != ways[0].world:
@@ -291,6 +291,7 @@ class Posing:
         if way is None and (alike := sources.alike(frame, seen.topic)):
             return [alike_note(frame, alike, others)]
         from lidarcli.pose.faults import unplaced, way_findings
+        from lidarcli.pose.tree import nearness
 
         if way is None:
             return [unplaced(frame, others).message]
@@ -301,7 +302,8 @@ class Posing:
             lines.append(
                 f"frame {name} leans by up to {np.rad2deg(seen.tilt):.0f} degrees: its poses are their projection"
             )
-        return lines + [found.message for found in way_findings(way)]
+        links = [one for one in sources.tracks if one.is_link and nearness(one.topic, seen.topic) is not None]
+        return lines + [found.message for found in way_findings(way, links)]
 
 
 def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:

@@ -13,10 +13,13 @@ from lidarcli.logs.base import Log
 from lidarcli.masks import Mask, Masks, Mount, mounted, same_name
 from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
 from lidarcli.pose.messages import frame_name
-from lidarcli.pose.tracks import Track, planar
-from lidarcli.pose.tree import WORLDS, FrameTree, along
+from lidarcli.pose.tracks import HOLD_STEPS, SECOND_NS, Track, planar
+from lidarcli.pose.tree import WORLDS, FrameTree, Step, along
 from lidarcli.sweeps import Float64, Int64, SweepBatch, SweepPoses
 from lidarcli.zone import ROBOT, SENSOR, Zones
+
+LONG_HELD = 1.0
+"""A link that moves and is held for longer beyond its transforms has a note [s]."""
 
 
 @dataclass(slots=True)
@@ -34,6 +37,8 @@ class Frames:
     """One list of all transforms, once they have been read."""
     _trees: dict[str, FrameTree] = field(default_factory=dict)
     _found: dict[tuple[str, str, str], Mount] = field(default_factory=dict)
+    _held: dict[str, float] = field(default_factory=dict)
+    """Link that moves → longest time for which it is held [s]."""
 
     @classmethod
     def of(cls, log: Log, zones: Zones, mounts: Sequence[Mount] = ()) -> Frames:
@@ -83,7 +88,24 @@ class Frames:
         if steps is None:
             raise self._lost(sensor, target)
         # A mount stays where it is, also before the first transform of it and after the last one; the robot does not.
-        return planar(along(steps, stamp_ns, held=frame_name(target).rpartition("/")[2] not in WORLDS))
+        return self._along(steps, stamp_ns, held=frame_name(target).rpartition("/")[2] not in WORLDS)
+
+    def _along(self, steps: Sequence[Step], stamp_ns: Int64, *, held: bool) -> SweepPoses:
+        """Return the places at times (S,); note links that are `held` though they moved."""
+        for track in (step.track for step in steps if held and step.track.moves):
+            first, last = track.span_ns
+            beyond = max(first - int(stamp_ns.min()), int(stamp_ns.max()) - last) / SECOND_NS
+            if beyond > max(LONG_HELD, HOLD_STEPS / (track.rate or LONG_HELD)):
+                link = f"{track.parent} > {track.child}"
+                self._held[link] = max(beyond, self._held.get(link, 0.0))
+        return planar(along(steps, stamp_ns, held=held))
+
+    def notes(self) -> list[str]:
+        """Return a note on each link that was held for long, though it moved."""
+        return [
+            f"sweeps are up to {seconds:.1f} s beyond the transforms of {link}, which moved: it is held there"
+            for link, seconds in self._held.items()
+        ]
 
     def robot_of(self, sensor: str) -> str:
         """Return the name of the frame of the robot that carries a sensor; errors as of `sensor_in`."""
@@ -111,7 +133,7 @@ class Frames:
         steps = self.tree.path(frame_name(frame), frame_name(robot))
         if steps is None:
             return None
-        pose = planar(along(steps, np.array([stamp_ns]), held=True))
+        pose = self._along(steps, np.array([stamp_ns]), held=True)
         row = np.zeros(len(corners), np.int64)
         x, y, _ = pose.to_world(row, corners[:, 0], corners[:, 1], np.zeros(len(corners)))
         found: Float64 = np.column_stack([x, y])

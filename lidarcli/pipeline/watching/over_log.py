@@ -33,6 +33,7 @@ from lidarcli.pipeline.watching.counting import (
 from lidarcli.pipeline.watching.events import Counted, Settled, Tracked, settle
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.pipeline.watching.options import ZoneOptions, refuse_resting
+from lidarcli.pose.faults import Key
 from lidarcli.pose.messages import frame_name
 from lidarcli.pose.tree import WORLDS
 from lidarcli.reports.wording import counted
@@ -41,10 +42,6 @@ from lidarcli.tabular.arrays import are
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
-
-
-Key = tuple[str, str]
-"""Topic and frame of a sensor."""
 
 
 class Watching:
@@ -105,7 +102,9 @@ class Watching:
         shapes: dict[tuple[tuple[float, float], ...], int] = {}
         times, parts = [], []
         for each in told:
-            corners = self._frames.of_topic(zone.shape_topic).corners_in("", each.frame_id, each.stamp_ns, each.corners)
+            corners = self._frames.of_topic(zone.shape_topic).corners_in(
+                "", each.frame_id, each.stamp_ns, each.corners
+            )
             if corners is None:
                 raise NoScanError(
                     f"zone '{zone.name}': nothing leads from frame {each.frame_id} of {zone.shape_topic} to the robot"
@@ -132,7 +131,7 @@ class Watching:
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
             for (topic, cause), count in sorted(self._report.refused.items())
         ]
-        summary.notes += [*self._notes, *notes]
+        summary.notes += [*self._notes, *notes, *self._frames.notes()]
         summary.notes += [note for zone in self._options.zones.zones for note in self._gaps(zone)]
         settled = [one for zone in self._options.zones.zones for one in self._settled(zone)]
         return summary, settled, described
@@ -284,7 +283,9 @@ class Watching:
         pair = self._pair
         if pair is None or not pair.trajectories.exists() or not pair.tracks.exists():
             return None
-        tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "frame_id", "track", "set", "label"))
+        tracks = read_columns(
+            pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "frame_id", "track", "set", "label")
+        )
         sensor = series.topic, series.frame_id
         mine = [row for row in tracks.to_pylist() if (row["topic"], row["frame_id"]) == sensor]
         agents = np.array([row["track"] for row in mine if row["set"] == "A"], np.int64)

@@ -75,7 +75,7 @@ class Showing:
 
     def notes(self) -> list[str]:
         """Return a line for each zone that is not shown, or not as occupied."""
-        return [*self._zones.notes, *self._notes]
+        return [*self._zones.notes, *self._notes, *self._frames.notes()]
 
     def _place(self, zone: Zone, batch: SweepBatch, sensor: str, frames: Frames) -> SweepPoses | None:
         if zone.shape is None:
