@@ -5,7 +5,6 @@ Every sensor frame of the topic is a sensor of its own: what one of them saw bef
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -28,7 +27,7 @@ from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
 from lidarcli.formalism.tracking.tracks import Track, tracks_of
 from lidarcli.formalism.tracking.trajectories import standing
 from lidarcli.formalism.tracking.windows import Register, Settled, Window
-from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch
+from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch
 
 WINDOW = 256
 """Number of sweeps of a window. Its rows are settled once the next window has been seen.
@@ -144,7 +143,8 @@ class Tracker:
         self._topic = ""
         self._sensors: list[_Sensor] = []
         """By the index of the frame."""
-        self._numbers = itertools.count(1)
+        self._tracks: list[Track] = []
+        """Those of all sensors, by number."""
         self._waiting: deque[_Waiting] = deque()
         self._windows: deque[dict[int, Window]] = deque([{}])
         """Windows of the sensors that are not settled; the last ones are being filled."""
@@ -177,12 +177,10 @@ class Tracker:
             self._windows.pop()
         while self._windows:
             self._settle()
-        tracks: list[Track] = []
         for frame, sensor in zip(self.frames, self._sensors, strict=False):
             name = self._topic if len(self._sensors) == 1 else f"{self._topic} ({frame or 'without a name'})"
-            tracks += sensor.register.tracks
             self.notes += notes_of(name, sensor.fold.correction, sensor.register.tracks, sensor.fold.moves)
-        return self._answers(), tracks_of(sorted(tracks, key=lambda track: track.number))
+        return self._answers(), tracks_of(self._tracks)
 
     def trajectories(self) -> Iterator[Trajectories]:
         """Yield the rows that are settled and were not yielded before: of what moves; after `finish` all that are left."""
@@ -203,10 +201,11 @@ class Tracker:
         way, shares = _way(batch), detection.shares(batch)
         frames = self._frames(batch)
         which = np.minimum(frames, MOST_SENSORS - 1)
-        placed = np.full(len(batch), batch.poses is not None)
+        placed = posed = _posed(batch)
         if batch.still is not None:
-            placed |= batch.still
+            placed = placed | batch.still
         else:
+            placed = placed.copy()
             for name, rows, mine in batch.by_frame():
                 sensor = self._sensors[min(self.frames.index(name), MOST_SENSORS - 1)]
                 placed[rows] |= sensor.standing.see(mine)
@@ -214,7 +213,6 @@ class Tracker:
         for number in np.flatnonzero(np.bincount(which)).tolist():
             sensor = self._sensors[number]
             sensor.make_room(seen.most, batch.width)
-            sensor.fold.moves = batch.poses is not None
             sensor.fold.objects = self._objects
         times = batch.seconds()
         looks = None
@@ -231,6 +229,7 @@ class Tracker:
             fold, register = sensor.fold, sensor.register
             while row < end:
                 begin, before = row, fold.sweeps
+                fold.moves = bool(posed[row])
                 window = self._windows[-1].setdefault(number, Window(before))
                 stop = min(end, row + WINDOW - (before - window.begin))
                 while (row := fold.follow(seen, laid_out, row, stop, numbers)) < stop:
@@ -241,10 +240,7 @@ class Tracker:
                 window.index.append(batch.sweep[begin:row])
                 window.stamps.append(batch.stamp_ns[begin:row])
                 register.sweeps.add(
-                    batch.sweep[begin:row],
-                    batch.stamp_ns[begin:row],
-                    times[begin:row],
-                    batch.poses is not None,
+                    batch.sweep[begin:row], batch.stamp_ns[begin:row], times[begin:row], fold.moves
                 )
                 window.frames.append(frames[begin:row])
                 window.placed.append(placed[begin:row])
@@ -270,7 +266,7 @@ class Tracker:
             self.frames.append(name)
             if len(self._sensors) < MOST_SENSORS:
                 naming = None if self._catalogue is None else Naming(self._catalogue)
-                self._sensors.append(_Sensor(self.parameters.significance, Register(naming, self._numbers)))
+                self._sensors.append(_Sensor(self.parameters.significance, Register(naming, self._tracks)))
         return np.array([self.frames.index(name) for name in batch.frame_ids], np.int64)[batch.frame]
 
     def _settle(self) -> None:
@@ -347,6 +343,13 @@ def _count(rows: NDArray[np.int64], weights: NDArray[Any] | None, sweeps: int) -
     return np.bincount(rows, weights, minlength=sweeps).astype(np.int32)
 
 
+def _posed(batch: SweepBatch) -> Bool:
+    """Return (S,) True where poses of the sensor are told, be they known at the time or not."""
+    if batch.poses is None or batch.poses.absent is None:
+        return np.full(len(batch), batch.poses is not None)
+    return ~batch.poses.absent
+
+
 def _poses(batch: SweepBatch) -> Float64:
     """Return (S, 4) x, y, yaw and side of the sensor; without poses it is taken to stand."""
     poses = batch.poses
@@ -354,6 +357,7 @@ def _poses(batch: SweepBatch) -> Float64:
         return np.tile([0.0, 0.0, 0.0, 1.0], (len(batch), 1))
     columns = np.column_stack([poses.x, poses.y, poses.yaw, np.where(poses.upside_down, -1.0, 1.0)])
     columns[~np.isfinite(columns).all(axis=1), :3] = np.nan
+    columns[~_posed(batch)] = [0.0, 0.0, 0.0, 1.0]
     return columns
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -129,9 +128,9 @@ class Settled:
 class Register:
     """All bodies that were seen often enough, and the tracks they are parts of."""
 
-    def __init__(self, naming: Naming | None = None, numbers: Iterator[int] | None = None) -> None:
-        """`numbers`: those of the tracks to come, which several sensors may share."""
-        self._numbers = numbers or itertools.count(1)
+    def __init__(self, naming: Naming | None = None, every: list[Track] | None = None) -> None:
+        """`every`: takes the tracks of all sensors of the topic, by number."""
+        self._every = [] if every is None else every
         self.naming = naming
         """Naming of tracks, if there is a catalogue."""
         self.bodies: dict[int, Body] = {}
@@ -182,7 +181,8 @@ class Register:
             assert body.track is not None
             if body.track.number == 0:
                 self.tracks.append(body.track)
-                body.track.number = next(self._numbers)
+                self._every.append(body.track)
+                body.track.number = len(self._every)
             body.row_shape = row_shape(body)
         seen.settle_tracks()
 

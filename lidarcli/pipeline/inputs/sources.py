@@ -12,9 +12,8 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, BinaryIO, Self, cast
 
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
-from lidarcli.foxglove import SCAN
 from lidarcli.logs import open_log
-from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
+from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.joined import JoinedLog, Part
 from lidarcli.stores.url import State, Url, is_url, place
 from lidarcli.sweeps import RawSweeps
@@ -126,7 +125,7 @@ def read_pose_messages(log: Log) -> PoseMessages:
 
     tracks = Tracks()
     report = ReadReport()
-    tracks.add(log.messages(POSE_TYPES | {SCAN}, report))
+    tracks.add(log.messages(POSED_TYPES, report))
     found = tracks.finish()
     notes = [
         f"{count:,} of {topic} left out: {cause}" for (topic, cause), count in sorted(tracks.refused.items())

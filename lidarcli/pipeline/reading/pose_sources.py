@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidarcli.choices import BEAM_ORDERS, MATCH
 from lidarcli.errors import NoScanError, OptionError
-from lidarcli.foxglove import SCAN
-from lidarcli.logs.base import POSE_TYPES, Log, ReadReport, Topic
+from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, ReadReport, Topic
 from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
 
 if TYPE_CHECKING:
@@ -143,7 +142,7 @@ def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | Non
     there = [topic for topic in listed if topic.type in POSE_TYPES]
     if wanted is not None and wanted.strip("/") not in {topic.name.strip("/") for topic in there}:
         raise NoScanError(_absent(wanted, listed, there))
-    if not any(topic.messages != 0 for topic in listed if topic.type in POSE_TYPES | {SCAN}):
+    if not any(topic.messages != 0 for topic in listed if topic.type in POSED_TYPES):
         return None
     # Most logs have no poses and should not wait for this import.
     from lidarcli.pose.sources import PoseSources

@@ -157,7 +157,7 @@ class Posing:
         orders = (self.order, *(path.timing.order for path in self.paths.values()))
         poses = _nowhere(len(batch), self.deskew and takes_time, REVERSE in orders)
         still, knows = np.zeros(len(batch), bool), False
-        fits = np.ones(len(batch), bool)
+        fits, absent = np.ones(len(batch), bool), np.zeros(len(batch), bool)
         for frame, rows, mine in batch.by_frame():
             path = self.paths.get((batch.topic, frame))
             seen = self.seen.setdefault((frame, namespace(batch.topic)), _Seen(batch.topic))
@@ -165,6 +165,7 @@ class Posing:
             if path is not None and len(path.still):
                 knows, still[rows] = True, path.stood(mine.stamp_ns)
             if (way := self._way(batch.topic, frame)) is None:
+                absent[rows] = True
                 continue
             some = True
             fits[rows] = self.named or path is None or path.verdict != "unchecked"
@@ -178,6 +179,7 @@ class Posing:
             seen.without += int(np.count_nonzero(np.isnan(here.x)))
             if batch.topic not in self.levelled:
                 seen.tilt = max(seen.tilt, tilt(motion))
+        poses = replace(poses, absent=absent) if absent.any() else poses
         return replace(
             batch, poses=poses if some else None, still=still if knows else None, fits=fits if some else None
         )
