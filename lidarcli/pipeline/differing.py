@@ -23,6 +23,7 @@ from lidarcli.choices import (
     CHANGE_WHYS,
     LEAST_SCORE,
     MAP_RESOLUTION,
+    MATCH,
     MAX_MAP_KM2,
     OCCUPIED_RATIO,
 )
@@ -339,8 +340,8 @@ def _of_background(text: str) -> Seen:
     notes = []
     groups: dict[str, list[Background]] = {}
     for sensor in sensors:
-        key = world_in(ways.get(sensor.frame_id, {}), sensor.topic) if sensor.posed.any() else ""
-        groups.setdefault(key or f" {sensor.frame_id}", []).append(sensor)
+        world = world_in(ways.get(sensor.frame_id, {}), sensor.topic) if sensor.posed.any() else ""
+        groups.setdefault(_key(world, sensor.topic, sensor.frame_id), []).append(sensor)
     if not groups:
         raise UnreadableError(f"{text}: the background of no sensor")
     chosen = max(groups, key=lambda key: sum(int(each.sweeps.sum()) for each in groups[key]))
@@ -369,6 +370,11 @@ def _of_background(text: str) -> Seen:
         if not chosen.startswith(" ")
         else Seen(text, run, "", notes=notes)
     )
+
+
+def _key(world: str, topic: str, frame: str) -> str:
+    """Return the world of a sensor; one that lies in no common frame begins with a blank, and is its own."""
+    return f" {frame} of {topic}" if world in ("", MATCH) else world
 
 
 def _frame_words(key: str) -> str:
@@ -420,8 +426,9 @@ def _survey(
                 world = reading.world_of(batch.topic, frame).strip("/")
                 poses = mine.poses
                 if poses is None or not world or not np.isfinite(poses.yaw).any():
-                    world, zero = f" {frame}", np.zeros(len(mine))
+                    world, zero = "", np.zeros(len(mine))
                     poses = SweepPoses(zero, zero, zero, np.zeros(len(mine), np.bool_))
+                world = _key(world, batch.topic, frame)
                 known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
                 survey = surveys.setdefault(world, Surveying(Counts(MAP_RESOLUTION, most)))
                 try:
@@ -462,8 +469,8 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
     rows = table.rows.to_pydict()
     # A sensor without poses is a world of its own.
     sensors = zip(rows["topic"], rows["frame_id"], strict=True)
-    ways = [(world_in(table.poses.get(frame, {}), topic), frame) for topic, frame in sensors]
-    worlds = np.array([world or f" {frame}" for world, frame in ways] or [""], object)
+    ways = [(world_in(table.poses.get(frame, {}), topic), topic, frame) for topic, frame in sensors]
+    worlds = np.array([_key(*way) for way in ways] or [""], object)
     count = len(rows["track"])
     worlds = worlds[:count]
     number = {each: np.array(rows[each], np.float64).reshape(count) for each in _MEASURED}

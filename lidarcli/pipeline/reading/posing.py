@@ -229,8 +229,8 @@ class Posing:
     def path_notes(self) -> list[str]:
         """Return the notes on the paths that were checked or matched, and the messages of the findings among them."""
         return [
-            self._of_topic(topic, note.message if isinstance(note, Finding) else note)
-            for topic, note in self._of_paths()
+            self._of_sensor(key, note.message if isinstance(note, Finding) else note)
+            for key, note in self._of_paths()
         ]
 
     def findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
@@ -242,17 +242,20 @@ class Posing:
 
             jumping = {(each.topic, each.frame) for each in found if each.id == "steps"}
             found += pose_findings(self.found.sources, keys, jumping)
-        notes = [self._of_topic(topic, note) for topic, note in told if not isinstance(note, Finding)]
+        notes = [self._of_sensor(key, note) for key, note in told if not isinstance(note, Finding)]
         return notes, found
 
-    def _of_paths(self) -> Iterator[tuple[str, str | Finding]]:
-        for (topic, _), path in sorted(self.paths.items(), key=lambda one: one[0]):
+    def _of_paths(self) -> Iterator[tuple[tuple[str, str], str | Finding]]:
+        for key, path in sorted(self.paths.items(), key=lambda one: one[0]):
             for note in path.notes:
-                yield topic, note
+                yield key, note
 
-    def _of_topic(self, topic: str, note: str) -> str:
-        """Return a note on the path of a topic, with its name where there are several."""
-        return note if topic in note or len({name for name, _ in self.paths}) < 2 else f"{topic}: {note}"
+    def _of_sensor(self, key: tuple[str, str], note: str) -> str:
+        """Return a note on the path of a sensor, with its topic where there are several, or also its frame."""
+        topic, frame = key
+        if sum(topic == other for other, _ in self.paths) > 1:
+            return f"{topic} ({frame}): {note}"
+        return note if topic in note or len(self.paths) < 2 else f"{topic}: {note}"
 
     def leave_out(self, topics: Collection[str]) -> None:
         """Forget the paths of topics whose sweeps turned out to be unused."""
