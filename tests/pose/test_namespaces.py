@@ -15,7 +15,7 @@ from lidarcli.pose.faults import contradictions, way_findings
 from lidarcli.pose.sources import PoseSources, Way
 from lidarcli.pose.tracks import Track, Tracks, planar
 from lidarcli.pose.tree import FrameTree, TreeLevels, nearness
-from tests.pose.pose_messages import Pose, message, numbers, odometry, tf
+from tests.pose.pose_messages import SECOND, Pose, message, numbers, odometry, tf
 
 SCANS = ("/robot1/scan", "/robot2/scan")
 TIMES = range(0, 101, 10)
@@ -161,7 +161,7 @@ def scan(stamp_ns: int, frame: str, pose: Pose | None, encoding: str, topic: str
         data = fields.SerializeToString()
     else:
         told = {name: dict(zip("xyzw", some, strict=False)) for name, some in values.items() if some}
-        stamp = {"sec": 0, "nsec": stamp_ns}
+        stamp = {"sec": stamp_ns // SECOND, "nsec": stamp_ns % SECOND}
         ranges = {"ranges": [1.0, 2.0], "frame_id": frame, "timestamp": stamp}
         data = json.dumps(ranges | ({"pose": told} if pose else {})).encode()
     return message(topic, SCAN, data, stamp_ns, encoding)
