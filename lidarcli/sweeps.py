@@ -201,6 +201,8 @@ class SweepPoses:
     """(S, 3) way in x, y [m] and yaw [rad] from the first beam to the last; None: sweeps take no time."""
     reverse: Bool | None = None
     """(S,) True where the last beam is taken first, at the header stamp; None: nowhere."""
+    absent: Bool | None = None
+    """(S,) True for sensors of which nothing ever tells a pose, as if there were none; None: nowhere."""
 
     def facts(self) -> Facts:
         """Return the description of these poses."""
@@ -223,9 +225,9 @@ class SweepPoses:
     def rows(self, index: NDArray[np.intp] | Int64 | slice) -> SweepPoses:
         """Return the poses of `index`, which may repeat."""
         way = None if self.way is None else self.way[index]
-        reverse = None if self.reverse is None else self.reverse[index]
+        reverse, absent = (None if one is None else one[index] for one in (self.reverse, self.absent))
         return SweepPoses(
-            self.x[index], self.y[index], self.yaw[index], self.upside_down[index], way, reverse
+            self.x[index], self.y[index], self.yaw[index], self.upside_down[index], way, reverse, absent
         )
 
     def at_stamp(self) -> SweepPoses:

@@ -34,6 +34,9 @@ POSE_TYPES = frozenset(
     }
 )
 
+POSED_TYPES = POSE_TYPES | {foxglove.SCAN}
+"""With those of sweeps that may tell where each was taken."""
+
 BINARY_SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".zstd")
 """Suffixes of logs that are not text."""
 TEXT_LOG_SUFFIXES = (".clf", ".gfs", ".2d", ".clf.gz", ".gfs.gz", ".2d.gz")

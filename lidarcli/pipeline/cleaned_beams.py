@@ -23,6 +23,7 @@ from lidarcli.pipeline.reading.one_log import Progress
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
+from lidarcli.pose.faults import Key
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
 from lidarcli.tabular.arrays import held, numbers
@@ -133,8 +134,12 @@ def choose(log: Log, pair: Pair, choice: Choice, progress: Progress | None = Non
             found[topic] = Chosen()
         rows = cursors[topic].until(int(batch.sweep[-1]) + 1)
         objects = Objects.of(rows, batch)
-        held_by = temporary.get(topic, _NO_STAYS)
-        found[topic].add(batch, _reasons(batch, objects, choice, held_by, agents.get(topic)))
+        reason = np.zeros(batch.ranges.shape, np.uint8)
+        for frame, at, mine in batch.by_frame():
+            key = topic, frame
+            held_by = temporary.get(key, _NO_STAYS)
+            reason[at] = _reasons(mine, objects.of_rows(at), choice, held_by, agents.get(key))
+        found[topic].add(batch, reason)
         if progress is not None:
             progress(log.position)
     for each in found.values():
@@ -316,19 +321,19 @@ class _Track(NamedTuple):
         return max(REACH, self.half + AROUND)
 
 
-def _agents(pair: Pair) -> dict[str, _Agents]:
-    """Return where agents are, by topic, hidden or not."""
+def _agents(pair: Pair) -> dict[Key, _Agents]:
+    """Return where agents are, by topic and frame, hidden or not."""
     found = {}
     paths = _paths(pair)
-    for topic, tracks in _tracks(pair).items():
+    for (topic, frame), tracks in _tracks(pair).items():
         if topic in paths and any(each.moves for each in tracks):
-            found[topic] = _agents_of(tracks, paths[topic], *_sensor(pair, topic))
+            found[topic, frame] = _agents_of(tracks, paths[topic], *_sensor(pair, topic, frame))
     return found
 
 
-def _tracks(pair: Pair) -> dict[str, list[_Track]]:
-    """Return the tracks of each topic by number."""
-    columns = ("topic", "track", "set", "moved_at", "length", "width")
+def _tracks(pair: Pair) -> dict[Key, list[_Track]]:
+    """Return the tracks of each topic and frame by number."""
+    columns = ("topic", "frame_id", "track", "set", "moved_at", "length", "width")
     rows = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], columns)
     moves = _names(rows["set"]) == "A"
     moved_at, _ = held(rows["moved_at"].cast(pa.int64()))
@@ -336,10 +341,12 @@ def _tracks(pair: Pair) -> dict[str, list[_Track]]:
     each = zip(
         np.asarray(rows["track"]).tolist(), moves.tolist(), moved_at.tolist(), half.tolist(), strict=True
     )
-    found: dict[str, list[_Track]] = {}
-    for topic, track in zip(_names(rows["topic"]).tolist(), each, strict=True):
-        found.setdefault(topic, []).append(_Track(*track))
-    return {topic: sorted(tracks) for topic, tracks in found.items()}
+    found: dict[Key, list[_Track]] = {}
+    for topic, frame, track in zip(
+        _names(rows["topic"]).tolist(), _names(rows["frame_id"]).tolist(), each, strict=True
+    ):
+        found.setdefault((topic, frame), []).append(_Track(*track))
+    return {key: sorted(tracks) for key, tracks in found.items()}
 
 
 def _paths(pair: Pair) -> dict[str, _Paths]:
@@ -472,17 +479,17 @@ def _with_agents(rows: Int64, half: float, paths: _Paths, agents: _Reach) -> Boo
     return inside
 
 
-def _sensor(pair: Pair, topic: str) -> tuple[Int64, Float64, bool]:
-    """Return the sweeps of a topic, the pose (S, 3) of the sensor in each, and whether it hangs head down."""
+def _sensor(pair: Pair, topic: str, frame: str) -> tuple[Int64, Float64, bool]:
+    """Return the sweeps of a sensor, its pose (S, 3) in each, and whether it hangs head down."""
     names = ("pose_x", "pose_y", "pose_yaw")
-    rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "sweep", *names))
-    mine = _names(rows["topic"]) == topic
+    rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "frame_id", "sweep", *names))
+    mine = (_names(rows["topic"]) == topic) & (_names(rows["frame_id"]) == frame)
     sweep = np.asarray(rows["sweep"])[mine]
     pose = np.column_stack([numbers(rows[name])[mine] for name in names])
-    columns = ("topic", "sweep", "box_x", "box_y", "world_x", "world_y")
+    columns = ("topic", "frame_id", "sweep", "box_x", "box_y", "world_x", "world_y")
     objects = read_columns(pair.objects, "objects", SCHEMAS["objects"], columns)
-    here = _names(objects["topic"]) == topic
-    x, y, world_x, world_y = (numbers(objects[name])[here] for name in columns[2:])
+    here = (_names(objects["topic"]) == topic) & (_names(objects["frame_id"]) == frame)
+    x, y, world_x, world_y = (numbers(objects[name])[here] for name in columns[3:])
     at = np.minimum(np.searchsorted(sweep, np.asarray(objects["sweep"])[here]), max(len(sweep) - 1, 0))
     if not len(x):
         return sweep, pose, False
@@ -555,7 +562,7 @@ class _Stays(NamedTuple):
 
 _NO_STAYS = _Stays(_NONE)
 _COLUMNS = (
-    *("topic", "sweep", "set", "track", "box_x", "box_y", "box_length", "box_width", "box_yaw"),
+    *("topic", "frame_id", "sweep", "set", "track", "box_x", "box_y", "box_length", "box_width", "box_yaw"),
     *("world_x", "world_y", "world_yaw"),
 )
 
@@ -574,18 +581,22 @@ class _Stay:
     free: int = 0
 
 
-def _temporary(log: Log, pair: Pair, choice: Choice) -> dict[str, _Stays]:
-    """Return by topic the tracks that stood where the place was also seen free, in a pass of its own."""
+def _temporary(log: Log, pair: Pair, choice: Choice) -> dict[Key, _Stays]:
+    """Return by topic and frame the tracks that stood where the place was also seen free, in a pass of its own."""
     stays = _stood(pair)
     if not stays:
         return {}
     topics = TopicChoice(choice.topics, log.topics())
     posing = Posing.of(log, choice.poses, topics, choice.rules, need=Need.MOVING)
-    for batch in _batches(log, choice):
-        mine = [one for one in stays.get(batch.topic, ()) if one.free < FREE_SWEEPS]
+    sensors = (
+        ((whole.topic, frame), batch)
+        for whole in _batches(log, choice)
+        for frame, _, batch in posing.attach(whole).by_frame()
+    )
+    for key, batch in sensors:
+        mine = [one for one in stays.get(key, ()) if one.free < FREE_SWEEPS]
         if not mine:
             continue
-        batch = posing.attach(batch)
         world = None if batch.poses is None else batch.poses.at_stamp()
         zero = np.zeros(len(batch))
         sensor = SweepPoses(zero, zero, zero, np.zeros(len(batch), np.bool_))
@@ -599,20 +610,20 @@ def _temporary(log: Log, pair: Pair, choice: Choice) -> dict[str, _Stays]:
             share = seen(some, place.rows(rows), one.places).mean(axis=1)
             one.free += int(np.count_nonzero(share >= FREE_SHARE))
     return {
-        topic: _Stays(np.array(sorted(one.track for one in each if one.free >= FREE_SWEEPS), np.int64))
-        for topic, each in stays.items()
+        key: _Stays(np.array(sorted(one.track for one in each if one.free >= FREE_SWEEPS), np.int64))
+        for key, each in stays.items()
     }
 
 
-def _stood(pair: Pair) -> dict[str, list[_Stay]]:
-    """Return where tracks stood, by topic."""
+def _stood(pair: Pair) -> dict[Key, list[_Stay]]:
+    """Return where tracks stood, by topic and frame."""
     rows = read_columns(pair.objects, "objects", SCHEMAS["objects"], _COLUMNS)
     track, there = held(rows["track"])
-    letters, topics = (_names(rows[name]) for name in ("set", "topic"))
+    letters, topics, frames = (_names(rows[name]) for name in ("set", "topic", "frame_id"))
     stood = there & (letters == "O")
-    found: dict[str, list[_Stay]] = {}
+    found: dict[Key, list[_Stay]] = {}
     sweep = np.asarray(rows["sweep"])
-    columns = {name: numbers(rows[name]) for name in _COLUMNS[4:]}
+    columns = {name: numbers(rows[name]) for name in _COLUMNS[5:]}
     for topic in sorted(set(topics[stood].tolist())):
         mine = np.flatnonzero(stood & (topics == topic))
         order = mine[np.argsort(track[mine], kind="stable")]
@@ -637,7 +648,7 @@ def _stood(pair: Pair) -> dict[str, list[_Stay]]:
                 ]
             )
             shape = Polygon(tuple((float(a), float(b)) for a, b in corners))
-            found.setdefault(topic, []).append(
+            found.setdefault((topic, str(frames[group[0]])), []).append(
                 _Stay(
                     int(track[group[0]]),
                     int(sweep[group].min()),

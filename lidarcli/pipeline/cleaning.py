@@ -25,7 +25,7 @@ from lidarcli.pipeline.cleaned_beams import REASONS, Choice, Chosen, choose, dou
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import SUFFIXES
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.inputs.tables import Pair, world_in
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, rules_of
 from lidarcli.pipeline.reading.pose_sources import NO_POSES, NONE, Need
@@ -252,7 +252,7 @@ def _refuse_motion(
     """
     for frame, told in described.get("poses", {}).items():
         for topic, verdict in told.get("pose_verdict", {}).items():
-            if verdict == "rejected" and told.get("world", MATCH) != MATCH:
+            if verdict == "rejected" and world_in(told, topic) not in ("", MATCH):
                 raise UnreadableError(
                     f"the poses of {frame or 'the sensor'} contradict the sweeps of {topic}; nothing written; "
                     "give other poses (--pose TOPIC, --poses FILE)"

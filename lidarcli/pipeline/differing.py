@@ -21,6 +21,7 @@ from lidarcli.choices import (
     CHANGE_WHYS,
     LEAST_SCORE,
     MAP_RESOLUTION,
+    MATCH,
     MAX_MAP_KM2,
     OCCUPIED_RATIO,
 )
@@ -61,7 +62,7 @@ from lidarcli.newfiles import NewFiles, refuse, scratch_folder, unwritable
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.inputs.tables import Pair, TracksTable, find_tracks, read_tracks_table
+from lidarcli.pipeline.inputs.tables import Pair, TracksTable, find_tracks, read_tracks_table, world_in
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import Cursor
@@ -342,17 +343,17 @@ _NOTHING = (
 
 def _of_background(text: str) -> Seen:
     sensors, told = read_background(place(text))
-    worlds = {
-        frame: str(way["world"]).strip("/")
+    ways = {
+        frame: way
         for log in told.get(SOURCE, [])
         for frame, way in (log.get("poses") or {}).items()
-        if isinstance(way, dict) and "world" in way
+        if isinstance(way, dict)
     }
     notes = []
     groups: dict[str, list[Background]] = {}
     for sensor in sensors:
-        key = worlds.get(sensor.frame_id, "") if sensor.posed.any() else ""
-        groups.setdefault(key or f" {sensor.frame_id}", []).append(sensor)
+        world = world_in(ways.get(sensor.frame_id, {}), sensor.topic) if sensor.posed.any() else ""
+        groups.setdefault(_key(world, sensor.topic, sensor.frame_id), []).append(sensor)
     if not groups:
         raise UnreadableError(f"{text}: the background of no sensor")
     chosen = max(groups, key=lambda key: sum(int(each.sweeps.sum()) for each in groups[key]))
@@ -381,6 +382,11 @@ def _of_background(text: str) -> Seen:
         if not chosen.startswith(" ")
         else Seen(text, run, "", notes=notes)
     )
+
+
+def _key(world: str, topic: str, frame: str) -> str:
+    """Return the world of a sensor; one that lies in no common frame begins with a blank, and is its own."""
+    return f" {frame} of {topic}" if world in ("", MATCH) else world
 
 
 def _frame_words(key: str) -> str:
@@ -432,8 +438,9 @@ def _survey(
                 world = reading.world_of(batch.topic, frame).strip("/")
                 poses = mine.poses
                 if poses is None or not world or not np.isfinite(poses.yaw).any():
-                    world, zero = f" {frame}", np.zeros(len(mine))
+                    world, zero = "", np.zeros(len(mine))
                     poses = SweepPoses(zero, zero, zero, np.zeros(len(mine), np.bool_))
+                world = _key(world, batch.topic, frame)
                 known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
                 survey = surveys.setdefault(world, Surveying(Counts(MAP_RESOLUTION, most)))
                 survey.add(placed(mine.rows(known), poses.rows(known), use[at][known]), agents[at][known])
@@ -467,7 +474,9 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
     """Return the standing things of a tracks table in the world that has most of them, with its ground."""
     rows = table.rows.to_pydict()
     # A sensor without poses is a world of its own.
-    worlds = np.array([table.worlds.get(frame) or f" {frame}" for frame in rows["frame_id"]] or [""], object)
+    sensors = zip(rows["topic"], rows["frame_id"], strict=True)
+    ways = [(world_in(table.poses.get(frame, {}), topic), topic, frame) for topic, frame in sensors]
+    worlds = np.array([_key(*way) for way in ways] or [""], object)
     count = len(rows["track"])
     worlds = worlds[:count]
     number = {each: np.array(rows[each], np.float64).reshape(count) for each in _MEASURED}

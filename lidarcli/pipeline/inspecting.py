@@ -209,7 +209,7 @@ def inspect_log(
                 found[key].info(
                     *key,
                     doubts.clock(*key),
-                    _pose(poses, key[1]),
+                    _pose(poses, *key),
                     posing.paths[key].facts() if key in posing.paths else {},
                     made_of.get(key[0], ""),
                 )
@@ -240,8 +240,8 @@ def _not_shown(only_counted: Counter[str]) -> tuple[str, ...]:
     )
 
 
-def _pose(poses: FoundPoses | None, frame_id: str) -> str:
-    way = poses.sources.way(frame_id) if poses is not None else None
+def _pose(poses: FoundPoses | None, topic: str, frame_id: str) -> str:
+    way = poses.sources.way(frame_id, topic) if poses is not None else None
     return f"{' and '.join(way.topics)} ({way.chain})" if way is not None else ""
 
 
@@ -250,9 +250,12 @@ def _pose_notes(posing: Posing, found: Mapping[tuple[str, str], _Scan]) -> list[
     notes = []
     if posing.found is not None:
         sources = posing.found.sources
-        unclear = [frame for frame in sorted({frame for _, frame in found}) if sources.alike(frame)]
-        notes = [alike_note(frame, sources.alike(frame), sources.alternatives(frame)) for frame in unclear]
-        notes += posing.found.notes
+        told = {
+            alike_note(frame, alike, sources.alternatives(frame, topic)): None
+            for frame, topic in sorted((frame, topic) for topic, frame in found)
+            if (alike := sources.alike(frame, topic))
+        }
+        notes = [*told, *posing.found.notes]
     return notes
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -141,11 +141,11 @@ class Mapping:
         """
         options = self.options
         with read_log(source, options, options.need) as reading:
-            taken = _Taken(options.min_move, bool(options.read.topics))
+            taken = _Taken(options.min_move, bool(options.read.topics), reading.world_of)
             for batch, sets in self._with_sets(reading.batches(progress)):
                 for frame, rows, mine in batch.by_frame():
                     self._take(source, frame, mine, None if sets is None else sets[rows], taken, clouds)
-            reading.leave_out(taken.twice)
+            reading.leave_out(taken.left_out)
             summary = reading.close()
             described = reading.describe(source)
         self._conclude(source, summary, described, taken)
@@ -284,7 +284,6 @@ class Mapping:
         self, source: Source, summary: RunSummary, described: dict[str, Any], taken: _Taken
     ) -> None:
         """Keep the results of a log, and add notes on it to the summary."""
-        worlds = {told["world"]: None for told in described.get("poses", {}).values() if "world" in told}
         if not taken.count:
             told = [note for note in summary.notes if note not in summary.doubts]
             why = "; ".join(told) or "nothing in the log tells where the sensor was"
@@ -294,15 +293,14 @@ class Mapping:
             is_matched = self.options.poses.source == MATCH
             hint = "" if is_matched else f"; find its path with --pose match{others}"
             raise UnreadableError(f"no poses: {why}{hint}" if summary.sweeps else "no sweep to map")
-        self.worlds |= worlds
+        self.worlds |= dict.fromkeys(taken.worlds)
         self.paths += taken.paths(source.name)
         self.described.append(described)
         self.damage += [f"{described['name']}: {line}" for line in summary.damage]
-        self._matched += len(taken) if MATCH in worlds else 0
+        self._matched += len(taken) if MATCH in taken.worlds else 0
         self._refuse_several_worlds()
         summary.notes += [
-            f"{topic} is of the same frame as {first}, most likely the same sweeps again: left out (--topic {topic})"
-            for topic, first in taken.twice.items()
+            f"{topic} is {why}: left out (--topic {topic})" for topic, why in taken.left_out.items()
         ]
         summary.notes.append(f"used {taken.count:,} of {summary.sweeps:,} sweeps ({self._why(taken)})")
 
@@ -317,19 +315,25 @@ class Mapping:
 class _Taken:
     """Sweeps of one log that count, of each of its sensors."""
 
-    def __init__(self, min_move: float, all_topics: bool) -> None:
-        """`all_topics`: also take further topics of the same frame."""
+    def __init__(self, min_move: float, all_topics: bool, world_of: Callable[[str, str], str]) -> None:
+        """`all_topics`: also take further topics of the same frame; `world_of`: the fixed frame of a topic and frame."""
         self._min_move = min_move
         self._all_topics = all_topics
-        self._topics: dict[str, str] = {}
-        """Frame → its topic."""
-        self.twice: dict[str, str] = {}
-        """Topic that is left out → the topic of the same frame."""
+        self._world_of = world_of
+        self._topics: dict[tuple[str, str], str] = {}
+        """World and frame → the topic."""
+        self.left_out: dict[str, str] = {}
+        """Topic that is left out → why."""
         self._filters: dict[tuple[str, str], MotionFilter] = {}
         self._places: dict[tuple[str, str], list[SweepPoses]] = {}
 
     def __len__(self) -> int:
         return len(self._filters)
+
+    @property
+    def worlds(self) -> list[str]:
+        """The world of these sweeps; empty where there are none."""
+        return [world for world, _ in [*self._topics][:1]]
 
     @property
     def count(self) -> int:
@@ -345,9 +349,14 @@ class _Taken:
         """Return the rows (of S) of a sensor that count."""
         if poses is None:
             return np.zeros(0, np.int64)
-        first = self._topics.setdefault(frame, topic)
+        world = self._world_of(topic, frame)
+        if self.worlds and world not in self.worlds:
+            # Points of two worlds are nowhere beside each other.
+            self.left_out[topic] = f"in the frame {world}, not in {self.worlds[0]}"
+            return np.zeros(0, np.int64)
+        first = self._topics.setdefault((world, frame), topic)
         if first != topic and not self._all_topics:
-            self.twice[topic] = first
+            self.left_out[topic] = f"of the same frame as {first}, most likely the same sweeps again"
             return np.zeros(0, np.int64)
         key = topic, frame
         if key not in self._filters:

@@ -35,7 +35,7 @@ from lidarcli.overlays.objects import Colours, Trajectories, is_mirrored, marker
 from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_config
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inputs.tables import Pair, one_pair, poses_of
+from lidarcli.pipeline.inputs.tables import Pair, one_pair, poses_of, world_in
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import (
     Copies,
@@ -225,10 +225,13 @@ class Overlay:
         self._tables = Tables(pair)
         self._copies = Copies(frozenset(self._tables.topics), is_ros2)
         self._names = topics_of_objects(self._tables.topics)
+        self._told = poses_of(notes)
+        """Sensor frame → the description of its poses."""
         self._ways = {
-            frame: (way["world"], str(way.get("topic")))
-            for frame, way in poses_of(notes).items()
-            if way["world"] not in ("", MATCH)
+            frame: (str(way.get("fixed_frame", way["world"])), str(way.get("topic")))
+            for frame, way in self._told.items()
+            # No viewer tells frames of several robots apart that have one name.
+            if isinstance(way["world"], str) and way["world"] not in ("", MATCH)
         }
         """Sensor frame → the fixed frame and the topic of its poses; no viewer knows the world of a matched path."""
         self._worlds = {frame: world for frame, (world, _) in self._ways.items()}
@@ -338,8 +341,8 @@ class Overlay:
                 f"transforms of {frames} are written by its poses, for no transforms of ROS tell of it"
             )
         summary.notes += [
-            f"{topic} is of frame {self._frame_of[topic]}, as {first} is, and is hidden at first; --topic takes one alone"
-            for topic, first in self._hidden().items()
+            f"{topic} is {why}, and is hidden at first; --topic takes one alone"
+            for topic, why in self._hidden().items()
         ]
         summary.notes += self._notes
         if self._grid is not None and self._frames and not self._worlds:
@@ -371,13 +374,18 @@ class Overlay:
         return stack.enter_context(open_source(self._source, self._opening))
 
     def _hidden(self) -> dict[str, str]:
-        """Return the topics that viewers hide at first → the topic before them that is seen in their place."""
+        """Return the topics that viewers hide at first, and why: others before them are seen in their place."""
         first: dict[str, str] = {}
         hidden = {}
+        shown = ""
         for topic in self._tables.topics:
             frame = self._frame_of.get(topic, "")
-            if frame and first.setdefault(frame, topic) != topic:
-                hidden[topic] = first[frame]
+            world = world_in(self._told.get(frame, {}), topic)
+            shown = shown or world
+            if world and world != shown:
+                hidden[topic] = f"in the frame {world}, not in {shown}"
+            elif frame and first.setdefault(frame, topic) != topic:
+                hidden[topic] = f"of frame {frame}, as {first[frame]} is"
         return hidden
 
     def _apart(self, hidden: Collection[str]) -> list[str]:

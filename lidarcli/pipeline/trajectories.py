@@ -199,7 +199,7 @@ class _Written:
         """`is_table`: the output has room for several sensors; `is_matched`: the poses were matched from the sweeps."""
         self._is_matched = is_matched
         self._is_table = is_table
-        self._last: dict[tuple[str, str], int] = {}
+        self._last: dict[tuple[str, str, str], int] = {}
         self._count = 0
         self._left_out = 0
         self._twice: dict[str, str] = {}
@@ -212,7 +212,7 @@ class _Written:
             kept = np.flatnonzero(~np.isnan(motion.position).any(axis=1))
             if not len(kept):
                 continue
-            key = batch.topic, frame
+            key = batch.topic, frame, world
             if not self._is_table:
                 kept = self._later(key, mine, kept)
             else:
@@ -238,10 +238,10 @@ class _Written:
         ]
         summary.notes.append(f"{self._count:,} pose{'' if self._count == 1 else 's'}")
 
-    def _later(self, key: tuple[str, str], batch: SweepBatch, kept: Any) -> Any:
+    def _later(self, key: tuple[str, str, str], batch: SweepBatch, kept: Any) -> Any:
         """Return the rows whose stamps increase, of one sensor alone, from its first topic."""
         first = next(iter(self._last), key)
-        if key != first and key[1] == first[1]:
+        if key != first and key[1:] == first[1:]:
             self._twice[key[0]] = first[0]
             return kept[:0]
         if key != first:

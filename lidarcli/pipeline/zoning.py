@@ -241,11 +241,15 @@ def _zone_rows(log: str, settled: Settled) -> pa.RecordBatch:
 
 
 def _names(settled: Sequence[Settled]) -> list[str]:
-    """Return a name for each zone, with its topic where several sensors see one of their own."""
+    """Return a name for each zone, with its topic, or also its frame, where several sensors see one of their own."""
     count = Counter(each.zone.name for each in settled)
-    return [
+    names = [
         each.zone.name if count[each.zone.name] == 1 else f"{each.zone.name} ({each.topics[0].topic})"
         for each in settled
+    ]
+    return [
+        name if names.count(name) == 1 else f"{name} ({each.topics[0].frame_id})"
+        for name, each in zip(names, settled, strict=True)
     ]
 
 

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from lidarcli.display import some_of, times
 from lidarcli.findings import Finding
-from lidarcli.pose.fit import JUMP_LENGTH, JUMP_SPEED, jumps_of
+from lidarcli.pose.fit import JUMP_LENGTH, JUMP_SPEED, jumps_of, steps_between
 from lidarcli.pose.messages import frame_name
 from lidarcli.pose.sources import GivenPaths, PoseSources, Way
-from lidarcli.pose.tracks import SECOND_NS, Track
+from lidarcli.pose.tracks import SECOND_NS, Motion, Track, planar
+from lidarcli.pose.tree import namespace
 from lidarcli.sweeps import Float64
 
 NO_UNIT = 0.01
 """Deviation of the length of a quaternion from 1 that rounding does not make."""
 TURN_RATE, LEAST_TURN = 10.0, 0.5
 """Steps that turn faster and by more are leaps [rad/s, rad]."""
+
+APART, TURNED = 0.1, 0.1
+"""Places of one frame that are further apart, or turned by more, are two [m, rad]."""
 
 Key = tuple[str, str]
 """Topic and frame of sweeps."""
@@ -30,35 +35,24 @@ def unplaced(frame: str, others: Sequence[str], topic: str = "") -> Finding:
     return Finding("frames", "warning", topic, frame, message)
 
 
-def way_findings(way: Way, topic: str = "") -> list[Finding]:
-    """Return findings on the poses that make the path of a sensor, which may spoil it."""
+def way_findings(way: Way, links: Sequence[Track], topic: str = "") -> list[Finding]:
+    """Return findings on the poses that make the path of a sensor, which may spoil it; `links`: all transforms it sees."""
     found = []
-    for step in way.steps:
-        track = step.track
+    for track in (step.track for step in way.steps):
         if track.jumps_back:
-            found.append(
-                Finding(
-                    "clock",
-                    "warning",
-                    topic,
-                    way.frame,
-                    f"stamps of {track.topic} jump back {times(track.jumps_back)}: poses there may mix two runs",
-                    {"backward": track.jumps_back},
-                    {"backward": 1},
-                )
+            words = (
+                f"stamps of {track.topic} jump back {times(track.jumps_back)}: poses there may mix two runs"
             )
+            back = {"backward": track.jumps_back}
+            found.append(Finding("clock", "warning", topic, way.frame, words, back, {"backward": 1}))
         if not track.static and track.seems_w_first:
-            found.append(
-                Finding(
-                    "frames",
-                    "error",
-                    topic,
-                    way.frame,
-                    f"quaternions of {track.topic} roll or hang head down, and never turn: they are probably written w "
-                    "first, and x y z w is the order; the sensor seems to hang head down until that is mended",
-                )
+            words = (
+                f"quaternions of {track.topic} roll or hang head down, and never turn: they are probably written w "
+                "first, and x y z w is the order; the sensor seems to hang head down until that is mended"
             )
-    return found
+            found.append(Finding("frames", "error", topic, way.frame, words))
+    children = {step.track.child for step in way.steps}
+    return found + [each for each in contradictions(links) if each.frame in children]
 
 
 def pose_findings(
@@ -76,31 +70,22 @@ def pose_findings(
         frame_name(name) for track in sources.tracks if track.is_link for name in (track.parent, track.child)
     }
     for topic, frame in sorted(keys):
-        way = sources.way(frame)
-        is_missing = frame and links and frame_name(frame) not in links and not sources.alike(frame)
+        way = sources.way(frame, topic)
+        is_missing = frame and links and frame_name(frame) not in links and not sources.alike(frame, topic)
         if is_missing and way is not None and way.assumption:
             message = f"no transform leads to frame {frame}: {way.assumption}"
             found.append(Finding("frames", "warning", topic, frame, message))
         if way is None:
-            found += [unplaced(frame, sources.alternatives(frame), topic)] if is_missing else []
+            found += [unplaced(frame, sources.alternatives(frame, topic), topic)] if is_missing else []
             continue
-        found += way_findings(way, topic)
+        found += way_findings(way, (), topic)
         found += _leaps(way, topic, is_known=(topic, frame) in jumping)
-    found += _of_tree([track for track in sources.tracks if track.is_link])
-    found += [
-        Finding(
-            "frames",
-            "warning",
-            track.topic,
-            track.child,
-            f"{track.topic}: quaternions of {' > '.join(filter(None, (track.parent, track.child)))} are up to "
-            f"{track.stretched:.2g} off length 1",
-            {"off": track.stretched},
-            {"off": NO_UNIT},
-        )
-        for track in sources.tracks
-        if track.stretched > NO_UNIT
-    ]
+    found += contradictions([track for track in sources.tracks if track.is_link])
+    for track in sources.tracks:
+        if track.stretched > NO_UNIT:
+            link, off = " > ".join(filter(None, (track.parent, track.child))), {"off": track.stretched}
+            words = f"{track.topic}: quaternions of {link} are up to {track.stretched:.2g} off length 1"
+            found.append(Finding("frames", "warning", track.topic, track.child, words, off, {"off": NO_UNIT}))
     return list({each.message: each for each in found}.values())
 
 
@@ -118,15 +103,9 @@ def _leaps(way: Way, topic: str, is_known: bool) -> Iterator[Finding]:
         fast = turns > np.maximum(TURN_RATE * np.diff(track.stamp_ns) / SECOND_NS, LEAST_TURN)
         if fast.any():
             number, most = int(np.count_nonzero(fast)), float(turns[fast].max())
-            yield Finding(
-                "steps",
-                "warning",
-                topic,
-                way.frame,
-                f"poses from {track.topic} leap in heading {times(number)}, by up to {np.degrees(most):.0f} deg",
-                {"leaps": number, "largest": most},
-                {"rate": TURN_RATE, "turn": LEAST_TURN},
-            )
+            words = f"poses from {track.topic} leap in heading {times(number)}, by up to {np.degrees(most):.0f} deg"
+            evidence, threshold = {"leaps": number, "largest": most}, {"rate": TURN_RATE, "turn": LEAST_TURN}
+            yield Finding("steps", "warning", topic, way.frame, words, evidence, threshold)
 
 
 def _turns(track: Track) -> Float64:
@@ -136,27 +115,39 @@ def _turns(track: Track) -> Float64:
     return angles
 
 
-def _of_tree(links: Sequence[Track]) -> Iterator[Finding]:
-    """Yield findings on frames that are mounted in two places."""
-    parents: dict[str, dict[str, Track]] = {}
+def contradictions(links: Sequence[Track]) -> Iterator[Finding]:
+    """Yield findings on frames of which transforms of one namespace tell several places."""
+    told: dict[tuple[str, str], list[Track]] = {}
     for link in links:
-        parents.setdefault(link.child, {}).setdefault(link.parent, link)
-        if link.static and link.differs:
-            yield Finding(
-                "frames",
-                "warning",
-                link.topic,
-                link.child,
-                f"{link.topic}: {link.child} is told at two places in {link.parent}: the last counts",
-            )
-    for child, told in parents.items():
-        if len(told) > 1 and any(link.static for link in told.values()):
-            yield Finding(
-                "frames",
-                "warning",
-                next(iter(told.values())).topic,
-                child,
-                f"frame {child} has {len(told)} parents: {some_of(sorted(told))}",
-                {"parents": len(told)},
-                {"parents": 2},
-            )
+        told.setdefault((namespace(link.topic), link.child), []).append(link)
+    for (_, child), mine in told.items():
+        parents = sorted({link.parent for link in mine})
+        words = [
+            f"{link.topic}: {child} is told at two places in {link.parent}: the last counts"
+            for link in mine
+            if link.static and link.differs
+        ]
+        mine.sort(key=lambda link: (not link.static, -link.messages))
+        words += [
+            f"{first.topic} and {second.topic} differ on where {child} is in {parent}: {first.topic} counts"
+            for parent in parents
+            for first, second in pairwise(link for link in mine if link.parent == parent)
+            if _differ(first, second)
+        ]
+        if len(parents) > 1 and any(link.static for link in mine):
+            words.append(f"frame {child} has {len(parents)} parents: {some_of(parents)}")
+        for message in words:
+            yield Finding("frames", "warning", mine[0].topic, child, message)
+
+
+def _differ(first: Track, second: Track) -> bool:
+    """Tell whether two tracks of one frame in another one tell different places of it at any time."""
+    stamp_ns = first.stamp_ns if second.static else second.stamp_ns
+    step = steps_between(*(_planar(each.at(stamp_ns)) for each in (first, second)))
+    with np.errstate(invalid="ignore"):
+        return bool(((np.hypot(step[:, 0], step[:, 1]) > APART) | (np.abs(step[:, 2]) > TURNED)).any())
+
+
+def _planar(motion: Motion) -> Float64:
+    here = planar(motion)
+    return np.column_stack([here.x, here.y, here.yaw])

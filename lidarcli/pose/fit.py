@@ -31,6 +31,8 @@ JUMP_SPEED, JUMP_LENGTH = 10.0, 0.5
 """A told step that is longer than this and faster [m/s, m] is a jump."""
 MOST_JUMPS = 0.2
 """Share of told steps that jump from which on the poses of two bodies are mixed."""
+DISAGREE, NEARER = 0.1, 3.0
+"""So do steps that are longer [m], and lead away from where the poses were one or two before by so much less."""
 LONGEST_DELAY, DELAY_STEP, FINE_STEP = 0.6, 0.05, 0.01
 """Delays that are tried, to both sides, first in large steps and then around the best in small ones [s]."""
 LEAST_TOLD, MOST_OFF, CLEARLY_BETTER = 0.6, 3.0, 0.05
@@ -83,6 +85,8 @@ class PoseFit:
     ratio: float = float("nan")
     """Told lengths as a share of the matched ones."""
     turn_ratio: float = float("nan")
+    moves: bool = False
+    """True where nothing could be checked, though the told path goes some way."""
     good: tuple[tuple[int, int], ...] = ()
     """First and last stamp of the stretches that are accepted [ns]."""
 
@@ -122,6 +126,8 @@ class Jumps:
     """(G,) metres."""
     share: float
     """Share of the told steps that jump."""
+    in_turns: bool = False
+    """True where they go back and forth, as poses of two bodies do."""
 
 
 def jumps_of(way: Way) -> Jumps:
@@ -133,10 +139,22 @@ def jumps_of(way: Way) -> Jumps:
         lengths = np.hypot(*np.diff(track.motion.position[:, :2], axis=0).T)
         seconds = np.diff(track.stamp_ns) * 1e-9
         jumps = np.flatnonzero(lengths > np.maximum(JUMP_SPEED * seconds, JUMP_LENGTH))
+        turns = _in_turns(track.motion.position[:, :2], lengths)
+        if in_turns := len(turns) >= MOST_JUMPS * len(lengths):
+            jumps = np.union1d(jumps, turns)
         if len(jumps):
             gaps = np.column_stack([track.stamp_ns[jumps], track.stamp_ns[jumps + 1]])
-            return Jumps(gaps, lengths[jumps], len(jumps) / len(lengths))
+            return Jumps(gaps, lengths[jumps], len(jumps) / len(lengths), in_turns)
     return Jumps(np.zeros((0, 2), np.int64), np.zeros(0), 0.0)
+
+
+def _in_turns(places: Float64, lengths: Float64) -> Int64:
+    """Return the steps between places (N, 2), of so many lengths (N - 1,), that come from two publishers in turns."""
+    again = np.full(len(lengths), np.inf)
+    for before in (2, 3):
+        apart = np.hypot(*(places[before:] - places[:-before]).T)
+        again[before - 1 :] = np.minimum(again[before - 1 :], apart)
+    return np.flatnonzero((lengths > DISAGREE) & (NEARER * again < lengths))
 
 
 def judge_poses(
@@ -175,7 +193,11 @@ def judge_poses(
     begin, end = begin[~cut], end[~cut]
     placed = float(np.isfinite(matched[:, 0]).mean()) if len(matched) else 0.0
     if placed < 1.0 - MOST_UNPLACED or len(begin) < LEAST_PAIRS:
-        return PoseFit("unchecked", float("nan"), len(begin), cuts=cuts, jumps=sizes)
+        if jumps is not None and jumps.in_turns:
+            return PoseFit("rejected", float("nan"), len(begin), jumps=(float(jumps.lengths.max()),))
+        gone = np.ptp(told[np.isfinite(told[:, 0]), :2], axis=0) if np.isfinite(told).any() else np.zeros(2)
+        moves = bool(gone.max() > PAIR_LENGTH)
+        return PoseFit("unchecked", float("nan"), len(begin), cuts=cuts, jumps=sizes, moves=moves)
     step = steps_between(matched[begin], matched[end])
     as_told = steps_between(told[begin], told[end])
     agree = _agree(step, as_told)
@@ -408,7 +430,11 @@ def joined(
     for gap in cuts:
         first, second = np.searchsorted(stamp_ns, gap[0], "right"), np.searchsorted(stamp_ns, gap[1])
         before, behind = np.flatnonzero(known[:first]), np.flatnonzero(known[second:])
-        if not len(before) or not len(behind) or pieces[before[-1]] != pieces[second + behind[0]]:
+        if not len(before) or not len(behind):
+            # There is nothing to be joined.
+            moves.append(moves[-1])
+            continue
+        if pieces[before[-1]] != pieces[second + behind[0]]:
             moves.append(np.full((1, 3), np.nan))
             continue
         i, j = before[-1:], second + behind[:1]

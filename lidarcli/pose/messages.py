@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +12,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
-from lidarcli.foxglove import TRANSFORM, classes
+from lidarcli.foxglove import POSE, SCAN, TRANSFORM, classes
 from lidarcli.logs.foxglove import NOT_JSON, NOT_PROTOBUF, STAMP
 from lidarcli.logs.planar import RECORD
 from lidarcli.ros.cursor import BadMessageError, Cursor
@@ -200,7 +201,7 @@ def decode_foxglove(
 
     Parameters
     ----------
-    kind : `foxglove.PoseInFrame` or `foxglove.FrameTransform`
+    kind : `foxglove.PoseInFrame`, `foxglove.FrameTransform`, or `foxglove.LaserScan` for its pose
     encoding : `json` or `protobuf`
     """
     found: dict[tuple[str, str], list[tuple[int, int, list[float]]]] = {}
@@ -208,8 +209,11 @@ def decode_foxglove(
         try:
             parent, child, stamp_ns, numbers = _json(kind, data) if encoding == "json" else _proto(kind, data)
         except BadPoseError as err:
-            refused[str(err)] += 1
+            # Who reads the sweeps counts what is no scan.
+            refused[str(err)] += kind != SCAN
             continue
+        if kind == SCAN and not any(numbers[3:]):
+            numbers[6] = 1.0
         found.setdefault((frame_name(parent), frame_name(child)), []).append((index, stamp_ns, numbers))
     for (parent, child), rows in found.items():
         yield PoseRows(
@@ -221,9 +225,20 @@ def decode_foxglove(
         )
 
 
+_OF_SCAN = [
+    (name, re.compile(rb'"%s"\s*:\s*("(?:[^"\\]|\\.)*"|\{(?:[^{}]|\{[^{}]*\})*\})' % name.encode()))
+    for name in ("timestamp", "frame_id", "pose")
+]
+"""What a scan tells beside its ranges, which take long to read."""
+
+
 def _json(kind: str, data: bytes) -> _Pose:
     try:
-        fields = json.loads(data)
+        if kind == SCAN:
+            told = {name: json.loads(found[1]) for name, one in _OF_SCAN if (found := one.search(data))}
+            fields = {"pose": {"position": {}, "orientation": {}}} | told
+        else:
+            fields = json.loads(data)
     except (ValueError, RecursionError):
         raise BadPoseError(NOT_JSON) from None
     try:
@@ -246,7 +261,8 @@ def _json(kind: str, data: bytes) -> _Pose:
 
 def _proto(kind: str, data: bytes) -> _Pose:
     try:
-        fields = classes()[kind].FromString(data)
+        # A scan begins with the fields of such a pose; what follows is left.
+        fields = classes()[POSE if kind == SCAN else kind].FromString(data)
     except DecodeError:
         raise BadPoseError(NOT_PROTOBUF) from None
     stamp_ns = int(fields.timestamp.seconds) * 1_000_000_000 + int(fields.timestamp.nanos)

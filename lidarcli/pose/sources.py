@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from lidarcli.foxglove import SCAN
 from lidarcli.pose.messages import ODOMETRY, TRANSFORMS, WITH_COVARIANCE, frame_name
 from lidarcli.pose.tracks import Motion, Track, compose, planar
-from lidarcli.pose.tree import FrameTree, Step, along
+from lidarcli.pose.tree import FrameTree, Step, along, is_within, namespace, nearness
 from lidarcli.sweeps import TURN, Float64, Int64, SweepPoses
 
 _OF_ROBOT = re.compile(
@@ -78,7 +79,7 @@ class Way:
     frame: str
     """The sensor's frame."""
     world: str
-    """The fixed frame."""
+    """The fixed frame; where the log has sensors of several namespaces, with its own one before it."""
     steps: tuple[Step, ...]
     """Steps from the sensor to the world."""
     correction: Correction | None = None
@@ -146,7 +147,7 @@ class GivenPaths:
         """Topics of the poses."""
         return tuple(dict.fromkeys(track.topic for track in self.tracks))
 
-    def way(self, frame_id: str) -> Way | None:
+    def way(self, frame_id: str, topic: str = "") -> Way | None:
         """Return the path of a sensor frame."""
         frame = frame_name(frame_id)
         for track in self.tracks:
@@ -154,70 +155,83 @@ class GivenPaths:
                 return Way((track.topic,), frame, track.parent, (Step(track, down=False),))
         return None
 
-    def alternatives(self, frame_id: str) -> tuple[str, ...]:
+    def alternatives(self, frame_id: str, topic: str = "") -> tuple[str, ...]:
         """Return nothing: what was asked for is taken."""
         return ()
 
-    def alike(self, frame_id: str) -> tuple[str, ...]:
+    def alike(self, frame_id: str, topic: str = "") -> tuple[str, ...]:
         """Return nothing."""
         return ()
 
 
 class PoseSources:
-    """The tracks of a log, and the choice among them for each sensor frame.
+    """The tracks of a log, and the choice among them for each sensor: the frame of the sweeps of a topic.
 
     In the order of preference: the tree of frames where it leads to a fixed frame, Odometry,
     PoseWithCovarianceStamped, and poses whose topic has the name of a robot's. Of several topics that are alike none is
-    taken unasked: they may be those of several robots.
+    taken unasked: they may be those of several robots. Poses in the namespace of the sweeps come first.
     """
 
-    def __init__(self, tracks: Sequence[Track], wanted: str | None = None) -> None:
+    def __init__(
+        self, tracks: Sequence[Track], wanted: str | None = None, scans: Collection[str] = ()
+    ) -> None:
+        """`wanted`: topic of the poses that the user chose; `scans`: all topics of the log with sweeps."""
         self.tracks = tuple(tracks)
         self._wanted = wanted
-        self._tree = FrameTree([track for track in tracks if track.is_link])
-        self._ways: dict[str, tuple[Way | None, tuple[str, ...], tuple[str, ...]]] = {}
+        self._scans = tuple(scans)
+        self._trees: dict[str, FrameTree] = {}
+        self._ways: dict[tuple[str, str], tuple[Way | None, tuple[str, ...], tuple[str, ...]]] = {}
 
     @property
     def topics(self) -> tuple[str, ...]:
         """Topics with poses."""
         return tuple(dict.fromkeys(track.topic for track in self.tracks))
 
-    def way(self, frame_id: str) -> Way | None:
-        """Return the chosen way for a sensor frame; None where no source tells."""
-        return self._choice(frame_id)[0]
+    def way(self, frame_id: str, topic: str = "") -> Way | None:
+        """Return the chosen way for the sensor frame of a topic; None where no source tells."""
+        return self._choice(frame_id, topic)[0]
 
-    def alternatives(self, frame_id: str) -> tuple[str, ...]:
+    def alternatives(self, frame_id: str, topic: str = "") -> tuple[str, ...]:
         """Return topics that could be chosen instead."""
-        return self._choice(frame_id)[1]
+        return self._choice(frame_id, topic)[1]
 
-    def alike(self, frame_id: str) -> tuple[str, ...]:
+    def alike(self, frame_id: str, topic: str = "") -> tuple[str, ...]:
         """Return equally likely topics, of which none is chosen without being asked for."""
-        return self._choice(frame_id)[2]
+        return self._choice(frame_id, topic)[2]
 
-    def _choice(self, frame_id: str) -> tuple[Way | None, tuple[str, ...], tuple[str, ...]]:
-        if frame_id not in self._ways:
-            frame = frame_name(frame_id)
+    def _choice(self, frame_id: str, topic: str) -> tuple[Way | None, tuple[str, ...], tuple[str, ...]]:
+        key = frame_id, topic
+        if key not in self._ways:
+            frame = self._tree(topic).sensor(frame_name(frame_id))
             alike: tuple[str, ...] = ()
             if self._wanted is None:
-                chosen, alike = self._unasked(frame)
+                chosen, alike = self._unasked(frame, topic)
             else:
-                chosen = next(iter(self._told(frame, self._wanted)), None)
+                chosen = next(iter(self._told(frame, topic, self._wanted)), None)
             used = {*chosen.topics} if chosen else {*alike}
-            others = tuple(topic for topic in self.topics if topic not in used and self._told(frame, topic))
-            self._ways[frame_id] = chosen, others, alike
-        return self._ways[frame_id]
+            near = (told for told in self.topics if nearness(told, topic, self._scans) is not None)
+            others = tuple(told for told in near if told not in used and self._told(frame, topic, told))
+            self._ways[key] = chosen, others, alike
+        return self._ways[key]
 
-    def _unasked(self, frame: str) -> tuple[Way | None, tuple[str, ...]]:
+    def _tree(self, topic: str) -> FrameTree:
+        """Return the tree of frames for the sweeps of a topic."""
+        if topic not in self._trees:
+            links = [track for track in self.tracks if track.is_link]
+            self._trees[topic] = FrameTree(links, topic, self._scans)
+        return self._trees[topic]
+
+    def _unasked(self, frame: str, topic: str) -> tuple[Way | None, tuple[str, ...]]:
         """Return the way chosen without being asked; none, and the topics, where several are alike."""
-        if (way := self._by_tree(frame, self._tree)) is not None:
+        if (way := self._by_tree(frame, topic, self._tree(topic))) is not None:
             return way, ()
         found = []
         for track in self.tracks:
-            rank = None if track.is_link else _rank(track)
-            if rank is not None:
-                way = self._by_track(frame, track)
+            rank, near = None if track.is_link else _rank(track), nearness(track.topic, topic, self._scans)
+            if rank is not None and near is not None:
+                way = self._by_track(frame, topic, track)
                 mountless = bool(way.assumption) and track.type == ODOMETRY
-                found.append(((rank[0], mountless, rank), -track.messages, track.topic, track, way))
+                found.append(((-near, rank[0], mountless, rank), -track.messages, track.topic, track, way))
         if not found:
             return None, ()
         found.sort(key=lambda one: one[:3])
@@ -230,40 +244,53 @@ class PoseSources:
             return mine[0][1], ()
         return None, alike
 
-    def _told(self, frame: str, topic: str) -> list[Way]:
-        """Return the way by one topic, whatever its name; none if it leads to no fixed frame."""
-        name = topic.strip("/")
+    def _told(self, frame: str, topic: str, told: str) -> list[Way]:
+        """Return the way by one topic of poses, whatever its name; none if it leads to no fixed frame."""
+        name = told.strip("/")
         mine = [track for track in self.tracks if track.topic.strip("/") == name]
         if any(track.is_link for track in mine):
             if all(track.static for track in mine):
                 return []  # what only mounts something is no source of its own
             links = [
-                one for one in self.tracks if one.is_link and (one.static or one.topic.strip("/") == name)
+                one
+                for one in self.tracks
+                if one.is_link and (one.static or one.type == SCAN or one.topic.strip("/") == name)
             ]
-            way = self._by_tree(frame, FrameTree(links))
-            return [way] if way is not None else []
+            # What mounts the sensor is beside these poses, or else beside its sweeps.
+            trees = (FrameTree(links, near, self._scans) for near in (told, topic))
+            ways = (self._by_tree(frame, topic, tree) for tree in trees)
+            return [way for way in ways if way is not None][:1]
         mine.sort(key=lambda track: (frame_name(track.child) != frame, -track.messages))
-        return [self._by_track(frame, track) for track in mine[:1]]
+        return [self._by_track(frame, topic, track) for track in mine[:1]]
 
-    def _by_tree(self, frame: str, tree: FrameTree) -> Way | None:
+    def _world(self, last: Step, topic: str) -> str:
+        """Return the name of the fixed frame to which the last step of a way leads."""
+        space = namespace(last.track.topic)
+        alone = all(is_within(scan, space) for scan in self._scans)
+        if alone or not is_within(topic, space) or last.target.startswith(f"{space}/"):
+            return last.target
+        return f"{space}/{last.target}"
+
+    def _by_tree(self, frame: str, topic: str, tree: FrameTree) -> Way | None:
         steps = tree.to_world(frame)
         if not steps:
             return None
         moving = [step.track.topic for step in reversed(steps) if not step.track.static]
         topics = tuple(dict.fromkeys(moving + [step.track.topic for step in steps]))
-        return Way(topics, frame, steps[-1].target, steps)
+        return Way(topics, frame, self._world(steps[-1], topic), steps)
 
-    def _by_track(self, frame: str, track: Track) -> Way:
+    def _by_track(self, frame: str, topic: str, track: Track) -> Way:
         """Return poses of the robot, with the sensor where the tree says it is mounted, else where the robot is."""
         last = Step(track, down=False)
+        world = self._world(last, topic)
         if track.child:
-            mount = self._tree.path(frame, track.child, avoid={track.parent})
+            mount = self._tree(topic).path(frame, track.child, avoid={track.parent})
             if mount is not None:
                 helping = dict.fromkeys(step.track.topic for step in mount)
-                return Way((track.topic, *helping), frame, track.parent, (*mount, last))
+                return Way((track.topic, *helping), frame, world, (*mount, last))
         taken = f"the sensor {frame or 'without a frame name'} is taken to be at "
         taken += f"{track.child}: its mount is not in the log" if track.child else "the pose itself"
-        return Way((track.topic,), frame, track.parent, (last,), assumption=taken)
+        return Way((track.topic,), frame, world, (last,), assumption=taken)
 
 
 def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from typing import NamedTuple, TextIO
 import numpy as np
 
 from lidarcli.errors import UnreadableError
+from lidarcli.foxglove import SCAN
 from lidarcli.logs.base import Message
 from lidarcli.logs.planar import ENCODING as PLANAR
 from lidarcli.pose.messages import TRANSFORMS, PoseRows, decode_foxglove, decode_planar, decode_ros
@@ -131,6 +132,8 @@ FLAT = 0.02
 """Components of a quaternion below this are zero."""
 ROLLS = 0.05
 """A component with a larger spread changes (6 degrees)."""
+SHIFTS, TURNS = 0.02, 0.02
+"""Poses that differ by more tell of a motion [m, rad]."""
 GOES = 0.5
 """A frame that has moved this far [m] is no joint."""
 
@@ -197,9 +200,20 @@ class Track:
         return (self.messages - 1) / seconds if seconds > 0 else None
 
     @property
+    def moves(self) -> bool:
+        """True if one of its frames moves in the other."""
+        turned = np.abs(self.motion.rotation @ self.motion.rotation[0]).min() < np.cos(0.5 * TURNS)
+        return bool(turned or np.ptp(self.motion.position, axis=0).max() > SHIFTS)
+
+    @property
     def is_link(self) -> bool:
         """True for links of the tree of frames."""
-        return self.type in TRANSFORMS
+        return self.type in TRANSFORMS or self.type == SCAN
+
+    @property
+    def is_identity(self) -> bool:
+        """True if both frames are always one."""
+        return not self.motion.position.any() and not self.motion.rotation[:, :3].any()
 
     @property
     def hold_ns(self) -> int:
@@ -313,7 +327,8 @@ class Tracks:
     def finish(self) -> list[Track]:
         """Return all tracks, in the order in which they first appear."""
         self._flush_all()
-        return [growing.finish(key) for key, growing in self._growing.items()]
+        found = [growing.finish(key) for key, growing in self._growing.items()]
+        return [track for track in found if track.type != SCAN or not track.is_identity]
 
     def _flush_all(self) -> None:
         for key in list(self._waiting):
@@ -326,7 +341,9 @@ class Tracks:
         refused: Counter[str] = Counter()
         found: dict[tuple[str, str], list[PoseRows]] = {}
         for rows in _decode(kind, encoding, data, refused):
-            found.setdefault((rows.parent, rows.child), []).append(rows)
+            # No frame of a log begins with a slash: it is that of the sweeps of this topic.
+            child = f"/{topic.strip('/')}" if kind == SCAN else rows.child
+            found.setdefault((rows.parent, child), []).append(rows)
         record_ns = np.array(times, np.int64)
         for (parent, child), parts in found.items():
             self._take((topic, kind, parent, child), parts, record_ns, refused)

@@ -53,14 +53,47 @@ def along(steps: Sequence[Step], stamp_ns: Int64, *, held: bool = False) -> Moti
     return pose
 
 
-class FrameTree:
-    """The links of a log, both ways."""
+def namespace(topic: str) -> str:
+    """Return the namespace of a topic: its name without the last word.
 
-    def __init__(self, links: Sequence[Track]) -> None:
+    >>> namespace("/robot1/front/scan"), namespace("/tf")
+    ('robot1/front', '')
+    """
+    return topic.strip("/").rpartition("/")[0]
+
+
+def is_within(topic: str, space: str) -> bool:
+    """Tell whether a topic is in a namespace, or in one below it."""
+    return not space or f"{namespace(topic)}/".startswith(f"{space}/")
+
+
+def nearness(told: str, topic: str, scans: Collection[str] = ()) -> int | None:
+    """Return how near the namespace of a topic of poses is to that of some sweeps: 0 if it does not enclose them.
+
+    None where these poses are of other sensors: their namespace has sweeps of its own, of those of the log (`scans`).
+    """
+    space = namespace(told)
+    if is_within(topic, space):
+        return len(space)
+    return None if topic and any(is_within(scan, space) for scan in scans) else 0
+
+
+class FrameTree:
+    """The links of a log, both ways, as the sweeps of a topic see them.
+
+    Robots may have the same names for their frames. So what a nearer namespace tells of a frame counts alone.
+    """
+
+    def __init__(self, links: Sequence[Track], topic: str = "", scans: Collection[str] = ()) -> None:
+        self._own = f"/{topic.strip('/')}"
         self._near: dict[str, dict[str, Step]] = {}
         self._parent: dict[str, Track] = {}
-        for track in sorted(links, key=lambda link: (not link.static, -link.messages)):
+        told: dict[str, int] = {}
+        near = [(at, link) for link in links if (at := nearness(link.topic, topic, scans)) is not None]
+        for at, track in sorted(near, key=lambda one: (-one[0], not one[1].static, -one[1].messages)):
             if track.parent == track.child or not track.parent or not track.child:
+                continue
+            if told.setdefault(track.child, at) != at:
                 continue
             # Of two links that join the same frames the better one has come first.
             self._near.setdefault(track.child, {}).setdefault(track.parent, Step(track, down=False))
@@ -71,6 +104,10 @@ class FrameTree:
     def frames(self) -> list[str]:
         """The frames that links join."""
         return [*self._near]
+
+    def sensor(self, frame: str) -> str:
+        """Return where the sweeps of the topic are that say this frame: in it, or where each says that it is in it."""
+        return self._own if frame in self._near.get(self._own, {}) else frame
 
     def path(self, start: str, target: str, avoid: Collection[str] = ()) -> tuple[Step, ...] | None:
         """Return the shortest way between two frames, empty if they are one; None if there is none."""
@@ -208,15 +245,19 @@ class _Level:
 
 @dataclass(slots=True)
 class TreeLevels:
-    """Leveling by the tree of frames of a log, for each frame of points."""
+    """Leveling by the tree of frames of a log, for each frame of the points of a topic."""
 
     tracks: Sequence[Track]
+    topic: str = ""
+    scans: Collection[str] = ()
+    """Topics of sweeps and points of the log."""
     _tree: FrameTree = field(init=False)
     _found: dict[str, _Level | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Find the links."""
-        self._tree = FrameTree([track for track in self.tracks if track.is_link])
+        links = [track for track in self.tracks if track.is_link]
+        self._tree = FrameTree(links, self.topic, self.scans)
 
     def of(self, frame_id: str, stamp_ns: Int64) -> Levelled | None:
         """Return the leveling of points of one frame at times (K,); None if unknown."""

@@ -248,6 +248,47 @@ def test_what_cannot_be_joined_is_not_known() -> None:
     assert np.isnan(moves).all(axis=1).tolist() == [False, True]
 
 
+def test_parts_beside_all_sweeps_need_not_be_joined() -> None:
+    """Jumps before the first sweep and after the last one leave all poses of the sweeps as they are."""
+    first, last = int(STAMPS[0]), int(STAMPS[-1])
+    cuts = ((first - 2, first - 1), (last + 1, last + 2))
+    _, moves, lost = joined(STAMPS, TRUE, np.ones(COUNT), TRUE, cuts)
+    assert not lost
+    assert moves.tolist() == [[0.0, 0.0, 0.0]] * 3
+
+
+def test_poses_that_go_back_and_forth_are_of_two_publishers() -> None:
+    """Each is near those of its own publisher, however slowly both drift apart."""
+    for publishers in (2, 3):
+        apart = TRUE.copy()
+        apart[:, 0] += 0.45 * (np.arange(COUNT) % publishers)
+        assert jumps_in(apart)[1] > 0.6
+    # One outlier, noise, and a way there and back are of one.
+    spike = TRUE.copy()
+    spike[50, 0] += 0.3
+    assert jumps_in(spike) == ([], 0.0)
+    assert jumps_in(TRUE + np.random.default_rng(5).normal(0.0, [0.1, 0.1, 0.0], TRUE.shape))[1] < 0.2
+    assert jumps_in(np.abs(np.outer(np.arange(COUNT) % 40 - 20, [0.15, 0.0, 0.0]))) == ([], 0.0)
+
+
+def test_two_publishers_are_found_though_the_sensor_stands() -> None:
+    still = np.zeros((COUNT, 3))
+    apart = still + np.outer(np.arange(COUNT) % 2, [0.4, 0.0, 0.0])
+    messages = [
+        odometry(int(stamp), "odom", "laser", tuple(pose)) for stamp, pose in zip(STAMPS, apart, strict=True)
+    ]
+    way = sources(messages).way("laser")
+    assert way is not None
+    # Sweeps between those of the two tell no step.
+    fit = judge_poses(STAMPS, still, lambda at: still[: len(at)], jumps=jumps_of(way))
+    assert (fit.verdict, fit.pairs, fit.jumps) == ("rejected", 0, pytest.approx((0.4,)))
+    unchecked = judge_poses(STAMPS, still, lambda at: still[: len(at)])
+    assert (unchecked.verdict, unchecked.moves) == ("unchecked", False)
+    # Of sweeps 10 s apart no pair tells a step, but the path goes on.
+    late = STAMPS[:5] + np.arange(5) * 10 * SECOND_NS
+    assert judge_poses(late, TRUE[:5], lambda at: np.outer(np.arange(len(at)), [1.0, 0.0, 0.0])).moves
+
+
 # --- standing -----------------------------------------------------------------------------------------------
 
 

@@ -108,7 +108,7 @@ def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
     assert summary.notes == [
         "poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)",
         "without a pose: 3 of 12 sweeps of frame laser, whose stamps are outside the span of /tf",
-        "poses from /tf are taken as they are, unchecked: the sensor hardly moves",
+        "poses from /tf are taken as they are, unchecked: only 5 steps of its sweeps can be compared",
     ]
     assert summary.exit_code == 0
     sweeps_table = pq.read_table(tmp_path / "run.sweeps.parquet")

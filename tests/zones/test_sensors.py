@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 import lidarcli
+from lidarcli.cli import run
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.simulation import entities as make
 from lidarcli.simulation.generate import START_NS
 from lidarcli.simulation.scene import Course, Scene, Sensor
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps import TURN, RawSweeps
 from tests.sweeping import STEP, raw_sweeps
 from tests.zones.runs import (
     SENSOR,
@@ -487,3 +488,70 @@ def test_sweeps_without_beams_or_values(tmp_path: Path) -> None:
     assert column(tables.zones, "seen")[5] == 0.0
     (event,) = tables.events.to_pylist()
     assert (event["sweeps"], event["cut"]) == (5, True), "hold is 0.5 s"
+
+
+# --- several frames on one topic ----------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_two_frames_on_one_topic_are_two_sensors(tmp_path: Path) -> None:
+    """What both see of a walker is one visit and one crossing, as on two topics, and only copies of agents change."""
+    scene = scene_of(walker((-3.0, 1.5), (3.0, 1.5)), sweeps=80)
+    apart = [
+        sensor_at(place, name, scene, seed)
+        for seed, (place, name) in enumerate([(FRONT, "front"), (REAR, "rear")])
+    ]
+    both = [[replace(block, topic="/scan") for block in blocks] for blocks in apart]
+    links = [
+        transform_at(START_NS, "base_link", name, place) for name, place in (("front", FRONT), ("rear", REAR))
+    ]
+    zones = ROBOT_CIRCLE + '[[zone]]\nname = "door"\nframe = "robot"\nline = [[0.0, 0.5], [0.0, 2.5]]\n'
+    told = {}
+    for name, sensors in (("two", apart), ("one", both)):
+        log = write_bag(tmp_path / f"{name}.bag", *map(scans, sensors), links)
+        found = watched(log, zones)
+        (visit,), (crossing,) = (rows(found.events, kind=kind) for kind in ("visit", "crossing"))
+        copied = lidarcli.clean(log, tmp_path / f"{name}.clean.bag").to_pandas()
+        told[name] = (
+            [(visit["start"], visit["end"]), (crossing["start"], crossing["direction"])],
+            sum(column(found.zones, "points", zone="near")),
+            copied[["agents", "margin"]].sum().tolist(),
+        )
+    assert told["one"] == told["two"]
+    assert told["one"][2][0] > 500
+
+
+def test_zones_of_two_frames_on_one_topic_have_names_of_their_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = scene_of(sweeps=5)
+    blocks = [
+        replace(block, topic="/scan")
+        for name in ("front", "rear")
+        for block in sensor_at(FRONT, name, scene, 0)
+    ]
+    log = write_bag(tmp_path / "one.bag", scans(blocks))
+    file = zone_file(tmp_path, ROBOT_CIRCLE.replace('"robot"', '"sensor"'))
+    assert run(["zones", str(log), "--zones", str(file), "--no-objects"]) == 0
+    told = capsys.readouterr().err
+    assert "near (/scan) (front)" in told
+    assert "near (/scan) (rear)" in told
+
+
+# --- transforms ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("turns", "until", "noted"), [(0.05, 20, True), (0.05, 95, False), (0.0, 20, False)])
+def test_a_link_that_is_held_though_it_moved_is_noted(
+    turns: float, until: int, noted: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = scene_of(sweeps=100, sensor=replace(SENSOR, beams=36, angle_increment=TURN / 36))
+    links = [
+        transform_at(START_NS + k * STEP, "base_link", "laser", (0.0, 0.0, turns * k), "/tf")
+        for k in range(until)
+    ]
+    log = write_bag(tmp_path / "held.bag", scans(sweeps_of(scene)), links)
+    assert run(["zones", str(log), "--zones", str(zone_file(tmp_path, ROBOT_CIRCLE)), "--no-objects"]) == 0
+    told = " ".join(capsys.readouterr().err.split())
+    note = "sweeps are up to 8.0 s beyond the transforms of base_link > laser, which moved: it is held there"
+    assert (note in told) == ("beyond the transforms" in told) == noted

@@ -28,6 +28,10 @@ REACH = 150.0
 """[m] Greatest distance of the sensor from where its world begins; farther sweeps do not vote."""
 MOST_STOPS = 16
 """Greatest number of places where a sensor without poses stood that are remembered."""
+WORLDS = MOST_STOPS + 1
+"""Worlds of one sensor: the first is that of its poses."""
+MOST_SENSORS = 64
+"""Most sensors of one topic that are told apart; sweeps of further frames do not vote."""
 MOST_VOTE = 4.0
 """[log-odds] Greatest vote of a body."""
 BUILDING_VOTE = -2.0
@@ -118,7 +122,7 @@ class _Seen:
         self.way: Float64 = np.zeros((len(batch), 3))
         """(S, 3) its way in x, y, yaw during the sweep."""
         self.poses[:, 3] = 1.0
-        at, told = worlds == 0, batch.poses
+        at, told = (worlds >= 0) & (worlds % WORLDS == 0), batch.poses
         if told is not None:
             side = np.where(told.upside_down, -1.0, 1.0)
             self.poses[at] = np.column_stack([told.x, told.y, told.yaw, side])[at]
@@ -157,15 +161,49 @@ class Standing:
         return stood
 
 
+@dataclass(slots=True)
+class _Sensor:
+    """Where one sensor of a topic stands, and where its world begins."""
+
+    first: int
+    """Number of the first of its worlds."""
+    standing: Standing = field(default_factory=Standing)
+    stops: int = 1
+    begin: tuple[float, float] | None = None
+
+    def worlds(self, batch: SweepBatch) -> Int64:
+        """Return (S,) the world of each sweep among those of the sensor, -1 for none."""
+        stood = self.standing.see(batch) if batch.still is None else batch.still
+        stops = self.stops + np.cumsum(~stood)
+        if len(batch):
+            self.stops = int(stops[-1])
+        worlds = np.where(stood & (stops <= MOST_STOPS), stops, -1)
+        poses = batch.poses
+        if poses is None:
+            return worlds
+        known = np.isfinite(poses.x) & np.isfinite(poses.y) & np.isfinite(poses.yaw)
+        if batch.fits is not None:
+            known &= batch.fits
+        if poses.way is not None:
+            known &= (np.abs(poses.way) < FARTHEST).all(axis=1)
+        if known.any() and self.begin is None:
+            at = int(np.argmax(known))
+            self.begin = float(poses.x[at]), float(poses.y[at])
+        if self.begin is not None:
+            x, y = self.begin
+            with np.errstate(invalid="ignore"):
+                far = np.maximum(np.abs(poses.x - x), np.abs(poses.y - y)) > REACH
+            return np.where(known, np.where(far, -1, 0), worlds)
+        return worlds
+
+
 class Places:
     """Places of one topic: a fold over its sweeps in bounded memory; batches of any size give the same."""
 
     def __init__(self) -> None:
         self._grounds: dict[int, _Ground] = {}
-        """Cells by world: 0 is that of the poses, every stop of a sensor without any is a world of its own."""
-        self._standing = Standing()
-        self._stops = 1
-        self._begin: tuple[float, float] | None = None
+        """Cells by world: of each sensor that of its poses, and one for every stop where it has none."""
+        self._sensors: dict[str, _Sensor] = {}
 
     def add(self, batch: SweepBatch, detection: Detection) -> Int64:
         """Take the votes of the next sweeps.
@@ -207,28 +245,14 @@ class Places:
 
     def _worlds(self, batch: SweepBatch) -> Int64:
         """Return (S,) the world of each sweep, -1 for none."""
-        stood = self._standing.see(batch) if batch.still is None else batch.still
-        stops = self._stops + np.cumsum(~stood)
-        if len(batch):
-            self._stops = int(stops[-1])
-        worlds = np.where(stood & (stops <= MOST_STOPS), stops, -1)
-        poses = batch.poses
-        if poses is None:
-            return worlds
-        known = np.isfinite(poses.x) & np.isfinite(poses.y) & np.isfinite(poses.yaw)
-        if batch.fits is not None:
-            known &= batch.fits
-        if poses.way is not None:
-            known &= (np.abs(poses.way) < FARTHEST).all(axis=1)
-        if known.any() and self._begin is None:
-            at = int(np.argmax(known))
-            self._begin = float(poses.x[at]), float(poses.y[at])
-        if self._begin is not None:
-            x, y = self._begin
-            with np.errstate(invalid="ignore"):
-                far = np.maximum(np.abs(poses.x - x), np.abs(poses.y - y)) > REACH
-            return np.where(known, np.where(far, -1, 0), worlds)
-        return worlds
+        found = np.full(len(batch), -1)
+        for name, rows, mine in batch.by_frame():
+            if name not in self._sensors and len(self._sensors) == MOST_SENSORS:
+                continue
+            sensor = self._sensors.setdefault(name, _Sensor(WORLDS * len(self._sensors)))
+            worlds = sensor.worlds(mine)
+            found[rows] = np.where(worlds >= 0, sensor.first + worlds, -1)
+        return found
 
 
 MOST_CELLS = math.ceil(2.0 * (REACH + FARTHEST + MARGIN) / CELL + 2.0) ** 2

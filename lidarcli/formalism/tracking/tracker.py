@@ -1,4 +1,7 @@
-"""The tracker: follows objects from sweep to sweep, as a fold over the batches of one topic (§3, matching and tracking)."""
+"""The tracker: follows objects from sweep to sweep, as a fold over the batches of one topic (§3, matching and tracking).
+
+Every sensor frame of the topic is a sensor of its own: what one of them saw before says nothing of what another one sees.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detect import scans
 from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, Detection
-from lidarcli.formalism.mapping.places import Standing
+from lidarcli.formalism.mapping.places import MOST_SENSORS, Standing
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.estimation import Bodies, sighting_arrays
@@ -24,10 +27,13 @@ from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
 from lidarcli.formalism.tracking.tracks import Track, tracks_of
 from lidarcli.formalism.tracking.trajectories import standing
 from lidarcli.formalism.tracking.windows import Register, Settled, Window
-from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch
+from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch
 
 WINDOW = 256
-"""Number of sweeps of a window. Its rows are settled once the next window has been seen."""
+"""Number of sweeps of a window. Its rows are settled once the next window has been seen.
+
+The windows of all sensors of a topic end together, as soon as that of one of them is full.
+"""
 BODIES_AT_FIRST, VIEWS_AT_FIRST, SIGHTINGS_AT_FIRST = 64, 32, 2048
 """Room for so many bodies, objects of a sweep, and sightings before it grows."""
 NOTED_WAY = 1.0
@@ -56,6 +62,63 @@ class _Waiting:
     """Number of sweeps of the topic up to its last one."""
 
 
+class _Sensor:
+    """What is remembered of one sensor: its bodies, their sightings, and their tracks."""
+
+    def __init__(self, significance: float, register: Register) -> None:
+        self.fold = Fold(
+            -math.log(significance), Bodies(BODIES_AT_FIRST), Views(VIEWS_AT_FIRST, 1), Memory(1)
+        )
+        self.register = register
+        self.standing = Standing()
+        self.log = sighting_arrays(SIGHTINGS_AT_FIRST)
+        self.fold.log.attach(self.log)
+        self.settled: deque[Settled] = deque()
+        """Results for the next objects, in pieces."""
+
+    def settle(self, window: Window) -> None:
+        """Settle its oldest window."""
+        log, count = self.log, self.fold.log.count
+        self.settled.append(self.register.settle(window, log, count))
+        done = int(np.searchsorted(log["sweep"][:count], window.begin + window.count))
+        for values in log.values():
+            values[: count - done] = values[done:count].copy()
+        self.fold.log.count = count - done
+
+    def make_room(self, objects: int, beams: int) -> None:
+        """Make room for sweeps of so many objects and beams."""
+        fold = self.fold
+        if objects > fold.views.objects or beams > fold.views.beams:
+            views = Views(_power(objects, fold.views.objects), _power(beams, fold.views.beams))
+            fold.fit(fold.bodies, views, _grown(fold.past, views.beams))
+
+    def enlarge(self) -> None:
+        """Double the room for bodies or sightings, whichever is short."""
+        fold = self.fold
+        if fold.log.count + fold.views.objects > fold.log.room:
+            for name, values in self.log.items():
+                more = np.zeros((2 * len(values), *values.shape[1:]), values.dtype)
+                more[: len(values)] = values
+                self.log[name] = more
+            fold.log.attach(self.log)
+        if fold.bodies.high + 2 * fold.views.objects > fold.bodies.most:
+            bodies = Bodies(2 * fold.bodies.most)
+            bodies.grow(fold.bodies)
+            fold.fit(bodies, fold.views, fold.past)
+
+    def take(self, count: int) -> Settled:
+        """Return the results for the next objects."""
+        parts: list[Settled] = []
+        while count > 0:
+            piece = self.settled.popleft()
+            if len(piece.track) > count:
+                self.settled.appendleft(piece.rows(slice(count, None)))
+                piece = piece.rows(slice(0, count))
+            parts.append(piece)
+            count -= len(piece.track)
+        return Settled.joined(parts)
+
+
 class Tracker:
     """Tracks the objects of one topic in bounded memory; the size of the batches does not change the result."""
 
@@ -71,30 +134,21 @@ class Tracker:
         catalogue : things of interest, which give tracks their names
         """
         self.parameters = parameters or TrackParameters()
-        self._naming = None if catalogue is None else Naming(catalogue)
+        self._catalogue = catalogue
         self.frames: list[str] = []
         """Names of sensor frames, by index (`Tracks.frame`)."""
         self.notes: list[str] = []
         """Notes for the user, a line each; complete after `finish`."""
         self._first_ns: int | None = None
         self._topic = ""
-        self._standing = Standing()
-        self._fold = Fold(
-            -math.log(self.parameters.significance),
-            Bodies(BODIES_AT_FIRST),
-            Views(VIEWS_AT_FIRST, 1),
-            Memory(1),
-        )
-        self._log = sighting_arrays(SIGHTINGS_AT_FIRST)
-        self._fold.log.attach(self._log)
-        self._register = Register(self._naming)
+        self._sensors: list[_Sensor] = []
+        """By the index of the frame."""
+        self._tracks: list[Track] = []
+        """Those of all sensors, by number."""
         self._waiting: deque[_Waiting] = deque()
-        self._windows: deque[Window] = deque([Window(0, 0)])
-        """Windows that are not settled; the last one is being filled."""
-        self._objects = 0
-        self._settled: deque[Settled] = deque()
-        """Results for the next objects, in pieces."""
-        self._settled_sweeps = 0
+        self._windows: deque[dict[int, Window]] = deque([{}])
+        """Windows of the sensors that are not settled; the last ones are being filled."""
+        self._objects = self._sweeps = self._settled_sweeps = 0
 
     def add(self, batch: SweepBatch, detection: Detection) -> list[Followed]:
         """Take the next sweeps of the topic, and return the results for earlier batches that are settled by now, in order.
@@ -111,134 +165,134 @@ class Tracker:
         """
         if len(batch):
             self._follow(batch, detection)
-        self._waiting.append(_Waiting(batch, detection, self._objects, self._fold.sweeps))
+        self._waiting.append(_Waiting(batch, detection, self._objects, self._sweeps))
         self._objects += len(detection)
         return self._answers()
 
     def finish(self) -> tuple[list[Followed], Tracks]:
         """Settle everything, and return the remaining results and all tracks."""
-        self._register.collect(self._fold.bodies)
-        if not self._windows[-1].index:
+        for sensor in self._sensors:
+            sensor.register.collect(sensor.fold.bodies)
+        if not self._windows[-1]:
             self._windows.pop()
         while self._windows:
             self._settle()
-        self.notes = notes_of(self._topic, self._fold.correction, self._register.tracks, self._fold.moves)
-        return self._answers(), tracks_of(self._register.tracks)
+        for frame, sensor in zip(self.frames, self._sensors, strict=False):
+            name = self._topic if len(self._sensors) == 1 else f"{self._topic} ({frame or 'without a name'})"
+            self.notes += notes_of(name, sensor.fold.correction, sensor.register.tracks, sensor.fold.moves)
+        return self._answers(), tracks_of(self._tracks)
 
     def trajectories(self) -> Iterator[Trajectories]:
         """Yield the rows that are settled and were not yielded before: of what moves; after `finish` all that are left."""
-        rows, self._register.trajectories = self._register.trajectories, []
-        yield from rows
-        if not self._windows:
-            yield from standing(self._register.sweeps, self._register.tracks)
+        for sensor in self._sensors:
+            rows, sensor.register.trajectories = sensor.register.trajectories, []
+            yield from rows
+            if not self._windows:
+                yield from standing(sensor.register.sweeps, sensor.register.tracks)
 
     def _follow(self, batch: SweepBatch, detection: Detection) -> None:
-        """Follow the sweeps of a batch, window by window."""
+        """Follow the sweeps of a batch, run by run of one sensor, and window by window."""
         if self._first_ns is None:
             self._first_ns = int(batch.stamp_ns[0])
             self._topic = batch.topic
-        fold, laid_out = self._fold, scans(batch)
+        laid_out = scans(batch)
         poses = _poses(batch)
         seconds = (batch.stamp_ns - np.int64(self._first_ns)) / 1e9
         way, shares = _way(batch), detection.shares(batch)
-        stood = self._standing.see(batch) if batch.still is None else batch.still
-        placed = np.full(len(batch), batch.poses is not None) | stood
-        seen = Seen(detection, poses, seconds, way, shares, placed)
-        self._make_room(seen.most, batch.width)
-        fold.moves = batch.poses is not None
-        fold.objects = self._objects
         frames = self._frames(batch)
+        which = np.minimum(frames, MOST_SENSORS - 1)
+        placed = posed = _posed(batch)
+        if batch.still is not None:
+            placed = placed | batch.still
+        else:
+            placed = placed.copy()
+            for name, rows, mine in batch.by_frame():
+                sensor = self._sensors[min(self.frames.index(name), MOST_SENSORS - 1)]
+                placed[rows] |= sensor.standing.see(mine)
+        seen = Seen(detection, poses, seconds, way, shares, placed)
+        for number in np.flatnonzero(np.bincount(which)).tolist():
+            sensor = self._sensors[number]
+            sensor.make_room(seen.most, batch.width)
+            sensor.fold.objects = self._objects
         times = batch.seconds()
         looks = None
-        if self._naming is not None:
+        if (naming := self._sensors[0].register.naming) is not None:
             then = poses[detection.row]
             then[:, 2] += shares * way[detection.row, 2]
-            looks = self._naming.see(batch, detection, then)
+            looks = naming.see(batch, detection, then)
         numbers = np.zeros(len(detection), np.int64)
         offsets = np.searchsorted(detection.row, np.arange(len(batch) + 1))
         row = 0
-        while row < len(batch):
-            begin, before = row, fold.sweeps
-            stop = min(len(batch), row + WINDOW - before % WINDOW)
-            while (row := fold.follow(seen, laid_out, row, stop, numbers)) < stop:
-                self._enlarge()
-            window = self._windows[-1]
-            first, last = int(offsets[begin]), int(offsets[row])
-            window.numbers.append(numbers[first:last])
-            window.sweeps.append(detection.row[first:last] + (before - begin))
-            window.index.append(batch.sweep[begin:row])
-            window.stamps.append(batch.stamp_ns[begin:row])
-            self._register.sweeps.add(
-                batch.sweep[begin:row], batch.stamp_ns[begin:row], times[begin:row], batch.poses is not None
-            )
-            window.frames.append(frames[begin:row])
-            window.placed.append(placed[begin:row])
-            if looks is not None:
-                window.looks.append(looks.rows(slice(first, last)))
-            if fold.sweeps % WINDOW == 0:
-                self._register.collect(fold.bodies)
-                if len(self._windows) > 1:
-                    self._settle()
-                self._windows.append(Window(fold.sweeps, self._objects + last))
+        for end in [*(np.flatnonzero(np.diff(which)) + 1).tolist(), len(batch)]:
+            number = int(which[row])
+            sensor = self._sensors[number]
+            fold, register = sensor.fold, sensor.register
+            while row < end:
+                begin, before = row, fold.sweeps
+                fold.moves = bool(posed[row])
+                window = self._windows[-1].setdefault(number, Window(before))
+                stop = min(end, row + WINDOW - (before - window.begin))
+                while (row := fold.follow(seen, laid_out, row, stop, numbers)) < stop:
+                    sensor.enlarge()
+                first, last = int(offsets[begin]), int(offsets[row])
+                window.numbers.append(numbers[first:last])
+                window.sweeps.append(detection.row[first:last] + (before - begin))
+                window.index.append(batch.sweep[begin:row])
+                window.stamps.append(batch.stamp_ns[begin:row])
+                register.sweeps.add(
+                    batch.sweep[begin:row], batch.stamp_ns[begin:row], times[begin:row], fold.moves
+                )
+                window.frames.append(frames[begin:row])
+                window.placed.append(placed[begin:row])
+                if looks is not None:
+                    window.looks.append(looks.rows(slice(first, last)))
+                if fold.sweeps - window.begin == WINDOW:
+                    self._close()
+        self._sweeps += len(batch)
+
+    def _close(self) -> None:
+        """End the windows that are being filled, and settle those before."""
+        for sensor in self._sensors:
+            sensor.register.collect(sensor.fold.bodies)
+        if len(self._windows) > 1:
+            self._settle()
+        self._windows.append({})
 
     def _frames(self, batch: SweepBatch) -> Any:
         """Return (S,) the index into `frames` of each sweep."""
         for name in batch.frame_ids:
-            if name not in self.frames:
-                self.frames.append(name)
+            if name in self.frames:
+                continue
+            self.frames.append(name)
+            if len(self._sensors) < MOST_SENSORS:
+                naming = None if self._catalogue is None else Naming(self._catalogue)
+                self._sensors.append(_Sensor(self.parameters.significance, Register(naming, self._tracks)))
         return np.array([self.frames.index(name) for name in batch.frame_ids], np.int64)[batch.frame]
 
     def _settle(self) -> None:
-        """Settle the oldest window."""
-        window = self._windows.popleft()
-        log, count = self._log, self._fold.log.count
-        self._settled.append(self._register.settle(window, log, count))
-        self._settled_sweeps = window.begin + window.count
-        done = int(np.searchsorted(log["sweep"][:count], self._settled_sweeps))
-        for values in log.values():
-            values[: count - done] = values[done:count].copy()
-        self._fold.log.count = count - done
-
-    def _make_room(self, objects: int, beams: int) -> None:
-        """Make room for sweeps of so many objects and beams."""
-        fold = self._fold
-        if objects > fold.views.objects or beams > fold.views.beams:
-            views = Views(_power(objects, fold.views.objects), _power(beams, fold.views.beams))
-            fold.fit(fold.bodies, views, _grown(fold.past, views.beams))
-
-    def _enlarge(self) -> None:
-        """Double the room for bodies or sightings, whichever is short."""
-        fold = self._fold
-        if fold.log.count + fold.views.objects > fold.log.room:
-            for name, values in self._log.items():
-                more = np.zeros((2 * len(values), *values.shape[1:]), values.dtype)
-                more[: len(values)] = values
-                self._log[name] = more
-            fold.log.attach(self._log)
-        if fold.bodies.high + 2 * fold.views.objects > fold.bodies.most:
-            bodies = Bodies(2 * fold.bodies.most)
-            bodies.grow(fold.bodies)
-            fold.fit(bodies, fold.views, fold.past)
+        """Settle the oldest window of each sensor."""
+        for number, window in sorted(self._windows.popleft().items()):
+            self._sensors[number].settle(window)
+            self._settled_sweeps += window.count
 
     def _answers(self) -> list[Followed]:
         """Return the results for the batches whose sweeps are all settled."""
         done = []
         while self._waiting and self._waiting[0].stop <= self._settled_sweeps:
             one = self._waiting.popleft()
-            done.append(_followed(one, self._take(len(one.detection)), self.parameters.memory))
+            done.append(_followed(one, self._take(one), self.parameters.memory))
         return done
 
-    def _take(self, count: int) -> Settled:
-        """Return the results for the next objects."""
-        parts: list[Settled] = []
-        while count > 0:
-            piece = self._settled.popleft()
-            if len(piece.track) > count:
-                self._settled.appendleft(piece.rows(slice(count, None)))
-                piece = piece.rows(slice(0, count))
-            parts.append(piece)
-            count -= len(piece.track)
-        return Settled.joined(parts)
+    def _take(self, one: _Waiting) -> Settled:
+        """Return the results for the objects of a batch."""
+        which = np.minimum(self._frames(one.batch), MOST_SENSORS - 1)[one.detection.row]
+        counts = np.bincount(which, minlength=1).tolist()
+        found = Settled.joined(
+            [self._sensors[number].take(count) for number, count in enumerate(counts) if count]
+        )
+        if len(which) in counts:
+            return found
+        return found.rows(np.argsort(np.argsort(which, kind="stable")))
 
 
 def _followed(one: _Waiting, settled: Settled, by_memory: bool) -> Followed:
@@ -289,6 +343,13 @@ def _count(rows: NDArray[np.int64], weights: NDArray[Any] | None, sweeps: int) -
     return np.bincount(rows, weights, minlength=sweeps).astype(np.int32)
 
 
+def _posed(batch: SweepBatch) -> Bool:
+    """Return (S,) True where poses of the sensor are told, be they known at the time or not."""
+    if batch.poses is None or batch.poses.absent is None:
+        return np.full(len(batch), batch.poses is not None)
+    return ~batch.poses.absent
+
+
 def _poses(batch: SweepBatch) -> Float64:
     """Return (S, 4) x, y, yaw and side of the sensor; without poses it is taken to stand."""
     poses = batch.poses
@@ -296,6 +357,7 @@ def _poses(batch: SweepBatch) -> Float64:
         return np.tile([0.0, 0.0, 0.0, 1.0], (len(batch), 1))
     columns = np.column_stack([poses.x, poses.y, poses.yaw, np.where(poses.upside_down, -1.0, 1.0)])
     columns[~np.isfinite(columns).all(axis=1), :3] = np.nan
+    columns[~_posed(batch)] = [0.0, 0.0, 0.0, 1.0]
     return columns
 
 

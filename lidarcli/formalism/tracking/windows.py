@@ -67,9 +67,7 @@ class Window:
     """Sweeps that are settled together, in pieces as the batches bring them."""
 
     begin: int
-    """Number of sweeps of the topic before."""
-    objects: int
-    """Number of objects of the topic before."""
+    """Number of sweeps of the sensor before."""
     numbers: list[Int64] = field(default_factory=list)
     """(K,) number of the body of each object, 0 for none."""
     sweeps: list[Int64] = field(default_factory=list)
@@ -109,7 +107,7 @@ class Settled:
     label_score: Float64
     shape: UInt8
 
-    def rows(self, part: slice) -> Settled:
+    def rows(self, part: slice | NDArray[np.intp]) -> Settled:
         """Return the results for some of the objects."""
         return Settled(*(getattr(self, each.name)[part] for each in fields(self)))
 
@@ -130,13 +128,15 @@ class Settled:
 class Register:
     """All bodies that were seen often enough, and the tracks they are parts of."""
 
-    def __init__(self, naming: Naming | None = None) -> None:
+    def __init__(self, naming: Naming | None = None, every: list[Track] | None = None) -> None:
+        """`every`: takes the tracks of all sensors of the topic, by number."""
+        self._every = [] if every is None else every
         self.naming = naming
         """Naming of tracks, if there is a catalogue."""
         self.bodies: dict[int, Body] = {}
         """Bodies by number, without those that have ended and to which no later one can be joined."""
         self.tracks: list[Track] = []
-        """Tracks by number, from 1."""
+        """Tracks by number."""
         self.sweeps = Sweeps()
         self.trajectories: list[Trajectories] = []
         """Rows that are settled, those of what moves in the order of the windows."""
@@ -181,7 +181,8 @@ class Register:
             assert body.track is not None
             if body.track.number == 0:
                 self.tracks.append(body.track)
-                body.track.number = len(self.tracks)
+                self._every.append(body.track)
+                body.track.number = len(self._every)
             body.row_shape = row_shape(body)
         seen.settle_tracks()
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, BinaryIO, Self, cast
 from lidarcli.choices import JOIN
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
+from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.joined import JoinedLog, Part
 from lidarcli.logs.segments import join
 from lidarcli.stores.url import State, Url, is_url, place
@@ -22,7 +22,6 @@ from lidarcli.sweeps import RawSweeps
 
 if TYPE_CHECKING:
     from lidarcli.pose.tracks import Track
-    from lidarcli.pose.tree import TreeLevels
 
 STDIN = "-"
 
@@ -128,7 +127,7 @@ def read_pose_messages(log: Log) -> PoseMessages:
 
     tracks = Tracks()
     report = ReadReport()
-    tracks.add(log.messages(POSE_TYPES, report))
+    tracks.add(log.messages(POSED_TYPES, report))
     found = tracks.finish()
     notes = [
         f"{count:,} of {topic} left out: {cause}" for (topic, cause), count in sorted(tracks.refused.items())
@@ -396,7 +395,6 @@ class SlicedLog(ChangedLog):
         self._part = part
         self._bins = Bins.of(options, part.bins)
         self._poses: PoseMessages | None = None
-        self._levels: TreeLevels | None = None
 
     def topics(self) -> list[Topic] | None:
         """Return all topics; those of point clouds hold sweeps."""
@@ -444,8 +442,8 @@ class SlicedLog(ChangedLog):
         from lidarcli.logs.slicing import Slicer
         from lidarcli.pose.tree import TreeLevels
 
-        if self._levels is None:
-            self._levels = TreeLevels(self.poses().tracks if self.size is not None else ())
+        tracks = self.poses().tracks if self.size is not None else ()
+        sensors = [topic.name for topic in self.topics() or () if topic.is_scan]
         slicers: dict[str, Slicer] = {}
         waiting = 0
         for message in self._log.messages(CLOUD_TYPES, report):
@@ -453,7 +451,8 @@ class SlicedLog(ChangedLog):
                 continue
             slicer = slicers.get(message.topic)
             if slicer is None:
-                slicer = Slicer(message.topic, self._part, self._bins, self._levels, report)
+                levels = TreeLevels(tracks, message.topic, sensors)
+                slicer = Slicer(message.topic, self._part, self._bins, levels, report)
                 slicers[message.topic] = slicer
             yield from slicer.take(message)
             waiting += len(message.data)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -325,8 +325,8 @@ class TracksTable:
 
     path: Readable
     rows: pa.Table
-    worlds: dict[str, str]
-    """Sensor frame → world frame of its positions; positions of other frames are in the sensor frame."""
+    poses: dict[str, dict[str, Any]]
+    """Sensor frame → the description of its poses; positions of other frames are in the sensor frame."""
 
 
 def find_tracks(inputs: Iterable[str]) -> list[Place]:
@@ -360,12 +360,18 @@ def _tables(text: str) -> list[Place]:
 def read_tracks_table(path: Readable) -> TracksTable:
     """Read a tracks table, or `UnreadableError` with one line."""
     rows = read_columns(path, "tracks", SCHEMAS["tracks"], TRACK_COLUMNS)
-    worlds = {frame: way["world"].strip("/") for frame, way in poses_of(notes_of(rows)).items()}
-    return TracksTable(path, rows, worlds)
+    return TracksTable(path, rows, poses_of(notes_of(rows)))
 
 
 def poses_of(notes: dict[str, str]) -> dict[str, dict[str, Any]]:
     """Return the description of the poses of each sensor frame in the metadata, at least with their `world`."""
     poses = note_value(notes, SOURCE, dict).get("poses")
     found = poses.items() if isinstance(poses, dict) else ()
-    return {frame: way for frame, way in found if isinstance(way, dict) and isinstance(way.get("world"), str)}
+    return {frame: way for frame, way in found if isinstance(way, dict) and "world" in way}
+
+
+def world_in(way: Mapping[str, Any], topic: str) -> str:
+    """Return the fixed frame of a topic by the description of the poses of its sensor; empty where nobody tells."""
+    world = way.get("world")
+    world = world.get(topic) if isinstance(world, dict) else world
+    return world.strip("/") if isinstance(world, str) else ""

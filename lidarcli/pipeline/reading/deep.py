@@ -152,14 +152,14 @@ class _Deep:
                     if len(self._sensors) == MOST_SENSORS:
                         continue
                     self._sensors[key] = _Sensor(
-                        *key, self._posing.paths.get(key), self._told(frame), self._delay
+                        *key, self._posing.paths.get(key), self._told(*key), self._delay
                     )
                 self._sensors[key].add(mine)
 
-    def _told(self, frame: str) -> Way | None:
+    def _told(self, topic: str, frame: str) -> Way | None:
         if self._posing.found is None or not self._sees_poses:
             return None
-        return self._posing.found.sources.way(frame)
+        return self._posing.found.sources.way(frame, topic)
 
     def findings(self) -> DeepFindings:
         """Return the findings of all rules."""
@@ -168,20 +168,22 @@ class _Deep:
         bodies, masks = self._bodies()
         for key in sorted(self._sensors):
             found += _flickering(self._sensors[key])
-        first: _Sensor | None = None
-        calibrated, is_off = None, False
-        for sensor in self._by_frame():
+        firsts: dict[str, tuple[_Sensor, _Calibrated | None, bool]] = {}
+        for sensor in self._sensors_of_robots():
             if mirrored := _mirrored(sensor):
                 found += mirrored
                 continue
-            if first is None:
-                first, calibrated = sensor, _calibrated(sensor)
+            # Lasers of several robots are not beside each other.
+            world = next(iter(firsts), "") if sensor.told is None else sensor.told.world
+            if world not in firsts:
+                calibrated = _calibrated(sensor)
                 finding, mount = _mount_finding(sensor, calibrated)
-                is_off = bool(mount)
+                firsts[world] = sensor, calibrated, bool(mount)
                 found += finding
                 found += _stamp_finding(sensor, calibrated)
                 found += _fit_finding(sensor, calibrated)
             else:
+                first, calibrated, is_off = firsts[world]
                 told = self._beside(first, sensor, calibrated if is_off else None)
                 finding, mount = _lasers_findings(first, sensor, calibrated, told)
                 found += finding
@@ -195,7 +197,7 @@ class _Deep:
         if self._posing.found is None:
             return None
         links = [one for one in self._posing.found.sources.tracks if one.is_link and one.static]
-        steps = FrameTree(links).path(frame_name(second.frame), frame_name(first.frame))
+        steps = FrameTree(links, second.topic).path(frame_name(second.frame), frame_name(first.frame))
         if steps is None:
             return None
         there = planar(along(steps, np.zeros(1, np.int64)))
@@ -205,11 +207,13 @@ class _Deep:
         found_at: Float64 = place[0]
         return found_at
 
-    def _by_frame(self) -> list[_Sensor]:
-        """Return one sensor for each frame, the first of its topics."""
-        found: dict[str, _Sensor] = {}
+    def _sensors_of_robots(self) -> list[_Sensor]:
+        """Return one sensor for each frame of a world, the first of its topics."""
+        found: dict[tuple[str, str], _Sensor] = {}
         for key in sorted(self._sensors):
-            found.setdefault(key[1].lstrip("/"), self._sensors[key])
+            sensor = self._sensors[key]
+            world = "" if sensor.told is None else sensor.told.world
+            found.setdefault((world, key[1].lstrip("/")), sensor)
         return list(found.values())
 
     def _bodies(self) -> tuple[list[Finding], Masks]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarcli.choices import BEAM_ORDERS
-from lidarcli.display import times
+from lidarcli.display import counted, times
 from lidarcli.findings import Finding, Fix
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
@@ -236,8 +236,8 @@ def check_paths(
     By topic and frame, for at most `MOST_MATCHED`; without those that need no look.
     """
 
-    def told_by(frame: str) -> Way | None:
-        way = None if sources is None or match else sources.way(frame)
+    def told_by(topic: str, frame: str) -> Way | None:
+        way = None if sources is None or match else sources.way(frame, topic)
         return way if way is None or not delay_ns else replace(way, correction=Correction(delay_ns))
 
     matched = match or need is Need.ALL
@@ -245,7 +245,7 @@ def check_paths(
     expected = {topic.name for topic in log.topics() or () if topic.messages != 0} & set(choice.chosen)
     for key, sweeps in _sweeps(log, choice, rules):
         if key not in looks:
-            told = told_by(key[1])
+            told = told_by(*key)
             if len(looks) == MOST_MATCHED or (told is None and need is Need.TOLD and not match):
                 continue
             looks[key] = _Look(told, order, whole=match, wanted=wanted)
@@ -428,6 +428,8 @@ def _fit_notes(key: Key, way: Way, fit: PoseFit, named: bool) -> tuple[str | Fin
     topic, steps = way.topics[0], f"{fit.share:.0%} of {fit.pairs:,} steps" if fit.pairs else "no step"
     if fit.verdict == "unchecked":
         why = "the sensor hardly moves" if fit.pairs < LEAST_PAIRS else "too few sweeps could be matched"
+        if fit.moves and fit.pairs < LEAST_PAIRS:
+            why = f"only {counted(fit.pairs, 'step')} of its sweeps can be compared"
         note = f"poses from {topic} are taken as they are, unchecked: {why}"
         if not fit.jumps:
             return (note,)
@@ -456,7 +458,7 @@ def _fit_notes(key: Key, way: Way, fit: PoseFit, named: bool) -> tuple[str | Fin
     if np.isfinite(fit.turn_ratio) and fit.turn_ratio < -0.5:
         causes.append("the sensor turns the other way")
     if fit.jumps and not fit.cuts:
-        causes.append(f"they jump by up to {fit.jumps[0]:,.1f} m and back")
+        causes.append(f"they jump by up to {fit.jumps[0]:,.1f} m and back: two publishers that disagree?")
     cause = f"; {'; '.join(causes)}" if causes else ""
     end = "they are taken because they were named" if named else "the path is matched from the sweeps"
     words = (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidarcli.choices import BEAM_ORDERS, MATCH
 from lidarcli.errors import NoScanError, OptionError
-from lidarcli.logs.base import POSE_TYPES, Log, ReadReport, Topic
+from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, ReadReport, Topic
 from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
 
 if TYPE_CHECKING:
@@ -142,13 +142,16 @@ def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | Non
     there = [topic for topic in listed if topic.type in POSE_TYPES]
     if wanted is not None and wanted.strip("/") not in {topic.name.strip("/") for topic in there}:
         raise NoScanError(_absent(wanted, listed, there))
-    if not any(topic.messages != 0 for topic in there):
+    if not any(topic.messages != 0 for topic in listed if topic.type in POSED_TYPES):
         return None
     # Most logs have no poses and should not wait for this import.
     from lidarcli.pose.sources import PoseSources
 
     told = log.poses() if isinstance(log, SlicedLog) else read_pose_messages(log)
-    return FoundPoses(PoseSources(told.tracks, wanted), told.notes, told.report)
+    if not there and not told.tracks:
+        return None
+    scans = [topic.name for topic in listed if topic.is_scan]
+    return FoundPoses(PoseSources(told.tracks, wanted, scans), told.notes, told.report)
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,8 +33,10 @@ _PIPE = "poses, if there are any, are not used: a pipe is read only once; give t
 
 @dataclass(slots=True)
 class _Seen:
-    """Counts and times of the sweeps of one frame."""
+    """Counts and times of the sweeps of one frame in a namespace."""
 
+    topic: str
+    """The first of their topics."""
     sweeps: int = 0
     without: int = 0
     tilt: float = 0.0
@@ -70,7 +72,8 @@ class Posing:
     """True where batches also tell the way of the sensor during a sweep."""
     levelled: Collection[str] = ()
     """Topics of point clouds, whose sweeps are level however their sensor leans."""
-    seen: dict[str, _Seen] = field(default_factory=dict)
+    seen: dict[tuple[str, str], _Seen] = field(default_factory=dict)
+    """Frame and namespace of sweeps → their counts."""
     paths: Mapping[tuple[str, str], CheckedPath] = field(default_factory=dict)
     """Topic and frame → what a first pass over its sweeps tells of its path."""
     named: bool = False
@@ -147,20 +150,22 @@ class Posing:
             return batch
         from lidarcli.pose.sources import later
         from lidarcli.pose.tracks import planar, tilt
+        from lidarcli.pose.tree import namespace
 
         some = False
         takes_time = batch.duration is not None or any(path.timing.takes_time for path in self.paths.values())
         orders = (self.order, *(path.timing.order for path in self.paths.values()))
         poses = _nowhere(len(batch), self.deskew and takes_time, REVERSE in orders)
         still, knows = np.zeros(len(batch), bool), False
-        fits = np.ones(len(batch), bool)
+        fits, absent = np.ones(len(batch), bool), np.zeros(len(batch), bool)
         for frame, rows, mine in batch.by_frame():
             path = self.paths.get((batch.topic, frame))
-            seen = self.seen.setdefault(frame, _Seen())
+            seen = self.seen.setdefault((frame, namespace(batch.topic)), _Seen(batch.topic))
             seen.add(mine.stamp_ns, mine.record_ns)
             if path is not None and len(path.still):
                 knows, still[rows] = True, path.stood(mine.stamp_ns)
             if (way := self._way(batch.topic, frame)) is None:
+                absent[rows] = True
                 continue
             some = True
             fits[rows] = self.named or path is None or path.verdict != "unchecked"
@@ -174,6 +179,7 @@ class Posing:
             seen.without += int(np.count_nonzero(np.isnan(here.x)))
             if batch.topic not in self.levelled:
                 seen.tilt = max(seen.tilt, tilt(motion))
+        poses = replace(poses, absent=absent) if absent.any() else poses
         return replace(
             batch, poses=poses if some else None, still=still if knows else None, fits=fits if some else None
         )
@@ -193,7 +199,7 @@ class Posing:
         """Return the path to use for the sweeps of a topic and frame."""
         if (path := self.paths.get((topic, frame))) is not None:
             return path.way
-        way = None if self.found is None else self.found.sources.way(frame)
+        way = None if self.found is None else self.found.sources.way(frame, topic)
         if way is None or not self.delay:
             return way
         from lidarcli.pose.sources import Correction
@@ -216,15 +222,15 @@ class Posing:
             unused = "no poses in this log: --pose-delay changes nothing" if self.delay else ""
             return [line for line in (self.missed or unused,) if line] + self.path_notes()
         lines: list[str] = []
-        for frame in sorted(self.seen):
-            lines += self._frame_notes(frame, self.found.sources)
+        for frame, space in sorted(self.seen):
+            lines += self._frame_notes(frame, self.seen[frame, space], self.found.sources)
         return [*dict.fromkeys(lines), *self.found.notes, *self.path_notes()]
 
     def path_notes(self) -> list[str]:
         """Return the notes on the paths that were checked or matched, and the messages of the findings among them."""
         return [
-            self._of_topic(topic, note.message if isinstance(note, Finding) else note)
-            for topic, note in self._of_paths()
+            self._of_sensor(key, note.message if isinstance(note, Finding) else note)
+            for key, note in self._of_paths()
         ]
 
     def findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
@@ -236,17 +242,20 @@ class Posing:
 
             jumping = {(each.topic, each.frame) for each in found if each.id == "steps"}
             found += pose_findings(self.found.sources, keys, jumping)
-        notes = [self._of_topic(topic, note) for topic, note in told if not isinstance(note, Finding)]
+        notes = [self._of_sensor(key, note) for key, note in told if not isinstance(note, Finding)]
         return notes, found
 
-    def _of_paths(self) -> Iterator[tuple[str, str | Finding]]:
-        for (topic, _), path in sorted(self.paths.items(), key=lambda one: one[0]):
+    def _of_paths(self) -> Iterator[tuple[tuple[str, str], str | Finding]]:
+        for key, path in sorted(self.paths.items(), key=lambda one: one[0]):
             for note in path.notes:
-                yield topic, note
+                yield key, note
 
-    def _of_topic(self, topic: str, note: str) -> str:
-        """Return a note on the path of a topic, with its name where there are several."""
-        return note if topic in note or len({name for name, _ in self.paths}) < 2 else f"{topic}: {note}"
+    def _of_sensor(self, key: tuple[str, str], note: str) -> str:
+        """Return a note on the path of a sensor, with its topic where there are several, or also its frame."""
+        topic, frame = key
+        if sum(topic == other for other, _ in self.paths) > 1:
+            return f"{topic} ({frame}): {note}"
+        return note if topic in note or len(self.paths) < 2 else f"{topic}: {note}"
 
     def leave_out(self, topics: Collection[str]) -> None:
         """Forget the paths of topics whose sweeps turned out to be unused."""
@@ -255,28 +264,39 @@ class Posing:
     def described(self) -> dict[str, dict[str, Any]]:
         """Return the poses of each sensor frame and the verdict on them, for the tables' metadata.
 
-        The verdict has a value per topic: `pose_verdict`, `pose_fit`, `pose_delay` [s], `pose_cuts`, `beam_order`.
+        The verdict has a value per topic: `pose_verdict`, `pose_fit`, `pose_delay` [s], `pose_cuts`, `beam_order`. So have
+        `world` and `topic` where sensors of the same frame have several worlds.
         """
         found: dict[str, dict[str, Any]] = {}
-        for frame in sorted(self.seen):
-            told = None if self.found is None else self.found.sources.way(frame)
+        for frame in sorted({frame for frame, _ in self.seen}):
             paths = [(topic, path) for (topic, name), path in sorted(self.paths.items()) if name == frame]
-            ways = [path.way for _, path in paths if path.way is not None] or (
-                [] if paths or told is None else [told]
-            )
-            if ways:
+            topics = [topic for topic, _ in paths] or [
+                seen.topic for (name, _), seen in sorted(self.seen.items()) if name == frame
+            ]
+            known = {topic: way for topic in topics if (way := self._way(topic, frame)) is not None}
+            ways = [*known.values()]
+            if len({way.world for way in ways}) > 1:
+                told = [(topic, way.world, way.topics[0]) for topic, way in known.items()]
+                found[frame] = {
+                    "world": {topic: world for topic, world, _ in told},
+                    "topic": {topic: source for topic, _, source in told},
+                }
+            elif ways:
                 found[frame] = {"world": ways[0].world, "topic": ways[0].topics[0]}
+                if (fixed := ways[0].steps[-1].target) != ways[0].world:
+                    found[frame]["fixed_frame"] = fixed
             for topic, path in paths:
                 for key, value in path.facts().items():
                     found.setdefault(frame, {}).setdefault(key, {})[topic] = value
         return found
 
-    def _frame_notes(self, frame: str, sources: PoseSources | GivenPaths) -> list[str]:
-        way, seen, others = sources.way(frame), self.seen[frame], sources.alternatives(frame)
+    def _frame_notes(self, frame: str, seen: _Seen, sources: PoseSources | GivenPaths) -> list[str]:
+        way, others = sources.way(frame, seen.topic), sources.alternatives(frame, seen.topic)
         name = frame or "without a name"
-        if way is None and (alike := sources.alike(frame)):
+        if way is None and (alike := sources.alike(frame, seen.topic)):
             return [alike_note(frame, alike, others)]
         from lidarcli.pose.faults import unplaced, way_findings
+        from lidarcli.pose.tree import nearness
 
         if way is None:
             return [unplaced(frame, others).message]
@@ -287,7 +307,8 @@ class Posing:
             lines.append(
                 f"frame {name} leans by up to {np.rad2deg(seen.tilt):.0f} degrees: its poses are their projection"
             )
-        return lines + [found.message for found in way_findings(way)]
+        links = [one for one in sources.tracks if one.is_link and nearness(one.topic, seen.topic) is not None]
+        return lines + [found.message for found in way_findings(way, links)]
 
 
 def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:

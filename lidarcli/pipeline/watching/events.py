@@ -547,7 +547,7 @@ def _once(events: Sequence[tuple[int, dict[str, Any]]]) -> list[dict[str, Any]]:
                 one
                 for its, one in reversed(kept)
                 if its == agent
-                and one["topic"] != event["topic"]
+                and (one["topic"], one["frame_id"]) != (event["topic"], event["frame_id"])
                 and one.get("direction") == event.get("direction")
                 and event["start"] - one["end"] <= (BOTH_CROSS_NS if event["kind"] == CROSSING else 0)
             ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,10 +13,13 @@ from lidarcli.logs.base import Log
 from lidarcli.masks import Mask, Masks, Mount, mounted, same_name
 from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
 from lidarcli.pose.messages import frame_name
-from lidarcli.pose.tracks import Track, planar
-from lidarcli.pose.tree import WORLDS, FrameTree, along
+from lidarcli.pose.tracks import HOLD_STEPS, SECOND_NS, Track, planar
+from lidarcli.pose.tree import WORLDS, FrameTree, Step, along
 from lidarcli.sweeps import Float64, Int64, SweepBatch, SweepPoses
 from lidarcli.zone import ROBOT, SENSOR, Zones
+
+LONG_HELD = 1.0
+"""A link that moves and is held for longer beyond its transforms has a note [s]."""
 
 
 @dataclass(slots=True)
@@ -28,26 +31,43 @@ class Frames:
     robot: str
     """Name of the frame of the robot; empty: the one at the end of the mounts, or by the transforms of the log."""
     _log: Log
-    _tree: FrameTree | None = None
-    _found: dict[tuple[str, str], Mount] = field(default_factory=dict)
+    _topic: str = ""
+    """Topic of the sensors; empty: any."""
+    _links: list[list[Track]] = field(default_factory=list)
+    """One list of all transforms, once they have been read."""
+    _trees: dict[str, FrameTree] = field(default_factory=dict)
+    _found: dict[tuple[str, str, str], Mount] = field(default_factory=dict)
+    _held: dict[str, float] = field(default_factory=dict)
+    """Link that moves → longest time for which it is held [s]."""
 
     @classmethod
     def of(cls, log: Log, zones: Zones, mounts: Sequence[Mount] = ()) -> Frames:
         """Return the frames for the zones of a file; `mounts`: more of them."""
         return cls((*zones.masks.mounts, *mounts), zones.robot, log)
 
+    def of_topic(self, topic: str) -> Frames:
+        """Return the frames as the sensors of a topic see them: robots may have the same names for theirs."""
+        return replace(self, _topic=topic)
+
     @property
     def tree(self) -> FrameTree:
-        """The transforms of the log, which are read when somebody asks for the first time."""
-        if self._tree is None:
+        """The transforms of the log for the topic of the sensors."""
+        if self._topic not in self._trees:
+            scans = [topic.name for topic in self._log.topics() or () if topic.is_scan]
+            self._trees[self._topic] = FrameTree(self._read(), self._topic, scans)
+        return self._trees[self._topic]
+
+    def _read(self) -> list[Track]:
+        """Return the transforms of the log, which are read when somebody asks for the first time."""
+        if not self._links:
             tracks: Sequence[Track] = ()
             if self._log.size is not None and self._log.topics() is not None:
                 told = (
                     self._log.poses() if isinstance(self._log, SlicedLog) else read_pose_messages(self._log)
                 )
                 tracks = told.tracks
-            self._tree = FrameTree([track for track in tracks if track.is_link])
-        return self._tree
+            self._links.append([track for track in tracks if track.is_link])
+        return self._links[0]
 
     def sensor_in(self, frame: str, sensor: str, stamp_ns: Int64) -> SweepPoses:
         """Return where a sensor is in a frame other than the world at each time (S,).
@@ -61,13 +81,31 @@ class Frames:
             return _resting(Mount(sensor, sensor, 0.0, 0.0, 0.0), len(stamp_ns))
         target = self.robot_of(sensor) if frame == ROBOT else frame
         mount = mounted(self.mounts, sensor, target)
-        if mount is not None:
+        # Sweeps may tell that they are elsewhere in the frame that they name.
+        if mount is not None and not same_name(sensor, target):
             return _resting(mount, len(stamp_ns))
-        steps = self.tree.path(frame_name(sensor), frame_name(target))
+        steps = self.tree.path(self.tree.sensor(frame_name(sensor)), frame_name(target))
         if steps is None:
             raise self._lost(sensor, target)
         # A mount stays where it is, also before the first transform of it and after the last one; the robot does not.
-        return planar(along(steps, stamp_ns, held=frame_name(target).rpartition("/")[2] not in WORLDS))
+        return self._along(steps, stamp_ns, held=frame_name(target).rpartition("/")[2] not in WORLDS)
+
+    def _along(self, steps: Sequence[Step], stamp_ns: Int64, *, held: bool) -> SweepPoses:
+        """Return the places at times (S,); note links that are `held` though they moved."""
+        for track in (step.track for step in steps if held and step.track.moves):
+            first, last = track.span_ns
+            beyond = max(first - int(stamp_ns.min()), int(stamp_ns.max()) - last) / SECOND_NS
+            if beyond > max(LONG_HELD, HOLD_STEPS / (track.rate or LONG_HELD)):
+                link = f"{track.parent} > {track.child}"
+                self._held[link] = max(beyond, self._held.get(link, 0.0))
+        return planar(along(steps, stamp_ns, held=held))
+
+    def notes(self) -> list[str]:
+        """Return a note on each link that was held for long, though it moved."""
+        return [
+            f"sweeps are up to {seconds:.1f} s beyond the transforms of {link}, which moved: it is held there"
+            for link, seconds in self._held.items()
+        ]
 
     def robot_of(self, sensor: str) -> str:
         """Return the name of the frame of the robot that carries a sensor; errors as of `sensor_in`."""
@@ -80,7 +118,7 @@ class Frames:
             here, left = parent, left - 1
         if here != sensor or any(same_name(one.parent, sensor) for one in self.mounts):
             return here
-        steps = self.tree.to_base(frame_name(sensor))
+        steps = self.tree.to_base(self.tree.sensor(frame_name(sensor)))
         if steps:
             return steps[-1].target
         if frame_name(sensor).rpartition("/")[2].startswith("base"):
@@ -95,7 +133,7 @@ class Frames:
         steps = self.tree.path(frame_name(frame), frame_name(robot))
         if steps is None:
             return None
-        pose = planar(along(steps, np.array([stamp_ns]), held=True))
+        pose = self._along(steps, np.array([stamp_ns]), held=True)
         row = np.zeros(len(corners), np.int64)
         x, y, _ = pose.to_world(row, corners[:, 0], corners[:, 1], np.zeros(len(corners)))
         found: Float64 = np.column_stack([x, y])
@@ -126,7 +164,7 @@ class Frames:
         return Masks(tuple(placed), tuple(mounts), masks.path)
 
     def _mount(self, frame: str, sensor: str, stamp_ns: Int64) -> Mount:
-        key = frame, sensor
+        key = self._topic, frame, sensor
         if key not in self._found:
             here = self.sensor_in(frame, sensor, stamp_ns)
             x, y, yaw = (float(each[0]) for each in (here.x, here.y, here.yaw))

@@ -14,7 +14,7 @@ from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.masks import Circle, Masks, Polygon, same_name
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.inputs.tables import Pair, world_in
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import AGAIN, Cursor
 from lidarcli.pipeline.reading.masking import masking_of
@@ -33,6 +33,7 @@ from lidarcli.pipeline.watching.counting import (
 from lidarcli.pipeline.watching.events import Counted, Settled, Tracked, settle
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.pipeline.watching.options import ZoneOptions, refuse_resting
+from lidarcli.pose.faults import Key
 from lidarcli.pose.messages import frame_name
 from lidarcli.pose.tree import WORLDS
 from lidarcli.reports.wording import counted
@@ -65,10 +66,10 @@ class Watching:
         # Beams under a mask are counted here, and left out.
         self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
         self._topics: set[str] = set()
-        self._agents: dict[str, Tracked | None] = {}
-        self._worlds: dict[tuple[str, str], str] = {}
-        """Topic and frame of a sensor → the fixed frame of its poses."""
-        self._counting: dict[str, Counting] = {}
+        self._agents: dict[Key, Tracked | None] = {}
+        self._worlds: dict[Key, str] = {}
+        """Sensor → the fixed frame of its poses."""
+        self._counting: dict[Key, Counting] = {}
         self._report = ReadReport()
         self._told = {
             zone.velocity_topic: self._velocities(zone) for zone in options.zones.zones if zone.velocity_topic
@@ -102,7 +103,9 @@ class Watching:
         shapes: dict[tuple[tuple[float, float], ...], int] = {}
         times, parts = [], []
         for each in told:
-            corners = self._frames.corners_in("", each.frame_id, each.stamp_ns, each.corners)
+            corners = self._frames.of_topic(zone.shape_topic).corners_in(
+                "", each.frame_id, each.stamp_ns, each.corners
+            )
             if corners is None:
                 raise NoScanError(
                     f"zone '{zone.name}': nothing leads from frame {each.frame_id} of {zone.shape_topic} to the robot"
@@ -129,7 +132,7 @@ class Watching:
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
             for (topic, cause), count in sorted(self._report.refused.items())
         ]
-        summary.notes += [*self._notes, *notes]
+        summary.notes += [*self._notes, *notes, *self._frames.notes()]
         summary.notes += [note for zone in self._options.zones.zones for note in self._gaps(zone)]
         settled = [one for zone in self._options.zones.zones for one in self._settled(zone)]
         return summary, settled, described
@@ -143,22 +146,27 @@ class Watching:
         whole = self._objects(batch)
         for sensor, rows, mine in batch.by_frame():
             resolved = [self._resolved(zone, batch.topic, sensor, reading) for zone in zones]
-            if batch.topic not in self._counting:
+            key = batch.topic, sensor
+            if key not in self._counting:
                 series = TopicSeries(
                     batch.topic,
                     sensor,
                     [ZoneSeries.of(zone, self._shapes[zone.name]) for zone in resolved],
                     batch.first_ns,
                 )
-                self._counting[batch.topic] = Counting(series, self._frames, self._masks, self._told)
+                self._counting[key] = Counting(
+                    series, self._frames.of_topic(batch.topic), self._masks, self._told
+                )
             objects = None if whole is None else whole.of_rows(rows)
-            self._counting[batch.topic].add(mine, objects)
+            self._counting[key].add(mine, objects)
 
     def _resolved(self, zone: Zone, topic: str, sensor: str, reading: Reading) -> Zone:
         """Return a zone whose frame is `world` where it names the fixed frame of the poses; refuse one without poses."""
         world = self._worlds[topic, sensor] = reading.world_of(topic, sensor)
         if zone.frame == WORLD or (
-            world and zone.frame not in (SENSOR, ROBOT) and same_name(zone.frame, world)
+            world
+            and zone.frame not in (SENSOR, ROBOT)
+            and (same_name(zone.frame, world) or world.endswith(f"/{frame_name(zone.frame)}"))
         ):
             if not world:
                 raise NoScanError(
@@ -199,9 +207,11 @@ class Watching:
         return Objects.of(objects, batch)
 
     def _counted_in(self, zone: Zone) -> list[tuple[str, TopicSeries]]:
-        """Return the topics that count in a zone."""
+        """Return the topic of each sensor that counts in a zone, and its sweeps."""
         return [
-            (topic, each.series) for topic, each in sorted(self._counting.items()) if _counts(zone, topic)
+            (topic, self._counting[topic, sensor].series)
+            for topic, sensor in sorted(self._counting)
+            if _counts(zone, topic)
         ]
 
     def _gaps(self, zone: Zone) -> Iterator[str]:
@@ -253,8 +263,8 @@ class Watching:
         counted_in = self._counted_in(zone)
         groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
         for topic, found in counted_in:
-            if topic not in self._agents:
-                self._agents[topic] = self._tracked(found)
+            if (key := (topic, found.frame_id)) not in self._agents:
+                self._agents[key] = self._tracked(found)
         for group in groups:
             series = [next(one for one in each.zones if one.zone.name == zone.name) for _, each in group]
             topics = [each.series for each in self._counting.values()]
@@ -265,7 +275,7 @@ class Watching:
                     tuple(each for _, each in group),
                     tuple(series),
                     tuple(case.name for case in zone.cases),
-                    tuple(self._agents[topic] for topic, _ in group),
+                    tuple(self._agents[topic, each.frame_id] for topic, each in group),
                     self._pair is not None,
                     (min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
                     min(each.first_ns for each in topics),
@@ -274,12 +284,15 @@ class Watching:
             )
 
     def _tracked(self, series: TopicSeries) -> Tracked | None:
-        """Return the agents of a topic; None where nobody followed them."""
+        """Return the agents that a sensor sees; None where nobody followed them."""
         pair = self._pair
         if pair is None or not pair.trajectories.exists() or not pair.tracks.exists():
             return None
-        tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "track", "set", "label"))
-        mine = [row for row in tracks.to_pylist() if row["topic"] == series.topic]
+        tracks = read_columns(
+            pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "frame_id", "track", "set", "label")
+        )
+        sensor = series.topic, series.frame_id
+        mine = [row for row in tracks.to_pylist() if (row["topic"], row["frame_id"]) == sensor]
         agents = np.array([row["track"] for row in mine if row["set"] == "A"], np.int64)
         labels = {row["track"]: row["label"] for row in mine if row["label"] is not None}
         columns = ("topic", "track", "sweep", "frame", "x", "y", "seen")
@@ -308,7 +321,7 @@ class Watching:
         """Refuse zones in a fixed frame where the sweeps contradict the poses; return notes on matched worlds."""
         fixed = {
             (zone.zone.name, topic): zone.zone.frame
-            for topic, each in self._counting.items()
+            for (topic, _), each in self._counting.items()
             for zone in each.series.zones
             if zone.zone.frame == WORLD or frame_name(zone.zone.frame).rpartition("/")[2] in WORLDS
         }
@@ -320,7 +333,7 @@ class Watching:
                         f"zone '{name}' is in the frame {where}, and the poses of {frame or 'the sensor'} contradict the "
                         f"sweeps of {topic}: nothing written; give other poses (--pose TOPIC, --poses FILE)"
                     )
-                if told.get("world") == MATCH and where == WORLD:
+                if world_in(told, topic) == MATCH and where == WORLD:
                     notes[
                         f"zone '{name}' is in the world of the path that is matched from the sweeps of {topic}"
                     ] = None

@@ -56,12 +56,13 @@ class Showing:
         sets : (S, B) index into `SETS` of each beam; None where nobody knows
         """
         sensor = batch.frame_ids[int(batch.frame[0])]
-        masks = self._frames.masks_for(self._zones.masks, batch)
+        frames = self._frames.of_topic(batch.topic)
+        masks = frames.masks_for(self._zones.masks, batch)
         ranges = batch.ranges
         if masks.masks:
             ranges = np.where(masks.under(batch, ranges), np.float32(np.nan), ranges)
         for zone in self._zones.zones:
-            place = self._place(zone, batch, sensor)
+            place = self._place(zone, batch, sensor, frames)
             if zone.shape is None or place is None:
                 continue
             beams = np.zeros(ranges.shape, np.bool_)
@@ -74,14 +75,14 @@ class Showing:
 
     def notes(self) -> list[str]:
         """Return a line for each zone that is not shown, or not as occupied."""
-        return [*self._zones.notes, *self._notes]
+        return [*self._zones.notes, *self._notes, *self._frames.notes()]
 
-    def _place(self, zone: Zone, batch: SweepBatch, sensor: str) -> SweepPoses | None:
+    def _place(self, zone: Zone, batch: SweepBatch, sensor: str, frames: Frames) -> SweepPoses | None:
         if zone.shape is None:
             why = "a topic tells its shape" if zone.shape_topic else "its shape depends on the velocity"
         elif zone.frame != WORLD:
             try:
-                return self._frames.sensor_in(zone.frame, sensor, batch.stamp_ns)
+                return frames.sensor_in(zone.frame, sensor, batch.stamp_ns)
             except NoScanError as err:
                 why = str(err)
         elif batch.poses is not None:

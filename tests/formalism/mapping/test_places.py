@@ -299,3 +299,17 @@ def test_a_body_within_another_has_its_own_beams_and_scraps_are_no_surface() -> 
     whole = heard(16 * [3.0], [14], [1])
     assert [k for k, told in enumerate(whole) if told == (1, 1)] == [0, 1, 14, 15]
     assert whole[2:14] == [nothing, *(10 * [surface]), nothing]
+
+
+def test_each_sensor_of_a_topic_has_places_of_its_own() -> None:
+    """What one of two sensors in turns sees as building is at the same place before it as a thing before the other one."""
+    batch = parked(make.box(2.0, 1.0, 0.5, 0.4))
+    found = detect(batch, EVERYTHING)
+    rear = np.arange(SWEEPS) % 2
+    found = replace(found, thing=np.where(rear[found.row] == 1, 0.05, 0.95))
+    both = replace(batch, frame_ids=("front", "rear"), frame=rear.astype(np.int32))
+    one = told_of(both, found).judged(found, 0.3)
+    np.testing.assert_array_equal(one.set == OBJECT, rear[found.row] == 0)
+    assert len({*Places().add(both, found).tolist()}) == 2
+    # All of them together say neither.
+    assert len({*told_of(batch, found).judged(found, 0.3).set.tolist()}) == 1

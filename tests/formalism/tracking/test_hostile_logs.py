@@ -216,14 +216,15 @@ def test_the_longest_log_keeps_no_more_than_a_short_one() -> None:
         batch = replace(log, sweep=index, stamp_ns=log.stamp_ns[0] + stamp * index)
         tracker.add(batch, detect(batch, Parameters()))
         sweeps += len(log)
+        (sensor,) = tracker._sensors
         most.append(
             (
-                tracker._fold.bodies.most,
-                tracker._fold.log.room,
-                tracker._fold.log.count,
-                len(tracker._register.bodies),
+                sensor.fold.bodies.most,
+                sensor.fold.log.room,
+                sensor.fold.log.count,
+                len(sensor.register.bodies),
                 len(tracker._waiting),
-                sum(len(piece.track) for piece in tracker._settled),
+                sum(len(piece.track) for piece in sensor.settled),
                 len(tracker._windows),
             )
         )

@@ -206,8 +206,8 @@ def test_what_is_settled_is_joined_and_taken_apart() -> None:
     again = Settled.joined([some.rows(slice(0, 2)), some.rows(slice(2, None))])
     for name in names:
         np.testing.assert_array_equal(getattr(again, name), getattr(some, name), strict=True)
-    assert Window(0, 0).count == 0
-    assert Window(0, 0, index=[np.arange(3), np.arange(4)]).count == 7
+    assert Window(0).count == 0
+    assert Window(0, index=[np.arange(3), np.arange(4)]).count == 7
 
 
 def test_room_for_sightings() -> None:

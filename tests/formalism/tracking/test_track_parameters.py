@@ -60,7 +60,8 @@ def test_frames_are_named_by_first_sight() -> None:
     both = replace(later, frame_ids=("b", "a"), frame=np.repeat(np.array([1, 0], np.int32), 10))
     told = follow([replace(log, frame_ids=("a",)), both])
     assert told.tracker.frames == ["a", "b"]
-    assert told.tracks.frame.tolist() == [0, 1]
+    assert told.tracks.frame.tolist() == [0, 1, 1]
+    assert told.tracks.track.tolist() == [1, 2, 3]
 
 
 @pytest.mark.slow

@@ -38,7 +38,7 @@ def driven(mount: Mount, delay: float) -> SweepBatch:
 
 
 def value_of(told: GivenPaths) -> list[float]:
-    return list(told.tracker._fold.correction.value)
+    return list(told.tracker._sensors[0].fold.correction.value)
 
 
 @pytest.mark.parametrize("delay", [0.1, -0.06])
