@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -14,7 +14,7 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.blocks import given_geometry
 from lidarcli.logs.csv.dialect import Dialect, guess_dialect, split_line
 from lidarcli.logs.numbers import parse_number
-from lidarcli.logs.times import NS, time_unit
+from lidarcli.logs.times import DATED, NS, TIME_OF_DAY, time_unit
 from lidarcli.sweeps import TURN, Float64, Int64
 
 ROSTOPIC = "rostopic echo -p"
@@ -30,6 +30,7 @@ RPLIDAR = "RPLIDAR"
 CORESLAM = "CoreSLAM"
 LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, MCAP_CAT, LIST, WIDE, LONG, PER_SWEEP)
 
+NO_STAMPS = "stamps are 0, tracks cannot tell what moves"
 MILLIMETRE = 0.001
 TITLES = "above those of an RPLIDAR write `#RPLIDAR SCAN DATA` and `#Quality Angle Distance`"
 """Advice for tables of this sensor without names."""
@@ -51,7 +52,7 @@ class Columns:
     topic: str
     fields: dict[str, int]
     units: dict[str, int] = field(default_factory=dict)
-    """`record` and `stamp` → nanoseconds per unit, see `times.time_unit`."""
+    """`record`, `stamp` and `date` → nanoseconds per unit, see `times.time_unit`."""
     ranges: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
     """(B,) Column of each beam; empty where `first` is enough."""
     first: int = 0
@@ -101,6 +102,8 @@ class Layout:
     brackets: bytes = b"["
     """First character of such a list."""
     notes: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
+    """Notes on columns of times that are not understood."""
 
 
 def expected_beams(angle_min: Float64, angle_max: Float64, increment: Float64) -> Int64:
@@ -139,17 +142,30 @@ class Head:
     def units(self, fields: dict[str, int]) -> dict[str, int]:
         """Return the units of the time columns among `fields`; a column that holds no times has none."""
         found: dict[str, int] = {}
-        for name in ("record", "stamp"):
-            if name not in fields:
-                continue
-            if self.names and self.names[0].strip().lower() == "%time":
+        for name in {"record", "stamp", "date"} & fields.keys():
+            if self.names and self.names[0].strip().lower() == "%time" and name != "date":
                 found[name] = NS
                 continue
             column = fields[name]
             unit = time_unit(self.names[column] if self.names else "", self.column(column))
             if unit is not None:
                 found[name] = unit
+        if "date" in found and found.get("record") == TIME_OF_DAY:
+            found["record"] = DATED
+        else:
+            found.pop("date", None)
         return found
+
+    def unread_times(self, scans: Sequence[Columns]) -> Iterator[str]:
+        """Yield a note for each column of times that is not understood."""
+        for scan in scans:
+            for name in sorted({"record", "stamp"} & scan.fields.keys() - scan.units.keys()):
+                column = scan.fields[name]
+                other = scan.units or {"seconds", "header"} & scan.fields.keys()
+                so = "another column tells them" if other else NO_STAMPS
+                named = self.names[column] if self.names else str(column + 1)
+                value = shown(next(iter(self.column(column)), b"empty"), 30)[1:-1]
+                yield f"times of column `{named}` are not understood ({value}): {so}"
 
     def need_geometry(self, name: str) -> None:
         """Raise UnreadableError, with the options that help, where neither file nor options give the bearings."""

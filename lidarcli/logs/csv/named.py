@@ -30,7 +30,6 @@ from lidarcli.logs.csv.layouts import (
 from lidarcli.logs.csv.nameless import refuse_numbered
 from lidarcli.logs.csv.rplidar import COUNTER_CLOCKWISE
 from lidarcli.logs.numbers import say
-from lidarcli.logs.times import time_unit
 from lidarcli.sweeps import TURN, Int64
 
 _MARKS = re.compile(r"[./\[\]\s%#:]+")
@@ -56,7 +55,8 @@ _FIELDS = {
         "seconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:secs?|seconds))",
         "nanoseconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:nsecs?|nanosecs?|nanoseconds))",
         "stamp": rf"(?:header_)?stamp{_UNIT}",
-        "record": rf"(?:rosbag)?(?:time_?stamp|(?:date|bag|record|log)?_?time|t|date|record){_UNIT}",
+        "record": rf"(?:rosbag)?(?:time_?stamp|(?:date|bag|record|log)?_?time|t|record){_UNIT}",
+        "date": r"date",
         "frame": r"(?:header_)?(?:frame_?id|frame)",
         "header": r"header",
         "seq": r"(?:header_)?(?:seq|sequence|index|id)",
@@ -155,6 +155,8 @@ class FieldIndex:
             found.pop("nanoseconds", None)
             if "seconds" in found:
                 found.setdefault("record", found.pop("seconds"))
+        if "record" not in found and "date" in found:
+            found["record"] = found.pop("date")
         return found
 
 
@@ -437,15 +439,8 @@ def _list_units(head: Head, fields: dict[str, int], first: list[str]) -> dict[st
         with suppress(ValueError):
             bare = empty_lists(line).decode("utf-8", "replace")
             records.append(csv_cells(bare, head.dialect.separator.decode()))
-    found: dict[str, int] = {}
-    for name in ("record", "stamp"):
-        if name in fields:
-            column = fields[name]
-            samples = [cells[column].encode() for cells in records if len(cells) == len(head.names)]
-            unit = time_unit(head.names[column], samples)
-            if unit is not None:
-                found[name] = unit
-    return found
+    rows = [[cell.encode() for cell in cells] for cells in records if len(cells) == len(head.names)]
+    return replace(head, rows=rows).units(fields)
 
 
 def _named_long_layout(head: Head, columns: LongColumns) -> Layout:

@@ -36,7 +36,7 @@ from lidarcli.logs.csv.layouts import (
     shown,
     value_of,
 )
-from lidarcli.logs.times import DATE, DATE_UNPADDED, US, S, time_unit
+from lidarcli.logs.times import NO_NUMBERS, US, S, time_unit
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 _SEQ_STEP = 10
@@ -197,7 +197,7 @@ class _Column:
     @property
     def is_date(self) -> bool:
         """True where all cells are dates."""
-        return time_unit("", self.cells) in (DATE, DATE_UNPADDED)
+        return time_unit("", self.cells) in NO_NUMBERS
 
     @property
     def is_whole(self) -> bool:
