@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.findings import Finding, Sensor
-from lidarcli.sweeps import Float64, Int64, RawSweeps
+from lidarcli.sweeps import Bool, Float64, Int64, RawSweeps
 from lidarcli.times import SECOND_NS, Instant
 
 SECOND = 1e-9
@@ -29,6 +30,12 @@ SAME_NS = 1
 """Equal stamps of text differ by at most this [ns]."""
 OFTEN = 0.05
 """Share of repeated or decreasing stamps above which they are no accident."""
+AROUND = 8
+"""Sweeps around a stamp by which it is judged."""
+HELD, HELD_VALUES = 1 << 12, 1 << 22
+"""Most sweeps, and ranges, of a topic that wait for sound stamps."""
+MAX_TOPICS = 1000
+"""Topics beyond this are taken as they are: a log may have a new one in every message."""
 LONG = 1.5
 """A step this many times the median one has left out a sweep."""
 
@@ -62,6 +69,8 @@ class ClockInfo:
     """Length of each run of equal stamps; 0 where the lengths differ."""
     runs: tuple[Run, ...] = ()
     """Runs between steps that nobody waits for; at most `RUNS` + 1."""
+    astray: tuple[float, ...] = ()
+    """How far stamps are ahead of those around them, where other times are taken in their place [s]."""
     long_steps: float = 0.0
     """Share of the steps ahead that are `LONG` times the median one."""
 
@@ -84,6 +93,20 @@ class ClockInfo:
         alone : no sweeps of other frames are between these
         """
         found = [each for each in (self._odd_steps(sensor, alike, alone),) if each is not None]
+        if self.astray:
+            away = max(self.astray, key=abs)
+            many = f"{len(self.astray):,} stamps of {sensor.name} are up to"
+            many = f"one stamp of {sensor.name} is" if len(self.astray) == 1 else many
+            found.append(
+                sensor.finding(
+                    "clock",
+                    "warning",
+                    f"{many} {_long(abs(away))} {'ahead of' if away > 0 else 'behind'} those around it: times that fit "
+                    "these are taken",
+                    {"astray": away, "sweeps": len(self.astray)},
+                    {"astray": LEAP},
+                )
+            )
         if self.recorded:
             every = self.recorded == self.sweeps
             some = "no sweep" if every else f"{self.recorded:,} of {self.sweeps:,} sweeps"
@@ -144,15 +167,6 @@ class ClockInfo:
                 back,
                 {"backward": often},
             )
-        if (astray := self._astray()) is not None:
-            side = "ahead of" if astray > 0 else "behind"
-            return sensor.finding(
-                "clock",
-                "warning",
-                f"one stamp of {name} is {_long(abs(astray))} {side} those around it",
-                {"astray": astray},
-                {"astray": SET_BACK},
-            )
         if self.largest_backward >= SET_BACK:
             return sensor.finding(
                 "clock",
@@ -174,15 +188,6 @@ class ClockInfo:
     def times_back(self, most: str) -> str:
         """Return the number of steps back and the largest one as words."""
         return f"once, by {most}" if self.backward == 1 else f"{self.backward:,} times, by at most {most}"
-
-    def _astray(self) -> float | None:
-        """Return how far one sweep is ahead of its neighbours [s]; None unless it is the only odd one."""
-        if len(self.runs) != 3 or self.runs[1].sweeps > 1:
-            return None
-        before, one, after = self.runs
-        ahead = (one.low_ns - before.high_ns) * SECOND
-        goes_on = before.high_ns <= after.low_ns <= before.high_ns + LEAP * SECOND_NS
-        return ahead if goes_on else None
 
     def _several(self) -> str:
         """Return the cause of a leap, and the options that read only one side of it where the times allow it."""
@@ -254,6 +259,118 @@ class Sample:
         return float(np.mean(np.concatenate(self._parts) > value)) if self._count else 0.0
 
 
+def mended(blocks: Iterable[RawSweeps]) -> Iterator[RawSweeps]:
+    """Yield the sweeps of a log, in its order within each topic, with times that fit where a stamp is none.
+
+    A header may have no stamp, or one of another clock: of the time before a simulation began, or the clock was set.
+    """
+    topics: dict[str, _Mending] = {}
+    for block in blocks:
+        if block.topic in topics or len(topics) < MAX_TOPICS:
+            yield from topics.setdefault(block.topic, _Mending()).take(block)
+        else:
+            yield block
+    for each in topics.values():
+        yield from each.settle()
+
+
+class _Mending:
+    """Sweeps of one topic, of which those around a stamp that is no time wait for more."""
+
+    def __init__(self) -> None:
+        self._waiting: list[RawSweeps] = []
+        self._size = self._enough = 0
+        """Sweeps that wait, and how many are looked at again."""
+        self._count = 0
+        """Sweeps before those."""
+        self._sound = np.zeros((3, 0), np.int64)
+        """Number, time and record time of the last sound sweeps."""
+
+    def take(self, block: RawSweeps) -> Iterator[RawSweeps]:
+        """Add a block; yield what is known to be sound or mended."""
+        self._waiting.append(block)
+        self._size += len(block)
+        if self._size < self._enough:
+            return
+        stamps, records = self._times()
+        steps = np.diff(stamps, prepend=[*self._sound[1, -1:], *stamps[:1]][:1])
+        odd = (np.abs(steps * SECOND) > LEAP) | _missing(stamps, records)
+        known = self._sound.shape[1] + int(np.count_nonzero(~odd)) >= AROUND
+        full = self._size >= HELD or sum(each.ranges.size for each in self._waiting) >= HELD_VALUES
+        if odd.any() and not full and (not known or len(odd) <= AROUND or odd[-AROUND:].any()):
+            self._enough = self._size + max(AROUND, self._size // 4)
+        else:
+            yield from self.settle(bool(odd.any()))
+
+    def settle(self, mends: bool = True) -> Iterator[RawSweeps]:
+        """Yield the waiting sweeps, mended."""
+        if not self._waiting:
+            return
+        stamps, records = self._times()
+        number = np.concatenate([self._sound[0], self._count + np.arange(len(stamps))])
+        times, records = (
+            np.concatenate(each) for each in zip(self._sound[1:], (stamps, records), strict=True)
+        )
+        new = len(self._sound[0])
+        odd = np.zeros(len(times), np.bool_)
+        if mends:
+            odd[new:] = _missing(stamps, records[new:])
+            told = np.flatnonzero(~odd)
+            odd[told] = _astray(times[told])
+            odd[:new] = False
+        good = np.flatnonzero(~odd)
+        if len(good):
+            for row in np.flatnonzero(odd).tolist():
+                at = int(np.searchsorted(good, row))
+                near = good[max(at - AROUND, 0) : max(at, AROUND)]
+                if records[row] not in (0, times[row]):
+                    times[row] = records[row] - _middle(records[near] - times[near])
+                elif len(near) > 1:
+                    beside = good[max(at - 1, 0)]
+                    times[row] = times[beside] + _middle(np.diff(times[near])) * (
+                        number[row] - number[beside]
+                    )
+        place = new
+        for block in self._waiting:
+            rows = slice(place, place + len(block))
+            yield replace(block, mended_ns=times[rows]) if len(good) and odd[rows].any() else block
+            place += len(block)
+        self._count += len(stamps)
+        self._sound = np.stack([number, times, records])[:, good[-AROUND:]]
+        self._waiting, self._size, self._enough = [], 0, 0
+
+    def _times(self) -> tuple[Int64, Int64]:
+        """Return stamps and record times of the waiting sweeps."""
+        return (
+            np.concatenate([block.stamp_ns for block in self._waiting]),
+            np.concatenate([block.record_ns for block in self._waiting]),
+        )
+
+
+def _missing(stamps: Int64, records: Int64) -> Bool:
+    """Return True (S,) for headers without a stamp that were recorded at a time which is known."""
+    missing: Bool = (stamps == 0) & (records != 0)
+    return missing
+
+
+def _astray(times: Int64) -> Bool:
+    """Return True (S,) for few times that are far from those around them, which are near each other."""
+    width = min(AROUND + 1, len(times))
+    first = np.clip(np.arange(len(times)) - AROUND // 2, 0, len(times) - width)
+    around = times[first[:, None] + np.arange(width)] * SECOND
+    with np.errstate(invalid="ignore"):
+        alike = np.abs(around - times[:, None] * SECOND) <= LEAP
+        usual = np.abs(around - np.median(around, axis=1, keepdims=True)) <= LEAP
+    few: Bool = (3 * np.count_nonzero(alike, axis=1) <= width) & (2 * np.count_nonzero(usual, axis=1) > width)
+    return few
+
+
+def _middle(values: Int64) -> np.int64:
+    """Return the median, exactly."""
+    middle: np.int64 = np.sort(values)[len(values) // 2]
+    return middle
+
+
 class Clock:
     """Folds blocks of sweeps of one topic and frame, in log order, into `ClockInfo`."""
 
@@ -276,6 +393,7 @@ class Clock:
         self._since = 0
         """Number of the sweep at which the current run of equal stamps begins."""
         self._runs: list[Run] = []
+        self._astray: list[float] = []
 
     @property
     def sweeps(self) -> int:
@@ -290,8 +408,12 @@ class Clock:
         has_stamp = block.stamp_ns != 0
         self._zero += int(np.count_nonzero(~has_stamp))
         self._recorded += int(np.count_nonzero(~has_stamp & (block.record_ns != 0)))
-        self._offsets.add((block.record_ns - block.stamp_ns)[has_stamp])
         stamps = block.time_ns
+        if block.mended_ns is not None and len(self._astray) < _KEPT:
+            odd = (stamps != block.stamp_ns) & (has_stamp | (block.record_ns == 0))
+            self._astray += ((block.stamp_ns[odd] - stamps[odd].astype(np.float64)) * SECOND).tolist()
+            has_stamp &= ~odd
+        self._offsets.add((block.record_ns - block.stamp_ns)[has_stamp])
         before = stamps[:1] if self._last is None else np.array([self._last])
         steps = np.diff(np.concatenate([before, stamps]))[self._last is None :]
         self._steps.add(steps[steps > 0])
@@ -357,5 +479,6 @@ class Clock:
             largest_forward=self._forward * SECOND,
             copies=copies if self._number < self._since + copies else 0,
             runs=tuple(self._runs),
+            astray=tuple(self._astray),
             long_steps=0.0 if step is None else self._steps.share_above(LONG * step),
         )
