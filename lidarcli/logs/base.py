@@ -106,6 +106,8 @@ class ReadReport:
     """Choices the reader made that a user should know (the CSV layout taken, a missing metadata.yaml)."""
     no_return: dict[str, float] = field(default_factory=dict)
     """Topic → the range [m] from which on there is no return, by a pile of values (`logs.piles`)."""
+    unread: dict[str, str] = field(default_factory=dict)
+    """Topic → a note on a column of times that is not understood."""
     doubts: dict[str, tuple[Finding, ...]] = field(default_factory=dict)
     """Topic → what a user should know of how its ranges are judged, and what looks wrong in its sweeps (`logs.doubts`)."""
 
@@ -137,6 +139,7 @@ class ReadReport:
         self.refused.update(other.refused)
         self.notes += [note for note in other.notes if note not in self.notes]
         self.no_return.update(other.no_return)
+        self.unread.update(other.unread)
         for topic, findings in other.doubts.items():
             self.add_doubts(topic, findings)
 

@@ -26,14 +26,16 @@ LEAP = 3600.0
 """No pause between two sweeps is this long [s]."""
 RUNS = 3
 """Most runs between large steps that are told apart."""
+NO_STAMPS = "stamps are 0, tracks cannot tell what moves"
+"""End of the finding on times that are not understood."""
 SAME_NS = 1
 """Equal stamps of text differ by at most this [ns]."""
 OFTEN = 0.05
 """Share of repeated or decreasing stamps above which they are no accident."""
 AROUND = 8
 """Sweeps around a stamp by which it is judged."""
-HELD, HELD_VALUES = 1 << 12, 1 << 22
-"""Most sweeps, and ranges, of a topic that wait for sound stamps."""
+HELD = 1024
+"""Most sweeps of a topic that wait for sound stamps; fewer of many beams."""
 MAX_TOPICS = 1000
 """Topics beyond this are taken as they are: a log may have a new one in every message."""
 LONG = 1.5
@@ -139,6 +141,13 @@ class ClockInfo:
                 repeats,
                 {"repeated": often},
                 option,
+            )
+        if self.sweeps > 1 and self.span <= SAME_NS * SECOND * self.sweeps:
+            return sensor.finding(
+                "clock",
+                "error",
+                f"all {self.sweeps:,} sweeps of {name} have one stamp: tracks cannot tell what moves",
+                {"sweeps": self.sweeps},
             )
         if self.repeated > often:
             return sensor.finding(
@@ -279,88 +288,61 @@ class _Mending:
 
     def __init__(self) -> None:
         self._waiting: list[RawSweeps] = []
-        self._size = self._enough = 0
-        """Sweeps that wait, and how many are looked at again."""
-        self._count = 0
-        """Sweeps before those."""
-        self._sound = np.zeros((3, 0), np.int64)
-        """Number, time and record time of the last sound sweeps."""
+        self._sound = np.zeros((2, 0), np.int64)
+        """Time and record time of the last sound sweeps."""
 
     def take(self, block: RawSweeps) -> Iterator[RawSweeps]:
         """Add a block; yield what is known to be sound or mended."""
         self._waiting.append(block)
-        self._size += len(block)
-        if self._size < self._enough:
-            return
-        stamps, records = self._times()
-        steps = np.diff(stamps, prepend=[*self._sound[1, -1:], *stamps[:1]][:1])
-        odd = (np.abs(steps * SECOND) > LEAP) | _missing(stamps, records)
-        known = self._sound.shape[1] + int(np.count_nonzero(~odd)) >= AROUND
-        full = self._size >= HELD or sum(each.ranges.size for each in self._waiting) >= HELD_VALUES
-        if odd.any() and not full and (not known or len(odd) <= AROUND or odd[-AROUND:].any()):
-            self._enough = self._size + max(AROUND, self._size // 4)
-        else:
+        times, records = self._times()
+        odd = (np.abs(np.diff(times, prepend=times[:1]) * SECOND) > LEAP) | ((times == 0) & (records != 0))
+        sure = np.count_nonzero(~odd) >= AROUND and not odd[-AROUND:].any()
+        if (
+            sure
+            or not odd.any()
+            or sum(len(it) * (HELD + it.ranges.shape[1]) for it in self._waiting) > HELD**2
+        ):
             yield from self.settle(bool(odd.any()))
 
     def settle(self, mends: bool = True) -> Iterator[RawSweeps]:
         """Yield the waiting sweeps, mended."""
-        if not self._waiting:
-            return
-        stamps, records = self._times()
-        number = np.concatenate([self._sound[0], self._count + np.arange(len(stamps))])
-        times, records = (
-            np.concatenate(each) for each in zip(self._sound[1:], (stamps, records), strict=True)
-        )
-        new = len(self._sound[0])
+        times, records = self._times()
         odd = np.zeros(len(times), np.bool_)
+        place = self._sound.shape[1]
         if mends:
-            odd[new:] = _missing(stamps, records[new:])
-            told = np.flatnonzero(~odd)
-            odd[told] = _astray(times[told])
-            odd[:new] = False
+            odd = (times == 0) & (records != 0)
+            odd[~odd] = _astray(times[~odd])
+            odd[:place] = False
         good = np.flatnonzero(~odd)
-        if len(good):
-            for row in np.flatnonzero(odd).tolist():
-                at = int(np.searchsorted(good, row))
-                near = good[max(at - AROUND, 0) : max(at, AROUND)]
-                if records[row] not in (0, times[row]):
-                    times[row] = records[row] - _middle(records[near] - times[near])
-                elif len(near) > 1:
-                    beside = good[max(at - 1, 0)]
-                    times[row] = times[beside] + _middle(np.diff(times[near])) * (
-                        number[row] - number[beside]
-                    )
-        place = new
+        for row in np.flatnonzero(odd).tolist() if len(good) else ():
+            at = int(np.searchsorted(good, row))
+            near = good[max(at - AROUND, 0) : max(at, AROUND)]
+            if records[row] not in (0, times[row]):
+                times[row] = records[row] - _middle(records[near] - times[near])
+            elif len(near) > 1:
+                beside = good[max(at - 1, 0)]
+                times[row] = times[beside] + _middle(np.diff(times[near])) * (row - beside)
         for block in self._waiting:
-            rows = slice(place, place + len(block))
+            rows = slice(place, place := place + len(block))
             yield replace(block, mended_ns=times[rows]) if len(good) and odd[rows].any() else block
-            place += len(block)
-        self._count += len(stamps)
-        self._sound = np.stack([number, times, records])[:, good[-AROUND:]]
-        self._waiting, self._size, self._enough = [], 0, 0
+        self._sound = np.stack([times, records])[:, good[-AROUND:]]
+        self._waiting = []
 
-    def _times(self) -> tuple[Int64, Int64]:
-        """Return stamps and record times of the waiting sweeps."""
-        return (
-            np.concatenate([block.stamp_ns for block in self._waiting]),
-            np.concatenate([block.record_ns for block in self._waiting]),
-        )
-
-
-def _missing(stamps: Int64, records: Int64) -> Bool:
-    """Return True (S,) for headers without a stamp that were recorded at a time which is known."""
-    missing: Bool = (stamps == 0) & (records != 0)
-    return missing
+    def _times(self) -> Int64:
+        """Return stamps and record times (2, S) of the last sound sweeps and those that wait."""
+        waiting = [(block.stamp_ns, block.record_ns) for block in self._waiting]
+        return np.concatenate([self._sound, *waiting], axis=1)
 
 
 def _astray(times: Int64) -> Bool:
     """Return True (S,) for few times that are far from those around them, which are near each other."""
     width = min(AROUND + 1, len(times))
+    if width < 3:
+        return np.zeros(len(times), np.bool_)
     first = np.clip(np.arange(len(times)) - AROUND // 2, 0, len(times) - width)
     around = times[first[:, None] + np.arange(width)] * SECOND
-    with np.errstate(invalid="ignore"):
-        alike = np.abs(around - times[:, None] * SECOND) <= LEAP
-        usual = np.abs(around - np.median(around, axis=1, keepdims=True)) <= LEAP
+    alike = np.abs(around - times[:, None] * SECOND) <= LEAP
+    usual = np.abs(around - np.median(around, axis=1, keepdims=True)) <= LEAP
     few: Bool = (3 * np.count_nonzero(alike, axis=1) <= width) & (2 * np.count_nonzero(usual, axis=1) > width)
     return few
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -12,6 +12,7 @@ import numpy as np
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.blocks import given_geometry
+from lidarcli.logs.clock import NO_STAMPS
 from lidarcli.logs.csv.dialect import Dialect, guess_dialect, split_line
 from lidarcli.logs.numbers import parse_number
 from lidarcli.logs.times import DATED, NS, TIME_OF_DAY, time_unit
@@ -30,7 +31,6 @@ RPLIDAR = "RPLIDAR"
 CORESLAM = "CoreSLAM"
 LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, MCAP_CAT, LIST, WIDE, LONG, PER_SWEEP)
 
-NO_STAMPS = "stamps are 0, tracks cannot tell what moves"
 MILLIMETRE = 0.001
 TITLES = "above those of an RPLIDAR write `#RPLIDAR SCAN DATA` and `#Quality Angle Distance`"
 """Advice for tables of this sensor without names."""
@@ -102,8 +102,8 @@ class Layout:
     brackets: bytes = b"["
     """First character of such a list."""
     notes: tuple[str, ...] = ()
-    unread: tuple[str, ...] = ()
-    """Notes on columns of times that are not understood."""
+    unread: dict[str, str] = field(default_factory=dict)
+    """Topic → a note on a column of times that is not understood."""
 
 
 def expected_beams(angle_min: Float64, angle_max: Float64, increment: Float64) -> Int64:
@@ -156,8 +156,9 @@ class Head:
             found.pop("date", None)
         return found
 
-    def unread_times(self, scans: Sequence[Columns]) -> Iterator[str]:
-        """Yield a note for each column of times that is not understood."""
+    def unread_times(self, scans: Sequence[Columns]) -> dict[str, str]:
+        """Return a note for each topic with a column of times that is not understood."""
+        found: dict[str, str] = {}
         for scan in scans:
             for name in sorted({"record", "stamp"} & scan.fields.keys() - scan.units.keys()):
                 column = scan.fields[name]
@@ -165,7 +166,8 @@ class Head:
                 so = "another column tells them" if other else NO_STAMPS
                 named = self.names[column] if self.names else str(column + 1)
                 value = shown(next(iter(self.column(column)), b"empty"), 30)[1:-1]
-                yield f"times of column `{named}` are not understood ({value}): {so}"
+                found[scan.topic] = f"times of column `{named}` are not understood ({value}): {so}"
+        return found
 
     def need_geometry(self, name: str) -> None:
         """Raise UnreadableError, with the options that help, where neither file nor options give the bearings."""

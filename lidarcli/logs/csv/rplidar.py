@@ -127,7 +127,7 @@ def _saved(numbered: Sequence[tuple[int, bytes]]) -> Layout | None:
             layout = _layout(SAVED, number, names.index("angle"), names.index("distance"), len(names))
             fields = {"record": names.index("time")} if "time" in names else {}
             scan = replace(layout.scans[0], fields=fields, units=head.units(fields))
-            return replace(layout, scans=(scan,), unread=tuple(head.unread_times([scan])))
+            return replace(layout, scans=(scan,), unread=head.unread_times([scan]))
         words = [_NAMES.get(word.lower(), "") for word in _WORD.findall(line)]
         if words and all(words):
             names = words
