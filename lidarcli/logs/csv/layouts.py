@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -210,6 +211,8 @@ class Head:
 def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
     """Find the table, its dialect and its names; UnreadableError where there is no table."""
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    # Spreadsheets name their separator so.
+    numbered = numbered[bool(numbered and re.fullmatch(rb'\s*"?sep=."?\s*', numbered[0][1], re.IGNORECASE)) :]
     comment = b""
     while numbered and numbered[0][1].lstrip()[:1] == b"#":
         comment = numbered.pop(0)[1]
@@ -225,7 +228,7 @@ def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
     cells = [split_line(line, dialect) for _, line in numbered]
     number, first = numbered[0]
     if is_header(cells[0]):
-        names = [cell.decode("utf-8", "replace") for cell in cells[0]]
+        names = [*map(_name, cells[0])]
         return Head(
             path, dialect, names, first, number + 1, [line for _, line in numbered[1:]], cells[1:], options
         )
@@ -233,8 +236,17 @@ def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
     if comment:
         words = split_line(comment.lstrip().lstrip(b"#").lstrip(), dialect)
         if len(words) == len(cells[0]) and is_header(words):
-            names = [cell.decode("utf-8", "replace") for cell in words]
+            names = [*map(_name, words)]
     return Head(path, dialect, names, b"", number, [line for _, line in numbered], cells, options)
+
+
+def _name(cell: bytes) -> str:
+    """Return the text of a name: in UTF-8, else in GBK where all bytes beyond ASCII are pairs, else in Latin-1."""
+    try:
+        return cell.decode()
+    except UnicodeDecodeError:
+        pairs = re.fullmatch(rb"(?:[\0-\x7f]|[\xa1-\xf7][\xa1-\xfe])*", cell)
+        return cell.decode("gbk" if pairs else "latin-1", "replace")
 
 
 def _sample(numbered: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import groupby
 from string import whitespace
 
 import numpy as np
@@ -26,7 +27,9 @@ from lidarcli.logs.csv.layouts import (
     Layout,
     repeats,
     shown,
+    value_of,
 )
+from lidarcli.logs.csv.long_form import cut_restarts
 from lidarcli.logs.csv.nameless import refuse_numbered
 from lidarcli.logs.csv.rplidar import COUNTER_CLOCKWISE
 from lidarcli.logs.numbers import say
@@ -459,8 +462,12 @@ def _named_long_layout(head: Head, columns: LongColumns) -> Layout:
             fields.pop(taken, None)
     key = columns.sweep
     for name in ("stamp", "record"):
-        if key is None and name in fields and repeats(head.column(fields[name])):
-            key = fields[name]
+        if key is None and name in fields and repeats(cells := head.column(fields[name])):
+            # A time with few digits changes within a turn as well.
+            turns = len(
+                cut_restarts(np.array([value_of(cell) for cell in head.column(columns.angle)], np.float64))
+            )
+            key = fields[name] if turns == 1 or sum(1 for _ in groupby(cells)) <= 2 * turns else None
     layout = head.long_layout(columns.angle, columns.range, key, columns.degrees, fields)
     if layout.degrees and "quality" in map(canonical, head.names):
         return replace(layout, notes=(*layout.notes, COUNTER_CLOCKWISE))

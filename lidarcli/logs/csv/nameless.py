@@ -215,7 +215,7 @@ def _leading(rows: Sequence[Sequence[bytes]]) -> tuple[dict[str, int], int]:
     """Return the fields before the ranges, and the first column of ranges."""
     first, second = (_Column.of(rows, index) for index in range(2))
     if first.is_date:
-        return {"record": 0}, 1
+        return ({"date": 0, "record": 1}, 2) if second.is_date else ({"record": 0}, 1)
     if _are_seconds(first, second):
         return {"seconds": 0, "nanoseconds": 1}, 2
     if _is_counter(first) and _is_time_behind_counter(rows, first, second):
