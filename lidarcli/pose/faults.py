@@ -36,8 +36,8 @@ def unplaced(frame: str, others: Sequence[str], topic: str = "", tracks: Sequenc
         for each in tracks
         if each.parent.rpartition("/")[2] in WORLDS and each.child.rpartition("/")[2] not in WORLDS
     ]
-    if robots and frame not in known:
-        hint += f": {robots[0]} > {frame} is missing; in the first part? --join reads it"
+    if robots and not others and frame not in known:
+        hint = f": {robots[0]} > {frame} is missing; in the first part? --join reads it"
     message = f"no pose for frame {frame or 'without a name'}: nothing leads from it to a fixed frame{hint}"
     return Finding("frames", "warning", topic, frame, message)
 

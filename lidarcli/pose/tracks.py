@@ -482,9 +482,9 @@ def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
         if len(words) == KITTI_COLUMNS:
             why = " (KITTI files tell no times)"
         elif words and words[0].isdigit() and len(words[0]) > MOST_DIGITS:
-            why = " (nanoseconds, as EuRoC has them, with qw first)"
+            why = " (nanoseconds, as in EuRoC files, whose qw comes first: write seconds)"
         raise UnreadableError(
-            f"{path}: line {number}: '{shown}' is no pose{why}; lines are timestamp x y z qx qy qz qw, the time in seconds"
+            f"{path}: line {number}: '{shown}' is no pose{why}; lines are timestamp x y z qx qy qz qw"
         ) from None
 
 
