@@ -76,8 +76,14 @@ class File:
     """The path or URL of a file or folder."""
 
     metavar: str
+    """Placeholder; behind `|` stand words that may be given in place of a path."""
     is_output: bool = False
     """True for a path that is written."""
+
+    @property
+    def words(self) -> list[str]:
+        """Words that are no path: `auto` and `none` of `FILE|auto|none`."""
+        return self.metavar.split("|")[1:]
 
 
 Value = Number | Text | File | tuple[str, ...] | None

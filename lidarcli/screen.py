@@ -73,9 +73,16 @@ class Count(Protocol):
 @contextmanager
 def byte_bar(screen: Screen) -> Iterator[Callable[[int, int | None, str], None]]:
     """A bar by bytes read: yields what is called with their number, that of all, and the name of what is read."""
-    from rich.progress import DownloadColumn, TransferSpeedColumn
+    from rich.progress import DownloadColumn, Task, TransferSpeedColumn
+    from rich.text import Text
 
-    with _bar("", None, (DownloadColumn(), TransferSpeedColumn()), screen) as show:
+    class Speed(TransferSpeedColumn):
+        """Bytes per second, once they are known."""
+
+        def render(self, task: Task) -> Text:
+            return super().render(task) if task.speed else Text()
+
+    with _bar("", None, (DownloadColumn(), Speed()), screen) as show:
         yield show
 
 
@@ -117,7 +124,14 @@ def _bar(
 ) -> Iterator[Callable[[int, int | None, str], None]]:
     """A bar that comes up after `PATIENCE`: yields what is called with things done, of how many, and the name beside it."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, Task, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class Left(TimeRemainingColumn):
+        """Time that is left, once it is known."""
+
+        def render(self, task: Task) -> Text:
+            return Text() if task.time_remaining is None else super().render(task).append(" left")
 
     console = Console(stderr=True)
     bar = Progress(
@@ -125,8 +139,7 @@ def _bar(
         BarColumn(bar_width=10),
         TaskProgressColumn(text_format_no_percentage=""),
         *columns,
-        TimeRemainingColumn(),
-        TextColumn("left"),
+        Left(),
         console=console,
         transient=True,
     )

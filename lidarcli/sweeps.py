@@ -108,13 +108,17 @@ class RawSweeps:
     """(S, B) how strong each return is, in the sensor's own unit; NaN where none is told. None: no sweep tells any."""
     angle_max: Float64 | None = None
     """(S,) bearing of the last beam [rad] as the log tells it; the increment counts. None where it does not tell."""
+    mended_ns: Int64 | None = None
+    """(S,) time of each sweep where some stamps are no times among the others (`logs.clock.mended`); None: all are."""
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
     @property
     def time_ns(self) -> Int64:
-        """(S,) time of each sweep: its header stamp, or the record time where the header has none."""
+        """(S,) time of each sweep: its header stamp, or the record time where the header has none, or a mended one."""
+        if self.mended_ns is not None:
+            return self.mended_ns
         return np.where(self.stamp_ns == 0, self.record_ns, self.stamp_ns)
 
     def rows(self, index: slice | NDArray[np.intp] | Bool) -> RawSweeps:
@@ -130,7 +134,7 @@ class RawSweeps:
 
 
 _TOLD = ("time_increment", "scan_time", "angle_max")
-_OPTIONAL = (*_TOLD, "intensities")
+_OPTIONAL = (*_TOLD, "intensities", "mended_ns")
 _ROW_FIELDS = (
     "frame",
     "stamp_ns",
@@ -160,6 +164,8 @@ def concatenate(blocks: list[RawSweeps]) -> RawSweeps:
         told = [some for block in blocks if (some := getattr(block, name)) is not None]
         if len(told) == len(blocks):
             joined[name] = np.concatenate(told)
+    if any(block.mended_ns is not None for block in blocks):
+        joined["mended_ns"] = np.concatenate([block.time_ns for block in blocks])
     if any(block.intensities is not None for block in blocks):
         joined["intensities"] = _stacked(blocks, "intensities")
     return RawSweeps(

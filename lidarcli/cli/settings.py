@@ -19,6 +19,7 @@ from click.core import ParameterSource
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import ORIGINS, DeclaredOption, Refused
 from lidarcli.errors import LidarcliError, OptionError
+from lidarcli.option_forms import File
 from lidarcli.screen import one_line
 
 NAME = "lidarcli.toml"
@@ -328,8 +329,9 @@ def _typed(file: str, command: str, option: DeclaredOption, value: Any) -> Any:
 
 def _text(file: str, option: DeclaredOption, item: str | float) -> str:
     """One value as it would be typed; the path of an input is meant from the folder of the file."""
-    is_input = isinstance(option.type, click.Path) and not option.is_output
-    if not isinstance(item, str) or not is_input or item == "-" or "://" in item:
+    form = option.declared.value
+    is_path = isinstance(form, File) and not form.is_output and item not in ("-", *form.words)
+    if not isinstance(item, str) or not is_path or "://" in item:
         return str(item)
     return os.path.join(os.path.dirname(file), item)  # noqa: PTH118, PTH120 (keeps what Path would tidy away)
 
@@ -409,7 +411,8 @@ def _why_no_output(folder: Path, name: str) -> str | None:
 
 def _why_no_input(folder: Path, option: DeclaredOption, name: str) -> str | None:
     """Why nothing is to be read from there: it would be shown to whoever sees the messages, or to another machine."""
-    if not isinstance(option.type, click.Path):
+    form = option.declared.value
+    if not isinstance(form, File) or name in form.words:
         return None
     if "://" in name or name.startswith(_SHARES):
         return "it is on another machine, which would see who asks"

@@ -115,6 +115,8 @@ class ReadReport:
     """Topics whose messages were joined to turns (`logs.segments`)."""
     no_return: dict[str, float] = field(default_factory=dict)
     """Topic → the range [m] from which on there is no return, by a pile of values (`logs.piles`)."""
+    unread: dict[str, str] = field(default_factory=dict)
+    """Topic → a note on a column of times that is not understood."""
     doubts: dict[str, tuple[Finding, ...]] = field(default_factory=dict)
     """Topic → what a user should know of how its ranges are judged, and what looks wrong in its sweeps (`logs.doubts`)."""
 
@@ -147,6 +149,7 @@ class ReadReport:
         self.notes += [note for note in other.notes if note not in self.notes]
         self.segments |= other.segments
         self.no_return.update(other.no_return)
+        self.unread.update(other.unread)
         for topic, findings in other.doubts.items():
             self.add_doubts(topic, findings)
 

@@ -12,10 +12,11 @@ import numpy as np
 from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
+from lidarcli.logs.clock import MAX_TOPICS
 from lidarcli.logs.doubts import Doubts
 from lidarcli.logs.faults import MOST_TOPICS, Faults, repeated_topics
 from lidarcli.logs.options import TopicChoice
-from lidarcli.logs.piles import MAX_TOPICS, Settling
+from lidarcli.logs.piles import Settling
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
 from lidarcli.times import Instant, as_time

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.findings import Finding, Sensor
-from lidarcli.sweeps import Float64, Int64, RawSweeps
+from lidarcli.sweeps import Bool, Float64, Int64, RawSweeps
 from lidarcli.times import SECOND_NS, Instant
 
 SECOND = 1e-9
@@ -25,10 +26,18 @@ LEAP = 3600.0
 """No pause between two sweeps is this long [s]."""
 RUNS = 3
 """Most runs between large steps that are told apart."""
+NO_STAMPS = "stamps are 0, tracks cannot tell what moves"
+"""End of the finding on times that are not understood."""
 SAME_NS = 1
 """Equal stamps of text differ by at most this [ns]."""
 OFTEN = 0.05
 """Share of repeated or decreasing stamps above which they are no accident."""
+AROUND = 8
+"""Sweeps around a stamp by which it is judged."""
+HELD = 1024
+"""Most sweeps of a topic that wait for sound stamps; fewer of many beams."""
+MAX_TOPICS = 1000
+"""Topics beyond this are taken as they are: a log may have a new one in every message."""
 LONG = 1.5
 """A step this many times the median one has left out a sweep."""
 
@@ -62,6 +71,8 @@ class ClockInfo:
     """Length of each run of equal stamps; 0 where the lengths differ."""
     runs: tuple[Run, ...] = ()
     """Runs between steps that nobody waits for; at most `RUNS` + 1."""
+    astray: tuple[float, ...] = ()
+    """How far stamps are ahead of those around them, where other times are taken in their place [s]."""
     long_steps: float = 0.0
     """Share of the steps ahead that are `LONG` times the median one."""
 
@@ -84,6 +95,20 @@ class ClockInfo:
         alone : no sweeps of other frames are between these
         """
         found = [each for each in (self._odd_steps(sensor, alike, alone),) if each is not None]
+        if self.astray:
+            away = max(self.astray, key=abs)
+            many = f"{len(self.astray):,} stamps of {sensor.name} are up to"
+            many = f"one stamp of {sensor.name} is" if len(self.astray) == 1 else many
+            found.append(
+                sensor.finding(
+                    "clock",
+                    "warning",
+                    f"{many} {_long(abs(away))} {'ahead of' if away > 0 else 'behind'} those around it: times that fit "
+                    "these are taken",
+                    {"astray": away, "sweeps": len(self.astray)},
+                    {"astray": LEAP},
+                )
+            )
         if self.recorded:
             every = self.recorded == self.sweeps
             some = "no sweep" if every else f"{self.recorded:,} of {self.sweeps:,} sweeps"
@@ -117,6 +142,13 @@ class ClockInfo:
                 {"repeated": often},
                 option,
             )
+        if self.sweeps > 1 and self.start_ns == self.end_ns:
+            return sensor.finding(
+                "clock",
+                "error",
+                f"all {self.sweeps:,} sweeps of {name} have one stamp: tracks cannot tell what moves",
+                {"sweeps": self.sweeps},
+            )
         if self.repeated > often:
             return sensor.finding(
                 "clock",
@@ -144,15 +176,6 @@ class ClockInfo:
                 back,
                 {"backward": often},
             )
-        if (astray := self._astray()) is not None:
-            side = "ahead of" if astray > 0 else "behind"
-            return sensor.finding(
-                "clock",
-                "warning",
-                f"one stamp of {name} is {_long(abs(astray))} {side} those around it",
-                {"astray": astray},
-                {"astray": SET_BACK},
-            )
         if self.largest_backward >= SET_BACK:
             return sensor.finding(
                 "clock",
@@ -174,15 +197,6 @@ class ClockInfo:
     def times_back(self, most: str) -> str:
         """Return the number of steps back and the largest one as words."""
         return f"once, by {most}" if self.backward == 1 else f"{self.backward:,} times, by at most {most}"
-
-    def _astray(self) -> float | None:
-        """Return how far one sweep is ahead of its neighbours [s]; None unless it is the only odd one."""
-        if len(self.runs) != 3 or self.runs[1].sweeps > 1:
-            return None
-        before, one, after = self.runs
-        ahead = (one.low_ns - before.high_ns) * SECOND
-        goes_on = before.high_ns <= after.low_ns <= before.high_ns + LEAP * SECOND_NS
-        return ahead if goes_on else None
 
     def _several(self) -> str:
         """Return the cause of a leap, and the options that read only one side of it where the times allow it."""
@@ -254,6 +268,91 @@ class Sample:
         return float(np.mean(np.concatenate(self._parts) > value)) if self._count else 0.0
 
 
+def mended(blocks: Iterable[RawSweeps]) -> Iterator[RawSweeps]:
+    """Yield the sweeps of a log, in its order within each topic, with times that fit where a stamp is none.
+
+    A header may have no stamp, or one of another clock: of the time before a simulation began, or the clock was set.
+    """
+    topics: dict[str, _Mending] = {}
+    for block in blocks:
+        if block.topic in topics or len(topics) < MAX_TOPICS:
+            yield from topics.setdefault(block.topic, _Mending()).take(block)
+        else:
+            yield block
+    for each in topics.values():
+        yield from each.settle()
+
+
+class _Mending:
+    """Sweeps of one topic, of which those around a stamp that is no time wait for more."""
+
+    def __init__(self) -> None:
+        self._waiting: list[RawSweeps] = []
+        self._sound = np.zeros((2, 0), np.int64)
+        """Time and record time of the last sound sweeps."""
+
+    def take(self, block: RawSweeps) -> Iterator[RawSweeps]:
+        """Add a block; yield what is known to be sound or mended."""
+        self._waiting.append(block)
+        times, records = self._times()
+        odd = (np.abs(np.diff(times, prepend=times[:1]) * SECOND) > LEAP) | ((times == 0) & (records != 0))
+        sure = np.count_nonzero(~odd) >= AROUND and not odd[-AROUND:].any()
+        if (
+            sure
+            or not odd.any()
+            or sum(len(it) * (HELD + it.ranges.shape[1]) for it in self._waiting) > HELD**2
+        ):
+            yield from self.settle(bool(odd.any()))
+
+    def settle(self, mends: bool = True) -> Iterator[RawSweeps]:
+        """Yield the waiting sweeps, mended."""
+        times, records = self._times()
+        odd = np.zeros(len(times), np.bool_)
+        place = self._sound.shape[1]
+        if mends:
+            odd = (times == 0) & (records != 0)
+            odd[~odd] = _astray(times[~odd])
+            odd[:place] = False
+        good = np.flatnonzero(~odd)
+        for row in np.flatnonzero(odd).tolist() if len(good) else ():
+            at = int(np.searchsorted(good, row))
+            near = good[max(at - AROUND, 0) : max(at, AROUND)]
+            if records[row] not in (0, times[row]):
+                times[row] = records[row] - _middle(records[near] - times[near])
+            elif len(near) > 1:
+                beside = good[max(at - 1, 0)]
+                times[row] = times[beside] + _middle(np.diff(times[near])) * (row - beside)
+        for block in self._waiting:
+            rows = slice(place, place := place + len(block))
+            yield replace(block, mended_ns=times[rows]) if len(good) and odd[rows].any() else block
+        self._sound = np.stack([times, records])[:, good[-AROUND:]]
+        self._waiting = []
+
+    def _times(self) -> Int64:
+        """Return stamps and record times (2, S) of the last sound sweeps and those that wait."""
+        waiting = [(block.stamp_ns, block.record_ns) for block in self._waiting]
+        return np.concatenate([self._sound, *waiting], axis=1)
+
+
+def _astray(times: Int64) -> Bool:
+    """Return True (S,) for few times that are far from those around them, which are near each other."""
+    width = min(AROUND + 1, len(times))
+    if width < 3:
+        return np.zeros(len(times), np.bool_)
+    first = np.clip(np.arange(len(times)) - AROUND // 2, 0, len(times) - width)
+    around = times[first[:, None] + np.arange(width)] * SECOND
+    alike = np.abs(around - times[:, None] * SECOND) <= LEAP
+    usual = np.abs(around - np.median(around, axis=1, keepdims=True)) <= LEAP
+    few: Bool = (3 * np.count_nonzero(alike, axis=1) <= width) & (2 * np.count_nonzero(usual, axis=1) > width)
+    return few
+
+
+def _middle(values: Int64) -> np.int64:
+    """Return the median, exactly."""
+    middle: np.int64 = np.sort(values)[len(values) // 2]
+    return middle
+
+
 class Clock:
     """Folds blocks of sweeps of one topic and frame, in log order, into `ClockInfo`."""
 
@@ -276,6 +375,7 @@ class Clock:
         self._since = 0
         """Number of the sweep at which the current run of equal stamps begins."""
         self._runs: list[Run] = []
+        self._astray: list[float] = []
 
     @property
     def sweeps(self) -> int:
@@ -290,8 +390,12 @@ class Clock:
         has_stamp = block.stamp_ns != 0
         self._zero += int(np.count_nonzero(~has_stamp))
         self._recorded += int(np.count_nonzero(~has_stamp & (block.record_ns != 0)))
-        self._offsets.add((block.record_ns - block.stamp_ns)[has_stamp])
         stamps = block.time_ns
+        if block.mended_ns is not None and len(self._astray) < _KEPT:
+            odd = (stamps != block.stamp_ns) & (has_stamp | (block.record_ns == 0))
+            self._astray += ((block.stamp_ns[odd] - stamps[odd].astype(np.float64)) * SECOND).tolist()
+            has_stamp &= ~odd
+        self._offsets.add((block.record_ns - block.stamp_ns)[has_stamp])
         before = stamps[:1] if self._last is None else np.array([self._last])
         steps = np.diff(np.concatenate([before, stamps]))[self._last is None :]
         self._steps.add(steps[steps > 0])
@@ -357,5 +461,6 @@ class Clock:
             largest_forward=self._forward * SECOND,
             copies=copies if self._number < self._since + copies else 0,
             runs=tuple(self._runs),
+            astray=tuple(self._astray),
             long_steps=0.0 if step is None else self._steps.share_above(LONG * step),
         )

@@ -15,7 +15,7 @@ import numpy as np
 from lidarcli.findings import Finding, Sensor
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.blocks import FAR, WIDEST_VIEW
-from lidarcli.logs.clock import SAME_NS, Clock
+from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock
 from lidarcli.range_rules import FARTHEST
 from lidarcli.sweeps import Bool, Float32, Int64, RawSweeps, Status, SweepBatch
 
@@ -89,7 +89,11 @@ class Doubts:
         for (topic, frame), seen in sorted(self._seen.items()):
             alone = frames[topic] == 1
             sensor = self.sensor(topic, frame)
-            report.add_doubts(topic, seen.findings(sensor, alone, topic in told, topic not in self._clouds))
+            found = seen.findings(sensor, alone, topic in told, topic not in self._clouds)
+            if unread := report.unread.get(topic):
+                found = [each for each in found if each.id != "clock" or not unread.endswith(NO_STAMPS)]
+                found.append(sensor.finding("clock", "error", unread))
+            report.add_doubts(topic, found)
 
     def sensor(self, topic: str, frame: str) -> Sensor:
         """Return the words for a topic and frame."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from lidarcli.findings import Sensor
 from lidarcli.logs.base import ReadReport
+from lidarcli.logs.clock import MAX_TOPICS, mended
 from lidarcli.range_rules import FARTHEST, PILE, RangeRules, bounds, is_marked, judge, same_range
 from lidarcli.sweeps import Bool, Float32, Float64, Int64, RawSweeps, concatenate
 
@@ -66,8 +67,6 @@ LEAST_LOST = 50
 """Fewest beams worth such a note."""
 MOST_TOLD = 3
 """Most stuck beams named in notes."""
-MAX_TOPICS = 1000
-"""Most LaserScan topics of a log that are read at once."""
 
 MILLIMETRES = 1000.0
 
@@ -86,7 +85,7 @@ class Settling:
 
     def blocks(self, blocks: Iterable[RawSweeps]) -> Iterator[tuple[RawSweeps, RangeRules]]:
         """Yield the sweeps of a log in its order within each topic, and the rules for them."""
-        for block in blocks:
+        for block in mended(blocks):
             topic = self._topics.get(block.topic)
             if topic is None and len(self._topics) == MAX_TOPICS:
                 yield block, self.rules

@@ -187,7 +187,8 @@ def _plain(node: Node) -> str | list[str | None] | None:
 def _number(path: Path, key: str, text: object, least: float, most: float) -> float:
     number = float(text) if isinstance(text, str) and _NUMBER.fullmatch(text) else math.nan
     if not least <= number <= most:
-        raise _refused(path, f"{key} is {_shown(text)}, not a number from {least:g} to {most:g}", _SAVE_AGAIN)
+        way_out = "write 0 there" if key == "origin" and not math.isfinite(number) else _SAVE_AGAIN
+        raise _refused(path, f"{key} is {_shown(text)}, not a number from {least:g} to {most:g}", way_out)
     return number
 
 
@@ -201,7 +202,10 @@ def _cells(path: Path, described: _Described) -> Int8:
     """Return the cells of the image, row 0 with the least y."""
     named = path.parent / described.image
     shown = f"image {_shown(described.image)}"
+    beside = path.parent / re.split(r"[\\/]", described.image)[-1]
     try:
+        # A map that was copied names a folder of the machine where it was saved.
+        named = beside if not named.exists() and beside.is_file() else named
         # Nothing that is no file is opened: a pipe would never end.
         found = named.stat()
         if not S_ISREG(found.st_mode):

@@ -19,6 +19,7 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.tracking.tracker import share_moving
 from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.logs.blocks import Locate
+from lidarcli.logs.clock import LEAP
 from lidarcli.logs.options import TopicChoice
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, unwritable
 from lidarcli.pipeline.cleaned_beams import REASONS, Choice, Chosen, choose, doubted
@@ -38,6 +39,7 @@ from lidarcli.tabular.rows import constant
 from lidarcli.tabular.schemas import CLEANED, SCHEMAS
 from lidarcli.tabular.stamps import restamped
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_metadata, table_suffix
+from lidarcli.times import SECOND_NS
 
 MCAP, ROS1, ROS2 = "mcap", "ros1 bag", "ros2 bag"
 """Beginnings of the formats that can be cleaned."""
@@ -323,7 +325,12 @@ class _Editing:
         sweep = mine.sweep(self._done[topic])
         self._done[topic] += 1
         same = sweep is not None and written.beams == sweep.beams
-        if sweep is None or not same or (written.stamp_ns and written.stamp_ns != sweep.stamp_ns):
+        # A stamp that is farther off has been mended.
+        if (
+            sweep is None
+            or not same
+            or (written.stamp_ns and 0 < abs(written.stamp_ns - sweep.stamp_ns) < LEAP * SECOND_NS)
+        ):
             raise _changed(topic)
         if not len(sweep.chosen):
             return data

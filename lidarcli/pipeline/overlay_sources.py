@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport
+from lidarcli.logs.clock import mended
 from lidarcli.overlays.files import topic_name
 from lidarcli.overlays.objects import COLUMNS, PATH_COLUMNS, Poses, Trajectories
 from lidarcli.pipeline.inputs.tables import Pair
@@ -199,7 +200,7 @@ class Tables:
         """
         if not self.topics:
             return
-        for block in log.scans(frozenset(self.topics), report):
+        for block in mended(log.scans(frozenset(self.topics), report)):
             first = self._counts.get(block.topic, 0)
             self._counts[block.topic] = first + len(block)
             joined = self._join(block, first)

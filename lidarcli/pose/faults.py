@@ -13,7 +13,7 @@ from lidarcli.pose.fit import JUMP_LENGTH, JUMP_SPEED, jumps_of, steps_between
 from lidarcli.pose.messages import frame_name
 from lidarcli.pose.sources import GivenPaths, PoseSources, Way
 from lidarcli.pose.tracks import SECOND_NS, Motion, Track, planar
-from lidarcli.pose.tree import namespace
+from lidarcli.pose.tree import WORLDS, namespace
 from lidarcli.sweeps import Float64
 
 NO_UNIT = 0.01
@@ -28,9 +28,20 @@ Key = tuple[str, str]
 """Topic and frame of sweeps."""
 
 
-def unplaced(frame: str, others: Sequence[str], topic: str = "") -> Finding:
-    """Return the finding on a frame from which no pose leads to a fixed frame; `others`: topics that could be named."""
+def unplaced(frame: str, others: Sequence[str], topic: str = "", tracks: Sequence[Track] = ()) -> Finding:
+    """Return the finding on a frame from which no pose leads to a fixed frame; `others`: topics that could be named.
+
+    `tracks` are the links of the log: one from the robot to the sensor may be missing.
+    """
     hint = f"; --pose may name {some_of(others)}" if others else ""
+    known = {name for track in tracks if track.is_link for name in (track.parent, track.child)}
+    robots = [
+        each.child
+        for each in tracks
+        if each.parent.rpartition("/")[2] in WORLDS and each.child.rpartition("/")[2] not in WORLDS
+    ]
+    if robots and not others and frame not in known:
+        hint = f": {robots[0]} > {frame} is missing; in the first part? --join reads it"
     message = f"no pose for frame {frame or 'without a name'}: nothing leads from it to a fixed frame{hint}"
     return Finding("frames", "warning", topic, frame, message)
 
@@ -76,7 +87,8 @@ def pose_findings(
             message = f"no transform leads to frame {frame}: {way.assumption}"
             found.append(Finding("frames", "warning", topic, frame, message))
         if way is None:
-            found += [unplaced(frame, sources.alternatives(frame, topic), topic)] if is_missing else []
+            if is_missing:
+                found.append(unplaced(frame, sources.alternatives(frame, topic), topic, sources.tracks))
             continue
         found += way_findings(way, (), topic)
         found += _leaps(way, topic, is_known=(topic, frame) in jumping)

@@ -427,7 +427,7 @@ TUM = "tum"
 """Type of a trajectory."""
 WORLD = "world"
 """The frame of a trajectory, which its file does not name."""
-COLUMNS = 8
+COLUMNS, KITTI_COLUMNS = 8, 12
 LONGEST_LINE = 1000
 """Characters of a line that can be a pose."""
 MOST_NS = 1 << 62
@@ -495,8 +495,13 @@ def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
         return stamp, [float(word) for word in words[1:]]
     except (ValueError, ArithmeticError):
         shown = text if len(text) <= 60 else f"{text[:57]}..."
+        why = ""
+        if len(words) == KITTI_COLUMNS:
+            why = " (KITTI files tell no times)"
+        elif words and words[0].isdigit() and len(words[0]) > MOST_DIGITS:
+            why = " (nanoseconds, as in EuRoC files, whose qw comes first: write seconds)"
         raise UnreadableError(
-            f"{path}: line {number}: '{shown}' is no pose; lines are timestamp x y z qx qy qz qw"
+            f"{path}: line {number}: '{shown}' is no pose{why}; lines are timestamp x y z qx qy qz qw"
         ) from None
 
 

@@ -88,7 +88,7 @@ def test_a_counted_bar() -> None:
         count(50)
         say.info("a line above the bar")
     assert (say.bar, say.write) == (None, Messages().write)
-    assert re.search(r"room\.toml [━╸╺]+ +25% +50/200 sweeps -:--:-- left", screen.plain)
+    assert re.search(r"room\.toml [━╸╺]+ +25% +50/200 sweeps", screen.plain)
     assert "a line above the bar" in screen.plain
     # In the end the line of the bar is taken back.
     assert screen.text.endswith("\x1b[1A\x1b[2K")

@@ -91,6 +91,16 @@ def test_paths_of_inputs_are_meant_from_the_folder_of_the_file(lidarcli: Run, la
     assert (lab / "tables" / "run.objects.parquet").exists()
 
 
+@pytest.mark.parametrize("named", [False, True])
+def test_words_that_stand_in_place_of_a_path_are_none(lidarcli: Run, lab: Path, named: bool) -> None:
+    file = lab.parent / "lidarcli.toml"
+    config = ("--config", str(file)) if named else ()
+    for value, meant in (("auto", "auto"), ("none", "none"), ("./auto", f"{lab.parent}/./auto")):
+        file.write_text(f'mask = "{value}"\n')
+        found = {name: value for name, (value, _) in origins(lidarcli, *config).items()}
+        assert found["detect mask"] == found["map mask"] == meant
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -269,3 +269,11 @@ def test_of_a_log_that_is_cut_off_all_whole_messages_are_copied(
     for one, other in zip(before, after, strict=False):
         assert len(one.data) == len(other.data)
         assert np.mean(np.frombuffer(one.data, np.uint8) == np.frombuffer(other.data, np.uint8)) > 0.7
+
+
+def test_a_log_with_odd_stamps_is_copied_as_it_is(nobody: RawSweeps, tmp_path: Path) -> None:
+    stamps = nobody.stamp_ns.copy()
+    stamps[[0, 20]] = 0, 5
+    write_log(tmp_path / "run.mcap", [replace(nobody, stamp_ns=stamps, record_ns=nobody.stamp_ns)])
+    out, table = cleaned(tmp_path / "run.mcap")
+    assert assert_only_beams_differ(tmp_path / "run.mcap", out, table) == 0

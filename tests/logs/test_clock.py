@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from lidarcli.logs.clock import Clock, Sample
+from lidarcli.logs.clock import HELD, Clock, Sample, mended
+from lidarcli.sweeps import Int64, RawSweeps, concatenate
 from tests.pipeline.in_memory import block
 
 
@@ -45,3 +47,68 @@ def test_sample_is_every_nth_value_whatever_the_pieces() -> None:
         assert sample._count <= 100
         assert sample.median() == pytest.approx(499.5, abs=8)
     assert Sample().median() is None
+
+
+STEP, FIRST = 100_000_000, 1_700_000_000_000_000_000
+FAR = {"1970": 7, "2106": (2**32 - 1) * 10**9, "negative": -5 * 10**9}
+
+
+def timed(stamps: Int64, records: Int64) -> RawSweeps:
+    return replace(block(sweeps=len(stamps)), stamp_ns=stamps, record_ns=records)
+
+
+@pytest.mark.parametrize("cut", [1, 7, 64])
+@pytest.mark.parametrize("at", [[0], [20], [59], [0, 1, 2, 31, 59], [*range(30)]])
+@pytest.mark.parametrize("start", [FIRST, 3 * 10**9])
+def test_a_header_without_a_stamp_has_the_time_that_fits(start: int, at: list[int], cut: int) -> None:
+    """Whatever clock the stamps are of, and however late the messages were recorded."""
+    late = np.random.default_rng(1).integers(0, 5_000_000, 60)
+    stamps, records = start + STEP * np.arange(60), FIRST + STEP * np.arange(60) + late
+    whole = stamps.copy()
+    stamps[at] = 0
+    raw = timed(stamps, records)
+    got = np.concatenate(
+        [each.time_ns for each in mended(raw.rows(slice(k, k + cut)) for k in range(0, 60, cut))]
+    )
+    assert np.abs(got - whole).max() <= 5_000_000
+    assert got.tolist() == concatenate(list(mended([raw]))).time_ns.tolist()
+
+
+@pytest.mark.parametrize("recorded", [True, False], ids=["recorded", "stamps alone"])
+@pytest.mark.parametrize("at", [0, 20, 59])
+@pytest.mark.parametrize("value", [*FAR.values(), 0])
+def test_a_stamp_far_from_all_others_is_none(value: int, at: int, recorded: bool) -> None:
+    stamps = FIRST + STEP * np.arange(60)
+    whole = stamps.copy()
+    stamps[at] = value
+    (got,) = mended([timed(stamps, whole if recorded else stamps.copy())])
+    assert got.time_ns.tolist() == whole.tolist()
+    assert got.stamp_ns[at] == value
+
+
+def test_a_clock_that_was_set_is_left_alone() -> None:
+    stamps = FIRST + STEP * np.arange(60)
+    stamps[:10] = STEP * np.arange(1, 11)
+    for times in (stamps, np.zeros(60, np.int64), STEP * np.arange(60)):
+        (got,) = mended(
+            [timed(times, FIRST + STEP * np.arange(60))] if times.any() else [timed(times, times)]
+        )
+        if times is not stamps:
+            assert got.time_ns[1:].tolist() == times[1:].tolist()
+        else:
+            assert got.mended_ns is None
+
+
+def test_few_sweeps_wait_for_a_stamp() -> None:
+    """A stream without any stamp is passed on while it is read."""
+    given = 0
+
+    def endless() -> Iterator[RawSweeps]:
+        nonlocal given
+        for k in range(0, 10**6, 50):
+            given += 50
+            yield timed(np.zeros(50, np.int64), FIRST + STEP * np.arange(k, k + 50))
+
+    first = next(mended(endless()))
+    assert (len(first), first.mended_ns) == (50, None)
+    assert given <= 2 * HELD

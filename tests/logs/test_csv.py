@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.logs.base import LASERSCAN, Damage, OpenOptions, Topic
+from lidarcli.logs.base import LASERSCAN, Damage, OpenOptions, ReadReport, Topic
+from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
 from lidarcli.simulation.csv_writer import LAYOUTS, write_csv
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
@@ -697,3 +699,64 @@ def test_equal_sweeps_give_equal_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a.csv.gz").read_bytes() == (tmp_path / "b.csv.gz").read_bytes()
     with pytest.raises(OptionError, match="'excel' is no CSV layout"):
         write_csv(tmp_path / "c.csv", [], "excel")
+
+
+def beams_of(times: list[str], names: str = "time,angle,range", sep: str = ",") -> str:
+    """One beam per row, 20 beams of 18 degrees for each turn; `times` has one text per row."""
+    rows = (f"{time}{sep}{18 * (k % 20)}{sep}{2 + k % 7}" for k, time in enumerate(times))
+    return names.replace(",", sep) + "\n" + "\n".join(rows) + "\n"
+
+
+def test_a_date_and_a_time_of_day_in_two_columns() -> None:
+    rows = [("2026-11-26", "23:59:59.9"), ("2026-11-27", "00:00:00.0"), ("2026-11-27", "00:00:00.1")]
+    for names in ("Date,Time,", ""):
+        ranges = ["1,2,3,4,5,6", "1,2,3,4,5,7", "1,2,3,4,5,8"]
+        text = "".join(f"{day},{time},{row}\n" for (day, time), row in zip(rows, ranges, strict=True))
+        got, log = read_text(f"{names}r0,r1,r2,r3,r4,r5\n{text}" if names else text)
+        assert ((got.stamp_ns - 1795737599900000000) / 1e9).tolist() == [0.0, 0.1, 0.2]
+        assert "1970" not in log.report.notes[0]
+        assert got.beams.tolist() == [6, 6, 6]
+
+
+def test_times_go_on_at_midnight_whatever_the_blocks() -> None:
+    times = [f"23:{50 + k // 60}:{k % 60:02d}" if k < 600 else f"00:00:{k - 600:02d}" for k in range(640)]
+    got, log = read_text("time;r0;r1;r2\n" + "".join(f"{time};1;2;3\n" for time in times))
+    assert np.unique(np.diff(got.stamp_ns)).tolist() == [10**9]
+    assert "times of day without a date: dates begin in 1970" in log.report.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "note"),
+    [
+        ("time;r0;r1;r2\n{0};1;2;3\n{0};1;2;4\n", "stamps are 0, tracks cannot tell what moves"),
+        ("time;stamp;r0;r1;r2\n{0};1.5;1;2;3\n{0};2.5;1;2;4\n", "another column tells them"),
+    ],
+)
+def test_times_that_are_not_understood_are_told(text: str, note: str) -> None:
+    with AnyCsvLog(io.BytesIO(text.format("13:12:54 CET").encode()), GEOMETRY) as log:
+        batches = list(read_batches(log, ReadOptions(), report := ReadReport()))
+    assert [len(batch) for batch in batches] == [2]
+    assert report.doubted() == [f"times of column `time` are not understood (13:12:54 CET): {note}"]
+
+
+def test_a_coarse_time_is_no_number_of_a_turn() -> None:
+    times = [f"{k // 20 / 10 + k % 20 / 200:.2f}" for k in range(200)]
+    got, _ = read_text(beams_of(times), OpenOptions())
+    assert got.beams.tolist() == [20] * 10
+    np.testing.assert_allclose(got.stamp_ns / 1e9, np.arange(10) / 10)
+
+
+def test_a_line_that_names_the_separator() -> None:
+    times = [str(k // 20) for k in range(60)]
+    want, _ = read_text(beams_of(times, sep=";"), OpenOptions())
+    for line in ("sep=;\r\n", '"sep=;"\n'):
+        got, log = read_text(line + beams_of(times, sep=";"), OpenOptions())
+        same_ranges(got, want)
+        assert (got.stamp_ns.tolist(), log.report.damage) == (want.stamp_ns.tolist(), [])
+
+
+def test_names_in_other_encodings() -> None:
+    for text, encoding in (("时间,距离\n", "gbk"), ("Zeit,Höhe\n", "latin-1")):
+        with pytest.raises(UnreadableError) as error:
+            read_text(text.encode(encoding) + b"1,2\n3,4\n")
+        assert text.strip().replace(",", ", ") in str(error.value)

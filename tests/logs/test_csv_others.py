@@ -120,3 +120,15 @@ def test_the_name_of_an_input_stands_once(
         for name in (str(path), str(tmp_path / "*.csv")):
             assert run(["info", name]) == 3
             assert capsys.readouterr().err == f"lidarcli: {path}: {cause}\n"
+
+
+def test_messages_that_a_node_has_logged() -> None:
+    yaml = "[INFO] [1621498.12]: header: \n  seq: 12\n  stamp: \n    secs: 5\nranges: [1.0, 2.0, inf]\n"
+    python = (
+        "[INFO] [16.1] [node]: sensor_msgs.msg.LaserScan(header=std_msgs.msg.Header(), ranges=[1.0, 2.0])\n"
+    )
+    for text, name in ((yaml, "YAML"), (python, "ROS messages as Python prints them")):
+        found = other_format(text.encode())
+        assert found is not None
+        assert found.name == name
+    assert other_format(b"time,header,ranges\n1,a,2\n") is None

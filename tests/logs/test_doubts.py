@@ -258,9 +258,9 @@ def test_runs_that_share_their_times_are_not_told_apart() -> None:
 def test_a_single_stamp_that_is_far_off() -> None:
     days = 24 * HOUR
     (line,) = notes(stamped(lambda k: START + STEP * k + 365 * days * (k == 20)))
-    assert line == "one stamp of /scan is 365 days ahead of those around it"
+    assert line == "one stamp of /scan is 365 days ahead of those around it: times that fit these are taken"
     (line,) = notes(stamped(lambda k: START + STEP * k - 365 * days * (k == 20)))
-    assert line == "one stamp of /scan is 365 days behind those around it"
+    assert line == "one stamp of /scan is 365 days behind those around it: times that fit these are taken"
 
 
 def test_all_at_range_max() -> None:
@@ -338,3 +338,20 @@ def test_points_of_clouds_have_no_unit_to_choose() -> None:
     assert told(doubts) == [
         "most ranges of /scan are beyond 200 m: the points of the clouds are probably not in metres"
     ]
+
+
+@pytest.mark.parametrize("stamp", [START, 0])
+def test_stamps_that_are_all_equal(stamp: int) -> None:
+    block = replace(room(), stamp_ns=np.full(COUNT, stamp), record_ns=np.full(COUNT, stamp))
+    assert notes(block) == ["all 40 sweeps of /scan have one stamp: tracks cannot tell what moves"]
+    assert notes(block.rows(slice(1))) == []
+
+
+def test_a_window_counts_from_a_first_sweep_without_a_stamp() -> None:
+    """As of a simulation, whose clock is not known yet when it begins."""
+    stamps = 3_000_000_000 + STEP * np.arange(COUNT)
+    stamps[0] = 0
+    block = replace(room(), stamp_ns=stamps, record_ns=START + STEP * np.arange(COUNT))
+    (batch,) = read_batches(FakeLog([block]), ReadOptions(start=0.95, end=2.05), ReadReport())
+    assert batch.sweep.tolist() == [*range(10, 21)]
+    assert batch.seconds()[0] == pytest.approx(1.0)

@@ -428,3 +428,17 @@ def test_the_writer_rounds_to_what_the_format_has(tmp_path: Path) -> None:
 def test_the_simulator_names_the_truth_by_the_stem_of_the_log() -> None:
     for name in ("run.txt", "run.jsonl.gz", "run.csv.gz", "run.mcap"):
         assert truth_paths(Path(name))[0] == Path("run.truth.parquet")
+
+
+def test_a_column_of_times() -> None:
+    def text(time: Callable[[float], str]) -> str:
+        rows = (f"{9 * (k % 40)} {2000 + k % 40} 15 {time(k / 400)}\n" for k in range(120))
+        return "#RPLIDAR SCAN DATA\n#Angle Distance Quality Time\n" + "".join(rows)
+
+    got = sound(text(lambda seconds: f"{1.7e9 + seconds:.4f}"))
+    assert (got.stamp_ns - got.stamp_ns[0]).tolist() == [0, 100_000_000, 200_000_000]
+    got, log = read(text(lambda seconds: "noon"))
+    assert got.stamp_ns.tolist() == [0, 0, 0]
+    assert log.report.unread == {
+        "/scan": "times of column `time` are not understood (noon): stamps are 0, tracks cannot tell what moves"
+    }

@@ -468,3 +468,17 @@ def test_damage_anywhere_is_a_map_or_one_line(tmp_path: Path, kind: str) -> None
             data[at] = random.integers(0, 256)
         path.write_bytes(data[: random.integers(1, len(data) + 1)] if random.random() < 0.3 else data)
         assert outcome(tmp_path / "map.yaml")
+
+
+def test_an_image_of_another_machine_lies_beside(tmp_path: Path) -> None:
+    path = put(tmp_path, GRID)
+    want = read_map(path)
+    for folder in ("/home/robot/maps/", "old/", "C:\\\\maps\\\\"):
+        path.write_text(YAML.replace("map.pgm", f'"{folder}map.pgm"', 1))
+        assert np.array_equal(read_map(path).cells, want.cells)
+
+
+def test_an_origin_that_is_no_number_is_to_be_0(tmp_path: Path) -> None:
+    path = put(tmp_path, GRID)
+    path.write_text(YAML.replace("0.150, 0.0", "0.150, -nan", 1))
+    assert refused(path) == "origin is '-nan', not a finite number; write 0 there"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import errno
 import glob
+import gzip
 import os
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ import pytest
 
 from lidarcli.errors import OptionError
 from lidarcli.pipeline.inputs.files import matching
-from lidarcli.pipeline.inputs.search import find_logs, log_name, refuse_clashes
+from lidarcli.pipeline.inputs.search import choose, find_logs, left_out, log_name, refuse_clashes
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.simulation.writers import write_log
@@ -251,3 +253,24 @@ def test_a_pattern_is_walked_once_and_folders_may_vanish(
     found, denied = matching(f"{tmp_path}/**/*.csv")
     assert ([os.path.relpath(path, tmp_path) for path in found], denied) == (["a/b/x.csv", "c/x.csv"], [])
     assert sorted(walked) == [".", "a", "a/b", "a/gone", "c"]
+
+
+def test_logs_that_a_search_leaves_out_are_named(tmp_path: Path) -> None:
+    sweeps = room_sweeps()
+    for name in ("a.log", "sub/b.log", "c.jsonl", "d.mcap", ".old/e.mcap", "bag/deep/f.bag"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        write_log(tmp_path / name, [sweeps])
+    write_log(tmp_path / "bag" / "bag_0.db3", [sweeps])
+    (tmp_path / "a.log.gz").write_bytes(gzip.compress((tmp_path / "a.log").read_bytes(), mtime=0))
+    for name in ("README.txt", "picture.png", ".hidden.txt", "._d.mcap"):
+        (tmp_path / name).write_text("No log.\n")
+    told: list[str] = []
+    found = choose([str(tmp_path)], note=told.append)
+    assert [source.name for source in found if isinstance(source, Source)] == ["bag", "d"]
+    assert told == [
+        "1 file *.jsonl, 2 files *.log, 1 file *.log.gz, "
+        f"1 file in {tmp_path}/.old, 1 file in {tmp_path}/bag/deep were not looked at: name them"
+    ]
+    assert left_out(Counter({"*.log.gz": 7})) == "7 files *.log.gz were not looked at: name them"
+    assert left_out(Counter({"*.log": 1})) == "1 file *.log was not looked at: name it"
+    assert left_out(Counter()) is None

@@ -524,3 +524,13 @@ def test_info_as_json(capfd: pytest.CaptureFixture[str]) -> None:
     }
     assert info["scans"][0]["pose"] == "/tf and /tf_static (odom > base_link > laser)"
     assert POSE not in {topic["type"] for topic in info["topics"]}
+
+
+def test_a_mount_that_is_missing_is_named() -> None:
+    """As in the second part of a recording, whose first one holds /tf_static."""
+    messages = [tf(START + k * SECOND, "odom", "base_link", (0, 0, 0)) for k in range(4)]
+    _, notes = posed(messages)
+    assert notes == [
+        "no pose for frame laser: nothing leads from it to a fixed frame: base_link > laser is missing; in the first part? "
+        "--join reads it"
+    ]

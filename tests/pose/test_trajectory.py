@@ -241,3 +241,23 @@ def test_unknown_poses_are_left_out() -> None:
         "-0.000000001 1.000000 0.000000 0.000000 0.000000000 0.000000000 0.000000000 1.000000000\n"
         "1.000000007 0.000000 2.000000 0.000000 0.000000000 0.000000000 -0.600000000 0.800000000\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        (
+            f"1700000000000000000 {HERE}",
+            "(nanoseconds, as in EuRoC files, whose qw comes first: write seconds)",
+        ),
+        (
+            "1700000000000000000,1,2,0,1,0,0,0",
+            "(nanoseconds, as in EuRoC files, whose qw comes first: write seconds)",
+        ),
+        ("1 0 0 1 0 1 0 2 0 0 1 0", "(KITTI files tell no times)"),
+    ],
+)
+def test_other_forms_are_named(tmp_path: Path, line: str, why: str) -> None:
+    with pytest.raises(UnreadableError) as caught:
+        read(tmp_path, f"{line}\n")
+    assert str(caught.value).endswith(f"is no pose {why}; lines are timestamp x y z qx qy qz qw")

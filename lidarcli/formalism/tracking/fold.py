@@ -43,6 +43,8 @@ PAST_SIDE = 0.02
 """[m] Distance past a side from which on a point moves the side."""
 AT_LEAST_VAR = 9e-4
 """[m²] Variance of a side that goes on at least so far: (3 cm)²."""
+SHORTEST_STEP = 1e-3
+"""[s] Least time between two sweeps that tells how fast the sensor goes: stamps may be equal, or a nanosecond apart."""
 MOST_PAUSE = 60.0
 """[s] Longest pause between two sweeps; a longer one counts as this."""
 EXTENT_VAR = 1e-4
@@ -209,11 +211,9 @@ def _judge_pose(fold: Fold, seen: Seen, row: int, dt: float) -> None:
         )
         turned -= observation.TURN * math.floor(turned / observation.TURN + 0.5)
         fold.way, fold.turned = math.sqrt(dx * dx + dy * dy), abs(turned)
-        fold.correction.speed_x, fold.correction.speed_y, fold.correction.turning = (
-            dx / dt,
-            dy / dt,
-            turned / dt,
-        )
+        if dt >= SHORTEST_STEP:
+            fold.correction.speed_x, fold.correction.speed_y = dx / dt, dy / dt
+            fold.correction.turning = turned / dt
     fold.correction.last[0], fold.correction.last[1], fold.correction.last[2], fold.correction.has_pose = (
         x,
         y,

@@ -25,6 +25,8 @@ MOST_TEXT = 64 << 10
 """Bytes at the start of a file in which other formats are looked for."""
 _COMMENTS = rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*"
 _YAML_KEY = rb"[ \t]*(?:- )?[A-Za-z_][\w.-]*:"
+_LOGGED = rb"(?:\[[A-Z]+\][^\n]*?)?"
+"""Begin of a line that a node has logged."""
 _ANY_WAY = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
 _RECORD = (
     "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
@@ -222,13 +224,14 @@ OTHERS = (
     Other(
         "ROS messages as Python prints them",
         _RECORD,
-        re.compile(rb"[ \t]*(?:\[[ \t]*)?\w+_msgs\.msg\.[\w.]+\("),
+        re.compile(rb"%s[ \t]*(?:\[[ \t]*)?\w+_msgs\.msg\.[\w.]+\(" % _LOGGED),
     ),
     Other(
         "YAML",
         _RECORD,
         re.compile(
-            rb"%s(?:%%YAML|---[ \t]*\r?\n|%s[ \t][^\n]*\n---[ \t]*\r?\n|%s[ \t]*\r?\n(?:[ \t]+%s|[ \t]*- )"
+            rb"[^\n]*\bheader:[ \t]*\r?\n[ \t]+(?:seq|stamp):"
+            rb"|%s(?:%%YAML|---[ \t]*\r?\n|%s[ \t][^\n]*\n---[ \t]*\r?\n|%s[ \t]*\r?\n(?:[ \t]+%s|[ \t]*- )"
             rb"|%s[ \t][^\n,;]*\n%s(?:[ \t][^\n,;]*)?\r?\n)"
             % (_COMMENTS, _YAML_KEY, _YAML_KEY, _YAML_KEY, _YAML_KEY, _YAML_KEY)
         ),

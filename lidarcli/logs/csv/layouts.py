@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,9 +13,10 @@ import numpy as np
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.blocks import given_geometry
+from lidarcli.logs.clock import NO_STAMPS
 from lidarcli.logs.csv.dialect import Dialect, guess_dialect, split_line
 from lidarcli.logs.numbers import parse_number
-from lidarcli.logs.times import NS, time_unit
+from lidarcli.logs.times import DATED, NS, TIME_OF_DAY, time_unit
 from lidarcli.sweeps import TURN, Float64, Int64
 
 ROSTOPIC = "rostopic echo -p"
@@ -51,7 +53,7 @@ class Columns:
     topic: str
     fields: dict[str, int]
     units: dict[str, int] = field(default_factory=dict)
-    """`record` and `stamp` → nanoseconds per unit, see `times.time_unit`."""
+    """`record`, `stamp` and `date` → nanoseconds per unit, see `times.time_unit`."""
     ranges: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
     """(B,) Column of each beam; empty where `first` is enough."""
     first: int = 0
@@ -101,6 +103,8 @@ class Layout:
     brackets: bytes = b"["
     """First character of such a list."""
     notes: tuple[str, ...] = ()
+    unread: dict[str, str] = field(default_factory=dict)
+    """Topic → a note on a column of times that is not understood."""
 
 
 def expected_beams(angle_min: Float64, angle_max: Float64, increment: Float64) -> Int64:
@@ -139,16 +143,31 @@ class Head:
     def units(self, fields: dict[str, int]) -> dict[str, int]:
         """Return the units of the time columns among `fields`; a column that holds no times has none."""
         found: dict[str, int] = {}
-        for name in ("record", "stamp"):
-            if name not in fields:
-                continue
-            if self.names and self.names[0].strip().lower() == "%time":
+        for name in {"record", "stamp", "date"} & fields.keys():
+            if self.names and self.names[0].strip().lower() == "%time" and name != "date":
                 found[name] = NS
                 continue
             column = fields[name]
             unit = time_unit(self.names[column] if self.names else "", self.column(column))
             if unit is not None:
                 found[name] = unit
+        if "date" in found and found.get("record") == TIME_OF_DAY:
+            found["record"] = DATED
+        else:
+            found.pop("date", None)
+        return found
+
+    def unread_times(self, scans: Sequence[Columns]) -> dict[str, str]:
+        """Return a note for each topic with a column of times that is not understood."""
+        found: dict[str, str] = {}
+        for scan in scans:
+            for name in sorted({"record", "stamp"} & scan.fields.keys() - scan.units.keys()):
+                column = scan.fields[name]
+                other = scan.units or {"seconds", "header"} & scan.fields.keys()
+                so = "another column tells them" if other else NO_STAMPS
+                named = self.names[column] if self.names else str(column + 1)
+                value = shown(next(iter(self.column(column)), b"empty"), 30)[1:-1]
+                found[scan.topic] = f"times of column `{named}` are not understood ({value}): {so}"
         return found
 
     def need_geometry(self, name: str) -> None:
@@ -192,6 +211,8 @@ class Head:
 def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
     """Find the table, its dialect and its names; UnreadableError where there is no table."""
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    # Spreadsheets name their separator so.
+    numbered = numbered[bool(numbered and re.fullmatch(rb'\s*"?sep=."?\s*', numbered[0][1], re.IGNORECASE)) :]
     comment = b""
     while numbered and numbered[0][1].lstrip()[:1] == b"#":
         comment = numbered.pop(0)[1]
@@ -207,7 +228,7 @@ def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
     cells = [split_line(line, dialect) for _, line in numbered]
     number, first = numbered[0]
     if is_header(cells[0]):
-        names = [cell.decode("utf-8", "replace") for cell in cells[0]]
+        names = [*map(_name, cells[0])]
         return Head(
             path, dialect, names, first, number + 1, [line for _, line in numbered[1:]], cells[1:], options
         )
@@ -215,8 +236,17 @@ def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
     if comment:
         words = split_line(comment.lstrip().lstrip(b"#").lstrip(), dialect)
         if len(words) == len(cells[0]) and is_header(words):
-            names = [cell.decode("utf-8", "replace") for cell in words]
+            names = [*map(_name, words)]
     return Head(path, dialect, names, b"", number, [line for _, line in numbered], cells, options)
+
+
+def _name(cell: bytes) -> str:
+    """Return the text of a name: in UTF-8, else in GBK where all bytes beyond ASCII are pairs, else in Latin-1."""
+    try:
+        return cell.decode()
+    except UnicodeDecodeError:
+        pairs = re.fullmatch(rb"(?:[\0-\x7f]|[\xa1-\xf7][\xa1-\xfe])*", cell)
+        return cell.decode("gbk" if pairs else "latin-1", "replace")
 
 
 def _sample(numbered: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:

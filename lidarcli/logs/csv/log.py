@@ -94,6 +94,7 @@ class CsvLog(TextLog):
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield blocks of sweeps in the order of the file."""
         report.notes.append(self._note)
+        report.unread.update(self._layout.unread)
         if not self._files:
             yield from super().scans(topics, report)
         elif topics is None or self._layout.scans[0].topic in topics:
@@ -151,7 +152,8 @@ class CsvLog(TextLog):
         if _is_binary(text[:FIRST_BLOCK]):
             raise UnreadableError(f"{self.path}: neither a known container nor text: not a log")
         table = read_head(lines, self._options, self.path)
-        return with_header(table) if table.names else without_header(table)
+        layout = with_header(table) if table.names else without_header(table)
+        return replace(layout, unread=table.unread_times(layout.scans))
 
     def _sniff_files(self) -> tuple[Layout, str]:
         """Return layout and compression of the first file that has a layout; that of a whole log is refused."""

@@ -190,7 +190,7 @@ class LongDecoder(Decoder):
         kept = np.array([not cause for cause in causes], np.bool_)
         starts = starts[kept]
         column = partial(rows.column, at=starts)
-        stamp, record, untimed = read_times(self._scan, column, len(starts))
+        stamp, record, untimed = read_times(self._scan, column, len(starts), self.last)
         for line in numbers[starts[untimed]].tolist():
             self._damage(line, NO_TIME)
         codes, names = read_frames(self._scan, column, len(starts))

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import groupby
 from string import whitespace
 
 import numpy as np
@@ -26,11 +27,12 @@ from lidarcli.logs.csv.layouts import (
     Layout,
     repeats,
     shown,
+    value_of,
 )
+from lidarcli.logs.csv.long_form import cut_restarts
 from lidarcli.logs.csv.nameless import refuse_numbered
 from lidarcli.logs.csv.rplidar import COUNTER_CLOCKWISE
 from lidarcli.logs.numbers import say
-from lidarcli.logs.times import time_unit
 from lidarcli.sweeps import TURN, Int64
 
 _MARKS = re.compile(r"[./\[\]\s%#:]+")
@@ -56,7 +58,8 @@ _FIELDS = {
         "seconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:secs?|seconds))",
         "nanoseconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:nsecs?|nanosecs?|nanoseconds))",
         "stamp": rf"(?:header_)?stamp{_UNIT}",
-        "record": rf"(?:rosbag)?(?:time_?stamp|(?:date|bag|record|log)?_?time|t|date|record){_UNIT}",
+        "record": rf"(?:rosbag)?(?:time_?stamp|(?:date|bag|record|log)?_?time|t|record){_UNIT}",
+        "date": r"date",
         "frame": r"(?:header_)?(?:frame_?id|frame)",
         "header": r"header",
         "seq": r"(?:header_)?(?:seq|sequence|index|id)",
@@ -155,6 +158,8 @@ class FieldIndex:
             found.pop("nanoseconds", None)
             if "seconds" in found:
                 found.setdefault("record", found.pop("seconds"))
+        if "record" not in found and "date" in found:
+            found["record"] = found.pop("date")
         return found
 
 
@@ -437,15 +442,8 @@ def _list_units(head: Head, fields: dict[str, int], first: list[str]) -> dict[st
         with suppress(ValueError):
             bare = empty_lists(line).decode("utf-8", "replace")
             records.append(csv_cells(bare, head.dialect.separator.decode()))
-    found: dict[str, int] = {}
-    for name in ("record", "stamp"):
-        if name in fields:
-            column = fields[name]
-            samples = [cells[column].encode() for cells in records if len(cells) == len(head.names)]
-            unit = time_unit(head.names[column], samples)
-            if unit is not None:
-                found[name] = unit
-    return found
+    rows = [[cell.encode() for cell in cells] for cells in records if len(cells) == len(head.names)]
+    return replace(head, rows=rows).units(fields)
 
 
 def _named_long_layout(head: Head, columns: LongColumns) -> Layout:
@@ -464,8 +462,12 @@ def _named_long_layout(head: Head, columns: LongColumns) -> Layout:
             fields.pop(taken, None)
     key = columns.sweep
     for name in ("stamp", "record"):
-        if key is None and name in fields and repeats(head.column(fields[name])):
-            key = fields[name]
+        if key is None and name in fields and repeats(cells := head.column(fields[name])):
+            # A time with few digits changes within a turn as well.
+            turns = len(
+                cut_restarts(np.array([value_of(cell) for cell in head.column(columns.angle)], np.float64))
+            )
+            key = fields[name] if turns == 1 or sum(1 for _ in groupby(cells)) <= 2 * turns else None
     layout = head.long_layout(columns.angle, columns.range, key, columns.degrees, fields)
     if layout.degrees and "quality" in map(canonical, head.names):
         return replace(layout, notes=(*layout.notes, COUNTER_CLOCKWISE))

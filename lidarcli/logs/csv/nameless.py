@@ -36,7 +36,7 @@ from lidarcli.logs.csv.layouts import (
     shown,
     value_of,
 )
-from lidarcli.logs.times import DATE, DATE_UNPADDED, US, S, time_unit
+from lidarcli.logs.times import NO_NUMBERS, US, S, time_unit
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 _SEQ_STEP = 10
@@ -197,7 +197,7 @@ class _Column:
     @property
     def is_date(self) -> bool:
         """True where all cells are dates."""
-        return time_unit("", self.cells) in (DATE, DATE_UNPADDED)
+        return time_unit("", self.cells) in NO_NUMBERS
 
     @property
     def is_whole(self) -> bool:
@@ -215,7 +215,7 @@ def _leading(rows: Sequence[Sequence[bytes]]) -> tuple[dict[str, int], int]:
     """Return the fields before the ranges, and the first column of ranges."""
     first, second = (_Column.of(rows, index) for index in range(2))
     if first.is_date:
-        return {"record": 0}, 1
+        return ({"date": 0, "record": 1}, 2) if second.is_date else ({"record": 0}, 1)
     if _are_seconds(first, second):
         return {"seconds": 0, "nanoseconds": 1}, 2
     if _is_counter(first) and _is_time_behind_counter(rows, first, second):

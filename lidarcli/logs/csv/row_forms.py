@@ -25,7 +25,7 @@ from lidarcli.logs.csv.dialect import csv_cells, read_lines
 from lidarcli.logs.csv.layouts import Columns, Layout, expected_beams
 from lidarcli.logs.numbers import Cells, not_a_number, pad_cells, parse_number, parse_rows, say
 from lidarcli.logs.text import MAX_LINE, TextBlock
-from lidarcli.logs.times import seconds_and_nanoseconds, to_ns
+from lidarcli.logs.times import DATED, going_on, seconds_and_nanoseconds, to_ns
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 _GEOMETRY = (
@@ -55,6 +55,8 @@ _MOST_LINES = 100_000
 
 Frames = tuple[Int32, tuple[str, ...]]
 """Index of the frame of each sweep, and the names of the frames."""
+Ends = dict[tuple[str, str], tuple[int, int]]
+"""Topic and field → where its times have ended, see `times.going_on`."""
 Column = Callable[[int], Sequence[bytes]]
 """Returns the cells of a column."""
 
@@ -68,6 +70,8 @@ class Decoder(ABC):
     report: ReadReport
     topics: Collection[str] | None
     """Wanted topics; None for all."""
+    last: Ends = field(default_factory=dict)
+    """The last time of each column."""
 
     @abstractmethod
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
@@ -155,10 +159,10 @@ class Decoder(ABC):
         return keep_sound(block, good, self.report)
 
 
-def read_times(scan: Columns, column: Column, rows: int) -> tuple[Int64, Int64, Bool]:
+def read_times(scan: Columns, column: Column, rows: int, last: Ends) -> tuple[Int64, Int64, Bool]:
     """Return stamps and record times (R,) [ns] of rows, and (R,) True where they cannot be read.
 
-    Where a file has only one of the two, it stands for both.
+    Where a file has only one of the two, it stands for both. `last` keeps the last time of each column.
     """
     fields, units = scan.fields, scan.units
     bad = np.zeros(rows, np.bool_)
@@ -170,8 +174,15 @@ def read_times(scan: Columns, column: Column, rows: int) -> tuple[Int64, Int64, 
         bad |= False if wrong is None else wrong
     for name in ("stamp", "record"):
         if name in units and name not in found:
-            found[name], wrong = to_ns(column(fields[name]), units[name])
+            times, wrong = to_ns(column(fields[name]), units[name])
             bad |= False if wrong is None else wrong
+            if units[name] == DATED:
+                days, wrong = to_ns(column(fields["date"]), units["date"])
+                times, bad = times + days, bad | (False if wrong is None else wrong)
+            if not bad.all():
+                key = scan.topic, name
+                times[~bad], last[key] = going_on(times[~bad], units[name], last.get(key))
+            found[name] = times
     stamp = found.get("stamp", found.get("record", np.zeros(rows, np.int64)))
     return stamp, found.get("record", stamp), bad
 
@@ -270,7 +281,7 @@ class WideDecoder(Decoder):
         ranges, beams, good, bad = self._ranges(scan, cells, rows, beams, view)
         intensities = _intensity_columns(scan, cells, rows, given, ranges.shape[1])
         self._bad_cells(bad, numbers[rows])
-        *times, untimed = read_times(scan, partial(cells.column, rows), len(rows))
+        *times, untimed = read_times(scan, partial(cells.column, rows), len(rows), self.last)
         for line in numbers[rows[untimed & good]].tolist():
             self._damage(line, NO_TIME)
         frames = read_frames(scan, partial(cells.column, rows), len(rows))
@@ -531,7 +542,7 @@ class ListDecoder(Decoder):
         def column(index: int) -> list[bytes]:
             return [record.cells[index].encode() for record in records]
 
-        stamp, record_ns, untimed = read_times(scan, column, len(records))
+        stamp, record_ns, untimed = read_times(scan, column, len(records), self.last)
         frames = read_frames(scan, column, len(records))
         if "header" in scan.fields:
             headers = [record.cells[scan.fields["header"]] for record in records]

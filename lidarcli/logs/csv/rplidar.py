@@ -7,12 +7,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from lidarcli.logs.base import ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.csv.dialect import Dialect, Lines, read_lines
-from lidarcli.logs.csv.layouts import DEFAULT_TOPIC, MILLIMETRE, PER_SWEEP, RPLIDAR, TITLES, Columns, Layout
+from lidarcli.logs.csv.layouts import (
+    DEFAULT_TOPIC,
+    MILLIMETRE,
+    PER_SWEEP,
+    RPLIDAR,
+    TITLES,
+    Columns,
+    Head,
+    Layout,
+)
 from lidarcli.logs.csv.nameless import is_turn, restarts
 from lidarcli.logs.numbers import say
 from lidarcli.logs.text import TextBlock
@@ -108,10 +118,16 @@ def _saved(numbered: Sequence[tuple[int, bytes]]) -> Layout | None:
     names: list[str] = []
     for number, line in numbered:
         if line.lstrip()[:1] != b"#":
-            if {"angle", "distance"} <= set(names):
-                angle, distance = names.index("angle") + 1, names.index("distance") + 1
-                return _layout(SAVED, number, angle, distance, len(names) + 1)
-            return None
+            if not {"angle", "distance"} <= set(names):
+                return None
+            # Before the columns of the file stands the flag of a turn.
+            names = ["", *names]
+            rows = [[b"", *_plain(row).split()] for _, row in numbered if row.lstrip()[:1] != b"#"]
+            head = Head("", Dialect(b" "), names, b"", number, [], rows, OpenOptions())
+            layout = _layout(SAVED, number, names.index("angle"), names.index("distance"), len(names))
+            fields = {"record": names.index("time")} if "time" in names else {}
+            scan = replace(layout.scans[0], fields=fields, units=head.units(fields))
+            return replace(layout, scans=(scan,), unread=head.unread_times([scan]))
         words = [_NAMES.get(word.lower(), "") for word in _WORD.findall(line)]
         if words and all(words):
             names = words

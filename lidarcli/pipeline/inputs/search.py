@@ -8,13 +8,16 @@ import os
 import re
 import stat
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from hashlib import blake2b
 from pathlib import Path, PurePath, PurePosixPath
 
-from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.display import counted
+from lidarcli.errors import LidarcliError, OptionError, UnreadableError
+from lidarcli.logs import open_log
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.rosbag2.folder import is_bag
 from lidarcli.pipeline.inputs.files import (
@@ -49,19 +52,23 @@ _CONTAINER = (
 _WRAPPER = (".gz", ".zstd", ".active")
 
 
-def find_logs(inputs: Iterable[str], join: bool = False) -> list[Source | Nothing]:
+def find_logs(
+    inputs: Iterable[str], join: bool = False, left: Counter[str] | None = None
+) -> list[Source | Nothing]:
     """Return the logs that `inputs` name, in their order; a folder, also of a store, is searched, its logs sorted.
+
+    `left` counts the logs in folders that a search leaves out.
 
     With `join`, the logs that are named are one log, which comes first, and so are those of each recording in parts that a
     search has found. Where one that is named is not there, none of them is read.
     """
     if not join:
-        return [source for text in inputs for source in _named(text)]
+        return [source for text in inputs for source in _named(text, left)]
     named: list[Source] = []
     absent: list[Source | Nothing] = []
     searched: list[Source | Nothing] = []
     for text in inputs:
-        here = _named(text)
+        here = _named(text, left)
         first = here[0]
         if len(here) > 1 or (first.path != text and not (is_url(text) and first.path == str(place(text)))):
             searched += here
@@ -72,7 +79,7 @@ def find_logs(inputs: Iterable[str], join: bool = False) -> list[Source | Nothin
     return [*(absent or ([joined(named)] if named else [])), *joined_by_name(searched)]
 
 
-def _named(text: str) -> list[Source | Nothing]:
+def _named(text: str, left: Counter[str] | None = None) -> list[Source | Nothing]:
     """Return the logs that one name means, or a `Nothing`."""
     if is_url(text):
         return find_stored(text)
@@ -84,7 +91,7 @@ def _named(text: str) -> list[Source | Nothing]:
     if not path.exists():
         return [*_pattern(text)]
     if path.is_dir() and not is_one_log(path):
-        return _search(path) or [
+        return _search(path, left) or [
             Nothing(text, UnreadableError(f"no log in this folder ({known_suffixes()})"))
         ]
     return [Source(text, log_name(path))]
@@ -183,7 +190,25 @@ def are_one_log(folder: Place, names: Sequence[str]) -> bool:
     return hold_one_sweep_each([folder / name for name in names if name.lower().endswith(TEXT_SUFFIXES)])
 
 
-def _search(folder: Path) -> list[Source | Nothing]:
+def left_out(left: Counter[str]) -> str | None:
+    """Return a note on logs that a search has left out; None without any."""
+    parts = [f"{counted(count, 'file')} {where}" for where, count in sorted(left.items())]
+    were = "was not looked at: name it" if left.total() == 1 else "were not looked at: name them"
+    return f"{', '.join(parts)} {were}" if parts else None
+
+
+def _is_readable(path: Path) -> bool:
+    """Tell whether a file whose name does not say so is a log."""
+    try:
+        if stat.S_ISREG(path.stat().st_mode):
+            open_log(path).close()
+            return True
+    except (LidarcliError, OSError):
+        pass
+    return False
+
+
+def _search(folder: Path, left: Counter[str] | None = None) -> list[Source | Nothing]:
     """Return the logs below a folder by path, and the folders that could not be searched.
 
     Links are followed; a folder that was seen already is not entered again.
@@ -216,11 +241,25 @@ def _search(folder: Path) -> list[Source | Nothing]:
             continue
         seen.add((known.st_dev, known.st_ino))
         # Hidden files are no logs: macOS puts a `._run.bag` beside every `run.bag` on foreign disks.
+        shut = [at / name for name in folders if name.startswith(".")]
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         logs = [at / name for name in folders if is_one_log(at / name)]
         folders[:] = [name for name in folders if at / name not in logs]
         names = (name for name in files if not name.startswith(".") and name.lower().endswith(SUFFIXES))
         logs += filter(is_log, (at / name for name in names))
+        if left is not None:
+            for log in (log for log in logs if log.is_dir()):
+                shut += [inside for inside in log.iterdir() if inside.is_dir()]
+            for each in shut:
+                with suppress(OSError):
+                    inside = [item for item in each.iterdir() if item.name.lower().endswith(SUFFIXES)]
+                    left.update([f"in {each}"] * len(inside))
+            others = (at / name for name in files if name[0] != "." and not name.lower().endswith(SUFFIXES))
+            left.update(
+                "*" + "".join(path.suffixes[-2:] if path.suffix == ".gz" else path.suffixes[-1:])
+                for path in others
+                if _is_readable(path)
+            )
         found |= {log: Source(str(log), _below(folder, log)) for log in logs}
     return [found[path] for path in sorted(found)]
 
@@ -408,7 +447,7 @@ def choose(
     base : folder below which a log keeps its place in its name; by default the one that was searched
     shard : (I, N), 1 to N: only the I-th of N shares, which a log belongs to by its name alone
     join : whether logs in parts are one log, as of `find_logs`; the logs of a list are taken as found by a search
-    note : hears of logs that look like parts and are not joined
+    note : hears of logs that look like parts and are not joined, and of those in a folder that are left out
 
     Raises
     ------
@@ -417,7 +456,10 @@ def choose(
     UnreadableError
         The list cannot be read.
     """
-    found = find_logs(logs, join)
+    left: Counter[str] = Counter()
+    found = find_logs(logs, join, left)
+    if note is not None and (words := left_out(left)):
+        note(words)
     if listed is not None:
         below: list[Source | Nothing] = []
         for number, line in _lines(listed):

@@ -299,7 +299,7 @@ class Posing:
         from lidarcli.pose.tree import nearness
 
         if way is None:
-            return [unplaced(frame, others).message]
+            return [unplaced(frame, others, "", sources.tracks).message]
         lines = [_chosen(way, others)]
         if seen.without:
             lines.append(_gap(name, way, seen))

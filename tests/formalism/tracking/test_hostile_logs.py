@@ -14,6 +14,7 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation import entities as make
+from lidarcli.simulation.scene import Course, super_ellipse
 from lidarcli.sweeps import SweepBatch, SweepPoses
 from tests.formalism.tracking.following import (
     assert_same,
@@ -233,3 +234,14 @@ def test_the_longest_log_keeps_no_more_than_a_short_one() -> None:
     assert late[0] <= 256
     assert late[3] < 100
     assert late[6] <= 3
+
+
+def test_sweeps_a_nanosecond_apart_do_not_move_what_stands() -> None:
+    """Nobody drives as fast as the steps of the path would be; after a pause all is still where it was."""
+    path = Course(super_ellipse(3.0, 2.2, 2.5, points=36_000), speed=0.8)
+    log = simulated(scene_of(make.box(2.0, 0.3, 0.6, 0.4), make.cylinder(-1.0, 0.5, 0.05), path=path), 80)
+    stamps = log.stamp_ns[0] + np.arange(80) + 10**13 * (np.arange(80) >= 60)
+    tracks = follow(replace(log, stamp_ns=stamps)).tracks
+    assert len(tracks) >= 2
+    assert (np.hypot(tracks.x, tracks.y) < 12.0).all()
+    assert np.nanmax(tracks.length) < 3.0
