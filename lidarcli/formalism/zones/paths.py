@@ -117,12 +117,16 @@ def same_agents(sensors: Sequence[dict[int, Path]]) -> dict[tuple[int, int], int
         (sensor, track): path for sensor, own in enumerate(sensors) for track, path in sorted(own.items())
     }
     members = {name: [name] for name in paths}
-    together = [
-        (apart, one, other)
-        for one, path in paths.items()
-        for other in paths
-        if other[0] < one[0] and (apart := _apart(path, paths[other])) is not None
-    ]
+    together: list[tuple[float, tuple[int, int], tuple[int, int]]] = []
+    there: list[tuple[int, int]] = []
+    """Those that go on when the next one begins."""
+    for name in sorted(paths, key=lambda each: int(paths[each].time_ns[0])):
+        there = [each for each in there if _at_one_time(paths[each], paths[name])]
+        for each in there:
+            other, one = sorted((each, name))
+            if other[0] < one[0] and (apart := _apart(paths[one], paths[other])) is not None:
+                together.append((apart, one, other))
+        there.append(name)
     for _, one, other in sorted(together):
         mine, its = members[one], members[other]
         if mine is not its and not any(
@@ -140,8 +144,6 @@ def _at_one_time(one: Path, other: Path) -> bool:
 
 def _apart(path: Path, other: Path) -> float | None:
     """Return how far apart two paths are on average while they are together [m]; None where they are not."""
-    if not _at_one_time(path, other):
-        return None
     times = path.time_ns
     common = (times >= other.time_ns[0]) & (times <= other.time_ns[-1])
     x, y = (np.interp(times[common], other.time_ns, values) for values in (other.x, other.y))

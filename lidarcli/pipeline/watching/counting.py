@@ -98,7 +98,7 @@ class Hits(NamedTuple):
     """Numbers of points of objects in a part of a zone: one entry for each object of a sweep."""
 
     sweep: Int64
-    """(H,) number of the sweep in the series, ascending."""
+    """(H,) number of the sweep in the series."""
     part: Int64
     set: UInt8
     track: Int64
@@ -143,13 +143,11 @@ class ZoneSeries:
         """Return one of the quantities of all sweeps (S, parts)."""
         return _whole(getattr(self, name))
 
-    def all_hits(self) -> Hits:
-        """Return the hits of all sweeps."""
-        if len(self.hits) != 1:
-            self.hits[:] = [
-                Hits(*(np.concatenate(values) for values in zip(NO_HITS, *self.hits, strict=True)))
-            ]
-        return self.hits[0]
+    def ordered_hits(self) -> Hits:
+        """Return the hits of all sweeps, by sweep; each part of a batch has added its own."""
+        joined = Hits(*(np.concatenate(values) for values in zip(NO_HITS, *self.hits, strict=True)))
+        order = np.argsort(joined.sweep, kind="stable")
+        return Hits(*(values[order] for values in joined))
 
 
 @dataclass(slots=True)
