@@ -28,7 +28,8 @@ from lidarcli.pipeline.watching.over_log import Watching, masked
 from lidarcli.reports.checks import Verdict, verdict_of
 from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.wording import counted
-from lidarcli.reports.zones import judge_zones, parse_zone_check, zone_figures
+from lidarcli.reports.zone_report import NEVER
+from lidarcli.reports.zones import judge_zones, parse_zone_check, unobserved, zone_figures
 from lidarcli.stores.url import Place
 from lidarcli.tabular.arrays import answers, codes
 from lidarcli.tabular.rows import FORMS, constant
@@ -179,19 +180,19 @@ class Gates:
         if self._checks:
             self._tables.append(tables)
 
-    def verdicts(self) -> list[Verdict]:
-        """Hold the checks against all tables."""
-        if not self._checks:
-            return []
-        if not self._tables:
-            return [verdict_of(check, None) for check in self._checks]
+    def verdicts(self) -> tuple[list[Verdict], tuple[str, ...]]:
+        """Hold the checks against all tables; also returns a line for each zone that was not observed all the time."""
+        if not self._checks or not self._tables:
+            return [verdict_of(check, None) for check in self._checks], ()
         events, zones = (
             pa.concat_tables([getattr(each, name).replace_schema_metadata() for each in self._tables])
             for name in TABLES
         )
         figures = zone_figures(events, zones, self._lines)
         watched = Watched(Rows.join([events]), Rows.join([zones]))
-        return [judge_zones(check, figures, watched) for check in self._checks]
+        return [judge_zones(check, figures, watched) for check in self._checks], unobserved(
+            self._checks, watched
+        )
 
 
 def _tables(log: str, settled: Sequence[Settled], metadata: dict[bytes, bytes]) -> ZoneTables:
@@ -225,7 +226,7 @@ def _zone_rows(log: str, settled: Settled) -> pa.RecordBatch:
         "zone": constant(settled.zone.name, count),
     }
     columns |= {name: values for name, values in settled.columns.items() if values is not None}
-    columns["active"] = answers(columns["active"].astype(np.int8))
+    columns |= {name: answers(columns[name].astype(np.int8)) for name in ("active", "observed")}
     return FORMS["zones"].fill(columns, None, count)
 
 
@@ -242,11 +243,12 @@ def _words(settled: Settled) -> str:
     """Return what was in a zone, for people."""
     zone, events = settled.zone, settled.events
     columns = settled.columns
-    seen = columns["seen"]
+    observed = columns["observed"]
+    assert observed is not None
     if not settled.in_force:
         return "none of its polygons covers the velocity"
-    if seen is not None and not seen.any():
-        return "never in view"
+    if not observed.any():
+        return NEVER
     if isinstance(zone.shape, Line):
         counts = [sum(event.get("direction") == way for event in events) for way in DIRECTIONS]
         missed = f"; {settled.one_sided} seen on one side only" if settled.one_sided else ""

@@ -48,12 +48,21 @@ class Crossing(NamedTuple):
     inwards: bool
 
 
-def visits(shape: Circle | Polygon, path: Path) -> list[Visit]:
-    """Return the visits of an area: from the first sweep inside to the last that is no farther than `MARGIN` outside."""
-    with np.errstate(invalid="ignore"):
-        within = inside(shape, path.x, path.y)
-        # A place that is not known ends a visit.
-        left = ~(distance_to(shape, path.x, path.y) <= MARGIN)
+def visits(shapes: Sequence[Circle | Polygon], which: Int64, path: Path) -> list[Visit]:
+    """Return the visits of an area: from the first sweep inside to the last that is no farther than `MARGIN` outside.
+
+    Parameters
+    ----------
+    which : (N,) index of the shape that the area has at each sweep of the path, -1 for none
+    """
+    within, left = np.zeros(len(path.x), np.bool_), np.ones(len(path.x), np.bool_)
+    for number in np.unique(which[which >= 0]).tolist():
+        mine = np.flatnonzero(which == number)
+        x, y = path.x[mine], path.y[mine]
+        with np.errstate(invalid="ignore"):
+            within[mine] = inside(shapes[number], x, y)
+            # A place that is not known ends a visit.
+            left[mine] = ~(distance_to(shapes[number], x, y) <= MARGIN)
     found = []
     at, count = 0, len(within)
     while at < count and within[at:].any():

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones.approach import collision_steps, meeting, times
-from lidarcli.formalism.zones.points import Inside, candidates, samples, seen
+from lidarcli.formalism.zones.points import Inside, candidates, reach, samples
 from lidarcli.masks import Circle, Masks, Polygon
 from lidarcli.pipeline.watching.frames import Frames
-from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8
+from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8
 from lidarcli.tabular.arrays import held, numbers
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
 
@@ -125,7 +125,8 @@ class ZoneSeries:
     x: list[Float64] = field(default_factory=list)
     y: list[Float64] = field(default_factory=list)
     masked: list[Int32] = field(default_factory=list)
-    seen: list[NDArray[np.uint64]] = field(default_factory=list)
+    reach: list[Int32] = field(default_factory=list)
+    """Beams that could have ended in it; 0 in sweeps that show nothing."""
     ttc: list[Float64] = field(default_factory=list)
     hits: list[Hits] = field(default_factory=list)
     placed: list[Float64] = field(default_factory=list)
@@ -145,9 +146,9 @@ class ZoneSeries:
 
     def ordered_hits(self) -> Hits:
         """Return the hits of all sweeps, by sweep; each part of a batch has added its own."""
-        joined = Hits(*(np.concatenate(values) for values in zip(NO_HITS, *self.hits, strict=True)))
+        joined = Hits._make(map(np.concatenate, zip(NO_HITS, *self.hits, strict=True)))
         order = np.argsort(joined.sweep, kind="stable")
-        return Hits(*(values[order] for values in joined))
+        return Hits._make(values[order] for values in joined)
 
 
 @dataclass(slots=True)
@@ -242,7 +243,7 @@ class Counting:
             velocity = velocities[each.zone.velocity_topic]
             each.velocity.append(velocity)
             own = velocity if each.zone.frame == WORLD else velocity_of(velocity, place, carried)
-            look = _Look(batch, ranges, place, objects, owners, own, series.count)
+            look = _Look(batch, ranges, masks, place, objects, owners, own, series.count)
             self._look(
                 each, look, None if under is None else np.where(under, batch.ranges, np.float32(np.nan))
             )
@@ -255,10 +256,9 @@ class Counting:
         points, away = np.zeros((count, parts), np.int32), np.zeros((count, parts), np.int32)
         nearest, bearing = (np.full((count, parts), np.nan, np.float32) for _ in range(2))
         x, y, ttc = (np.full((count, parts), np.nan) for _ in range(3))
-        bits = np.zeros((count, parts), np.uint64)
+        whole, beams = look, np.zeros((count, parts), np.int32)
         for part, places in enumerate(into.places if now is None else [np.stack(into.places)[now]]):
-            bits[:, part] = np.packbits(seen(look.batch, look.place, places), axis=1).view(np.uint64)[:, 0]
-        whole = look
+            beams[:, part] = look.reach(into.zone, places)
         for number, shape in enumerate(into.shapes.shapes):
             part, look = number, whole
             if now is not None:
@@ -289,7 +289,7 @@ class Counting:
                 away[:, part] += np.bincount(under.row, minlength=count).astype(np.int32)
         for name, values in (
             *(("points", points), ("nearest", nearest), ("bearing", bearing), ("x", x), ("y", y)),
-            *(("masked", away), ("seen", bits), ("ttc", ttc)),
+            *(("masked", away), ("reach", np.maximum(beams, points)), ("ttc", ttc)),
         ):
             getattr(into, name).append(values)
 
@@ -345,6 +345,7 @@ class _Look(NamedTuple):
     batch: SweepBatch
     ranges: Float32
     """(S, B) without those under a mask."""
+    masks: Masks
     place: SweepPoses
     objects: Objects | None
     owners: Int32 | None
@@ -356,6 +357,18 @@ class _Look(NamedTuple):
         """Return the bearings of beams [rad]."""
         bearing: Float64 = self.batch.angle_min[row] + self.batch.angle_increment[row] * beam
         return bearing
+
+    def reach(self, zone: Zone, places: Float64) -> Int32:
+        """Return how many beams (S,) could have found something in a zone; of one that approaches, wherever it may go."""
+        batch = self.batch
+        if zone.action == "approach":
+            usable = np.isfinite(self.ranges) | (batch.status == Status.NO_RETURN)
+            judged = np.isfinite(self.velocity).all(axis=1) & np.isfinite(self.place.x)
+            found = np.where(judged, np.count_nonzero(usable, axis=1), 0).astype(np.int32)
+        else:
+            found = reach(batch, self.place, places, self.masks)
+        shows: Bool = batch.observed & np.isfinite(self.ranges).any(axis=1)
+        return np.where(shows, found, 0)
 
     def inside(self, zone: Zone, shape: Circle | Polygon) -> tuple[Inside, Inside]:
         """Return the points that count and are inside of a shape; and, for `approach`, all that count wherever they are."""

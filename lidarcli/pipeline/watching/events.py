@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones.episodes import episodes
 from lidarcli.formalism.zones.paths import Path, crossings, same_agents, visits
+from lidarcli.masks import Circle, Polygon
 from lidarcli.pipeline.reading.masking import REACH
 from lidarcli.pipeline.watching.counting import TopicSeries, ZoneSeries
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
@@ -234,7 +235,7 @@ class _Settling:
             "things": self._things().astype(np.int32) if self.counted.has_objects else None,
             "agents": self.agents,
             "masked": self._of_topics("masked").sum(axis=0).astype(np.int32),
-            "seen": self._seen(),
+            "observed": self._observed(),
         }
         return Settled(
             zone,
@@ -247,12 +248,17 @@ class _Settling:
             bool((self.part >= 0).any()),
         )
 
-    def _seen(self) -> Float64:
-        """Return (N,) the share of the zone that some sensor sees."""
-        bits = np.zeros(len(self.own), np.uint64)
-        for index in range(len(self.counted.topics)):
-            bits |= self._picked(index, "seen", 0)
-        return np.bitwise_count(bits) / 64.0
+    def _observed(self) -> Bool:
+        """Return (N,) whether something in the zone could have made an event: enough beams reach it for long enough."""
+        beams = np.sum([self._picked(index, "reach", 0) for index in range(len(self.counted.topics))], axis=0)
+        least = 1 if isinstance(self.zone.shape, Line) else self.zone.min_points
+        observed: Bool = beams >= least
+        if isinstance(self.zone.shape, Line):
+            return observed
+        edges = np.flatnonzero(np.diff(observed.astype(np.int8), prepend=0, append=0))
+        for begin, end in edges.reshape(-1, 2).tolist():
+            observed[begin:end] = end - begin >= self.zone.trigger
+        return observed
 
     def _is_always_same(self, active: Bool) -> bool:
         if np.count_nonzero(active) < max(SAME_SHARE * len(active), 10):
@@ -350,20 +356,33 @@ class _Settling:
         self.paths = self._paths()
         return None if self.paths is None else same_agents(self.paths)
 
+    def _shapes(self, index: int) -> tuple[list[Circle | Polygon], Int64]:
+        """Return the shapes of the zone, and which of them it has (S,) at each sweep of a topic, -1 for none."""
+        shapes = self.counted.series[index].shapes
+        which = shapes.at(self.counted.topics[index].column("stamp_ns"))
+        if which is None:
+            mine = self.topic == index
+            which = np.empty(np.count_nonzero(mine), np.int64)
+            which[self.own[mine]] = self.part[mine]
+        return shapes.shapes, which
+
     def _visits(self) -> Iterator[tuple[int, int, int, int, bool]]:
         """Yield topic, track, and first and last index into its path of each visit, and whether an end is not seen.
 
         Nothing shows that an agent was there whose path is hidden in the zone all the time.
         """
         assert self.paths is not None
-        if self.zone.shape is None or isinstance(self.zone.shape, Line):
+        if isinstance(self.zone.shape, Line):
             return
         for index, (paths, tracked) in enumerate(zip(self.paths, self.counted.tracked, strict=True)):
             if tracked is None:
                 continue
+            shapes, which = self._shapes(index)
             for track, path in paths.items():
-                in_view = tracked.in_view[np.searchsorted(tracked.track, track) :]
-                for visit in visits(self.zone.shape, path):
+                begin = int(np.searchsorted(tracked.track, track))
+                in_view = tracked.in_view[begin:]
+                now = which[tracked.number[begin : begin + len(path.x)]]
+                for visit in visits(shapes, now, path):
                     if in_view[visit.first : visit.last + 1].any():
                         yield index, track, visit.first, visit.last, visit.cut
 
