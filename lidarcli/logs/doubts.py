@@ -145,7 +145,7 @@ class _Repeats:
 
 
 def _is_noisy(raw: RawSweeps, row: int) -> bool:
-    """Tell whether the ranges of a sweep have noise: on a straight wall 1/r is a sinusoid of the bearing, and r is smooth."""
+    """Tell whether the ranges of a sweep have noise: on a straight wall 1/r is a sinusoid of the bearing."""
     ranges = raw.ranges[row, : raw.beams[row]].astype(np.float64)
     ranges[~(np.isfinite(ranges) & (ranges > 0.0))] = np.nan
     inverse = 1.0 / ranges

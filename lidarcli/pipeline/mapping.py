@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -299,7 +300,8 @@ class Mapping:
         self._matched += len(taken) if MATCH in worlds else 0
         self._refuse_several_worlds()
         summary.notes += [
-            f"{topic} is of the same frame as {first}, most likely the same sweeps again: left out (--topic {topic})"
+            f"{topic} is of the same frame as {first}, most likely the same sweeps again: left out (--topic "
+            f"{shlex.quote(topic)})"
             for topic, first in taken.twice.items()
         ]
         summary.notes.append(f"used {taken.count:,} of {summary.sweeps:,} sweeps ({self._why(taken)})")

@@ -24,7 +24,7 @@ from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
 from lidarcli.pipeline.watching.events import Settled
 from lidarcli.pipeline.watching.options import TABLES, ZoneOptions
-from lidarcli.pipeline.watching.over_log import Watching, masked
+from lidarcli.pipeline.watching.over_log import Watching, masked, narrowed
 from lidarcli.reports.checks import Verdict, verdict_of
 from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.wording import counted
@@ -91,6 +91,9 @@ def watch(
         refuse(paths.values(), options.overwrite, options.inputs([source]))
     with ExitStack() as stack:
         found: RunSummary | None = None
+        told = options.as_dict()
+        with open_source(source, options.detect.opening) as log:
+            options = narrowed(log, options)
         pair = None if options.objects is None else one_pair(options.objects)
         if pair is None and options.find:
             private = Path(stack.enter_context(TemporaryDirectory(prefix="lidarcli-")))
@@ -105,7 +108,7 @@ def watch(
             # Both passes tell of the same damage; the first one also of what it found.
             summary.damage = [*dict.fromkeys([*found.damage, *summary.damage])]
             summary.notes = [*dict.fromkeys([*found.notes, *summary.notes])]
-        metadata = table_metadata(options.as_dict(), described, summary.damage)
+        metadata = table_metadata(told, described, summary.damage)
         tables = _tables(source.name, settled, metadata)
         summary.tables = tables
         names = _names(settled)
@@ -115,6 +118,7 @@ def watch(
         ]
         summary.notes += [
             *options.zones.notes,
+            *_stale(settled, bool(options.zones.robot)),
             *([_MASKED] if options.objects is not None and options.zones.masks.masks else ()),
             *(f"{name}: {_SAME}" for name, each in zip(names, settled, strict=True) if each.always_same),
         ]
@@ -274,6 +278,20 @@ def _words(settled: Settled) -> str:
     words += f"; by {', '.join(told)}" if told else ""
     if visits := sum(event["kind"] == "visit" for event in events):
         words += f"; {counted(visits, 'visit')}"
-    if stale := sum(event["kind"] == "stale" for event in events):
-        words += f"; {counted(stale, 'time')} without sweeps"
     return words
+
+
+def _stale(settled: Sequence[Settled], is_nav2: bool) -> list[str]:
+    """Return a line for each topic that told nothing for too long, be it in one zone or in several."""
+    counts = Counter(
+        (event["topic"], each.zone.timeout, each.zone.name)
+        for each in settled
+        for event in each.events
+        if event["kind"] == "stale"
+    )
+    times = {(topic, timeout): count for (topic, timeout, _), count in counts.items()}
+    why = ": Nav2 stops the robot then (invalid source)" if is_nav2 else ""
+    return [
+        f"{topic}: no sweep for more than {timeout:g} s, {counted(count, 'time')}{why}"
+        for (topic, timeout), count in times.items()
+    ]

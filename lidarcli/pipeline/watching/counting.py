@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -23,6 +24,8 @@ NO_OBJECT = -1
 """In place of an object: a point on walls and the rest."""
 OBJECT_COLUMNS = ("topic", "sweep", "object", "beam_i", "beam_f", "set", "track", "vx", "vy")
 """Columns of the objects table that tell whose beams are in a zone."""
+OLDEST_NS = 2_000_000_000
+"""Age from which on a velocity may be that of another time [ns]."""
 VELOCITY_SPAN_NS = 200_000_000
 """Least time over which poses tell a velocity [ns]."""
 
@@ -187,12 +190,13 @@ class Told(NamedTuple):
     recorded: bool
     """True where the stamps are those of the recording."""
 
-    def at(self, batch: SweepBatch) -> Float64:
-        """Return the newest velocity (S, 3) before each sweep; NaN before the first."""
+    def at(self, batch: SweepBatch) -> tuple[Float64, int]:
+        """Return the newest velocity (S, 3) before each sweep, NaN before the first; and how many are too old."""
         times = batch.record_ns if self.recorded else batch.stamp_ns
         index = np.searchsorted(self.stamp_ns, times, side="right") - 1
         newest: Float64 = np.where(index[:, None] < 0, np.nan, self.velocity[np.maximum(index, 0)])
-        return newest
+        old = (index >= 0) & (times - self.stamp_ns[np.maximum(index, 0)] > OLDEST_NS)
+        return newest, int(np.count_nonzero(old))
 
 
 class Counting:
@@ -210,6 +214,8 @@ class Counting:
         self._frames = frames
         self._masks = masks
         self._told = told
+        self.old: Counter[str] = Counter()
+        """Topic → sweeps in which its last velocity was too old."""
         self._stamps, self._robots = np.zeros(0, np.int64), np.zeros((0, 3))
         """Stamps and poses of the robot in the last sweeps."""
 
@@ -305,7 +311,11 @@ class Counting:
     def _velocities(self, batch: SweepBatch, carried: SweepPoses) -> dict[str, Float64]:
         """Return the velocity of the robot (S, 3) as each topic tells it; of one that does not, by the poses."""
         topics = {each.zone.velocity_topic for each in self.series.zones}
-        found = {topic: told.at(batch) for topic in topics if (told := self._told.get(topic)) is not None}
+        found: dict[str, Float64] = {}
+        for topic in topics:
+            if (told := self._told.get(topic)) is not None:
+                found[topic], old = told.at(batch)
+                self.old[topic] += old
         if len(found) < len(topics):
             found = dict.fromkeys(topics, self._by_poses(batch, carried)) | found
         return found
