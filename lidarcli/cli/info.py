@@ -74,7 +74,7 @@ def info(say: Messages, told: InfoCommand) -> int:
         raise click.UsageError("-o writes what is learned from a log: add --mask auto or --deep")
     read, opening, poses = log_options(told)
 
-    from lidarcli.errors import CHECK_FAILED, NoScanError
+    from lidarcli.errors import CHECK_FAILED, NoScanError, UnreadableError
     from lidarcli.logs.options import clouds_hint, no_scan_topic
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of
@@ -138,6 +138,10 @@ def info(say: Messages, told: InfoCommand) -> int:
     # Findings of a log that could not be opened are not known; those of a damaged one only get more.
     if not failed and not all(verdict.holds for verdict in verdicts):
         return CHECK_FAILED
+    for each in logs if checks else ():
+        if not each.scans:
+            say.error("incomplete", f"{each.path}: no sweep was read, and the checks saw nothing of it")
+            codes.append(UnreadableError.exit_code)
     return exit_code(codes)
 
 

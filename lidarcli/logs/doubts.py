@@ -442,8 +442,9 @@ class _Seen:
         ]
 
     def _of_observed(self, sensor: Sensor) -> list[Finding]:
-        """Return the findings on sweeps that show nothing; where none has a range, there is one on that already."""
+        """Return the findings on sweeps that show nothing; if hardly a beam has a range, there is one on that already."""
         total = self.clock.sweeps
+        blind = self.blind if self.beams - self.valid <= UNUSABLE * self.beams else 0
         return [
             sensor.finding(
                 "observed",
@@ -453,13 +454,13 @@ class _Seen:
                 {"sweeps": spared(total)},
             )
             for count, what in (
-                (self.blind, "have no range at all: they show nothing of what was there"),
+                (blind, "have no range at all: they show nothing of what was there"),
                 (
                     self.frozen,
                     "repeat an older one bit for bit, noise and all: the sensor or its driver hung",
                 ),
             )
-            if spared(total) < count < total
+            if count > spared(total)
         ]
 
     def _of_units(self, sensor: Sensor, in_unit: bool) -> Finding:

@@ -256,13 +256,17 @@ def _watched(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> Watched | None:
     if not read:
         return None
     shapes: dict[str, dict[str, Any]] = {}
-    for _, zones in read.values():
+    left_out: list[tuple[str, str]] = []
+    for source, (_, zones) in read.items():
+        rows = Rows.join([zones])
+        judged, log = {*rows.counts("zone")}, next(iter(rows.counts("log")), str(source))
         told = note_value(notes_of(zones), PARAMETERS, dict).get("zones")
         for one in told if isinstance(told, list) else ():
             if isinstance(one, dict) and isinstance(one.get("name"), str):
                 shapes.setdefault(one["name"], one)
+                left_out += [(log, one["name"])] if one["name"] not in judged else []
     events, zones = (Rows.join([one[k] for one in read.values()], [*read]) for k in (0, 1))
-    return Watched(events, zones, shapes)
+    return Watched(events, zones, shapes, tuple(left_out))
 
 
 def _refuse_without_objects(options: ReportOptions, kind: str) -> None:

@@ -23,13 +23,13 @@ from lidarcli.pipeline.reading.one_log import Progress, RunSummary
 from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
 from lidarcli.pipeline.watching.events import Settled
-from lidarcli.pipeline.watching.options import TABLES, ZoneOptions
+from lidarcli.pipeline.watching.options import TABLES, ZoneOptions, zone_dict
 from lidarcli.pipeline.watching.over_log import Watching, masked, narrowed
 from lidarcli.reports.checks import Verdict, verdict_of
 from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zone_report import NEVER
-from lidarcli.reports.zones import judge_zones, parse_zone_check, unobserved, zone_figures
+from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, unobserved
 from lidarcli.stores.url import Place
 from lidarcli.tabular.arrays import answers, codes
 from lidarcli.tabular.rows import FORMS, constant
@@ -175,7 +175,7 @@ class Gates:
     def __init__(self, options: ZoneOptions, expressions: Sequence[str]) -> None:
         """Understand the checks, or raise a usage error."""
         zones = options.zones.zones
-        self._lines = {zone.name for zone in zones if isinstance(zone.shape, Line)}
+        self._shapes = {zone.name: zone_dict(zone) for zone in zones}
         self._checks = [parse_zone_check(each, [zone.name for zone in zones]) for each in expressions]
         self._tables: list[ZoneTables] = []
 
@@ -192,8 +192,14 @@ class Gates:
             pa.concat_tables([getattr(each, name).replace_schema_metadata() for each in self._tables])
             for name in TABLES
         )
-        figures = zone_figures(events, zones, self._lines)
-        watched = Watched(Rows.join([events]), Rows.join([zones]))
+        left_out = tuple(
+            (str(log), name)
+            for each in self._tables
+            for log in each.zones["log"].slice(0, 1).to_pylist()
+            for name in sorted({*self._shapes} - {*Rows.join([each.zones]).counts("zone")})
+        )
+        watched = Watched(Rows.join([events]), Rows.join([zones]), self._shapes, left_out)
+        figures = figures_of(watched)
         return [judge_zones(check, figures, watched) for check in self._checks], unobserved(
             self._checks, watched
         )

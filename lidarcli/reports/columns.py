@@ -146,6 +146,8 @@ class Watched:
     """A row for each sweep and zone."""
     shapes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Name of a zone → its outline, as the metadata tells it."""
+    left_out: tuple[tuple[str, str], ...] = ()
+    """Logs and zones that could not be judged in them."""
 
     @property
     def names(self) -> list[str]:

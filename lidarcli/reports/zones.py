@@ -136,24 +136,23 @@ class Sight(NamedTuple):
     @property
     def lacks(self) -> bool:
         """True if more sweeps than may be spared did not observe it."""
-        return self.sweeps - self.observed > spared(self.sweeps)
+        return not self.observed or self.sweeps - self.observed > spared(self.sweeps)
 
 
 def sights_of(watched: Watched, zone: str) -> list[Sight]:
-    """Return how a zone was observed in each log."""
+    """Return how a zone was observed in each log that has it."""
     rows, mine = watched.zones, np.flatnonzero(of_zone(watched.zones, zone))
     (log, logs), observed, stamp = rows.words("log"), rows.numbers("observed"), rows.integers("stamp")
-    key = rows.source[mine].astype(np.int64) * max(len(logs), 1) + log[mine]
-    mine = mine[np.lexsort((stamp[mine], key))]
-    found = []
-    for some in np.split(mine, np.flatnonzero(np.diff(np.sort(key))) + 1):
+    key = rows.source.astype(np.int64) * max(len(logs), 1) + log
+    mine = mine[np.lexsort((stamp[mine], key[mine]))]
+    found = [Sight(name, 0, 1) for name, left_out in watched.left_out if left_out == zone]
+    for some in np.split(mine, np.flatnonzero(np.diff(key[mine])) + 1) if len(mine) else ():
         stamps: Int64 = np.unique(stamp[some])
         steps = np.diff(stamps) * 1e-9
         step = float(np.median(steps)) if len(steps) else 0.0
         gaps = steps[steps > max(TIMEOUT, 1.5 * step)]
         missing = int(np.maximum(np.rint(gaps / step) - 1.0, 0.0).sum()) if len(gaps) else 0
-        if len(some):
-            found.append(Sight(logs[log[some[0]]], int(observed[some].sum()), len(some) + missing))
+        found.append(Sight(logs[log[some[0]]], int(observed[some].sum()), len(some) + missing))
     return found
 
 
@@ -164,7 +163,11 @@ def unobserved(checks: Sequence[Check], watched: Watched) -> tuple[str, ...]:
         if check.condition is not None and check.name == "events":
             named = _ZONE_NAMED.findall(check.expression)
             is_any = not named or any(sign == "!" for sign, _ in named)
-            wanted |= dict.fromkeys(watched.names if is_any else [name for _, name in named])
+            wanted |= dict.fromkeys(
+                [*watched.names, *(name for _, name in watched.left_out)]
+                if is_any
+                else [name for _, name in named]
+            )
         elif (of := zone_of(check.name)) is not None:
             wanted[of[0]] = None
     lines = []

@@ -197,34 +197,34 @@ def test_other_types_are_not_scans(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("schema", "encoding", "note"),
+    ("schema", "encoding", "line"),
     [
         (
             ("sensor_msgs/msg/LaserScan", "ros2msg", b"std_msgs/Header header\nfloat64 angle_min\n"),
             "cdr",
-            "/scan (sensor_msgs/msg/LaserScan) is left out: its definition is not the standard one: "
+            "/scan (sensor_msgs/msg/LaserScan): left out: its definition is not the standard one: "
             "field 2 is 'float64 angle_min', not 'float32 angle_min'",
         ),
         (
             (*IDL[:2], samples.LASERSCAN_IDL.replace(b"float scan_time;", b"")),
             "cdr",
-            "/scan (sensor_msgs/msg/LaserScan) is left out: its definition is not the standard one: "
+            "/scan (sensor_msgs/msg/LaserScan): left out: its definition is not the standard one: "
             "field 6 is 'float32 range_min', not 'float32 scan_time'",
         ),
-        (IDL, "cbor", "/scan (sensor_msgs/msg/LaserScan) is left out: the encoding 'cbor' is not read"),
+        (IDL, "cbor", "/scan (sensor_msgs/msg/LaserScan): left out: the encoding 'cbor' is not read"),
         (
             (FOXGLOVE_SCAN, "protobuf", b"\xff\xff"),
             "protobuf",
-            "/scan (foxglove.LaserScan) is left out: its protobuf schema does not describe a foxglove.LaserScan",
+            "/scan (foxglove.LaserScan): left out: its protobuf schema does not describe a foxglove.LaserScan",
         ),
     ],
 )
-def test_a_scan_that_is_none_is_named(tmp_path: Path, schema: Any, encoding: str, note: str) -> None:
+def test_a_scan_that_is_none_is_named(tmp_path: Path, schema: Any, encoding: str, line: str) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(sample(2, schema=schema, encoding=encoding, payload=lambda _: b"\0" * 99))
     raw, report = read(path)
     assert raw is None
-    assert report.notes == [note]
+    assert [f"{each.place}: {each.cause}" for each in report.damage] == [line]
 
 
 @pytest.mark.parametrize(

@@ -325,7 +325,7 @@ def test_zones_beside_objects_join_the_report(tmp_path: Path) -> None:
 
 def test_two_logs_are_summed_up(tmp_path: Path) -> None:
     write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, "first", SHAPES)
-    write_zones(tmp_path, EVENT_ROWS[:1], ZONE_ROWS[:10], "second", SHAPES)
+    write_zones(tmp_path, EVENT_ROWS[:1], ZONE_ROWS[:10], "second", SHAPES[:1])
     report = made(tmp_path).report
     assert report.figures["zones.stop.events"] == 3
     assert report.figures["zones.stop.share"] == 0.5
@@ -488,3 +488,26 @@ def test_figures_of_zones_beside_a_baseline(tmp_path: Path) -> None:
     checks = ("delta.zones.stop.events == 1", "delta.zones.left-door.in == 0", "zones.stop.events == 2")
     report = make_report(ReportOptions((str(new),), checks, (str(old),))).report
     assert [(one.found, one.holds) for one in report.verdicts] == [(1, True), (0, True), (2, True)]
+
+
+def test_words_of_tables_are_shown_and_never_obeyed(tmp_path: Path) -> None:
+    hostile = "n\x1b[31m\x07\n```\n::error file=a::pwned\n<img src=x>\u202e"
+    shapes = [shape | {"action": hostile} for shape in SHAPES]
+    events = [row | {"label": "::error::x", "log": "::warning::y"} for row in EVENT_ROWS]
+    write_zones(tmp_path, events, ZONE_ROWS, shapes=shapes)
+    found = made(tmp_path)
+    for form in ("text", "markdown", "github"):
+        text = render(found, form)
+        assert not [mark for mark in text if not (mark.isprintable() or mark == "\n")], form
+        assert (
+            not [line for line in text.splitlines() if line.lstrip().startswith(("::error", "<img"))]
+            or form == "github"
+        )
+    markdown = render(found, "markdown")
+    assert markdown.count("```") % 2 == 0
+    assert [line for line in markdown.splitlines() if line.startswith("```")] == ["```"] * markdown.count(
+        "```"
+    )
+    assert "error file=a" not in "".join(
+        line for line in render(found, "github").splitlines() if line.startswith("::error")
+    )

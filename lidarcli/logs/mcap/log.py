@@ -284,7 +284,7 @@ class McapLog:
                 yield message._replace(data=plain)
 
     def _decoder(self, key: int, report: ReadReport) -> _Columns | _OneByOne | None:
-        """Return the decoder of a channel; None, with a note where due, if its messages are no sweeps."""
+        """Return the decoder of a channel; None, as damage where they should be, if its messages are no sweeps."""
         channel, definition = self._catalogue.channels[key], self._catalogue.schema(key)
         type_name, encoding = self._catalogue.type(key), channel.message_encoding
         problem = None
@@ -307,7 +307,7 @@ class McapLog:
         elif type_name in (LASERSCAN, MULTI_ECHO, FOXGLOVE_SCAN):
             problem = f"the encoding '{encoding}' is not read"
         if problem is not None:
-            report.notes.append(f"{channel.topic} ({type_name}) is left out: {problem}")
+            report.add_damage(f"{channel.topic} ({type_name})", f"left out: {problem}")
         return None
 
     def _pass(self, choose: Callable[[int], int], report: ReadReport) -> Iterator[tuple[int, Messages]]:
