@@ -132,3 +132,26 @@ def some_of(names: Sequence[str]) -> str:
     """
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     return ", ".join(names[:_SHOWN]) + more
+
+
+def visible(text: str) -> str:
+    r"""Text from a log, a table or a file name, with escapes for what would break the line or steer the terminal.
+
+    >>> visible("/scan\n\x1b[2J °")
+    '/scan\\n\\x1b[2J °'
+    """
+    return (
+        text
+        if text.isprintable()
+        else "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
+    )
+
+
+def no_command(line: str) -> str:
+    r"""A line of which CI servers read no command, whatever a log or a topic is called.
+
+    >>> no_command("  ::error file=x"), no_command("  ##[error]x"), no_command("  /scan::x")
+    ('  \\x3a:error file=x', '  \\x23#[error]x', '  /scan::x')
+    """
+    text = line.lstrip()
+    return line if text[:2] not in ("::", "##") else line.replace(text[0], f"\\x{ord(text[0]):x}", 1)

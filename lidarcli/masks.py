@@ -180,6 +180,21 @@ class Masks:
                 self._mark(part, masks, raw.frame_ids[code], geometry[first : first + some])
         return masked
 
+    def hide(self, batch: SweepBatch, bearing: Float64, distance: Float64) -> Bool:
+        """Return which places (S, P), by bearing [rad] and distance [m] from the sensors of sweeps, are under a mask."""
+        hidden = np.zeros(bearing.shape, np.bool_)
+        for mask in self.masks:
+            for code in (
+                range(len(batch.frame_ids)) if not mask.topic or same_name(mask.topic, batch.topic) else ()
+            ):
+                rows = np.flatnonzero(batch.frame == code)
+                for some in np.array_split(rows, -(-bearing[rows].size // _TOGETHER)) if len(rows) else ():
+                    for least, most in mask.shape.spans(
+                        self._rays(mask.frame, batch.frame_ids[code], bearing[some])
+                    ):
+                        hidden[some] |= (least <= distance[some]) & (distance[some] <= most)
+        return hidden
+
     def _mark(self, part: _Part, masks: list[Mask], sensor: str, geometry: Float64) -> None:
         """Mark what is under masks in sweeps of some geometries (G, 2)."""
         bearing = geometry[:, :1] + geometry[:, 1:] * np.arange(part.ranges.shape[1])

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from lidarcli.display import visible
 from lidarcli.stores.url import blotted
 
 if TYPE_CHECKING:
@@ -19,16 +20,10 @@ LONGEST_LINE = 1000
 
 
 def one_line(text: str) -> str:
-    r"""Text from a log or a file name, with escapes for what would break the line or steer the terminal.
-
-    Credentials that somebody has typed into a URL are left out.
-
-    >>> one_line("/scan\n\x1b[2J °")
-    '/scan\\n\\x1b[2J °'
-    """
+    """A visible text of at most `LONGEST_LINE`, without credentials that somebody has typed into a URL."""
     text = blotted(text)
     if not text.isprintable():
-        text = "".join(char if char.isprintable() else repr(char)[1:-1] for char in text[:LONGEST_LINE])
+        text = visible(text[:LONGEST_LINE])
     return (
         text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE // 2]} ... {text[-LONGEST_LINE // 4 :]}"
     )

@@ -64,6 +64,11 @@ def worth_telling(statuses: Mapping[str, int]) -> dict[str, int]:
     return {name: count for name, count in statuses.items() if count or name != Status.MASKED.name.lower()}
 
 
+def spared(sweeps: int) -> int:
+    """Return how many sweeps may show nothing where all are to be seen: one, or one in a hundred up to ten."""
+    return max(1, min(sweeps // 100, 10))
+
+
 class Closure(IntEnum):
     """Kind of closure of a sweep to a full turn (docs/formalism.md, *Full turn*)."""
 
@@ -310,6 +315,7 @@ class SweepBatch:
     intensities : (S, B) float32, how strong each return is, in the sensor's own unit; NaN where the log does not tell, and
         in sweeps where all are 0, which nobody has measured. None: no sweep of these has any
     poses : where the sensor was (`SweepPoses`), where that has been asked for and the log tells
+    observed : (S,) True where the sweep shows anything: it has a range, and does not repeat an older sweep (docs/tables.md)
     still : (S,) True where the sensor stood since the sweep before, where that is known
     fits : (S,) True where `poses` fit the sweeps or were named by the user; None: nobody has looked
     log : name of the log that it was read from, where that has been told
@@ -329,6 +335,7 @@ class SweepBatch:
     ranges: Float32
     status: UInt8
     closure: UInt8 = field(default_factory=lambda: np.empty(0, np.uint8))
+    observed: Bool = field(default_factory=lambda: np.empty(0, np.bool_))
     duration: Float64 | None = None
     first_ns: int = 0
     intensities: Float32 | None = None
@@ -469,4 +476,4 @@ class SweepBatch:
         return shares
 
 
-_BATCH_ROW_FIELDS = (*_ROW_FIELDS, "sweep", "status", "closure")
+_BATCH_ROW_FIELDS = (*_ROW_FIELDS, "sweep", "status", "closure", "observed")

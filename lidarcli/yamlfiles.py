@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import warnings
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from lidarcli.errors import UnreadableError
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
 MAX_YAML_BYTES = 1 << 17
 """Most bytes of a file: all parameters of Nav2 take some 20,000, and parsing is slow."""
 _TRUTHS = dict.fromkeys(("y", "yes", "true", "on"), True) | dict.fromkeys(("n", "no", "false", "off"), False)
+_INTEGER = re.compile(r"[-+]?(0[0-7]*|0x[0-9a-f]+|[1-9][0-9]*)", re.IGNORECASE)
 _TAG = "tag:yaml.org,2002:"
 
 
@@ -81,15 +84,13 @@ def _scalar(node: ScalarNode) -> Any:
     # Quoted values have a style.
     if kind in {"bool", "str"} and not node.style and text.lower() in _TRUTHS:
         return _TRUTHS[text.lower()]
-    if kind in {"int", "float"}:
-        try:
-            return (
-                int(text, 10)
-                if kind == "int"
-                else float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
-            )
-        except ValueError:
-            return text
+    # As in the parser of ROS: 030 is octal, and neither 1_5 nor 0o17 is a number.
+    if kind == "int" and _INTEGER.fullmatch(text):
+        digits = text.lower().lstrip("+-")
+        return int(text, 16 if digits.startswith("0x") else 8 if digits.startswith("0") else 10)
+    if kind in {"int", "float"} and not set(text.lower()) & set("_oxb:"):
+        with suppress(ValueError):
+            return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
     return text
 
 

@@ -93,7 +93,9 @@ class Zone:
     cases: tuple[Case, ...] = ()
     """The first that covers the velocity counts; where none does, the one before stays."""
     shape_topic: str = ""
-    """Topic of geometry_msgs/PolygonStamped that tells the shape."""
+    """Topic of geometry_msgs/PolygonStamped that tells the shape ..."""
+    footprint: Polygon | None = None
+    """... and the one that it has where the log has no such topic."""
     velocity_topic: str = ""
     """Topic of geometry_msgs/Twist(Stamped) that tells the velocity; where the log has none, poses do."""
     time_before_collision: float = TIME_BEFORE_COLLISION

@@ -23,7 +23,7 @@ MAY_IMPORT = {
     "options": {"choices", "errors", "formalism", "range_rules", "option_forms", "times"},
     "interrupts": set[str](),
     "newfiles": {"errors", "machine", "ros", "stores"},
-    "screen": {"stores"},
+    "screen": {"display", "stores"},
     "stores": {"errors", "machine"},
     "foxglove": set[str](),
     "tomlfiles": {"errors"},

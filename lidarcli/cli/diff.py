@@ -8,8 +8,10 @@ import click
 from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, progress_bar
 from lidarcli.cli.options import log_options, usage_errors
+from lidarcli.display import no_command
 from lidarcli.option_forms import Argument, File, Option, Text
 from lidarcli.options import GATES, Diffing, Overwrite, TextOrJson, output
+from lidarcli.screen import one_line
 from lidarcli.stores.url import place
 
 
@@ -74,7 +76,7 @@ def diff(say: Messages, told: DiffCommand) -> int:
         click.echo(json.dumps(found.as_dict(), indent=2))
     else:
         for line in found.lines:
-            click.echo(line)
+            click.echo(no_command(one_line(line)))
     for line in found.damage:
         say.error(line)
     say.notes([*found.notes, *write_changes(found, outputs, told["overwrite"])])

@@ -12,7 +12,7 @@ from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, progress_bar
 from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
-from lidarcli.display import counted, moment
+from lidarcli.display import counted, moment, no_command
 from lidarcli.option_forms import Option, Text
 from lidarcli.options import FINDINGS, OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.screen import one_line
@@ -74,7 +74,7 @@ def info(say: Messages, told: InfoCommand) -> int:
         raise click.UsageError("-o writes what is learned from a log: add --mask auto or --deep")
     read, opening, poses = log_options(told)
 
-    from lidarcli.errors import CHECK_FAILED, NoScanError
+    from lidarcli.errors import CHECK_FAILED, NoScanError, UnreadableError
     from lidarcli.logs.options import clouds_hint, no_scan_topic
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of
@@ -138,6 +138,10 @@ def info(say: Messages, told: InfoCommand) -> int:
     # Findings of a log that could not be opened are not known; those of a damaged one only get more.
     if not failed and not all(verdict.holds for verdict in verdicts):
         return CHECK_FAILED
+    for each in logs if checks else ():
+        if not each.scans:
+            say.error("incomplete", f"{each.path}: no sweep was read, and the checks saw nothing of it")
+            codes.append(UnreadableError.exit_code)
     return exit_code(codes)
 
 
@@ -160,7 +164,7 @@ def as_text(info: "LogInfo | Learned") -> str:
 
     # Names come from a log and may hold anything.
     lines = _log_lines(info) if isinstance(info, LogInfo) else background_lines(info)
-    return "\n".join(_no_command(one_line(line)) for line in lines)
+    return "\n".join(no_command(one_line(line)) for line in lines)
 
 
 def _log_lines(info: "LogInfo") -> list[str]:
@@ -190,7 +194,7 @@ def as_line(info: "LogInfo | Learned") -> str:
     """One line on a log or a background."""
     from lidarcli.pipeline.inspecting import LogInfo
 
-    return _no_command(one_line(_log_line(info) if isinstance(info, LogInfo) else background_line(info)))
+    return no_command(one_line(_log_line(info) if isinstance(info, LogInfo) else background_line(info)))
 
 
 def _log_line(info: "LogInfo") -> str:
@@ -214,16 +218,6 @@ def _log_line(info: "LogInfo") -> str:
     if info.damage:
         parts.append("damaged")
     return f"{info.path}: {', '.join(parts)}"
-
-
-def _no_command(line: str) -> str:
-    r"""A line of which CI servers read no command, whatever a log or a topic is called.
-
-    >>> _no_command("  ::error file=x"), _no_command("  ##[error]x"), _no_command("  /scan::x")
-    ('  \\x3a:error file=x', '  \\x23#[error]x', '  /scan::x')
-    """
-    text = line.lstrip()
-    return line if text[:2] not in ("::", "##") else line.replace(text[0], f"\\x{ord(text[0]):x}", 1)
 
 
 def _topics(topics: Sequence["Topic"]) -> list[str]:

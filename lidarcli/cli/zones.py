@@ -67,7 +67,7 @@ def zones(say: Messages, told: ZonesCommand) -> int:
         why = "--objects names some that have been found" if told["objects"] else "--no-objects finds none"
         refuse_finding((OBJECTS, THINGS, BACKGROUND), why)
 
-    from lidarcli.errors import CHECK_FAILED
+    from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.zoning import zone_options
     from lidarcli.pipeline.zoning import Gates, ZoneSummary, refuse_outputs, watch_files
@@ -100,10 +100,13 @@ def zones(say: Messages, told: ZonesCommand) -> int:
                 gates.add(outcome.summary.tables)
             else:
                 failed = True
-    verdicts = [] if failed else gates.verdicts()
+    verdicts, unobserved = ([], ()) if failed else gates.verdicts()
+    for line in unobserved:
+        say.error("incomplete", line)
     for verdict in verdicts:
         if not verdict.holds:
             say.error(f"check failed: {verdict.failure}")
-    holds = all(verdict.holds for verdict in verdicts)
-    code = total.exit_code(sources) if holds else CHECK_FAILED
+    code = total.exit_code(sources) or (UnreadableError.exit_code if unobserved else 0)
+    if not all(verdict.holds for verdict in verdicts):
+        code = CHECK_FAILED
     return say.end(code, checks=[verdict.as_dict() for verdict in verdicts])

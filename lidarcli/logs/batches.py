@@ -231,8 +231,7 @@ class _Line:
         for part in parts:
             block, sweep = self._cut(part.stop - part.start)
             batch = normalise(block, sweep, self._rules, self._begin_ns)
-            self._doubts.add(block, batch)
-            yield batch
+            yield replace(batch, observed=batch.observed & ~self._doubts.add(block, batch))
 
     def _cut(self, rows: int) -> tuple[RawSweeps, Int64]:
         """Remove and return the first `rows` waiting sweeps, as wide as the widest of them."""

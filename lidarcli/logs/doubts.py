@@ -17,7 +17,7 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.blocks import FAR, WIDEST_VIEW
 from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock
 from lidarcli.range_rules import FARTHEST
-from lidarcli.sweeps import Bool, Float32, Int64, RawSweeps, Status, SweepBatch
+from lidarcli.sweeps import Bool, Float32, Int64, RawSweeps, Status, SweepBatch, spared
 
 MOST = 1000
 """Most pairs of topic and frame examined: a log may have a new name in every message."""
@@ -43,6 +43,10 @@ IN_TURNS = 0.3
 """Share of compared sweeps above which two sensors are assumed to alternate."""
 LEAST = 6
 """Fewest compared sweeps."""
+FROZEN_NS = 500_000_000
+"""Age from which on the same ranges are those of a sensor that hangs [ns]; a driver may send each sweep some times."""
+NOISY = 0.002
+"""Least middle third difference of ranges that are measured [m]: a simulation without noise may repeat its sweeps."""
 AT_MOST, ABOVE, BELOW = "at range_max", "above range_max", "below range_min"
 WAYS = {
     "NaN": "the log tells no ranges there; --no-return nan counts them as no return",
@@ -64,15 +68,17 @@ class Doubts:
         """Topics of point clouds: in metres, whatever the unit of the log."""
         self._seen: dict[tuple[str, str], _Seen] = {}
 
-    def add(self, raw: RawSweeps, batch: SweepBatch) -> None:
-        """Take sweeps as the log holds them (`raw`) and with judged ranges (`batch`)."""
+    def add(self, raw: RawSweeps, batch: SweepBatch) -> Bool:
+        """Take sweeps as the log holds them (`raw`) and with judged ranges (`batch`); return (S,) those that repeat."""
+        frozen = np.zeros(len(batch), np.bool_)
         for frame, rows, mine in batch.by_frame():
             key = batch.topic, frame
             if key not in self._seen:
                 if len(self._seen) == MOST:
                     continue
                 self._seen[key] = _Seen()
-            self._seen[key].add(raw if mine is batch else raw.rows(rows), mine)
+            frozen[rows] = self._seen[key].add(raw if mine is batch else raw.rows(rows), mine)
+        return frozen
 
     def clock(self, topic: str, frame: str) -> Clock:
         """Return the clock of one topic and frame."""
@@ -107,6 +113,50 @@ class _Last(NamedTuple):
     time_ns: int
     sweep: int
     ranges: Float32
+
+
+@dataclass(slots=True)
+class _Repeats:
+    """Sweeps that repeat the ranges of the one before, bit for bit."""
+
+    last: bytes | None = None
+    """Ranges of the last sweep."""
+    since_ns: tuple[int, int] = (0, 0)
+    """Stamp and time of the recording of the first sweep that had them."""
+
+    def add(self, raw: RawSweeps) -> Bool:
+        """Return which sweeps (S,) have the ranges of one that is older than `FROZEN_NS`, noise and all."""
+        if not len(raw):
+            return np.zeros(0, np.bool_)
+        # Most sweeps differ in any few beams.
+        few = np.ascontiguousarray(raw.ranges[:, :: max(raw.ranges.shape[1] // 16, 1)]).view(np.int32)
+        same = np.concatenate([[self.last is not None], (few[1:] == few[:-1]).all(axis=1)])
+        for row in np.flatnonzero(same).tolist():
+            same[row] = self._ranges(raw, row) == (self._ranges(raw, row - 1) if row else self.last)
+        begin = np.maximum.accumulate(np.where(same, -1, np.arange(len(raw))))
+        times, begun = np.column_stack([raw.time_ns, raw.record_ns]), np.array(self.since_ns)
+        since = np.where(begin[:, None] >= 0, times[np.maximum(begin, 0)], begun)
+        frozen: Bool = same & ((times - since).max(axis=1) > FROZEN_NS)
+        for first in np.unique(begin[frozen]).tolist():
+            mine = frozen & (begin == first)
+            frozen[mine] = _is_noisy(raw, int(mine.argmax()))
+        self.last, self.since_ns = self._ranges(raw, len(raw) - 1), (int(since[-1, 0]), int(since[-1, 1]))
+        return frozen
+
+    @staticmethod
+    def _ranges(raw: RawSweeps, row: int) -> bytes:
+        return raw.ranges[row, : raw.beams[row]].tobytes()
+
+
+def _is_noisy(raw: RawSweeps, row: int) -> bool:
+    """Tell whether the ranges of a sweep have noise: on a straight wall 1/r is a sinusoid of the bearing."""
+    ranges = raw.ranges[row, : raw.beams[row]].astype(np.float64)
+    ranges[~(np.isfinite(ranges) & (ranges > 0.0))] = np.nan
+    inverse = 1.0 / ranges
+    off = inverse[:-2] + inverse[2:] - 2.0 * np.cos(raw.angle_increment[row]) * inverse[1:-1]
+    off = np.abs(np.diff(off * ranges[1:-1] ** 2))
+    off = off[np.isfinite(off)]
+    return bool(len(off) and np.median(off) > NOISY)
 
 
 @dataclass(slots=True)
@@ -150,14 +200,19 @@ class _Seen:
     repeats: int = 0
     alike: int = 0
     """Sweeps that repeat the ranges of the one before; `repeats` counts those that repeat its stamp."""
+    same: _Repeats = field(default_factory=_Repeats)
+    blind: int = 0
+    """Sweeps without any range."""
+    frozen: int = 0
+    """Sweeps that repeat older ones."""
 
     @property
     def is_far(self) -> bool:
         """True if most ranges are too large for metres."""
         return 2 * self.far > self.ranged
 
-    def add(self, raw: RawSweeps, batch: SweepBatch) -> None:
-        """Take sweeps."""
+    def add(self, raw: RawSweeps, batch: SweepBatch) -> Bool:
+        """Take sweeps; return (S,) which repeat older ones."""
         number = self.clock.sweeps + np.arange(len(raw))
         self.clock.add(raw, batch.sweep)
         self._take_geometry(raw)
@@ -169,6 +224,10 @@ class _Seen:
             self._take_ranges(raw, batch, slice(first + -(begins + first) % THIN, None, THIN))
         self._take_order(raw, batch, number)
         self._take_repeats(raw, batch)
+        frozen = self.same.add(raw) & batch.observed
+        self.frozen += int(np.count_nonzero(frozen))
+        self.blind += int(np.count_nonzero(~batch.observed))
+        return frozen
 
     def findings(self, sensor: Sensor, alone: bool, told: bool, in_unit: bool) -> list[Finding]:
         """Return the findings so far.
@@ -191,6 +250,7 @@ class _Seen:
                     "--every 2",
                 )
             )
+        found += self._of_observed(sensor)
         return found + self.clock.info().findings(sensor, self.alike > 0.5 * self.repeats, alone)
 
     def _take_ranges(self, raw: RawSweeps, batch: SweepBatch, rows: slice) -> None:
@@ -383,6 +443,28 @@ class _Seen:
                 {"share": without / self.beams, **{cause: count / total for cause, count in counts.items()}},
                 {"share": UNUSABLE},
             )
+        ]
+
+    def _of_observed(self, sensor: Sensor) -> list[Finding]:
+        """Return the findings on sweeps that show nothing; if hardly a beam has a range, there is one on that already."""
+        total = self.clock.sweeps
+        blind = self.blind if self.beams - self.valid <= UNUSABLE * self.beams else 0
+        return [
+            sensor.finding(
+                "observed",
+                "warning",
+                f"{count:,} of {total:,} sweeps of {sensor.name} {what}",
+                {"sweeps": count},
+                {"sweeps": spared(total)},
+            )
+            for count, what in (
+                (blind, "have no range at all: they show nothing of what was there"),
+                (
+                    self.frozen,
+                    "repeat an older one bit for bit, noise and all: the sensor or its driver hung",
+                ),
+            )
+            if count > spared(total)
         ]
 
     def _of_units(self, sensor: Sensor, in_unit: bool) -> Finding:

@@ -6,6 +6,7 @@ command of topics that repeat others.
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -274,7 +275,7 @@ def repeated_topics(found: Mapping[tuple[str, str], Faults]) -> Iterator[Finding
                 f"{second[0]} repeats {first[0]}: {len(both):,} of {sweeps:,} sweeps{apart}",
                 {"same": len(both), "sweeps": sweeps, "stamps_later": sign * stamps},
                 {"share": SAME_TOPIC},
-                f"--topic {first[0]}",
+                f"--topic {shlex.quote(first[0])}",
             )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.blocks import BLOCK_VALUES
-from lidarcli.logs.piles import MAX_TOPICS
+from lidarcli.logs.clock import MAX_TOPICS
 from lidarcli.range_rules import LONGEST_SWEEP
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int64, RawSweeps, concatenate
 

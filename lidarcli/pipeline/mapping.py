@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -300,7 +301,8 @@ class Mapping:
         self._matched += len(taken) if MATCH in taken.worlds else 0
         self._refuse_several_worlds()
         summary.notes += [
-            f"{topic} is {why}: left out (--topic {topic})" for topic, why in taken.left_out.items()
+            f"{topic} is {why}: left out (--topic {shlex.quote(topic)})"
+            for topic, why in taken.left_out.items()
         ]
         summary.notes.append(f"used {taken.count:,} of {summary.sweeps:,} sweeps ({self._why(taken)})")
 

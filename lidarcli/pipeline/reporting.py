@@ -46,8 +46,9 @@ from lidarcli.reports.summary import (
 )
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zone_report import ZonesReport
-from lidarcli.reports.zones import judge_zones, parse_zone_check, zoned_of
+from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zoned_of
 from lidarcli.stores.url import Place, absolute, place
+from lidarcli.sweeps import spared
 from lidarcli.tabular.reading import Readable, note_value, notes_of
 from lidarcli.tabular.runs import Entry, read_run
 from lidarcli.tabular.schemas import EVENTS, LATER
@@ -88,7 +89,7 @@ ZONE_COLUMNS = (
     "ttc",
     "active",
     "agents",
-    "seen",
+    "observed",
 )
 """Columns of the tables of zones that are read."""
 NAMED = 10
@@ -154,7 +155,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     if run.zones is not None:
         # Only now it is known which zones there are.
         checks = understand(options, run.zones.names)
-    unseen = (*_unseen(checks, run.sources), *_unseen_changes(checks, changed))
+    unseen = (*_unseen(checks, run.sources), *_unobserved(checks, run), *_unseen_changes(checks, changed))
     of_changes = {} if changed is None else changed.figures
     if not options.baseline:
         summary = summarise(run)
@@ -255,13 +256,17 @@ def _watched(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> Watched | None:
     if not read:
         return None
     shapes: dict[str, dict[str, Any]] = {}
-    for _, zones in read.values():
+    left_out: list[tuple[str, str]] = []
+    for source, (_, zones) in read.items():
+        rows = Rows.join([zones])
+        judged, log = {*rows.counts("zone")}, next(iter(rows.counts("log")), str(source))
         told = note_value(notes_of(zones), PARAMETERS, dict).get("zones")
         for one in told if isinstance(told, list) else ():
             if isinstance(one, dict) and isinstance(one.get("name"), str):
                 shapes.setdefault(one["name"], one)
+                left_out += [(log, one["name"])] if one["name"] not in judged else []
     events, zones = (Rows.join([one[k] for one in read.values()], [*read]) for k in (0, 1))
-    return Watched(events, zones, shapes)
+    return Watched(events, zones, shapes, tuple(left_out))
 
 
 def _refuse_without_objects(options: ReportOptions, kind: str) -> None:
@@ -346,7 +351,11 @@ def _report_zones(
             changed,
             verdicts=verdicts,
             unread=tuple(map(str, problems)),
-            unseen=(*_unseen(checks, sources), *_unseen_changes(checks, changed)),
+            unseen=(
+                *_unseen(checks, sources),
+                *unobserved(checks, watched),
+                *_unseen_changes(checks, changed),
+            ),
         )
     )
 
@@ -450,6 +459,25 @@ def _unseen(checks: Sequence[Check], sources: Sequence[Origin]) -> tuple[str, ..
         f"{first.log}{more}: damaged when its tables were made ({first.damage[0]}); "
         f"--check 'damage <= {total}' accepts that",
     )
+
+
+def _unobserved(checks: Sequence[Check], run: Run) -> tuple[str, ...]:
+    """Return lines on logs and zones that checks ask for, and that were not observed all the time."""
+    of_sweeps = [check for check in checks if not (check.needs_zones or check.needs_changes)]
+    lacking = [
+        (some, total, source.log)
+        for (some, total), source in zip(run.observed_in(), run.sources, strict=True)
+        if not total or total - some > spared(total)
+    ]
+    lines = [] if run.zones is None else [*unobserved(checks, run.zones)]
+    if of_sweeps and lacking and not accepts(checks, "observed"):
+        some, total, log = min(lacking, key=lambda each: each[0] / max(each[1], 1))
+        more = f" and {len(lacking) - 1:,} more logs" if len(lacking) > 1 else ""
+        what = f"{some:,} of {counted(total, 'sweep')} show anything" if total else "no sweep was read"
+        lines.append(
+            f"{log}{more}: {what}; --check 'observed >= {floored(some / max(total, 1))}' accepts that"
+        )
+    return tuple(lines)
 
 
 def _refuse_missing(checks: Sequence[Check], pairs: Sequence[Pair], zoned: Sequence[Pair]) -> None:

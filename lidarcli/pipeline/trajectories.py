@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
@@ -233,7 +234,7 @@ class _Written:
                 f"left out, as their stamps are not after those before and evo reads none of these: {self._left_out:,}"
             )
         summary.notes += [
-            f"{topic} is of the same frame as {first}: left out (--topic {topic})"
+            f"{topic} is of the same frame as {first}: left out (--topic {shlex.quote(topic)})"
             for topic, first in self._twice.items()
         ]
         summary.notes.append(f"{self._count:,} pose{'' if self._count == 1 else 's'}")

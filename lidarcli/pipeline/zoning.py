@@ -21,13 +21,14 @@ from lidarcli.pipeline.reading.one_log import Progress, RunSummary
 from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
 from lidarcli.pipeline.watching.events import Settled
-from lidarcli.pipeline.watching.options import TABLES, ZoneOptions
-from lidarcli.pipeline.watching.over_log import Watching, masked
+from lidarcli.pipeline.watching.options import TABLES, ZoneOptions, zone_dict
+from lidarcli.pipeline.watching.over_log import Watching, masked, narrowed
 from lidarcli.reports.checks import Verdict, verdict_of
 from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted
-from lidarcli.reports.zones import judge_zones, parse_zone_check, zone_figures
+from lidarcli.reports.zone_report import NEVER
+from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, unobserved
 from lidarcli.stores.url import Place
 from lidarcli.tabular.arrays import answers, codes
 from lidarcli.tabular.rows import FORMS, constant
@@ -59,12 +60,12 @@ class ZoneSummary(RunSummary):
     )
     lines: list[str] = field(default_factory=list)
     """A line for each zone."""
-    gates: frozenset[str] = frozenset()
-    """The zones that are lines."""
+    shapes: dict[str, Any] = field(default_factory=dict)
+    """The shape of each zone, by its name."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as plain values, with what a check may name."""
-        figures = zone_figures(*self.tables, self.gates)
+        figures = figures_of(_watched([self.tables], self.shapes))
         return RunSummary.as_dict(self) | {"figures": {name: plain_number(figures[name]) for name in figures}}
 
 
@@ -96,6 +97,9 @@ def watch(
         refuse(paths.values(), options.overwrite, options.inputs([source]))
     with ExitStack() as stack:
         found: RunSummary | None = None
+        told = options.as_dict()
+        with open_source(source, options.detect.opening) as log:
+            options = narrowed(log, options)
         pair = None if options.objects is None else one_pair(options.objects)
         if pair is None and options.find:
             private = stack.enter_context(scratch_folder())
@@ -110,10 +114,10 @@ def watch(
             # Both passes tell of the same damage; the first one also of what it found.
             summary.damage = [*dict.fromkeys([*found.damage, *summary.damage])]
             summary.notes = [*dict.fromkeys([*found.notes, *summary.notes])]
-        metadata = table_metadata(options.as_dict(), described, summary.damage)
+        metadata = table_metadata(told, described, summary.damage)
         tables = _tables(source.name, settled, metadata)
         summary.tables = tables
-        summary.gates = _lines(options)
+        summary.shapes = _shapes(options)
         names = _names(settled)
         longest = max(map(len, names))
         summary.lines = [
@@ -121,6 +125,7 @@ def watch(
         ]
         summary.notes += [
             *options.zones.notes,
+            *_stale(settled, bool(options.zones.robot)),
             *([_MASKED] if options.objects is not None and options.zones.masks.masks else ()),
             *(f"{name}: {_SAME}" for name, each in zip(names, settled, strict=True) if each.always_same),
         ]
@@ -176,9 +181,9 @@ class Gates:
 
     def __init__(self, options: ZoneOptions, expressions: Sequence[str]) -> None:
         """Understand the checks, or raise a usage error."""
-        names = [zone.name for zone in options.zones.zones]
-        self._lines = _lines(options)
-        self._checks = [parse_zone_check(each, names) for each in expressions]
+        zones = options.zones.zones
+        self._shapes = _shapes(options)
+        self._checks = [parse_zone_check(each, [zone.name for zone in zones]) for each in expressions]
         self._tables: list[ZoneTables] = []
 
     def add(self, tables: ZoneTables) -> None:
@@ -186,23 +191,34 @@ class Gates:
         if self._checks:
             self._tables.append(tables)
 
-    def verdicts(self) -> list[Verdict]:
-        """Hold the checks against all tables."""
-        if not self._checks:
-            return []
-        if not self._tables:
-            return [verdict_of(check, None) for check in self._checks]
-        events, zones = (
-            pa.concat_tables([getattr(each, name).replace_schema_metadata() for each in self._tables])
-            for name in TABLES
+    def verdicts(self) -> tuple[list[Verdict], tuple[str, ...]]:
+        """Hold the checks against all tables; also returns a line for each zone that was not observed all the time."""
+        if not self._checks or not self._tables:
+            return [verdict_of(check, None) for check in self._checks], ()
+        watched = _watched(self._tables, self._shapes)
+        figures = figures_of(watched)
+        return [judge_zones(check, figures, watched) for check in self._checks], unobserved(
+            self._checks, watched
         )
-        figures = zone_figures(events, zones, self._lines)
-        watched = Watched(Rows.join([events]), Rows.join([zones]))
-        return [judge_zones(check, figures, watched) for check in self._checks]
 
 
-def _lines(options: ZoneOptions) -> frozenset[str]:
-    return frozenset(zone.name for zone in options.zones.zones if isinstance(zone.shape, Line))
+def _shapes(options: ZoneOptions) -> dict[str, Any]:
+    return {zone.name: zone_dict(zone) for zone in options.zones.zones}
+
+
+def _watched(tables: Sequence[ZoneTables], shapes: Mapping[str, Any]) -> Watched:
+    """Return the rows of some logs, with the zones that could not be judged in them."""
+    events, zones = (
+        Rows.join([pa.concat_tables([getattr(each, name).replace_schema_metadata() for each in tables])])
+        for name in TABLES
+    )
+    left_out = tuple(
+        (str(log), name)
+        for each in tables
+        for log in each.zones["log"].slice(0, 1).to_pylist()
+        for name in sorted({*shapes} - {*Rows.join([each.zones]).counts("zone")})
+    )
+    return Watched(events, zones, shapes, left_out)
 
 
 def _tables(log: str, settled: Sequence[Settled], metadata: dict[bytes, bytes]) -> ZoneTables:
@@ -236,7 +252,7 @@ def _zone_rows(log: str, settled: Settled) -> pa.RecordBatch:
         "zone": constant(settled.zone.name, count),
     }
     columns |= {name: values for name, values in settled.columns.items() if values is not None}
-    columns["active"] = answers(columns["active"].astype(np.int8))
+    columns |= {name: answers(columns[name].astype(np.int8)) for name in ("active", "observed")}
     return FORMS["zones"].fill(columns, None, count)
 
 
@@ -257,11 +273,12 @@ def _words(settled: Settled) -> str:
     """Return what was in a zone, for people."""
     zone, events = settled.zone, settled.events
     columns = settled.columns
-    seen = columns["seen"]
+    observed = columns["observed"]
+    assert observed is not None
     if not settled.in_force:
         return "none of its polygons covers the velocity"
-    if seen is not None and not seen.any():
-        return "never in view"
+    if not observed.any():
+        return NEVER
     if isinstance(zone.shape, Line):
         counts = [sum(event.get("direction") == way for event in events) for way in DIRECTIONS]
         missed = f"; {settled.one_sided} seen on one side only" if settled.one_sided else ""
@@ -287,6 +304,20 @@ def _words(settled: Settled) -> str:
     words += f"; by {', '.join(told)}" if told else ""
     if visits := sum(event["kind"] == "visit" for event in events):
         words += f"; {counted(visits, 'visit')}"
-    if stale := sum(event["kind"] == "stale" for event in events):
-        words += f"; {counted(stale, 'time')} without sweeps"
     return words
+
+
+def _stale(settled: Sequence[Settled], is_nav2: bool) -> list[str]:
+    """Return a line for each topic that told nothing for too long, be it in one zone or in several."""
+    counts = Counter(
+        (event["topic"], each.zone.timeout, each.zone.name)
+        for each in settled
+        for event in each.events
+        if event["kind"] == "stale"
+    )
+    times = {(topic, timeout): count for (topic, timeout, _), count in counts.items()}
+    why = ": Nav2 stops the robot then (invalid source)" if is_nav2 else ""
+    return [
+        f"{topic}: no sweep for more than {timeout:g} s, {counted(count, 'time')}{why}"
+        for (topic, timeout), count in times.items()
+    ]

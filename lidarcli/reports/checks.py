@@ -210,8 +210,8 @@ def _count(check: Check, condition: Condition, run: Run) -> float | None:
 
 
 def count_events(condition: Condition, watched: Watched) -> float | None:
-    """Return the number of events for which a condition holds; None if no zone was ever in view."""
-    if not watched.zones.numbers("seen").any():
+    """Return the number of events for which a condition holds; None if no zone was ever observed."""
+    if not watched.zones.numbers("observed").any():
         return None
     return float(condition.holds(watched.events).sum())
 

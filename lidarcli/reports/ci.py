@@ -7,8 +7,9 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 
+from lidarcli.display import visible
 from lidarcli.reports.document import Case, Document
-from lidarcli.reports.wording import number, visible
+from lidarcli.reports.wording import number
 
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 

@@ -146,6 +146,8 @@ class Watched:
     """A row for each sweep and zone."""
     shapes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Name of a zone → its outline, as the metadata tells it."""
+    left_out: tuple[tuple[str, str], ...] = ()
+    """Logs and zones that could not be judged in them."""
 
     @property
     def names(self) -> list[str]:
@@ -186,6 +188,20 @@ class Run:
     def is_agent(self) -> NDArray[np.bool_]:
         """(K,) those of the objects that are agents (set A)."""
         return self.objects.are("set", "A")
+
+    @cached_property
+    def observed(self) -> NDArray[np.bool_]:
+        """(S,) sweeps that show anything; in tables of earlier versions those with a range."""
+        told = self.sweeps.numbers("observed")
+        return np.where(np.isnan(told), self.sweeps.numbers("valid") > 0, told > 0)
+
+    def observed_in(self) -> list[tuple[int, int]]:
+        """Return for each source how many sweeps show anything, and how many there are."""
+        some, total = (
+            np.bincount(self.sweeps.source[chosen], minlength=len(self.sources)).tolist()
+            for chosen in (self.observed, slice(None))
+        )
+        return [*zip(some, total, strict=True)]
 
     @cached_property
     def objects_per_sweep(self) -> Float64:

@@ -55,6 +55,9 @@ COUNTS: dict[str, Figure] = {
     "backward": Figure("1", "stamps before their predecessor's"),
     "repeated": Figure("1", "stamps equal to their predecessor's"),
     "damage": Figure("1", "parts of the logs that could not be read"),
+    "observed": Figure(
+        "1", "share of the sweeps that show anything (column `observed`); of several logs the least"
+    ),
 }
 """Figures of one number."""
 
@@ -120,7 +123,10 @@ ZONE_COUNTS: dict[str, Figure] = {
     "ttc.min": _of("zones", "ttc", "least time to collision"),
     "in": Figure("1", "crossings of the line to the left of the way from its first point to its second"),
     "out": Figure("1", "crossings to the right of it"),
-    "seen": _of("zones", "seen", "share of it that is in view and not hidden, on average"),
+    "observed": Figure(
+        "1",
+        "share of the sweeps in which something in it could have made an event; of several logs the least",
+    ),
 }
 """Figures of one number for each zone."""
 

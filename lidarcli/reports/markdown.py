@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
+from lidarcli.display import visible
 from lidarcli.reports.document import (
     MARKDOWN,
     Bands,
@@ -20,7 +21,7 @@ from lidarcli.reports.document import (
     Table,
 )
 from lidarcli.reports.terminal import band_lines
-from lidarcli.reports.wording import share, visible
+from lidarcli.reports.wording import share
 
 
 def render(report: Document) -> str:
@@ -67,12 +68,14 @@ def _lines(block: Block) -> Iterator[str]:
         case Facts():
             yield from _table([name for name, _ in block.rows], [[_text(value) for _, value in block.rows]])
         case Shares():
-            rows = [[kind, f"{count:,}", share(count, block.total)] for kind, count in block.counts.items()]
+            rows = [
+                [_text(kind), f"{count:,}", share(count, block.total)] for kind, count in block.counts.items()
+            ]
             yield from _table([block.kind, block.unit, "share"], rows, (1, 2))
         case Bands():
-            yield from ("```", *band_lines(block), "```", "")
+            yield from _fenced(band_lines(block))
         case Drawing():
-            yield from ("```", *block.lines, "```", "")
+            yield from _fenced(block.lines)
         case Notes():
             yield from (f"- {''.join(map(_text, parts))}" for parts in block.lines)
             yield ""
@@ -101,6 +104,11 @@ def _text(value: object) -> str:
     for mark in "\\`*_[]|~#@!":
         plain = plain.replace(mark, "\\" + mark)
     return plain
+
+
+def _fenced(lines: Sequence[str]) -> list[str]:
+    """Return lines as they are; none of them ends the fence."""
+    return ["```", *(visible(line).replace("`", "'") for line in lines), "```", ""]
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:

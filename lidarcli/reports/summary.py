@@ -63,7 +63,7 @@ OBJECT_COLUMNS = (
 TRACKED_COLUMNS = ("topic", "sweep", "track")
 """Further columns of the objects table that a summary reads where there are tracks."""
 SWEEP_COLUMNS = (
-    *("log", "topic", "frame_id", "sweep", "stamp", "beams", *STATUSES),
+    *("log", "topic", "frame_id", "sweep", "stamp", "beams", "observed", *STATUSES),
     *(*OF_SWEEPS.values(), "objects", *(f"{name}_beams" for name in SET_COLUMNS)),
 )
 """Columns of the sweeps table that a summary reads."""
@@ -371,6 +371,7 @@ def _figures(
         "backward": sum(stream.backward for stream in streams.all),
         "repeated": sum(stream.repeated for stream in streams.all),
         "damage": sum(len(source.damage) for source in run.sources),
+        "observed": min((some / total if total else 0.0 for some, total in run.observed_in()), default=0.0),
     }
     for name, spread in spreads.items():
         figures |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}

@@ -9,6 +9,7 @@ from rich.console import Console, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from lidarcli.display import no_command, visible
 from lidarcli.reports.document import (
     TEXT,
     Bands,
@@ -22,7 +23,7 @@ from lidarcli.reports.document import (
     Shares,
     Table,
 )
-from lidarcli.reports.wording import bar, course, number, share, visible
+from lidarcli.reports.wording import bar, course, number, share
 
 WIDTH = 80
 BAR = 28
@@ -42,7 +43,7 @@ def render(report: Document, colour: bool = False) -> str:
 
 def brief(report: Document, colour: bool = False) -> str:
     """Return the checks and the summary."""
-    lines = [Text(visible(line)) for line in report.lines]
+    lines = [_text(line) for line in report.lines]
     return _printed([*_checks(report), *([Text()] if report.verdicts else []), *lines], colour)
 
 
@@ -62,22 +63,23 @@ def _printed(parts: Iterable[RenderableType], colour: bool) -> str:
     )
     for part in parts:
         console.print(part)
-    lines = [line.rstrip() for line in out.getvalue().splitlines()]
+    # Whatever is in them, no line is a command for the page that shows the log of a CI server.
+    lines = [no_command(line.rstrip()) for line in out.getvalue().splitlines()]
     return "\n".join(lines).strip("\n") + "\n"
 
 
 def _checks(report: Document) -> Iterator[RenderableType]:
     """Yield problems, warnings, and a line for each check."""
     for kind, problem in report.named_problems:
-        yield Text(visible(f"{kind}: {problem}"), style="red")
+        yield _text(f"{kind}: {problem}", style="red")
     for warning in report.warnings:
-        yield Text(visible(f"warning: {warning}"), style="yellow")
+        yield _text(f"warning: {warning}", style="yellow")
     if not report.verdicts:
         return
     yield _heading(report.judgement)
     for verdict in report.verdicts:
         mark = "ok  " if verdict.holds else "FAIL"
-        line = Text(mark, style="green" if verdict.holds else "bold red")
+        line = _text(mark, style="green" if verdict.holds else "bold red")
         line.append(visible(f"  {verdict.expression}  (found {verdict.words})"), style="none")
         yield line
 
@@ -87,7 +89,7 @@ def _parts(block: Block) -> Iterator[RenderableType]:
         case Table():
             yield _grid(block.rows, block.right, block.head)
             if block.more:
-                yield Text(block.more)
+                yield _text(block.more)
         case Facts():
             yield _grid(
                 [
@@ -100,24 +102,30 @@ def _parts(block: Block) -> Iterator[RenderableType]:
                 [[f"{kind:<11}", _share_bar(count, block.total)] for kind, count in block.counts.items()]
             )
         case Bands():
-            yield from (Text(f"  {line}", no_wrap=True) for line in band_lines(block))
+            yield from (_text(f"  {line}", no_wrap=True) for line in band_lines(block))
         case Drawing():
             for line in block.lines:
-                yield Text(f"  {line}", no_wrap=True)
+                yield _text(f"  {line}", no_wrap=True)
         case Notes():
             for parts in block.lines:
-                yield Text(visible("".join(parts)))
+                yield _text("".join(parts))
         case Listing():
             for words, names in block.groups:
-                yield Text(visible(words))
+                yield _text(words)
                 yield _grid([[" ", name] for name in names])
             if block.more:
-                yield Text(block.more)
+                yield _text(block.more)
+
+
+def _text(text: str, style: str = "", no_wrap: bool = False) -> Text:
+    """Return text, which may be that of a log or a table, without what steers a terminal."""
+    return Text(visible(text), style=style, no_wrap=no_wrap)
 
 
 def _heading(text: str) -> Text:
     """Return a heading after a blank line."""
-    return Text(f"\n{text}", style="bold")
+    heading = Text("\n")
+    return heading.append(visible(text), style="bold")
 
 
 def _grid(rows: Sequence[Sequence[str]], right: Sequence[int] = (), head: Sequence[str] = ()) -> RichTable:
@@ -135,7 +143,7 @@ def _grid(rows: Sequence[Sequence[str]], right: Sequence[int] = (), head: Sequen
             no_wrap=not last and index != 0,
         )
     for row in rows:
-        table.add_row(*(Text(visible(cell)) for cell in row))
+        table.add_row(*(_text(cell) for cell in row))
     return table
 
 
@@ -149,8 +157,9 @@ def band_lines(block: Bands) -> list[str]:
     """Return bands below each other, each behind its name, with the time below them."""
     names = [visible(one.name) for one in block.bands]
     names = [name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…" for name in names]
-    width, room = (max(map(len, texts), default=0) for texts in (names, [one.word for one in block.bands]))
+    words = [visible(one.word)[:LONGEST_NAME] for one in block.bands]
+    width, room = (max(map(len, texts), default=0) for texts in (names, words))
     lines = [visible(block.title)] if block.title else []
-    for name, one in zip(names, block.bands, strict=True):
-        lines.append(f"{name:<{width}}  {one.word:<{room}}  {course(one.spans, one.thin, COURSE)}")
+    for name, word, one in zip(names, words, block.bands, strict=True):
+        lines.append(f"{name:<{width}}  {word:<{room}}  {course(one.spans, one.thin, COURSE)}")
     return [*lines, f"{'':<{width + 2 + room}}  0 s{f'{number(block.seconds)} s':>{COURSE - 3}}"]

@@ -57,15 +57,6 @@ LEAST = 1e-300
 """Least difference of values that are drawn apart: no share of a smaller one can be computed."""
 
 
-def visible(text: str) -> str:
-    r"""Return text of a log with escapes for characters that would steer a terminal.
-
-    >>> visible("/scan\x1b[2J °")
-    '/scan\\x1b[2J °'
-    """
-    return "".join(mark if mark.isprintable() else repr(mark)[1:-1] for mark in text)
-
-
 def number(value: float | None, digits: int = 3) -> str:
     """Return a number of few digits, with thousands set apart.
 

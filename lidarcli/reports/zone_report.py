@@ -32,12 +32,13 @@ LOGS = 6
 """Most logs whose courses are drawn."""
 WHO = {"A": "agents", "O": "things", "S": "walls"}
 """Set of the points of an event → what was in the zone."""
-AREA_CELLS = ("zone", "events", "active", "nearest", "seen", "by")
+AREA_CELLS = ("zone", "events", "active", "nearest", "observed", "by")
 """Columns of the table of areas; the first and the last one wrap."""
-WAY_CELLS = ("zone", "visits", "dwell", "in", "out", "seen")
+WAY_CELLS = ("zone", "visits", "dwell", "in", "out", "observed")
 """Columns of the table of visits and crossings."""
 EVENT_CELLS = ("zone", "time", "kind", "lasts", "points", "nearest", "ttc", "track", "by", "log")
 """Columns of the table of events."""
+NEVER = "never observed"
 WORDS = frozenset({"zone", "kind", "by", "log"})
 """Columns that are not flush right."""
 
@@ -46,7 +47,7 @@ ZONE_WORDS = {
     "event": "a stretch of time in which a zone was occupied, or a collision with what is in it was ahead",
     "active": "the time that all events of a zone took",
     "nearest": "the least distance from the sensor to a point in the zone",
-    "seen": "how much of the zone the sensor sees on average: in its view, and not behind something nearer",
+    "observed": "the share of the sweeps in which something in the zone could have been found: enough beams reach it",
     "visit, dwell": "the stay of an agent in a zone, and how long it lasts",
     "in, out": "crossings of a line to the left and to the right of the way from its first point to its second",
     "ttc": "time to collision: until the robot meets what is in the zone, at its present speed",
@@ -83,8 +84,8 @@ def zone_sections(zoned: Zoned, logs: Sequence[str]) -> Iterator[tuple[str, Sect
 def zone_cells(one: ZoneSummary) -> dict[str, str]:
     """Return heading → cell of a zone in a table; empty where it can have no such value."""
     values = one.figures
-    if values["seen"] is None:
-        return {"zone": one.name, "seen": "0 %", "by": "never in view"}
+    if not values["observed"]:
+        return {"zone": one.name, "observed": "0 %", "by": NEVER}
     by = [f"{WHO[name]} {one.by[name]}" for name in WHO if one.by.get(name)]
     cells = {"zone": one.name}
     if not one.is_line:
@@ -97,7 +98,7 @@ def zone_cells(one: ZoneSummary) -> dict[str, str]:
         cells |= {"visits": number(one.visits), "dwell": _seconds(values["dwell.mean"])}
     if one.is_line or values["in"] or values["out"]:
         cells |= {name: number(values[name]) for name in ("in", "out")}
-    return cells | {"seen": percent(values["seen"]).replace(".0 %", " %"), "by": ", ".join(by)}
+    return cells | {"observed": percent(values["observed"]).replace(".0 %", " %"), "by": ", ".join(by)}
 
 
 def event_cells(events: Sequence[ZoneEvent], several: bool = False) -> list[dict[str, str]]:
@@ -147,10 +148,10 @@ def zone_cards(zoned: Zoned) -> list[Card]:
     """Return the key figures of zones: events by what the zones ask for."""
     events = sum(int(one.figures["events"] or 0) for one in zoned.zones)
     active = sum(one.active for one in zoned.zones)
-    unseen = [one.name for one in zoned.zones if one.figures["seen"] is None]
+    unseen = [one.name for one in zoned.zones if not one.figures["observed"]]
     words = f"in {counted(len(zoned.zones), 'zone')}, active for {_seconds(active)}"
     if unseen:
-        words += f"; never in view: {', '.join(unseen)}"
+        words += f"; {NEVER}: {', '.join(unseen)}"
     return [Card("events of zones", number(events), words, meaning=f"event: {ZONE_WORDS['event']}")]
 
 
@@ -201,8 +202,8 @@ class ZonesReport(Document):
 
 def zone_words(one: ZoneSummary) -> str:
     """Return what happened in a zone in one line."""
-    if one.figures["seen"] is None:
-        return f"{one.name}: never in view"
+    if not one.figures["observed"]:
+        return f"{one.name}: {NEVER}"
     cells = zone_cells(one)
     parts = []
     if not one.is_line:

@@ -5,29 +5,29 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle
-from lidarcli.reports.checks import Check, Verdict, count_events, parse_check, verdict_of
+from lidarcli.reports.checks import Check, Verdict, accepts, count_events, parse_check, verdict_of
 from lidarcli.reports.columns import Rows, Watched
-from lidarcli.reports.figures import STATISTICS, ZONES, Spread, zone_names
+from lidarcli.reports.figures import STATISTICS, ZONES, Spread, zone_names, zone_of
 from lidarcli.reports.palette import ZONE_COLOURS
-from lidarcli.sweeps import Bool, Float64
-from lidarcli.zone import SENSOR, WORLD, outline
+from lidarcli.sweeps import Bool, Float64, Int64, spared
+from lidarcli.zone import SENSOR, TIMEOUT, WORLD, outline
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_ZONE_NAMED = re.compile(r"\bzone\s*[=!]=\s*([\w-]+)")
-"""A zone that the condition of a check names."""
+_ZONE_NAMED = re.compile(r"\bzone\s*([=!])=\s*([\w-]+)")
+"""A zone that the condition of a check names, and whether it is the one or any other."""
 OF_AREAS = ("events", "share", "nearest", "points.max", "ttc.min", "duration.")
 """Figures that a line has not: nothing occupies it."""
 OF_LINES = ("in", "out")
 """Figures that an area has not: it is entered from all sides."""
-NUMBERS = ("points", "nearest", "ttc", "active", "agents", "seen")
+NUMBERS = ("points", "nearest", "ttc", "active", "agents", "observed")
 """Columns of the table of zones that figures are of."""
 KEPT = 100
 """Most events that are kept one by one."""
@@ -53,8 +53,8 @@ def zone_figures(
 
     Returns
     -------
-    Every name of `figures.zone_names` of each zone → value; None where there is nothing to measure, as in all of a zone
-    that was never in view.
+    Every name of `figures.zone_names` of each zone → value; None where there is nothing to measure. A zone that was never
+    observed has `observed` alone.
     """
     watched = Watched(Rows.join([events]), Rows.join([zones]))
     if lines is not None:
@@ -90,12 +90,10 @@ def _values(watched: Watched, zone: str, columns: Mapping[str, Float64]) -> dict
     """Return the figures of a zone without the beginning of their names; `columns`: `NUMBERS` of the rows of all zones."""
     events, mine = watched.events, of_zone(watched.zones, zone)
     of = {name: Spread.of(values[mine]) for name, values in columns.items()}
-    seen, agents = of["seen"], of["agents"]
-    # Of several logs, each has to have seen it.
-    logs, _ = watched.zones.words("log")
-    in_view = np.unique(logs[mine & (columns["seen"] > 0.0)])
-    if not seen.max or len(in_view) < len(np.unique(logs[mine])):
-        return dict.fromkeys(name.removeprefix(f"{ZONES}{zone}.") for name in zone_names(zone))
+    agents, observed = of["agents"], min((one.share for one in sights_of(watched, zone)), default=0.0)
+    if not observed:
+        names = (name.removeprefix(f"{ZONES}{zone}.") for name in zone_names(zone))
+        return dict.fromkeys(names) | {"observed": 0.0}
     alarms, visits = of_zone(events, zone, "occupied", "approach"), of_zone(events, zone, "visit")
     crossings = of_zone(events, zone, "crossing")
     duration = events.numbers("duration")
@@ -110,7 +108,7 @@ def _values(watched: Watched, zone: str, columns: Mapping[str, Float64]) -> dict
             way: int((crossings & events.are("direction", way)).sum()) if agents.count else None
             for way in OF_LINES
         },
-        "seen": seen.mean,
+        "observed": observed,
     }
     spreads = {
         "duration": Spread.of(duration[alarms]),
@@ -120,6 +118,80 @@ def _values(watched: Watched, zone: str, columns: Mapping[str, Float64]) -> dict
     for name, spread in spreads.items():
         values |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}
     return values
+
+
+class Sight(NamedTuple):
+    """In how many sweeps a zone was observed."""
+
+    log: str
+    observed: int
+    sweeps: int
+    """Sweeps of the log, with those that are missing in gaps longer than `TIMEOUT`."""
+
+    @property
+    def share(self) -> float:
+        """Share of the sweeps."""
+        return self.observed / self.sweeps
+
+    @property
+    def lacks(self) -> bool:
+        """True if more sweeps than may be spared did not observe it."""
+        return not self.observed or self.sweeps - self.observed > spared(self.sweeps)
+
+
+def sights_of(watched: Watched, zone: str) -> list[Sight]:
+    """Return how a zone was observed in each log that has it."""
+    rows, mine = watched.zones, np.flatnonzero(of_zone(watched.zones, zone))
+    (log, logs), observed, stamp = rows.words("log"), rows.numbers("observed"), rows.integers("stamp")
+    key = rows.source.astype(np.int64) * max(len(logs), 1) + log
+    mine = mine[np.lexsort((stamp[mine], key[mine]))]
+    found = [Sight(name, 0, 1) for name, left_out in watched.left_out if left_out == zone]
+    for some in np.split(mine, np.flatnonzero(np.diff(key[mine])) + 1) if len(mine) else ():
+        stamps: Int64 = np.unique(stamp[some])
+        steps = np.diff(stamps) * 1e-9
+        step = float(np.median(steps)) if len(steps) else 0.0
+        gaps = steps[steps > max(TIMEOUT, 1.5 * step)]
+        missing = int(np.maximum(np.rint(gaps / step) - 1.0, 0.0).sum()) if len(gaps) else 0
+        found.append(Sight(logs[log[some[0]]], int(observed[some].sum()), len(some) + missing))
+    return found
+
+
+def unobserved(checks: Sequence[Check], watched: Watched) -> tuple[str, ...]:
+    """Return a line for each zone of checks that was not observed all the time, unless one says how much is enough."""
+    wanted: dict[str, None] = {}
+    for check in checks:
+        if check.condition is not None and check.name == "events":
+            named = _ZONE_NAMED.findall(check.expression)
+            is_any = not named or any(sign == "!" for sign, _ in named)
+            wanted |= dict.fromkeys(
+                [*watched.names, *(name for _, name in watched.left_out)]
+                if is_any
+                else [name for _, name in named]
+            )
+        elif (of := zone_of(check.name)) is not None:
+            wanted[of[0]] = None
+    lines = []
+    for name in wanted:
+        lacking = sorted((one for one in sights_of(watched, name) if one.lacks), key=lambda one: one.share)
+        if lacking and not accepts(checks, f"{ZONES}{name}.observed"):
+            more = f" and {len(lacking) - 1:,} more logs" if len(lacking) > 1 else ""
+            if not lacking[0].observed:
+                lines.append(f"{lacking[0].log}{more}: zone {name} was never observed")
+                continue
+            lines.append(
+                f"{lacking[0].log}{more}: zone {name} was observed in {lacking[0].observed:,} of {lacking[0].sweeps:,} "
+                f"sweeps; --check '{ZONES}{name}.observed >= {floored(lacking[0].share)}' accepts that"
+            )
+    return tuple(lines)
+
+
+def floored(share: float) -> str:
+    """Return a share with three decimals, not above it.
+
+    >>> floored(0.31279), floored(0.5), floored(0.99996)
+    ('0.312', '0.5', '0.999')
+    """
+    return f"{np.floor(1000 * share) / 1000:g}"
 
 
 def parse_zone_check(expression: str, zones: Collection[str], others: Collection[str] = ()) -> Check:
@@ -134,7 +206,7 @@ def parse_zone_check(expression: str, zones: Collection[str], others: Collection
     'between 30 and 34'
     """
     check = parse_check(expression, only=others, rows=("events",), zones=zones)
-    for name in _ZONE_NAMED.findall(expression) if check.condition is not None else ():
+    for _, name in _ZONE_NAMED.findall(expression) if check.condition is not None else ():
         if name not in zones:
             raise OptionError(f"--check '{expression}': no zone '{name}'; there is {', '.join(zones)}")
     return check
@@ -243,10 +315,14 @@ def zoned_of(watched: Watched, logs: Sequence[str]) -> Zoned:
             )
         )
     stamp = watched.zones.integers("stamp")
-    spans: dict[int, tuple[int, int]] = {}
-    for source in np.unique(watched.zones.source).tolist():
-        mine = stamp[watched.zones.source == source]
-        spans[source] = int(mine.min()), int(mine.max())
+    sources, begin = np.unique(watched.zones.source, return_index=True)
+    # Rows of a source follow each other.
+    ends = (
+        (each.reduceat(stamp, begin).tolist() for each in (np.minimum, np.maximum))
+        if len(begin)
+        else ([], [])
+    )
+    spans = dict(zip(sources.tolist(), zip(*ends, strict=True), strict=True))
     return Zoned(
         figures=figures,
         zones=tuple(found),

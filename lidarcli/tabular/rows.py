@@ -14,7 +14,7 @@ from lidarcli.formalism.detection import COLUMNS, Detection, fields_per
 from lidarcli.formalism.tracking.results import Tracks, Trajectories
 from lidarcli.range_rules import count_statuses
 from lidarcli.sweeps import STATUSES, SweepBatch
-from lidarcli.tabular.arrays import codes, floats, masked, names_of, plain
+from lidarcli.tabular.arrays import answers, codes, floats, masked, names_of, plain
 from lidarcli.tabular.schemas import FACES, KINDS, SCHEMAS, TABLES, VERTICES, schema_of
 
 
@@ -101,6 +101,7 @@ def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordB
         "beams": batch.beams,
     }
     columns |= zip(STATUSES, count_statuses(batch.status), strict=False)
+    columns["observed"] = answers(batch.observed.astype(np.int8))
     if detection.station is not None:
         columns["station"] = masked(detection.station, detection.station < 0)
     if batch.poses is not None:

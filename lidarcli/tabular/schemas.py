@@ -129,6 +129,14 @@ TABLES: dict[str, tuple[Column, ...]] = {
         *(_LOG, _TOPIC, _FRAME, _SWEEP, _STAMP, _SECONDS),
         Column("beams", "int32", "1", "beams of the sweep"),
         *(Column(name, "int32", "1", _STATUSES[name], later=name == "masked") for name in STATUSES),
+        Column(
+            "observed",
+            "bool",
+            "",
+            "whether the sweep shows anything: it has a range, and does not repeat a sweep of over half a second ago "
+            "bit for bit with its noise",
+            later=True,
+        ),
         *_between(COLUMNS, "nearest", "noise_beams"),
         *_POSE,
         COLUMNS["station"],
@@ -249,7 +257,12 @@ TABLES: dict[str, tuple[Column, ...]] = {
         ),
         Column("agents", "int32", "1", "agents in it, hidden ones too; null without tracks", nullable=True),
         Column("masked", "int32", "1", "points in it that a mask leaves out"),
-        Column("seen", "float32", "1", "share of its area that is in view and not hidden"),
+        Column(
+            "observed",
+            "bool",
+            "",
+            "whether something in it could have made an event: enough beams reach it, for long enough (docs/zones.md)",
+        ),
     ),
     "cleaned": (
         *(_LOG, _TOPIC, _SWEEP, _STAMP),

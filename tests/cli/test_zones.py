@@ -100,18 +100,25 @@ def test_existing_tables_are_kept(lidarcli: Run, log: Path, tmp_path: Path) -> N
         ("zones.stop.events == 1", 0, ""),
         ("zones.stop.events == 0", 1, "check failed: zones.stop.events is 1, expected == 0"),
         ("zones.stop.nearest > 1.5", 1, "check failed: zones.stop.nearest is 1"),
-        ("events where kind == occupied and action == stop == 1", 0, ""),
+        ("events where kind == occupied and zone == stop == 1", 0, ""),
+        (
+            "events where kind == occupied and action == stop == 1",
+            3,
+            "incomplete: run: zone behind was never observed",
+        ),
+        ("zones.behind.observed == 0", 0, ""),
+        ("zones.stop.observed > 0.9", 0, ""),
         ("events where kind == occupied == 0", 1, "expected == 0"),
         ("zones.behind.events == 0", 1, "nothing to measure"),
     ],
 )
 def test_checks(lidarcli: Run, log: Path, tmp_path: Path, check: str, code: int, words: str) -> None:
-    """The zone `behind` is beyond the wall: it is never in view."""
+    """The zone `behind` is beyond the wall: it is never observed."""
     behind = STOP.replace('"stop"', '"behind"', 1).replace("x = 1.0", "x = -6.0")
     ran = lidarcli("zones", log, *zones_of(tmp_path, STOP, behind), "--no-objects", "--check", check)
     assert ran.code == code
     assert words in ran.err
-    assert "behind  never in view" in ran.err
+    assert "behind  never observed" in ran.err
 
 
 def test_a_zone_behind_a_sensor_of_180_degrees(lidarcli: Run, tmp_path: Path) -> None:
@@ -120,7 +127,7 @@ def test_a_zone_behind_a_sensor_of_180_degrees(lidarcli: Run, tmp_path: Path) ->
     zones = zones_of(tmp_path, STOP.replace("x = 1.0", "x = -1.0"))
     ran = lidarcli("zones", log, *zones, "--no-objects", "--check", "zones.stop.events == 0")
     assert ran.code == 1
-    assert "stop  never in view" in ran.err
+    assert "stop  never observed" in ran.err
     assert "nothing to measure" in ran.err
 
 

@@ -42,6 +42,7 @@ def sweep(index: int, objects: int = 0, **other: Any) -> dict[str, Any]:
         "too_close": 0,
         "invalid": 0,
         "masked": 0,
+        "observed": True,
         "d_mean": 0.5,
         "d_th": 0.1,
         "noise": 0.01,
@@ -254,7 +255,7 @@ def watch(index: int, zone: str, points: int = 0, **other: Any) -> dict[str, Any
         "agents": 0,
         "things": 0,
         "masked": 0,
-        "seen": 1.0,
+        "observed": True,
         **other,
     }
 

@@ -38,6 +38,7 @@ EVENT_ROWS = [
     event(6, "stop", "approach", 7, 8, points=5, nearest=0.6, set="S", ttc=0.5),
     event(7, "stop", "stale", 9, 9),
 ]
+ENOUGH = ["zones.stop.observed >= 0.7", "zones.behind.observed == 0"]
 POINTS = [0, 0, 5, 9, 4, 0, 2, 3, 5, 0]
 AGENTS = [0, 0, 1, 1, 2, 1, 1, 0, 0, 0]
 ZONE_ROWS = [
@@ -50,12 +51,12 @@ ZONE_ROWS = [
             ttc={7: 1.5, 8: 0.5}.get(k),
             active=k in (2, 3, 4, 7, 8),
             agents=AGENTS[k],
-            seen=0.5 if k < 5 else 1.0,
+            observed=k >= 3,
         )
         for k in range(10)
     ),
     *(watch(k, "left-door", agents=0) for k in range(10)),
-    *(watch(k, "behind", agents=0, seen=0.0) for k in range(10)),
+    *(watch(k, "behind", agents=0, observed=False) for k in range(10)),
 ]
 
 
@@ -78,14 +79,14 @@ def watched() -> Watched:
         ("stop.agents_at_once.max", 2),
         ("stop.agents_at_once.mean", 0.6),
         ("stop.dwell.mean", 0.6),
-        ("stop.seen", 0.75),
+        ("stop.observed", 0.7),
         ("left-door.in", 2),
         ("left-door.out", 1),
-        ("left-door.seen", 1),
+        ("left-door.observed", 1),
         ("left-door.dwell.mean", None),
         ("behind.events", None),
         ("behind.in", None),
-        ("behind.seen", None),
+        ("behind.observed", 0),
     ],
 )
 def test_figures_of_a_zone(watched: Watched, name: str, value: float | None) -> None:
@@ -148,8 +149,8 @@ def test_what_a_check_of_zones_finds(
     assert (verdict.words == "nothing to measure") == (found is None)
 
 
-def test_events_of_zones_that_were_never_in_view_are_nothing_to_measure() -> None:
-    unseen = watched_of([], [watch(k, "behind", seen=0.0) for k in range(3)])
+def test_events_of_zones_that_were_never_observed_are_nothing_to_measure() -> None:
+    unseen = watched_of([], [watch(k, "behind", observed=False) for k in range(3)])
     verdict = judge_zones(
         parse_zone_check("events where set == A == 0", ["behind"]), figures_of(unseen), unseen
     )
@@ -200,7 +201,7 @@ def test_summary_of_zones(watched: Watched) -> None:
     stop, door, behind = zoned.zones
     assert (stop.action, stop.by, stop.visits) == ("stop", {"A": 1, "S": 1}, 1)
     assert stop.active == pytest.approx(0.3)
-    assert (door.visits, behind.figures["seen"]) == (0, None)
+    assert (door.visits, behind.figures["observed"]) == (0, 0.0)
     assert (zoned.sweeps, zoned.seconds) == (10, {0: pytest.approx(0.9)})
     assert zoned.listed == 3
     assert [(one.kind, one.sweep, one.set) for one in zoned.events] == [
@@ -269,17 +270,17 @@ def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:
     assert "  stop       stop      ··········████████████▁▁▁▁▁▁▁▁▁▁▁▁▁▁▁██████·····\n" in text
     rows = [" ".join(line.split()) for line in text.splitlines()]
     for row in (
-        "stop 2 0.3 s 0.40 m 75 % agents 1, walls 1",
-        "behind 0 % never in view",
-        "stop 1 0.6 s 75 %",
+        "stop 2 0.3 s 0.40 m 70 % agents 1, walls 1",
+        "behind 0 % never observed",
+        "stop 1 0.6 s 70 %",
         "left-door 2 1 100 %",
         "stop 0.70 s approach 0.10 s 5 0.60 m 0.50 s wall",
     ):
         assert row in rows
-    assert "| stop | 2 | 0.3 s | 0.40 m | 75 % | agents 1, walls 1 |" in render(found, "markdown")
+    assert "| stop | 2 | 0.3 s | 0.40 m | 70 % | agents 1, walls 1 |" in render(found, "markdown")
     values = json.loads(render(found, "json"))
     assert values["schema"] == "lidarcli.zones/1"
-    assert values["figures"]["zones.stop.seen"] == 0.75
+    assert values["figures"]["zones.stop.observed"] == 0.7
     assert values["figures"]["zones.left-door.events"] is None
     assert values["zones"][1] == {
         "name": "left-door", "action": "none", "line": True, "active": 0, "by": {}, "visits": 0,
@@ -292,9 +293,13 @@ def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:
     page = render(found, "html")
     assert '<div class="band stop">' in page
     assert 'title="0.20 to 0.40 s"' in page
-    assert render(found, "github").startswith(
-        "::error title=lidarcli%3A check failed::zones.behind.events == 0"
-    )
+    lines = render(found, "github").splitlines()
+    accepted = "--check 'zones.stop.observed >= 0.7' accepts that"
+    assert lines[:3] == [
+        f"::error title=lidarcli%3A incomplete::run: zone stop was observed in 7 of 10 sweeps; {accepted}",
+        "::error title=lidarcli%3A incomplete::run: zone behind was never observed",
+        "::error title=lidarcli%3A check failed::zones.behind.events == 0: expected == 0, found nothing to measure",
+    ]
 
 
 def test_zones_beside_objects_join_the_report(tmp_path: Path) -> None:
@@ -302,14 +307,14 @@ def test_zones_beside_objects_join_the_report(tmp_path: Path) -> None:
     write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, shapes=SHAPES)
     found = made(
         objects,
-        checks=["zones.stop.duration.max < 0.3", "events where set == A == 1", "sweeps == 10"],
+        checks=["zones.stop.duration.max < 0.3", "events where set == A == 1", "sweeps == 10", *ENOUGH],
         viewer=True,
     )
     assert isinstance(found.report, Report)
     assert found.report.holds
     assert found.report.figures["zones.left-door.in"] == 2
     assert "stop: 2 events, 0.3 s, nearest 0.40 m, by agents 1, walls 1, 1 visit" in found.report.lines
-    assert "behind: never in view" in found.report.lines
+    assert "behind: never observed" in found.report.lines
     for kind in FORMATS:
         assert "left-door" in render(found, kind)
     values = json.loads(render(found, "json"))
@@ -320,7 +325,7 @@ def test_zones_beside_objects_join_the_report(tmp_path: Path) -> None:
 
 def test_two_logs_are_summed_up(tmp_path: Path) -> None:
     write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, "first", SHAPES)
-    write_zones(tmp_path, EVENT_ROWS[:1], ZONE_ROWS[:10], "second", SHAPES)
+    write_zones(tmp_path, EVENT_ROWS[:1], ZONE_ROWS[:10], "second", SHAPES[:1])
     report = made(tmp_path).report
     assert report.figures["zones.stop.events"] == 3
     assert report.figures["zones.stop.share"] == 0.5
@@ -483,3 +488,26 @@ def test_figures_of_zones_beside_a_baseline(tmp_path: Path) -> None:
     checks = ("delta.zones.stop.events == 1", "delta.zones.left-door.in == 0", "zones.stop.events == 2")
     report = make_report(ReportOptions((str(new),), checks, (str(old),))).report
     assert [(one.found, one.holds) for one in report.verdicts] == [(1, True), (0, True), (2, True)]
+
+
+def test_words_of_tables_are_shown_and_never_obeyed(tmp_path: Path) -> None:
+    hostile = "n\x1b[31m\x07\n```\n::error file=a::pwned\n<img src=x>\u202e"
+    shapes = [shape | {"action": hostile} for shape in SHAPES]
+    events = [row | {"label": "::error::x", "log": "::warning::y"} for row in EVENT_ROWS]
+    write_zones(tmp_path, events, ZONE_ROWS, shapes=shapes)
+    found = made(tmp_path)
+    for form in ("text", "markdown", "github"):
+        text = render(found, form)
+        assert not [mark for mark in text if not (mark.isprintable() or mark == "\n")], form
+        assert (
+            not [line for line in text.splitlines() if line.lstrip().startswith(("::error", "<img"))]
+            or form == "github"
+        )
+    markdown = render(found, "markdown")
+    assert markdown.count("```") % 2 == 0
+    assert [line for line in markdown.splitlines() if line.startswith("```")] == ["```"] * markdown.count(
+        "```"
+    )
+    assert "error file=a" not in "".join(
+        line for line in render(found, "github").splitlines() if line.startswith("::error")
+    )

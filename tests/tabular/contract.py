@@ -62,6 +62,7 @@ CONTRACT = {
     "sweeps": [
         *SOURCE,
         *counts("beams valid no_return too_close invalid masked"),
+        ("observed", "bool"),
         *floats("nearest nearest_theta d_mean d_th noise"),
         *counts("objects agents object_beams agent_beams noise_beams"),
         *doubles("pose_x pose_y pose_yaw"),
@@ -129,7 +130,7 @@ CONTRACT = {
         *doubles("nearest ttc"),
         ("active", "bool"),
         *counts("things agents masked"),
-        ("seen", "float"),
+        ("observed", "bool"),
     ],
 }
 

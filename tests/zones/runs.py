@@ -150,7 +150,7 @@ def sound(tables: ZoneTables) -> ZoneTables:
         assert (event["track"] is not None) <= (event["set"] in ("A", "O"))
     for row in tables.zones.to_pylist():
         assert (row["nearest"] is None) == (row["points"] == 0)
-        assert 0.0 <= row["seen"] <= 1.0
+        assert row["observed"] or row["points"] < 4 or not row["active"]
         active[row["zone"]] += row["active"]
     occupied = {event["zone"] for event in events if event["kind"] in ("occupied", "approach")}
     assert {zone for zone, count in active.items() if count} == occupied

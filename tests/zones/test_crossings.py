@@ -126,6 +126,10 @@ def test_places_that_are_not_known_do_not_hide_a_crossing() -> None:
     assert crossings(LINE, path) == ([(2, True)], 0)
 
 
+def visits_of(shape: Circle | Polygon, path: Path) -> list[Visit]:
+    return visits([shape], np.zeros(len(path.x), np.int64), path)
+
+
 def slow_visits(shape: Circle | Polygon, points: Float64, distance: Float64, within: Any) -> list[Visit]:
     """Visits by a walk over all places."""
     found: list[Visit] = []
@@ -150,7 +154,7 @@ def test_visits_of_a_circle_by_random_walks() -> None:
         points[rng.random(120) < 0.02] = np.nan
         away = np.hypot(points[:, 0] - 0.5, points[:, 1] + 0.25)
         expected = slow_visits(circle, points, away - 0.8, away < 0.8)
-        assert visits(circle, path_of(points)) == expected
+        assert visits_of(circle, path_of(points)) == expected
         several += len(expected) > 1
     assert several > 20
 
@@ -158,12 +162,12 @@ def test_visits_of_a_circle_by_random_walks() -> None:
 def test_visits_of_a_square() -> None:
     square = Polygon(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
     x = np.array([-0.5, -0.05, 0.1, 0.5, 1.05, 0.9, 1.05, 1.09, 1.11, 0.5])
-    assert visits(square, path_of(np.column_stack([x, np.full(10, 0.5)]))) == [
+    assert visits_of(square, path_of(np.column_stack([x, np.full(10, 0.5)]))) == [
         (2, 7, False),
         (9, 9, True),
     ]
     corner = path_of([(0.5, 0.5), (1.07, 1.07), (1.08, 1.08), (3.0, 3.0)])
-    assert visits(square, corner) == [(0, 1, True)], "beyond a corner the distance is that from it"
+    assert visits_of(square, corner) == [(0, 1, True)], "beyond a corner the distance is that from it"
 
 
 def test_agents_of_two_sensors() -> None:

@@ -402,3 +402,73 @@ def test_mutated_files_are_read_or_refused() -> None:
         except LidarcliError:
             refused += 1
     assert refused > 30
+
+
+def test_names_with_stars_tell_what_the_node_does_not() -> None:
+    common = "/**:\n  ros__parameters: {base_frame_id: base_link, source_timeout: 3.0, scan: {topic: /front, type: scan}}\n"
+    own = "      min_points: 7\n"
+    for text in (
+        common + DETECTOR + own,
+        DETECTOR + own + common,
+        common.replace("/**", "/*/collision_detector") + DETECTOR + own,
+        common.replace("/**", "/robot1/**") + DETECTOR + own,
+    ):
+        read = read_text(text)
+        (zone,) = read.zones
+        assert (read.robot, zone.timeout, zone.topics) == ("base_link", 3.0, ("/robot1/scan",))
+    # What the node tells itself goes before, key by key.
+    assert (
+        read_text(common + DETECTOR.replace("    frequency", "    base_frame_id: laser\n    frequency")).robot
+        == "laser"
+    )
+    other = common.replace("/**", "/robot2/**")
+    assert read_text(other + DETECTOR).robot == "base_footprint"
+    # Polygons under a star alone are those of one node, and of one that takes them no second time.
+    alone = DETECTOR.replace("/robot1/collision_detector", "/**")
+    assert [each.topics for each in read_text(alone).zones] == [("/scan",)]
+    taken = alone + "monitor:\n  ros__parameters:\n    front: {min_points: 9}\n"
+    assert [each.min_points for each in read_text(taken).zones] == [9]
+    with pytest.raises(OptionError, match="more than 100 names of nodes with"):
+        read_text("".join(f"/a{each}/**:\n  ros__parameters: {{a: 1}}\n" for each in range(101)) + DETECTOR)
+
+
+COSTMAP = "local_costmap:\n  local_costmap:\n    ros__parameters:\n      "
+
+
+@pytest.mark.parametrize(
+    ("told", "corners", "farthest"),
+    [
+        ("robot_radius: 0.2\n", 16, 0.214),
+        ('footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"\n', 4, math.hypot(0.31, 0.21)),
+        ('footprint: "[]"\n      robot_radius: 0.2\n      footprint_padding: 0.0\n', 16, 0.2),
+    ],
+)
+def test_the_costmap_of_the_file_tells_the_footprint(told: str, corners: int, farthest: float) -> None:
+    for text in (MONITOR + COSTMAP + told, COSTMAP.replace("local_c", "global_c") + told + MONITOR):
+        zones = {zone.name: zone for zone in read_text(text).zones}
+        footprint = zones["Foot"].footprint
+        assert footprint is not None
+        assert len(footprint.corners) == corners
+        reach = max(math.hypot(*corner) for corner in footprint.corners)
+        assert reach == pytest.approx(farthest, abs=0.001)
+        assert {name for name, zone in zones.items() if zone.footprint is not None} == {"Foot"}
+    assert all(zone.footprint is None for zone in read_text(MONITOR).zones)
+
+
+def test_numbers_are_those_of_ros() -> None:
+    def radius(told: str) -> float:
+        (zone,) = read_text(DETECTOR.replace('"polygon"', '"circle"\n      radius: ' + told)).zones
+        assert isinstance(zone.shape, Circle)
+        return zone.shape.radius
+
+    assert [radius(told) for told in ("030", "0x1F", "08", "1e1", "+7", "0.25")] == [
+        24.0,
+        31.0,
+        8.0,
+        10.0,
+        7.0,
+        0.25,
+    ]
+    for told in ("1_5", "0o17", "1_0.5"):
+        with pytest.raises(OptionError, match="'radius'"):
+            radius(told)

@@ -48,12 +48,21 @@ class Crossing(NamedTuple):
     inwards: bool
 
 
-def visits(shape: Circle | Polygon, path: Path) -> list[Visit]:
-    """Return the visits of an area: from the first sweep inside to the last that is no farther than `MARGIN` outside."""
-    with np.errstate(invalid="ignore"):
-        within = inside(shape, path.x, path.y)
-        # A place that is not known ends a visit.
-        left = ~(distance_to(shape, path.x, path.y) <= MARGIN)
+def visits(shapes: Sequence[Circle | Polygon], which: Int64, path: Path) -> list[Visit]:
+    """Return the visits of an area: from the first sweep inside to the last that is no farther than `MARGIN` outside.
+
+    Parameters
+    ----------
+    which : (N,) index of the shape that the area has at each sweep of the path, -1 for none
+    """
+    within, left = np.zeros(len(path.x), np.bool_), np.ones(len(path.x), np.bool_)
+    for number in np.unique(which[which >= 0]).tolist():
+        mine = np.flatnonzero(which == number)
+        x, y = path.x[mine], path.y[mine]
+        with np.errstate(invalid="ignore"):
+            within[mine] = inside(shapes[number], x, y)
+            # A place that is not known ends a visit.
+            left[mine] = ~(distance_to(shapes[number], x, y) <= MARGIN)
     found = []
     at, count = 0, len(within)
     while at < count and within[at:].any():
@@ -117,12 +126,16 @@ def same_agents(sensors: Sequence[dict[int, Path]]) -> dict[tuple[int, int], int
         (sensor, track): path for sensor, own in enumerate(sensors) for track, path in sorted(own.items())
     }
     members = {name: [name] for name in paths}
-    together = [
-        (apart, one, other)
-        for one, path in paths.items()
-        for other in paths
-        if other[0] < one[0] and (apart := _apart(path, paths[other])) is not None
-    ]
+    together: list[tuple[float, tuple[int, int], tuple[int, int]]] = []
+    there: list[tuple[int, int]] = []
+    """Those that go on when the next one begins."""
+    for name in sorted(paths, key=lambda each: int(paths[each].time_ns[0])):
+        there = [each for each in there if _at_one_time(paths[each], paths[name])]
+        for each in there:
+            other, one = sorted((each, name))
+            if other[0] < one[0] and (apart := _apart(paths[one], paths[other])) is not None:
+                together.append((apart, one, other))
+        there.append(name)
     for _, one, other in sorted(together):
         mine, its = members[one], members[other]
         if mine is not its and not any(
@@ -140,8 +153,6 @@ def _at_one_time(one: Path, other: Path) -> bool:
 
 def _apart(path: Path, other: Path) -> float | None:
     """Return how far apart two paths are on average while they are together [m]; None where they are not."""
-    if not _at_one_time(path, other):
-        return None
     times = path.time_ns
     common = (times >= other.time_ns[0]) & (times <= other.time_ns[-1])
     x, y = (np.interp(times[common], other.time_ns, values) for values in (other.x, other.y))

@@ -1,4 +1,4 @@
-"""Points of sweeps in zones, and how much of a zone a sweep sees."""
+"""Points of sweeps in zones, and how many beams of a sweep reach a zone."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.masks import Circle, Polygon
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, Status, SweepBatch, SweepPoses
+from lidarcli.masks import Circle, Masks, Polygon
+from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Status, SweepBatch, SweepPoses
 from lidarcli.zone import Line, inside
 
 Shape = Circle | Polygon | Line
 SAMPLES = 64
-"""Places of a zone at which is asked whether a sweep sees them: one bit of a word each."""
+"""Places of a zone at which is asked whether a sweep sees them."""
 _STEP = 0.7548776662466927, 0.5698402909980532
 """Steps of a sequence that fills a square evenly (powers of the plastic number)."""
 _FLAT = 1e-9
@@ -52,7 +52,7 @@ def bounds(shape: Shape) -> tuple[float, float, float]:
 
 
 def samples(shape: Shape) -> Float64:
-    """Return (SAMPLES, 2) places that are spread evenly over a shape [m]."""
+    """Return (SAMPLES, 2) places that are spread evenly over a shape [m]; NaN where it has no area that holds any."""
     if isinstance(shape, Line):
         share = (np.arange(SAMPLES)[:, None] + 0.5) / SAMPLES
         along: Float64 = np.array(shape.first) + share * np.subtract(shape.second, shape.first)
@@ -63,18 +63,13 @@ def samples(shape: Shape) -> Float64:
         corners = np.array(shape.corners)
         low, size = corners.min(axis=0), np.ptp(corners, axis=0)
     found = np.empty((0, 2))
-    # A thin zone in a corner of its box takes more of the sequence; a flat one has its corners for places.
+    # A thin zone in a corner of its box takes more of the sequence.
     for count in (1 << 10, 1 << 14, 1 << 18):
         places: Float64 = low + size * ((0.5 + np.arange(1, count + 1)[:, None] * np.array(_STEP)) % 1.0)
         found = places[inside(shape, *places.T)]
         if len(found) >= SAMPLES:
             return found[:SAMPLES]
-    found = (
-        found
-        if len(found)
-        else np.array(shape.corners if isinstance(shape, Polygon) else [[shape.x, shape.y]])
-    )
-    few: Float64 = np.resize(found, (SAMPLES, 2))
+    few: Float64 = np.resize(found if len(found) else np.nan, (SAMPLES, 2))
     return few
 
 
@@ -109,7 +104,7 @@ def candidates(batch: SweepBatch, ranges: Float32, place: SweepPoses, shape: Cir
 
 
 def seen(batch: SweepBatch, place: SweepPoses, places: Float64) -> Bool:
-    """Return which places (S, P) sweeps see: in view, no nearer than the sensor measures, and not behind a point.
+    """Return which places (S, P) sweeps see: in view, within the limits of the sensor, and not behind a point.
 
     A beam without a return sees all the way; one that is masked or has no usable value sees nothing.
 
@@ -118,10 +113,10 @@ def seen(batch: SweepBatch, place: SweepPoses, places: Float64) -> Bool:
     place : poses of the sensor in the frame of the places
     places : (P, 2) [m], or (S, P, 2) of each sweep
     """
-    dx, dy = places[..., 0] - place.x[:, None], places[..., 1] - place.y[:, None]
-    distance = np.hypot(dx, dy)
-    turned = np.arctan2(dy, dx) - place.yaw[:, None]
-    bearing = np.where(place.upside_down[:, None], -turned, turned)
+    return _seen(batch, *_from_sensor(place, places))
+
+
+def _seen(batch: SweepBatch, bearing: Float64, distance: Float64) -> Bool:
     step = batch.angle_increment[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         after = np.where(step < 0.0, -1.0, 1.0) * (bearing - batch.angle_min[:, None])
@@ -134,10 +129,36 @@ def seen(batch: SweepBatch, place: SweepPoses, places: Float64) -> Bool:
         return np.zeros(known.shape, np.bool_)
     row = np.arange(len(batch))[:, None]
     status, ranges = batch.status[row, column], batch.ranges[row, column]
+    farthest = np.where(batch.range_max > batch.range_min, batch.range_max, np.inf)[:, None]
     with np.errstate(invalid="ignore"):
-        clear: Bool = (status == Status.NO_RETURN) | ((status == Status.VALID) & (distance <= ranges + 1e-3))
+        clear: Bool = (status == Status.NO_RETURN) & (distance <= farthest)
+        clear |= (status == Status.VALID) & (distance <= ranges + 1e-3)
         clear &= known & (distance >= batch.range_min[:, None])
     return clear
+
+
+def reach(batch: SweepBatch, place: SweepPoses, places: Float64, masks: Masks) -> Int32:
+    """Return how many beams of each sweep (S,) could end at some places: from the first to the last that sees one of them.
+
+    `masks` hide places, too, with a mount for each frame that they name; the rest as of `seen`.
+    """
+    bearing, distance = _from_sensor(place, places)
+    clear = _seen(batch, bearing, distance)
+    if masks.masks:
+        clear &= ~masks.hide(batch, bearing, distance)
+    # From one of them to both sides: only around the sensor do they spread over more than half a turn.
+    begin = bearing[np.arange(len(batch)), clear.argmax(axis=1)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        side = np.where(clear, (bearing - begin[:, None] + 0.5 * TURN) % TURN - 0.5 * TURN, 0.0)
+        beams = np.rint(np.ptp(side, axis=1) / np.abs(batch.angle_increment)) + 1.0
+    return np.where(clear.any(axis=1), np.fmin(beams, batch.beams), 0.0).astype(np.int32)
+
+
+def _from_sensor(place: SweepPoses, places: Float64) -> tuple[Float64, Float64]:
+    """Return bearing [rad] and distance [m] of places from the sensors (S, P)."""
+    dx, dy = places[..., 0] - place.x[:, None], places[..., 1] - place.y[:, None]
+    turned = np.arctan2(dy, dx) - place.yaw[:, None]
+    return np.where(place.upside_down[:, None], -turned, turned), np.hypot(dx, dy)
 
 
 def distance_to(shape: Circle | Polygon, x: Float64, y: Float64) -> Float64:

@@ -190,8 +190,8 @@ def _value(value: Any) -> str:
     """Return a value as TOML."""
     if isinstance(value, dict):
         return f"{{ {', '.join(f'{key} = {_value(one)}' for key, one in value.items())} }}"
-    # Lists, numbers and texts look the same in JSON.
-    return json.dumps(value, ensure_ascii=False)
+    # Lists, numbers and texts look the same in JSON, but for a character that only TOML has to escape.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _short(value: float) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle, Mask, Masks, Polygon, same_name
 from lidarcli.pipeline.inputs.masks import MOST, MOST_CORNERS
+from lidarcli.sweeps import TURN
 from lidarcli.tomlfiles import LARGEST, Fields
 from lidarcli.yamlfiles import read_yaml
 from lidarcli.zone import (
@@ -39,6 +40,10 @@ _PARAMETERS = "ros__parameters"
 _SCAN = "scan"
 _SOURCES = (_SCAN, "pointcloud", "range", "polygon", "costmap")
 _LEAST_CORNERS, _LEAST_EXCLUDED = 4, 3
+_PATTERNS = 100
+_COSTMAPS = ("local_costmap", "global_costmap")
+_ROUND, _PADDING = 16, 0.01
+"""Corners of the footprint that Nav2 makes of a `robot_radius`, and by how much it widens any [m]."""
 _SHAPE_KEYS = ("type", "points", "radius", "enabled", "visualize")
 _POLYGON_KEYS = (
     *_SHAPE_KEYS,
@@ -79,6 +84,8 @@ class _Node:
     namespace: str
     """Empty, or `/name`."""
     robot: str
+    footprint: Polygon | None
+    """That of a costmap of the same file."""
     notes: list[str]
     sources: dict[str, _Source | None]
     """Name → source; None for one that is not read."""
@@ -116,13 +123,17 @@ def read_nav2(file: str) -> Zones:
     masks: list[Mask] = []
     notes: list[str] = []
     robot = ""
-    for path, parameters in _nodes(read_yaml(file, "zone file"), ()):
-        fields = Fields(file, "/".join(path).strip("/") or "the file", parameters)
+    nodes = [*_nodes(read_yaml(file, "zone file"), ())]
+    if sum(_is_pattern(names) for names, _ in nodes) > _PATTERNS:
+        raise OptionError(f"{file}: more than {_PATTERNS} names of nodes with *")
+    footprint = _footprint(file, nodes)
+    for path, parameters in _monitors(nodes):
+        fields = Fields(file, "/".join(path) or "the file", parameters)
         base = fields.text("base_frame_id", "base_footprint")
         if robot and not same_name(robot, base):
             fields.fail("base_frame_id", f"is {base}, of another node {robot}: leave one out")
         robot = robot or base
-        node = _Node(fields, _namespace(path), base, notes, {}, masks)
+        node = _Node(fields, _namespace(path), base, footprint, notes, {}, masks)
         _read_sources(node)
         zones += _zones(node)
     if not robot:
@@ -145,23 +156,109 @@ def approach_times(fields: Fields) -> tuple[float, float]:
 
 
 def _nodes(values: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Yield the parameters of nodes with polygons, wherever they are, with the names that lead to them."""
+    """Yield the parameters of nodes, wherever they are, with the names that lead to them."""
     for name, value in values.items():
         if not isinstance(value, dict):
             continue
-        if name == _PARAMETERS and "polygons" in value:
-            yield path, value
-        elif name != _PARAMETERS:
+        if name == _PARAMETERS:
+            yield tuple(part for part in "/".join(path).split("/") if part), value
+        else:
             yield from _nodes(value, (*path, name))
+
+
+def _monitors(nodes: Sequence[tuple[tuple[str, ...], Any]]) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Yield the parameters of nodes that watch polygons; what is told of names with * counts where the node tells nothing.
+
+    A name with * is a node of its own where no other one takes its polygons.
+    """
+    taken: list[Any] = []
+    for path, own in sorted(nodes, key=lambda node: _is_pattern(node[0])):
+        merged, shared = _merged(path, own, nodes)
+        watched = merged.get("polygons")
+        telling = {
+            "polygons",
+            "observation_sources",
+            *(map(str, watched) if isinstance(watched, list) else ()),
+        }
+        if watched is not None and telling & {*own} and not any(own is each for each in taken):
+            taken += shared
+            yield path, merged
+
+
+def _merged(
+    path: tuple[str, ...], own: dict[str, Any], nodes: Sequence[tuple[tuple[str, ...], Any]]
+) -> tuple[dict[str, Any], list[Any]]:
+    """Return the parameters of a node with those of the names with * that are its own, too, and these."""
+    name = [part for part in path if "*" not in part]
+    shared = [
+        each for names, each in nodes if each is not own and _is_pattern(names) and _matches(names, name)
+    ]
+    merged: dict[str, Any] = {}
+    for each in (*shared, own):
+        merged = _over(merged, each)
+    return merged, shared
+
+
+def _over(base: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
+    """Return parameters of both, where both tell one the second."""
+    both = {
+        name: _over(base[name], value)
+        for name, value in more.items()
+        if isinstance(value, dict) and isinstance(base.get(name), dict)
+    }
+    return base | more | both
+
+
+def _is_pattern(names: Sequence[str]) -> bool:
+    return any("*" in name for name in names)
+
+
+def _matches(pattern: Sequence[str], names: Sequence[str]) -> bool:
+    """Tell whether a name with * is that of a node: `**` stands for any names, also none, and `*` for one.
+
+    >>> [_matches(pattern, ["robot1", "monitor"]) for pattern in (["**"], ["**", "monitor"], ["*", "monitor"], ["*"])]
+    [True, True, True, False]
+    """
+    ends = {0}
+    for part in pattern:
+        if part == "**":
+            ends = {*range(min(ends, default=len(names) + 1), len(names) + 1)}
+        else:
+            ends = {at + 1 for at in ends if at < len(names) and part in ("*", names[at])}
+    return len(names) in ends
+
+
+def _footprint(file: str, nodes: Sequence[tuple[tuple[str, ...], Any]]) -> Polygon | None:
+    """Return the footprint that the costmap of the file publishes, the local one first; None where it tells none."""
+    for costmap in _COSTMAPS:
+        for path, own in nodes:
+            if path[-1:] != (costmap,):
+                continue
+            fields = Fields(file, "/".join(path), _merged(path, own, nodes)[0])
+            if not {"footprint", "robot_radius"} & {*fields.values}:
+                continue
+            told = fields.values.get("footprint")
+            if isinstance(told, str) and told.strip() not in ("", "[]"):
+                corners = np.array(_of_text(fields, told, "footprint"))
+            else:
+                around = np.arange(_ROUND) * (TURN / _ROUND)
+                corners = fields.number("robot_radius", above=0) * np.column_stack(
+                    [np.cos(around), np.sin(around)]
+                )
+            padding = fields.number("footprint_padding", _PADDING, low=0, high=LARGEST)
+            corners = np.round(corners, 9) + padding * np.sign(np.round(corners, 9))
+            if len(corners) >= _LEAST_EXCLUDED:
+                return Polygon(tuple((float(x), float(y)) for x, y in corners))
+    return None
 
 
 def _namespace(path: tuple[str, ...]) -> str:
     """Return the namespace of a node.
 
-    >>> [_namespace(path) for path in (("collision_monitor",), ("robot1", "monitor"), ("/**",), ("/robot1/monitor",))]
-    ['', '/robot1', '', '/robot1']
+    >>> [_namespace(path) for path in (("collision_monitor",), ("robot1", "monitor"), ("**",))]
+    ['', '/robot1', '']
     """
-    names = [name for name in "/".join(path).split("/") if name and "*" not in name]
+    names = [name for name in path if "*" not in name]
     return "".join(f"/{name}" for name in names[:-1])
 
 
@@ -266,6 +363,7 @@ def _zone(node: _Node, polygon: Fields, name: str) -> Zone:
         timeout=timeout,
         cases=cases,
         shape_topic=shape_topic and node.topic(shape_topic),
+        footprint=node.footprint if shape_topic and action == "approach" else None,
         velocity_topic=node.topic(node.fields.text("cmd_vel_in_topic", "cmd_vel_smoothed")),
         time_before_collision=ahead,
         time_step=step,
@@ -355,7 +453,7 @@ def _polygon(fields: Fields, least: int) -> Polygon:
     return Polygon(tuple(corners))
 
 
-def _of_text(fields: Fields, text: str) -> list[tuple[float, float]]:
+def _of_text(fields: Fields, text: str, key: str = "points") -> list[tuple[float, float]]:
     """Return the corners that a text tells, each number rounded to a float32 as Nav2 does."""
     corners = []
     for corner in _POINT.findall(text) if _POINTS.fullmatch(text) else [""]:
@@ -364,8 +462,8 @@ def _of_text(fields: Fields, text: str) -> list[tuple[float, float]]:
         except ValueError:
             numbers = []
         if len(numbers) != 2:
-            fields.fail("points", 'must be pairs of numbers as "[[0.5, 0.3], [0.5, -0.3], ...]"')
+            fields.fail(key, 'must be pairs of numbers as "[[0.5, 0.3], [0.5, -0.3], ...]"')
         if not all(abs(number) <= LARGEST for number in numbers):
-            fields.fail("points", f"must hold finite numbers between {-LARGEST:g} and {LARGEST:g}")
+            fields.fail(key, f"must hold finite numbers between {-LARGEST:g} and {LARGEST:g}")
         corners.append((float(np.float32(numbers[0])), float(np.float32(numbers[1]))))
     return corners

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -12,10 +13,10 @@ from numpy.typing import NDArray
 from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones.approach import collision_steps, meeting, times
-from lidarcli.formalism.zones.points import Inside, candidates, samples, seen
+from lidarcli.formalism.zones.points import Inside, candidates, reach, samples
 from lidarcli.masks import Circle, Masks, Polygon
 from lidarcli.pipeline.watching.frames import Frames
-from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8
+from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8
 from lidarcli.tabular.arrays import held, numbers
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
 
@@ -23,6 +24,8 @@ NO_OBJECT = -1
 """In place of an object: a point on walls and the rest."""
 OBJECT_COLUMNS = ("topic", "sweep", "object", "beam_i", "beam_f", "set", "track", "vx", "vy")
 """Columns of the objects table that tell whose beams are in a zone."""
+OLDEST_NS = 2_000_000_000
+"""Age from which on a velocity may be that of another time [ns]."""
 VELOCITY_SPAN_NS = 200_000_000
 """Least time over which poses tell a velocity [ns]."""
 
@@ -98,7 +101,7 @@ class Hits(NamedTuple):
     """Numbers of points of objects in a part of a zone: one entry for each object of a sweep."""
 
     sweep: Int64
-    """(H,) number of the sweep in the series, ascending."""
+    """(H,) number of the sweep in the series."""
     part: Int64
     set: UInt8
     track: Int64
@@ -125,7 +128,8 @@ class ZoneSeries:
     x: list[Float64] = field(default_factory=list)
     y: list[Float64] = field(default_factory=list)
     masked: list[Int32] = field(default_factory=list)
-    seen: list[NDArray[np.uint64]] = field(default_factory=list)
+    reach: list[Int32] = field(default_factory=list)
+    """Beams that could have ended in it; 0 in sweeps that show nothing."""
     ttc: list[Float64] = field(default_factory=list)
     hits: list[Hits] = field(default_factory=list)
     placed: list[Float64] = field(default_factory=list)
@@ -143,13 +147,11 @@ class ZoneSeries:
         """Return one of the quantities of all sweeps (S, parts)."""
         return _whole(getattr(self, name))
 
-    def all_hits(self) -> Hits:
-        """Return the hits of all sweeps."""
-        if len(self.hits) != 1:
-            self.hits[:] = [
-                Hits(*(np.concatenate(values) for values in zip(NO_HITS, *self.hits, strict=True)))
-            ]
-        return self.hits[0]
+    def ordered_hits(self) -> Hits:
+        """Return the hits of all sweeps, by sweep; each part of a batch has added its own."""
+        joined = Hits._make(map(np.concatenate, zip(NO_HITS, *self.hits, strict=True)))
+        order = np.argsort(joined.sweep, kind="stable")
+        return Hits._make(values[order] for values in joined)
 
 
 @dataclass(slots=True)
@@ -188,12 +190,13 @@ class Told(NamedTuple):
     recorded: bool
     """True where the stamps are those of the recording."""
 
-    def at(self, batch: SweepBatch) -> Float64:
-        """Return the newest velocity (S, 3) before each sweep; NaN before the first."""
+    def at(self, batch: SweepBatch) -> tuple[Float64, int]:
+        """Return the newest velocity (S, 3) before each sweep, NaN before the first; and how many are too old."""
         times = batch.record_ns if self.recorded else batch.stamp_ns
         index = np.searchsorted(self.stamp_ns, times, side="right") - 1
         newest: Float64 = np.where(index[:, None] < 0, np.nan, self.velocity[np.maximum(index, 0)])
-        return newest
+        old = (index >= 0) & (times - self.stamp_ns[np.maximum(index, 0)] > OLDEST_NS)
+        return newest, int(np.count_nonzero(old))
 
 
 class Counting:
@@ -211,6 +214,8 @@ class Counting:
         self._frames = frames
         self._masks = masks
         self._told = told
+        self.old: Counter[str] = Counter()
+        """Topic → sweeps in which its last velocity was too old."""
         self._stamps, self._robots = np.zeros(0, np.int64), np.zeros((0, 3))
         """Stamps and poses of the robot in the last sweeps."""
 
@@ -244,7 +249,7 @@ class Counting:
             velocity = velocities[each.zone.velocity_topic]
             each.velocity.append(velocity)
             own = velocity if each.zone.frame == WORLD else velocity_of(velocity, place, carried)
-            look = _Look(batch, ranges, place, objects, owners, own, series.count)
+            look = _Look(batch, ranges, masks, place, objects, owners, own, series.count)
             self._look(
                 each, look, None if under is None else np.where(under, batch.ranges, np.float32(np.nan))
             )
@@ -257,10 +262,9 @@ class Counting:
         points, away = np.zeros((count, parts), np.int32), np.zeros((count, parts), np.int32)
         nearest, bearing = (np.full((count, parts), np.nan, np.float32) for _ in range(2))
         x, y, ttc = (np.full((count, parts), np.nan) for _ in range(3))
-        bits = np.zeros((count, parts), np.uint64)
+        whole, beams = look, np.zeros((count, parts), np.int32)
         for part, places in enumerate(into.places if now is None else [np.stack(into.places)[now]]):
-            bits[:, part] = np.packbits(seen(look.batch, look.place, places), axis=1).view(np.uint64)[:, 0]
-        whole = look
+            beams[:, part] = look.reach(into.zone, places)
         for number, shape in enumerate(into.shapes.shapes):
             part, look = number, whole
             if now is not None:
@@ -291,7 +295,7 @@ class Counting:
                 away[:, part] += np.bincount(under.row, minlength=count).astype(np.int32)
         for name, values in (
             *(("points", points), ("nearest", nearest), ("bearing", bearing), ("x", x), ("y", y)),
-            *(("masked", away), ("seen", bits), ("ttc", ttc)),
+            *(("masked", away), ("reach", np.maximum(beams, points)), ("ttc", ttc)),
         ):
             getattr(into, name).append(values)
 
@@ -307,7 +311,11 @@ class Counting:
     def _velocities(self, batch: SweepBatch, carried: SweepPoses) -> dict[str, Float64]:
         """Return the velocity of the robot (S, 3) as each topic tells it; of one that does not, by the poses."""
         topics = {each.zone.velocity_topic for each in self.series.zones}
-        found = {topic: told.at(batch) for topic in topics if (told := self._told.get(topic)) is not None}
+        found: dict[str, Float64] = {}
+        for topic in topics:
+            if (told := self._told.get(topic)) is not None:
+                found[topic], old = told.at(batch)
+                self.old[topic] += old
         if len(found) < len(topics):
             found = dict.fromkeys(topics, self._by_poses(batch, carried)) | found
         return found
@@ -347,6 +355,7 @@ class _Look(NamedTuple):
     batch: SweepBatch
     ranges: Float32
     """(S, B) without those under a mask."""
+    masks: Masks
     place: SweepPoses
     objects: Objects | None
     owners: Int32 | None
@@ -358,6 +367,18 @@ class _Look(NamedTuple):
         """Return the bearings of beams [rad]."""
         bearing: Float64 = self.batch.angle_min[row] + self.batch.angle_increment[row] * beam
         return bearing
+
+    def reach(self, zone: Zone, places: Float64) -> Int32:
+        """Return how many beams (S,) could have found something in a zone; of one that approaches, wherever it may go."""
+        batch = self.batch
+        if zone.action == "approach":
+            usable = np.isfinite(self.ranges) | (batch.status == Status.NO_RETURN)
+            judged = np.isfinite(self.velocity).all(axis=1) & np.isfinite(self.place.x)
+            found = np.where(judged, np.count_nonzero(usable, axis=1), 0).astype(np.int32)
+        else:
+            found = reach(batch, self.place, places, self.masks)
+        shows: Bool = batch.observed & np.isfinite(self.ranges).any(axis=1)
+        return np.where(shows, found, 0)
 
     def inside(self, zone: Zone, shape: Circle | Polygon) -> tuple[Inside, Inside]:
         """Return the points that count and are inside of a shape; and, for `approach`, all that count wherever they are."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones.episodes import episodes
 from lidarcli.formalism.zones.paths import Path, crossings, same_agents, visits
+from lidarcli.masks import Circle, Polygon
 from lidarcli.pipeline.reading.masking import REACH
 from lidarcli.pipeline.watching.counting import TopicSeries, ZoneSeries
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
@@ -97,6 +98,8 @@ class _Settling:
     def __init__(self, counted: Counted) -> None:
         self.counted, self.zone = counted, counted.zone
         stamps = [topic.column("stamp_ns") for topic in counted.topics]
+        self.ends = [{int(each.min()), int(each.max())} for each in stamps]
+        """Of each topic the first and the last stamp."""
         self._timeout_ns = [self._timeout(each) for each in stamps]
         """Age from which on a sweep of each topic tells nothing [ns]."""
         self.topic = np.repeat(np.arange(len(stamps)), [len(each) for each in stamps])
@@ -110,7 +113,11 @@ class _Settling:
         """(N,) for each topic: number of its newest sweep that is not too old; -1 for none."""
         self.velocity = self._joined([each.column("velocity") for each in counted.series])
         self.part = self._part()
-        self.points = self._sum("points")
+        self.sweep = self._own("sweep")
+        self.hits = [each.ordered_hits() for each in counted.series]
+        """For each topic."""
+        self.points_of = self._of_topics("points")
+        self.points: Int64 = self.points_of.sum(axis=0)
         self.numbers = self._number_agents()
 
     def _timeout(self, stamps: Int64) -> int:
@@ -164,13 +171,13 @@ class _Settling:
         found[there] = values[latest[there], self.part[there]]
         return found
 
-    def _sum(self, name: str) -> Int64:
-        if isinstance(self.zone.shape, Line):
-            return np.zeros(len(self.own), np.int64)
-        total = np.zeros(len(self.own), np.int64)
-        for index in range(len(self.counted.topics)):
-            total += self._picked(index, name, 0)
-        return total
+    def _of_topics(self, name: str) -> Int64:
+        """Return (topics, N) a number of beams of the newest sweep of each topic; 0 on a line, which holds none."""
+        found = np.zeros((len(self.counted.topics), len(self.own)), np.int64)
+        if not isinstance(self.zone.shape, Line):
+            for index in range(len(found)):
+                found[index] = self._picked(index, name, 0)
+        return found
 
     def settled(self) -> Settled:
         """Return the events and the rows."""
@@ -207,7 +214,9 @@ class _Settling:
         active = np.zeros(len(self.own), np.bool_)
         for each in found:
             active[each.first : each.last + 1] = True
-        self.agents = self._agents()
+        agents = self._agents()
+        self.agents = None if agents is None else self._per_row(agents).astype(np.int32)
+        """(N,) agents in the zone; None without tracks."""
         self.enough = enough
         events = [self._episode(each.first, each.last, each.cut) for each in found]
         events += self._stale()
@@ -216,7 +225,7 @@ class _Settling:
             own, one_sided = self._of_agents()
             events += own
         columns: dict[str, NDArray[Any] | None] = {
-            "sweep": self._own("sweep"),
+            "sweep": self.sweep,
             "stamp": self.time_ns,
             "t": self._own("seconds"),
             "points": self.points.astype(np.int32),
@@ -224,9 +233,9 @@ class _Settling:
             "ttc": self.ttc,
             "active": active,
             "things": self._things().astype(np.int32) if self.counted.has_objects else None,
-            "agents": None if self.agents is None else self._per_row(self.agents[0]).astype(np.int32),
-            "masked": self._sum("masked").astype(np.int32),
-            "seen": self._seen(),
+            "agents": self.agents,
+            "masked": self._of_topics("masked").sum(axis=0).astype(np.int32),
+            "observed": self._observed(),
         }
         return Settled(
             zone,
@@ -239,12 +248,17 @@ class _Settling:
             bool((self.part >= 0).any()),
         )
 
-    def _seen(self) -> Float64:
-        """Return (N,) the share of the zone that some sensor sees."""
-        bits = np.zeros(len(self.own), np.uint64)
-        for index in range(len(self.counted.topics)):
-            bits |= self._picked(index, "seen", 0)
-        return np.bitwise_count(bits) / 64.0
+    def _observed(self) -> Bool:
+        """Return (N,) whether something in the zone could have made an event: enough beams reach it for long enough."""
+        beams = np.sum([self._picked(index, "reach", 0) for index in range(len(self.counted.topics))], axis=0)
+        least = 1 if isinstance(self.zone.shape, Line) else self.zone.min_points
+        observed: Bool = beams >= least
+        if isinstance(self.zone.shape, Line):
+            return observed
+        edges = np.flatnonzero(np.diff(observed.astype(np.int8), prepend=0, append=0))
+        for begin, end in edges.reshape(-1, 2).tolist():
+            observed[begin:end] = end - begin >= self.zone.trigger
+        return observed
 
     def _is_always_same(self, active: Bool) -> bool:
         if np.count_nonzero(active) < max(SAME_SHARE * len(active), 10):
@@ -260,8 +274,8 @@ class _Settling:
 
     def _hits(self) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
         """Yield for each topic the rows that see an object in the part that counts, and the index of the hit."""
-        for index, series in enumerate(self.counted.series):
-            hits, latest = series.all_hits(), self.latest[index]
+        for index, hits in enumerate(self.hits):
+            latest = self.latest[index]
             begin, end = (np.searchsorted(hits.sweep, latest, side=side) for side in ("left", "right"))
             count = np.where(latest >= 0, end - begin, 0)
             row = np.repeat(np.arange(len(count)), count)
@@ -269,8 +283,11 @@ class _Settling:
             right = hits.part[hit] == self.part[row]
             yield index, row[right], hit[right]
 
-    def _number_of(self, index: int, track: int) -> int | None:
-        return None if self.numbers is None else self.numbers.get((index, track))
+    def _numbers_of(self, index: int, track: Int64) -> Int64:
+        """Return the number of the agent that each track of a topic is; -1 for none."""
+        tracks, which = np.unique(track, return_inverse=True)
+        numbers = self.numbers or {}
+        return np.array([numbers.get((index, one), -1) for one in tracks.tolist()], np.int64)[which]
 
     def _things(self) -> Int64:
         """Return (N,) the number of things with points in the zone; an agent that two sensors see counts once."""
@@ -278,14 +295,10 @@ class _Settling:
         for index, row, hit in self._hits():
             if not len(hit):
                 continue
-            hits = self.counted.series[index].all_hits()
-            track = hits.track[hit]
-            name = (
-                np.where(track >= 0, 2 * track, 2 * hits.object[hit] + 1) * len(self.counted.topics) + index
-            )
-            for one in np.unique(track[track >= 0]).tolist():
-                if (number := self._number_of(index, one)) is not None:
-                    name[track == one] = -1 - number
+            track = self.hits[index].track[hit]
+            name = np.where(track >= 0, 2 * track, 2 * self.hits[index].object[hit] + 1)
+            number = self._numbers_of(index, track)
+            name = np.where(number >= 0, -1 - number, name * len(self.hits) + index)
             pairs.append(np.column_stack([row, name]))
         if not pairs:
             return np.zeros(len(self.own), np.int64)
@@ -300,9 +313,8 @@ class _Settling:
         """Return set, track and label of most points of the nearest sensor in a sweep; None where no objects are known."""
         if not self.counted.has_objects:
             return None, None, None
-        series, latest = self.counted.series[index], int(self.latest[index][row])
-        hits = series.all_hits()
-        left = int(series.column("points")[latest, self.part[row]])
+        hits, latest = self.hits[index], int(self.latest[index][row])
+        left = int(self.points_of[index, row])
         counts: dict[tuple[int, int], int] = {}
         low, high = np.searchsorted(hits.sweep, [latest, latest + 1])
         for at in range(int(low), int(high)):
@@ -344,41 +356,51 @@ class _Settling:
         self.paths = self._paths()
         return None if self.paths is None else same_agents(self.paths)
 
+    def _shapes(self, index: int) -> tuple[list[Circle | Polygon], Int64]:
+        """Return the shapes of the zone, and which of them it has (S,) at each sweep of a topic, -1 for none."""
+        shapes = self.counted.series[index].shapes
+        which = shapes.at(self.counted.topics[index].column("stamp_ns"))
+        if which is None:
+            mine = self.topic == index
+            which = np.empty(np.count_nonzero(mine), np.int64)
+            which[self.own[mine]] = self.part[mine]
+        return shapes.shapes, which
+
     def _visits(self) -> Iterator[tuple[int, int, int, int, bool]]:
         """Yield topic, track, and first and last index into its path of each visit, and whether an end is not seen.
 
         Nothing shows that an agent was there whose path is hidden in the zone all the time.
         """
         assert self.paths is not None
-        if self.zone.shape is None or isinstance(self.zone.shape, Line):
+        if isinstance(self.zone.shape, Line):
             return
         for index, (paths, tracked) in enumerate(zip(self.paths, self.counted.tracked, strict=True)):
             if tracked is None:
                 continue
+            shapes, which = self._shapes(index)
             for track, path in paths.items():
-                in_view = tracked.in_view[np.searchsorted(tracked.track, track) :]
-                for visit in visits(self.zone.shape, path):
+                begin = int(np.searchsorted(tracked.track, track))
+                in_view = tracked.in_view[begin:]
+                now = which[tracked.number[begin : begin + len(path.x)]]
+                for visit in visits(shapes, now, path):
                     if in_view[visit.first : visit.last + 1].any():
                         yield index, track, visit.first, visit.last, visit.cut
 
-    def _agents(self) -> tuple[NDArray[np.intp], Int64] | None:
-        """Return (K,) sweeps, by row, and (K,) agents that are in the zone then, each pair once."""
+    def _agents(self) -> NDArray[np.intp] | None:
+        """Return (K,) sweeps, by row, once for each agent that is in the zone then; None without tracks."""
         if self.paths is None or self.numbers is None:
             return None
         pairs = [np.zeros((0, 2), np.int64)]
         for index, row, hit in self._hits():
             if len(hit):
-                hits = self.counted.series[index].all_hits()
-                tracks, which = np.unique(hits.track[hit], return_inverse=True)
-                number = np.array([self.numbers.get((index, one), -1) for one in tracks.tolist()])[which]
-                agents = (hits.set[hit] == _AGENT) & (number >= 0)
+                number = self._numbers_of(index, self.hits[index].track[hit])
+                agents = (self.hits[index].set[hit] == _AGENT) & (number >= 0)
                 pairs.append(np.column_stack([row[agents], number[agents]]))
         for index, track, first, last, _ in self._visits():
             times = self.paths[index][track].time_ns
             rows = np.arange(*np.searchsorted(self.time_ns, [times[first], times[last] + 1]))
             pairs.append(np.column_stack([rows, np.full(len(rows), self.numbers[index, track])]))
-        found = np.unique(np.concatenate(pairs), axis=0)
-        return found[:, 0].astype(np.intp), found[:, 1]
+        return np.unique(np.concatenate(pairs), axis=0)[:, 0].astype(np.intp)
 
     def _of_agents(self) -> tuple[list[dict[str, Any]], int]:
         """Return visits or crossings, of an agent that two sensors see each once; and crossings seen on one side only."""
@@ -398,13 +420,9 @@ class _Settling:
         else:
             for index, track, first, last, cut in self._visits():
                 event = self._of_path(index, track, first, last, VISIT)
-                event["cut"] = cut and self._is_at_end(index, event)
+                event["cut"] = cut and not self.ends[index].isdisjoint((event["start"], event["end"]))
                 events.append((self.numbers[index, track], event))
         return _once(events), one_sided
-
-    def _is_at_end(self, index: int, event: Mapping[str, Any]) -> bool:
-        stamps = self.counted.topics[index].column("stamp_ns")
-        return bool(event["start"] == stamps.min() or event["end"] == stamps.max())
 
     def _of_path(self, index: int, track: int, first: int, last: int, kind: str) -> dict[str, Any]:
         """Return the event of a piece of the path of an agent."""
@@ -474,23 +492,15 @@ class _Settling:
         nearest = self.nearest[some]
         known = np.flatnonzero(np.isfinite(nearest))
         at = first + (int(known[nearest[known].argmin()]) if len(known) else 0)
-        totals = [
-            int(self._picked(index, "points", 0)[some].sum()) for index in range(len(self.counted.topics))
-        ]
-        index = int(np.argmax(totals))
+        index = int(self.points_of[:, some].sum(axis=1).argmax())
         mine = np.flatnonzero(self.topic[some] == index) + first
         begin, end = (int(mine[0]), int(mine[-1])) if len(mine) else (first, last)
-        sweeps = self._own("sweep")
         letter, track, label = self._whose(at, int(self.source[at]))
-        agents = None
-        if self.agents is not None:
-            inside = (self.agents[0] >= first) & (self.agents[0] <= last)
-            agents = int(np.bincount(self.agents[0][inside], minlength=1).max(initial=0))
         event = self._event(
             index,
             APPROACH if self.zone.action == "approach" else OCCUPIED,
-            int(sweeps[begin]),
-            int(sweeps[end]),
+            int(self.sweep[begin]),
+            int(self.sweep[end]),
             int(self.enough[some].sum()),
             int(self.time_ns[first]),
             int(self.time_ns[last]),
@@ -499,7 +509,7 @@ class _Settling:
             "polygon": self.counted.names[self.part[at]] if self.counted.names else None,
             "cut": cut,
             "points": int(self.points[some].max()),
-            "agents": agents,
+            "agents": None if self.agents is None else int(self.agents[some].max()),
             "nearest": _number(self.nearest[at]),
             "bearing": _number(self.bearing[at]),
             "x": _number(self.x[at]),
@@ -540,21 +550,25 @@ class _Settling:
 
 def _once(events: Sequence[tuple[int, dict[str, Any]]]) -> list[dict[str, Any]]:
     """Return events of agents, of those that two sensors tell of one agent the first, which lasts as long as both."""
-    kept: list[tuple[int, dict[str, Any]]] = []
+    kept: list[dict[str, Any]] = []
+    newest: dict[tuple[int, str | None], dict[tuple[str, str], dict[str, Any]]] = {}
+    """Agent and direction → topic and frame → the newest event that is kept, the newest of all last."""
     for agent, event in sorted(events, key=lambda each: each[1]["start"]):
+        its = newest.setdefault((agent, event.get("direction")), {})
+        longest = BOTH_CROSS_NS if event["kind"] == CROSSING else 0
+        mine = event["topic"], event["frame_id"]
         same = next(
             (
                 one
-                for its, one in reversed(kept)
-                if its == agent
-                and (one["topic"], one["frame_id"]) != (event["topic"], event["frame_id"])
-                and one.get("direction") == event.get("direction")
-                and event["start"] - one["end"] <= (BOTH_CROSS_NS if event["kind"] == CROSSING else 0)
+                for sensor, one in reversed(its.items())
+                if sensor != mine and event["start"] - one["end"] <= longest
             ),
             None,
         )
         if same is None:
-            kept.append((agent, event))
+            kept.append(event)
+            its.pop(mine, None)
+            its[mine] = event
             continue
         if event["kind"] == VISIT:
             same["end"] = max(same["end"], event["end"])
@@ -562,7 +576,7 @@ def _once(events: Sequence[tuple[int, dict[str, Any]]]) -> list[dict[str, Any]]:
             same["duration"] = (same["end"] - same["start"]) / SECOND_NS
         if (event["nearest"] or np.inf) < (same["nearest"] or np.inf):
             same |= {name: event[name] for name in ("nearest", "bearing", "x", "y")}
-    return [event for _, event in kept]
+    return kept
 
 
 def _in_zone(zone: Zone, topic: TopicSeries, series: ZoneSeries, tracked: Tracked) -> tuple[Float64, Float64]:

@@ -87,6 +87,8 @@ def zone_dict(zone: Zone) -> dict[str, Any]:
     if zone.action == "approach":
         told |= {name: getattr(zone, name) for name in ("time_before_collision", "time_step")}
     told |= {name: topic for name in ("shape_topic", "velocity_topic") if (topic := getattr(zone, name))}
+    if zone.footprint is not None:
+        told["footprint"] = [[*corner] for corner in zone.footprint.corners]
     match shape:
         case Polygon(corners):
             told["polygon"] = [[*corner] for corner in corners]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -23,6 +23,7 @@ from lidarcli.pipeline.reading.pose_sources import Need
 from lidarcli.pipeline.reading.velocities import TWIST, polygons, velocities
 from lidarcli.pipeline.watching.counting import (
     OBJECT_COLUMNS,
+    OLDEST_NS,
     Counting,
     Objects,
     Shapes,
@@ -43,6 +44,8 @@ from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.tabular.stamps import SAME_STAMP
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
+
+T = TypeVar("T")
 
 
 class Watching:
@@ -74,8 +77,26 @@ class Watching:
         self._told = {
             zone.velocity_topic: self._velocities(zone) for zone in options.zones.zones if zone.velocity_topic
         }
-        self._shapes = {zone.name: self._shapes_of(zone) for zone in options.zones.zones}
+        self._lost: dict[str, NoScanError] = {}
+        """Zones that cannot be judged in this log → why."""
+        self._shapes = dict(self._judged(zone, self._shapes_of) for zone in options.zones.zones)
         self._cursors: dict[str, tuple[Cursor, Cursor]] = {}
+
+    @property
+    def _zones(self) -> list[Zone]:
+        """Zones that can be judged; where there is none, the error of the first."""
+        zones = [zone for zone in self._options.zones.zones if zone.name not in self._lost]
+        if not zones:
+            raise next(iter(self._lost.values()))
+        return zones
+
+    def _judged(self, zone: Zone, how: Callable[[Zone], T]) -> tuple[str, T | None]:
+        """Return the name of a zone and what is to be known of it; where it cannot be judged, the others still are."""
+        try:
+            return zone.name, how(zone)
+        except NoScanError as err:
+            self._lost.setdefault(zone.name, err)
+            return zone.name, None
 
     def _velocities(self, zone: Zone) -> Told | None:
         found = velocities(self._log, zone.velocity_topic, self._report)
@@ -94,12 +115,12 @@ class Watching:
             return Shapes([case.shape for case in zone.cases])
         told = polygons(self._log, zone.shape_topic, self._report)
         if told is None:
-            if self._options.footprint is None:
+            if (footprint := self._options.footprint or zone.footprint) is None:
                 raise NoScanError(
                     f"zone '{zone.name}' has the shape that {zone.shape_topic} tells, and the log has no such topic: "
-                    "give --footprint '[[x, y], ...]'"
+                    "give --footprint '[[x, y], ...]', or robot_radius of local_costmap in the file"
                 )
-            return Shapes([self._options.footprint])
+            return Shapes([footprint])
         shapes: dict[tuple[tuple[float, float], ...], int] = {}
         times, parts = [], []
         for each in told:
@@ -132,15 +153,20 @@ class Watching:
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
             for (topic, cause), count in sorted(self._report.refused.items())
         ]
-        summary.notes += [*self._notes, *notes, *self._frames.notes()]
-        summary.notes += [note for zone in self._options.zones.zones for note in self._gaps(zone)]
-        settled = [one for zone in self._options.zones.zones for one in self._settled(zone)]
+        gaps = [
+            note
+            for zone in self._zones
+            for note in self._judged(zone, lambda one: [*self._gaps(one)])[1] or ()
+        ]
+        settled = [one for zone in self._zones for one in self._settled(zone)]
+        left_out = [f"{error}; the others are judged" for error in self._lost.values()]
+        summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *left_out]
         return summary, settled, described
 
     def _take(self, batch: SweepBatch, reading: Reading) -> None:
         """Count the sweeps of a batch."""
         self._topics.add(batch.topic)
-        zones = [zone for zone in self._options.zones.zones if _counts(zone, batch.topic)]
+        zones = [zone for zone in self._zones if _counts(zone, batch.topic)]
         if not len(batch) or not zones:
             return
         whole = self._objects(batch)
@@ -151,7 +177,7 @@ class Watching:
                 series = TopicSeries(
                     batch.topic,
                     sensor,
-                    [ZoneSeries.of(zone, self._shapes[zone.name]) for zone in resolved],
+                    [ZoneSeries.of(zone, shapes) for zone in resolved if (shapes := self._shapes[zone.name])],
                     batch.first_ns,
                 )
                 self._counting[key] = Counting(
@@ -241,6 +267,12 @@ class Watching:
             raise NoScanError(
                 f"zone '{zone.name}' needs the velocity of the robot, which {topic}: give --pose or --poses (--pose "
                 "match finds the path from the sweeps)"
+            )
+        old = sum(self._counting[topic, one.frame_id].old[zone.velocity_topic] for topic, one in counted_in)
+        if old:
+            yield (
+                f"zone '{zone.name}': the last velocity of {zone.velocity_topic} was more than {OLDEST_NS * 1e-9:g} s old "
+                f"in {old:,} of {counted(sweeps, 'sweep')}, and counted all the same"
             )
         # Poses tell no velocity before the second sweep.
         if unknown > len(counted_in):
@@ -338,6 +370,20 @@ class Watching:
                         f"zone '{name}' is in the world of the path that is matched from the sweeps of {topic}"
                     ] = None
         return [*notes]
+
+
+def narrowed(log: Log, options: ZoneOptions) -> ZoneOptions:
+    """Return options that read only the topics that count in a zone, where each zone names some."""
+    read, zones = options.detect.read, options.zones.zones
+    named = [name for zone in zones for name in zone.topics]
+    mine = [
+        topic.name
+        for topic in log.topics() or ()
+        if topic.is_scan and any(same_name(topic.name, name) for name in named)
+    ]
+    if read.topics or not mine or not all(zone.topics for zone in zones):
+        return options
+    return replace(options, detect=replace(options.detect, read=replace(read, topics=mine)))
 
 
 def masked(log: Log, options: ZoneOptions) -> DetectOptions:

@@ -62,24 +62,29 @@ class Showing:
         if masks.masks:
             ranges = np.where(masks.under(batch, ranges), np.float32(np.nan), ranges)
         for zone in self._zones.zones:
+            shape = zone.shape or zone.footprint
             place = self._place(zone, batch, sensor, frames)
-            if zone.shape is None or place is None:
+            if shape is None or place is None:
                 continue
             beams = np.zeros(ranges.shape, np.bool_)
-            if self._counts(zone, batch.topic, sets) and not isinstance(zone.shape, Line):
-                found = candidates(batch, ranges, place, zone.shape)
+            if self._counts(zone, batch.topic, sets) and not isinstance(shape, Line):
+                found = candidates(batch, ranges, place, shape)
                 beams[found.row, found.beam] = True
                 if zone.count in COUNTED and sets is not None:
                     beams &= np.isin(sets, [SETS.index(name) for name in COUNTED[zone.count]])
-            yield ShownZone(zone, placed(zone.shape, place), beams)
+            yield ShownZone(zone, placed(shape, place), beams)
 
     def notes(self) -> list[str]:
         """Return a line for each zone that is not shown, or not as occupied."""
         return [*self._zones.notes, *self._notes, *self._frames.notes()]
 
     def _place(self, zone: Zone, batch: SweepBatch, sensor: str, frames: Frames) -> SweepPoses | None:
-        if zone.shape is None:
-            why = "a topic tells its shape" if zone.shape_topic else "its shape depends on the velocity"
+        if zone.shape is None and zone.footprint is None:
+            why = (
+                f"{zone.shape_topic} tells its shape; robot_radius or footprint of local_costmap in the file would, too"
+                if zone.shape_topic
+                else "its shape depends on the velocity"
+            )
         elif zone.frame != WORLD:
             try:
                 return frames.sensor_in(zone.frame, sensor, batch.stamp_ns)

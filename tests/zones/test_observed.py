@@ -1,0 +1,240 @@
+"""In which sweeps a zone was observed, and what a check may claim of the others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from lidarcli.simulation.generate import START_NS
+from lidarcli.sweeps import RawSweeps
+from tests.cli.maps import Run
+from tests.sweeping import STEP, raw_sweeps
+from tests.zones.runs import (
+    column,
+    polygon_at,
+    rows,
+    scans,
+    transform_at,
+    watched,
+    write_bag,
+    zone_file,
+)
+
+NEAR = '[[zone]]\nname = "near"\ncircle = { x = 1.0, y = 0.0, radius = 0.5 }\n'
+SWEEPS = 60
+NOISE = np.random.default_rng(3).normal(0.0, 0.01, (SWEEPS, 360)).astype(np.float32)
+
+
+def sweeps(noise: bool = True, **columns: object) -> RawSweeps:
+    """A round room of 4 m about a sensor that turns fully."""
+    return raw_sweeps(4.0 + NOISE * noise, **columns)
+
+
+def log_of(path: Path, raw: RawSweeps, *more: object) -> Path:
+    (path / "run.bag").unlink(missing_ok=True)
+    return write_bag(path / "run.bag", scans([raw]), *more)  # type: ignore[arg-type]
+
+
+def changed(raw: RawSweeps, some: slice, values: float | np.ndarray) -> RawSweeps:
+    ranges = raw.ranges.copy()
+    ranges[some] = values
+    return replace(raw, ranges=ranges)
+
+
+DEAD = {
+    "zero": (changed(sweeps(), slice(10, 40), 0.0), 30, "30 of 60 sweeps of /scan have no range at all"),
+    "infinite": (
+        changed(sweeps(), slice(10, 40), np.inf),
+        30,
+        "30 of 60 sweeps of /scan have no range at all",
+    ),
+    "nan": (changed(sweeps(), slice(10, 40), np.nan), 30, "30 of 60 sweeps of /scan have no range at all"),
+    # The first half second of the same ranges is no older than a driver may be.
+    "frozen": (
+        changed(sweeps(), slice(10, 40), 4.0 + NOISE[10]),
+        24,
+        "24 of 60 sweeps of /scan repeat an older one",
+    ),
+    "hidden": (changed(sweeps(), slice(10, 40), 0.3 + NOISE[0]), 30, ""),
+    "nearer than the sensor measures": (
+        replace(sweeps(), range_min=np.where(np.arange(SWEEPS) < 30, 0.1, 2.0).astype(np.float32)),
+        30,
+        "",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", DEAD)
+def test_a_check_on_less_than_everything_ends_with_3(lidarcli: Run, case: str, tmp_path: Path) -> None:
+    raw, missed, note = DEAD[case]
+    log = log_of(tmp_path, raw)
+    words = ("zones", log, "--zones", zone_file(tmp_path, NEAR), "--no-objects", "-o", tmp_path / "out")
+    ran = lidarcli(*words, "--check", "zones.near.events == 0")
+    assert ran.code == 3
+    assert note in ran.err
+    share = f"{np.floor(1000 * (SWEEPS - missed) / SWEEPS) / 1000:g}"
+    accepted = f"--check 'zones.near.observed >= {share}' accepts that"
+    line = f"run: zone near was observed in {SWEEPS - missed} of 60 sweeps; {accepted}"
+    assert f"lidarcli: incomplete: {line}\n" in ran.err
+    events = tmp_path / "out" / "run.events.parquet"
+    assert column(pq.read_table(tmp_path / "out" / "run.zones.parquet"), "observed").count(False) == missed
+    for checks, code in (
+        (["zones.near.events == 0"], 3),
+        (["events where kind == occupied == 0"], 3),
+        (["zones.near.events == 0", f"zones.near.observed >= {share}"], 0),
+        (["zones.near.observed > 0.9"], 1),
+    ):
+        told = [word for check in checks for word in ("--check", check)]
+        assert lidarcli("report", events, *told).code == code
+        assert lidarcli(*words, "--overwrite", *told).code == code
+
+
+def test_a_check_that_fails_by_what_was_seen_ends_with_1(lidarcli: Run, tmp_path: Path) -> None:
+    raw = changed(changed(sweeps(), slice(10, 40), np.nan), slice(45, 50), 1.0)
+    words = ("zones", log_of(tmp_path, raw), "--zones", zone_file(tmp_path, NEAR), "--no-objects")
+    assert lidarcli(*words, "--check", "zones.near.events == 0").code == 1
+    assert lidarcli(*words, "--check", "zones.near.events == 1").code == 3
+
+
+@pytest.mark.parametrize(
+    ("raw", "what"),
+    [
+        (changed(sweeps(), slice(0, 1), np.nan), "one sweep"),
+        (sweeps(noise=False), "a simulation without noise that stands"),
+        (
+            changed(sweeps(), slice(0, 60), 4.0 + np.repeat(NOISE[::2], 2, axis=0)),
+            "a driver that sends all twice",
+        ),
+        (changed(sweeps(), slice(10, 50), 1.8 + NOISE[10:50]), "something that hides a part"),
+    ],
+    ids=lambda each: each if isinstance(each, str) else "",
+)
+def test_what_proves_enough(lidarcli: Run, raw: RawSweeps, what: str, tmp_path: Path) -> None:
+    zone = NEAR.replace("x = 1.0", "x = 2.0")
+    words = ("zones", log_of(tmp_path, raw), "--zones", zone_file(tmp_path, zone), "--no-objects")
+    checks = "zones.near.observed > 0.97", "zones.near.points.max < 400"
+    assert lidarcli(*words, "--check", checks[0], "--check", checks[1]).code == 0, what
+    assert lidarcli(*words, "--check", checks[1]).code == 0, what
+
+
+NEVER = {
+    "beyond the limits": NEAR.replace("x = 1.0", "x = 9.0"),
+    "more points than beams": NEAR + "min_points = 361\n",
+    "more points than beams that reach it": NEAR.replace("0.5", "0.02"),
+    "more sweeps than there are": NEAR + "trigger = 61\n",
+    "under a mask": NEAR + "[[mask]]\ncircle = { x = 1.0, y = 0.0, radius = 0.6 }\n",
+    "behind a body under a mask": NEAR + "[[mask]]\ncircle = { x = 0.0, y = 0.0, radius = 5.0 }\n",
+    "a line under a mask": '[[zone]]\nname = "near"\nline = [[1.0, -0.2], [1.0, 0.2]]\n'
+    "[[mask]]\ncircle = { x = 1.0, y = 0.0, radius = 0.6 }\n",
+}
+
+
+@pytest.mark.parametrize("case", NEVER)
+def test_what_cannot_be_seen_has_nothing_to_measure(case: str, tmp_path: Path) -> None:
+    raw = changed(sweeps(), slice(0, 60), np.where(np.arange(360) < 170, np.inf, 4.0 + NOISE))
+    log = log_of(tmp_path, replace(raw, range_max=np.full(SWEEPS, 8.0, np.float32)))
+    tables = watched(log, NEVER[case], no_objects="line" not in case)
+    assert set(column(tables.zones, "observed")) == {False}
+
+
+def test_a_zone_that_is_under_a_mask_in_part_is_observed(tmp_path: Path) -> None:
+    mask = "[[mask]]\ncircle = { x = 1.4, y = 0.0, radius = 0.6 }\n"
+    assert set(
+        column(watched(log_of(tmp_path, sweeps()), NEAR + mask, no_objects=True).zones, "observed")
+    ) == {True}
+
+
+def test_a_trigger_needs_sweeps_in_a_row(tmp_path: Path) -> None:
+    """Every third sweep is blind: three in a row never come together."""
+    ranges = 4.0 + NOISE
+    ranges[::3] = np.nan
+    log = log_of(tmp_path, raw_sweeps(ranges))
+    for trigger, share in ((2, 40), (3, 0)):
+        tables = watched(log, NEAR + f"trigger = {trigger}\n", no_objects=True)
+        assert column(tables.zones, "observed").count(True) == share
+
+
+def test_sweeps_that_are_missing_are_not_observed(lidarcli: Run, tmp_path: Path) -> None:
+    stamps = START_NS + STEP * np.arange(SWEEPS) + np.where(np.arange(SWEEPS) < 30, 0, 40 * STEP)
+    log = log_of(tmp_path, sweeps(stamp_ns=stamps))
+    words = ("zones", log, "--zones", zone_file(tmp_path, NEAR), "--no-objects")
+    ran = lidarcli(*words, "--check", "zones.near.events == 0")
+    assert (ran.code, "zone near was observed in 60 of 100 sweeps" in ran.err) == (3, True)
+    assert lidarcli(*words, "--check", "zones.near.observed == 0.6").code == 0
+
+
+def test_a_world_zone_before_the_first_pose(lidarcli: Run, tmp_path: Path) -> None:
+    stamps = START_NS + STEP * np.arange(SWEEPS)
+    zone = zone_file(tmp_path, NEAR + 'frame = "world"\n')
+    for first, code in ((1, 0), (20, 3)):
+        links = [transform_at(int(at), "odom", "laser", (0.0, 0.0, 0.0), "/tf") for at in stamps[first:]]
+        log = log_of(tmp_path, sweeps(), links)
+        ran = lidarcli(
+            "zones",
+            log,
+            "--zones",
+            zone,
+            "--no-objects",
+            "--pose",
+            "/tf",
+            "--check",
+            "zones.near.events == 0",
+        )
+        assert ran.code == code, ran.err
+
+
+TOLD = """monitor:
+  ros__parameters:
+    base_frame_id: laser
+    polygons: [a, b]
+    a: {type: polygon, polygon_sub_topic: /flat, action_type: stop}
+    b: {type: circle, radius: 1.0, action_type: stop}
+    observation_sources: [scan]
+    scan: {type: scan, topic: /scan}
+"""
+
+
+def test_a_zone_without_area_and_one_that_cannot_be_judged(lidarcli: Run, tmp_path: Path) -> None:
+    zones = zone_file(tmp_path, TOLD, "nav2.yaml")
+    line: list[tuple[float, float]] = [(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)]
+    flat = log_of(tmp_path, sweeps(), [polygon_at(START_NS, "laser", line, "/flat")])
+    ran = lidarcli("zones", flat, "--zones", zones, "--no-objects", "--check", "zones.a.observed == 0")
+    assert (ran.code, "  a  never observed" in ran.err) == (0, True)
+    bare = log_of(tmp_path, sweeps())
+    words = ("zones", bare, "--zones", zones, "--no-objects", "--overwrite", "-o", tmp_path)
+    for check, code in (
+        ("zones.b.events == 0", 0),
+        ("zones.a.events == 0", 1),
+        ("events where kind == occupied == 0", 3),
+        ("events where zone == b == 0", 0),
+    ):
+        ran = lidarcli(*words, "--check", check)
+        assert ran.code == code, ran.err
+        assert "note     zone 'a' has the shape that /flat tells, and the log has no such topic" in ran.err
+        assert lidarcli("report", tmp_path / "run.events.parquet", "--check", check).code in (code, 2)
+    alone = zone_file(tmp_path, TOLD.replace("[a, b]", "[a]"), "alone.yaml")
+    assert lidarcli("zones", bare, "--zones", alone, "--no-objects").code == 4
+
+
+def test_a_report_on_objects_knows_what_was_observed(lidarcli: Run, tmp_path: Path) -> None:
+    raw = DEAD["frozen"][0]
+    assert lidarcli("detect", log_of(tmp_path, raw), "-o", tmp_path).code == 0
+    table = pq.read_table(tmp_path / "run.sweeps.parquet")
+    assert [row["sweep"] for row in rows(table, observed=False)] == [*range(16, 40)]
+    report = ("report", tmp_path / "run.objects.parquet", "--check", "objects == 0")
+    ran = lidarcli(*report)
+    assert (
+        ran.code,
+        "run: 36 of 60 sweeps show anything; --check 'observed >= 0.6' accepts that" in ran.err,
+    ) == (3, True)
+    assert lidarcli(*report, "--check", "observed >= 0.6").code == 0
+    assert lidarcli(*report, "--check", "observed > 0.9").code == 1
+    assert lidarcli("info", tmp_path / "run.bag", "--check", "findings.observed == 0").code == 1
+    empty = write_bag(tmp_path / "empty.bag", scans([sweeps().rows(slice(0, 1))]))
+    assert lidarcli("detect", empty, "-o", tmp_path, "--start", "5").code == 0
+    ran = lidarcli("report", tmp_path / "empty.objects.parquet", "--check", "objects == 0")
+    assert (ran.code, "empty: no sweep was read" in ran.out + ran.err) == (3, True)

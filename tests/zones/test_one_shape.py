@@ -1,0 +1,158 @@
+"""One shape in every form in which a zone may have it, and the same events."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidarcli
+from lidarcli.formalism.zones import paths
+from lidarcli.formalism.zones.paths import Path as Trajectory
+from lidarcli.formalism.zones.paths import same_agents
+from lidarcli.masks import Circle
+from lidarcli.pipeline.watching import counting, events
+from lidarcli.zone import Zone
+from tests.zones.runs import (
+    column,
+    polygon_at,
+    rows,
+    scans,
+    scene_of,
+    sound,
+    sweeps_of,
+    times_of,
+    transform_at,
+    twists,
+    walker,
+    write_bag,
+    zone_file,
+)
+
+ROUND = [(1.5 * np.cos(a), 1.5 * np.sin(a)) for a in np.linspace(0.0, 2 * np.pi, 100, endpoint=False)]
+POINTS = "[" + ", ".join(f"[{x:.6f}, {y:.6f}]" for x, y in ROUND) + "]"
+FORMS = f"""
+monitor:
+  ros__parameters:
+    base_frame_id: base_link
+    cmd_vel_in_topic: /cmd_vel
+    polygons: [circle, polygon, parts, told]
+    circle: {{type: circle, radius: 1.5, action_type: stop}}
+    polygon: {{type: polygon, points: "{POINTS}", action_type: stop}}
+    told: {{type: polygon, polygon_sub_topic: /shape, action_type: stop}}
+    parts:
+      type: velocity_polygon
+      action_type: stop
+      velocity_polygons: [slow, fast]
+      slow: {{points: "{POINTS}", linear_min: 0.0, linear_max: 0.5, theta_min: -1.0, theta_max: 1.0}}
+      fast: {{points: "{POINTS}", linear_min: 0.5, linear_max: 2.0, theta_min: -1.0, theta_max: 1.0}}
+    observation_sources: [scan]
+    scan: {{type: scan, topic: /scan}}
+"""
+SAME = (
+    "kind",
+    "first_sweep",
+    "last_sweep",
+    "sweeps",
+    "start",
+    "end",
+    "points",
+    "agents",
+    "set",
+    "track",
+    "cut",
+)
+
+
+def test_events_are_the_same_in_every_form(tmp_path: Path) -> None:
+    """The velocity, and with it the part, and the told shape change in every second sweep of a batch."""
+    scene = scene_of(walker((-4.0, 0.8), (4.0, 0.8)), walker((4.0, -1.0), (-4.0, -1.0)), sweeps=70)
+    stamps = times_of(scene)
+    links = [transform_at(int(stamps[0]), "base_link", scene.sensor.frame_id, (0.0, 0.0, 0.0))]
+    speeds = [twists([at], (0.2 + 0.6 * (k % 2), 0.0, 0.0))[0] for k, at in enumerate(stamps - 1)]
+    # The same shape from another corner on is another shape to the reader.
+    shapes = [
+        polygon_at(int(at), "base_link", [*ROUND[k % 3 :], *ROUND[: k % 3]], "/shape")
+        for k, at in enumerate(stamps - 1)
+    ]
+    log = write_bag(tmp_path / "a.bag", links, scans(sweeps_of(scene)), speeds, shapes)
+    tables = sound(lidarcli.zones(log, zones=str(zone_file(tmp_path, FORMS, "forms.yaml"))))
+    found: dict[str, list[dict[str, Any]]] = {
+        name: rows(tables.events, zone=name) for name in ("circle", "polygon", "parts", "told")
+    }
+    expected = found["circle"]
+    assert {event["set"] for event in expected} == {"A"}
+    assert {event["track"] for event in expected if event["kind"] == "visit"} == {1, 2}
+    assert max(event["agents"] for event in expected) == 2
+    for name, told in found.items():
+        assert [[e[key] for key in SAME] for e in told] == [[e[key] for key in SAME] for e in expected], name
+        for one, other in zip(told, expected, strict=True):
+            assert [one[key] for key in ("nearest", "bearing", "x", "y")] == pytest.approx(
+                [other[key] for key in ("nearest", "bearing", "x", "y")], abs=0.01
+            )
+    for each in ("points", "things", "agents", "active"):
+        assert column(tables.zones, each, zone="parts") == column(tables.zones, each, zone="polygon")
+        assert column(tables.zones, each, zone="told") == column(tables.zones, each, zone="polygon")
+
+
+def _flickering(sweeps: int) -> events.Counted:
+    """A zone that is occupied in every second sweep of a topic."""
+    zone = Zone("near", Circle(0.0, 0.0, 1.0))
+    one = counting.ZoneSeries.of(zone, counting.Shapes([Circle(0.0, 0.0, 1.0)]))
+    topic = counting.TopicSeries("/scan", "laser", [one], 0)
+    inside = (np.arange(sweeps) % 2 == 0)[:, None]
+    topic.sweep = [np.arange(sweeps)]
+    topic.stamp_ns = [np.arange(sweeps) * 100_000_000]
+    topic.seconds = [np.arange(sweeps) * 0.1]
+    one.points, one.masked = [np.where(inside, 9, 0)], [np.zeros((sweeps, 1), np.int32)]
+    away = np.where(inside, 0.5, np.nan)
+    one.nearest, one.bearing, one.x, one.y = ([away] for _ in range(4))
+    one.ttc = [np.full((sweeps, 1), np.nan)]
+    one.velocity = [np.full((sweeps, 3), np.nan)]
+    one.reach = [np.full((sweeps, 1), 9, np.int32)]
+    return events.Counted(zone, (topic,), (one,), (), (None,), True, (0, (sweeps - 1) * 100_000_000), 0)
+
+
+def test_events_cost_as_much_each_in_a_long_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing of the size of the log is walked over once for each event: a whole column is joined a few times at most."""
+    walked = 0
+    joined = events._Settling._joined
+
+    def counted(self: events._Settling, columns: Any) -> Any:
+        nonlocal walked
+        walked += 1
+        return joined(self, columns)
+
+    monkeypatch.setattr(events._Settling, "_joined", counted)
+    calls = []
+    for sweeps in (200, 2000):
+        walked = 0
+        settled = events.settle(_flickering(sweeps))
+        assert len(settled.events) == sweeps // 2
+        calls.append(walked)
+    assert calls[0] == calls[1] < 10
+
+
+def test_only_paths_of_one_time_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared = 0
+
+    def apart(path: Trajectory, other: Trajectory) -> float | None:
+        nonlocal compared
+        compared += 1
+        return 0.1
+
+    monkeypatch.setattr(paths, "_apart", apart)
+    place = np.zeros(2)
+    sensors = [
+        {k: Trajectory(np.array([10 * k, 10 * k + 5]) + late, place, place) for k in range(300)}
+        for late in (0, 1)
+    ]
+    begin = time.process_time()
+    numbers = same_agents(sensors)
+    assert compared == 300
+    assert time.process_time() - begin < 1.0
+    assert all(numbers[0, k] == numbers[1, k] for k in range(300))
+    assert len({*numbers.values()}) == 300
