@@ -239,6 +239,170 @@ def test_a_background_has_no_name_of_a_log(tmp_path: Path, capsys: pytest.Captur
     assert log.read_bytes() == ROOM.read_bytes()
 
 
+def test_every_file_that_an_option_names_is_an_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    texts = {"lidarcli.toml": "verbose = true\n", "other.toml": "", "logs.csv": "run.csv\n"}
+    for name, text in texts.items():
+        Path(name).write_text(text)
+    shutil.copy(SCENE, "s.toml")
+    for output, command in (
+        ("lidarcli.toml", "simulate s.toml --container csv"),
+        ("other.toml", "--config other.toml simulate s.toml --container csv"),
+        ("logs.csv", "detect --files-from logs.csv"),
+    ):
+        assert run([*command.split(), "-o", output, "--overwrite"]) == 5
+        assert f"{output} is an input of this run (" in capsys.readouterr().err
+    assert {name: Path(name).read_text() for name in texts} == texts
+
+
+# Folders.
+
+
+def a_bag(folder: Path, *names: str, listed: str = "") -> Path:
+    folder.mkdir(parents=True)
+    for name in names:
+        (folder / name).write_text(name)
+    (folder / "metadata.yaml").write_text(f"relative_file_paths: [{listed or ', '.join(names)}]\n")
+    return folder
+
+
+def test_a_bag_replaces_a_folder_that_is_one_bag_or_empty(tmp_path: Path) -> None:
+    whole, empty, log = a_bag(tmp_path / "bag", "a_0.db3", "a_1.db3"), tmp_path / "empty", tmp_path / "log"
+    empty.mkdir()
+    (tmp_path / "link").symlink_to(whole)
+    log.write_text("read")
+    for path in (empty, whole, tmp_path / "link"):
+        refuse([path], overwrite=True, inputs=[log], bag=path)
+        with pytest.raises(OutputError, match=" exists; use --overwrite"):
+            refuse([path], overwrite=False, bag=path)
+        with pytest.raises(OutputError, match="is a folder; it is not replaced"):
+            refuse([path], overwrite=True)
+    with NewFiles([tmp_path / "link"], bag=tmp_path / "link") as new:
+        new.part(tmp_path / "link").mkdir()
+        new.publish()
+    assert not (tmp_path / "link").is_symlink()
+    assert sorted(path.name for path in whole.iterdir()) == ["a_0.db3", "a_1.db3", "metadata.yaml"]
+
+
+def odd_folders(folder: Path) -> dict[str, Path]:
+    """Folders that hold something else than one bag, or less."""
+    folders = {
+        "more": a_bag(folder / "more", "a.db3"),
+        "journal": a_bag(folder / "journal", "a.db3"),
+        "sub-folder": a_bag(folder / "sub", "a.db3", listed="a.db3, b.db3"),
+        "link": a_bag(folder / "linked", "a.db3", listed="a.db3, b.db3"),
+        "linked metadata": a_bag(folder / "linked_metadata", "a.db3"),
+        "input": a_bag(folder / "input", "a.db3", listed="a.db3, b.db3"),
+        "less": a_bag(folder / "less", "a.db3", listed="a.db3, b.db3"),
+        "twice": a_bag(folder / "twice", "a.db3", listed="a.db3, a.db3"),
+        "elsewhere": a_bag(folder / "elsewhere", "a.db3", listed="../a.db3"),
+        "no files": a_bag(folder / "nothing"),
+        "no logs": a_bag(folder / "texts", "thesis.tex"),
+        "no metadata": a_bag(folder / "lost", "monday.db3", "tuesday.db3"),
+    }
+    (folders["more"] / "thesis.tex").write_text("years")
+    (folders["journal"] / "a.db3-wal").write_text("rows")
+    (folders["sub-folder"] / "b.db3").mkdir()
+    (folders["link"] / "b.db3").symlink_to(folder / "read.db3")
+    (folders["linked metadata"] / "metadata.yaml").rename(folder / "metadata.yaml")
+    (folders["linked metadata"] / "metadata.yaml").symlink_to(folder / "metadata.yaml")
+    (folder / "read.db3").write_text("read")
+    os.link(folder / "read.db3", folders["input"] / "b.db3")
+    (folders["no metadata"] / "metadata.yaml").unlink()
+    return folders
+
+
+def test_any_other_folder_is_not_replaced(tmp_path: Path) -> None:
+    for path in odd_folders(tmp_path).values():
+        before = sorted(path.rglob("*"))
+        with pytest.raises(OutputError, match="holds more than a ROS 2 bag and its metadata"):
+            refuse([path], overwrite=True, inputs=[tmp_path / "read.db3"], bag=path)
+        assert sorted(path.rglob("*")) == before
+
+
+def test_a_folder_that_has_become_more_meanwhile_is_not_replaced(tmp_path: Path) -> None:
+    path = a_bag(tmp_path / "bag", "a.db3")
+    with NewFiles([path], bag=path) as new:
+        new.part(path).mkdir()
+        (path / "thesis.tex").write_text("years")
+        with pytest.raises(OutputError, match="it is not replaced"):
+            new.publish()
+    assert (path / "thesis.tex").read_text() == "years"
+
+
+@pytest.mark.parametrize(
+    "name", ["bag/a.mcap", "bag/a.db3", "bag/sub/a.bag", "link/a.mcap", "bag/../link/a.mcap"]
+)
+def test_no_log_becomes_a_part_of_one_that_is_read(tmp_path: Path, name: str) -> None:
+    bag = a_bag(tmp_path / "bag", "b.db3")
+    (tmp_path / "link").symlink_to(bag)
+    with pytest.raises(OutputError) as caught:
+        refuse([tmp_path / name], overwrite=True, inputs=[bag, bag / "b.db3"])
+    assert str(caught.value) == (
+        f"{tmp_path / name} would be a part of {bag}, which is read; write elsewhere with -o"
+    )
+    refuse([tmp_path / name], overwrite=True, inputs=[bag / "b.db3"])
+    refuse([(tmp_path / name).with_suffix(".parquet")], overwrite=True, inputs=[bag])
+
+
+@pytest.mark.parametrize("command", ["clean bag", "simulate s.toml", "simulate s.toml --container csv"])
+@pytest.mark.parametrize("output", [".", "..", "/", "", "bag/.."])
+def test_a_folder_by_any_name_is_no_output(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    output: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(SCENE, "s.toml")
+    shutil.copytree(SAMPLES / "hall", "bag")
+    assert run(["-q", *command.split(), "-o", output, "--overwrite"]) == 2
+    (line,) = said(capsys)
+    assert line.endswith(" is a folder by any name; give a name of its own to what is to be written")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag", "s.toml"]
+
+
+def test_two_outputs_of_one_name_or_in_each_other(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path)
+    for outputs, words in (
+        (
+            ("a.png", "b.png", "link/a.png"),
+            "{}/link/a.png is to be written twice; give each output a name of its own",
+        ),
+        (
+            ("run", "run/map.yaml"),
+            "{0}/run/map.yaml and {0}/run are in each other's way; give each a place of its own",
+        ),
+        (("a/b/c", "a"), "{0}/a/b/c and {0}/a are in each other's way; give each a place of its own"),
+    ):
+        with pytest.raises(OptionError) as caught:
+            refuse([tmp_path / name for name in outputs], overwrite=True)
+        assert str(caught.value) == words.format(tmp_path)
+
+
+def test_files_of_several_folders_appear_together_and_name_the_one_without_room(tmp_path: Path) -> None:
+    paths = [tmp_path / "a" / "x", tmp_path / "b" / "x"]
+
+    def write_without_room() -> None:
+        with NewFiles(paths) as new:
+            new.part(paths[1]).write_text("b")
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(OutputError) as caught:
+        write_without_room()
+    assert str(caught.value) == f"cannot write {paths[0]}: No space left on device"
+    assert [*tmp_path.rglob("x")] == []
+    with NewFiles(paths) as new:
+        for path in paths:
+            new.part(path).write_text(path.parent.name)
+        new.publish()
+    assert [path.read_text() for path in paths] == ["a", "b"]
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "b", "x", "x"]
+
+
 # Places where nothing can be written, found before the work.
 
 

@@ -126,7 +126,14 @@ def test_a_folder_that_holds_more_than_a_bag_is_not_replaced(tmp_path: Path, lid
     (tmp_path / "notes" / "mine.txt").touch()
     words = "holds more than a ROS 2 bag"
     refused(lidarcli, 5, words, tmp_path / "run", "-o", tmp_path / "notes", "--overwrite")
-    refused(lidarcli, 2, "is the log that is read", tmp_path / "run", "-o", tmp_path / "run" / "clean")
+    (tmp_path / "link").symlink_to(tmp_path / "run")
+    for inside in (tmp_path / "run" / "clean", tmp_path / "link" / "clean"):
+        refused(lidarcli, 2, "is the log that is read", tmp_path / "run", "-o", inside)
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "run").rename(tmp_path / "runs" / "day.mcap")
+    (tmp_path / "runs" / "metadata.yaml").write_text("relative_file_paths: [day.mcap]")
+    refused(lidarcli, 5, words, tmp_path / "runs" / "day.mcap", "-o", tmp_path / "runs", "--overwrite")
+    (tmp_path / "runs" / "day.mcap").rename(tmp_path / "run")
     words = f"run is a ROS 2 bag folder, and clean changes no container: name a folder, e.g. -o {tmp_path / 'out.clean'}\n"
     refused(lidarcli, 2, words, tmp_path / "run", "-o", tmp_path / "out.clean.mcap")
     assert (tmp_path / "notes" / "mine.txt").exists()

@@ -21,9 +21,11 @@ from lidarcli.formalism.mapping.occupancy import OCCUPIED
 from lidarcli.pipeline.differing import Difference
 from lidarcli.simulation import entities as make
 from lidarcli.simulation.scene import Course, Entity, Odometry, Sensor, super_ellipse
+from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CHANGES
 from tests.diff.drawn import ODOMETRY, ROOM, SENSORS, closed, parked, write_run
 from tests.places import REAL_LOGS, needs_real_logs
+from tests.sweeping import room_sweeps
 
 Run = Callable[..., Any]
 
@@ -517,6 +519,21 @@ def test_an_output_is_named_twice(monday: str, tmp_path: Path, lidarcli: Run) ->
         "diff", monday, monday, "-o", tmp_path / "c.png", "-o", f"{tmp_path}/../{tmp_path.name}/c.png"
     )
     assert (ran.code, "is to be written twice" in ran.err) == (2, True)
+
+
+@pytest.mark.slow
+def test_outputs_appear_together_and_the_one_without_room_is_named(
+    tmp_path: Path, lidarcli: Run, undrawn: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*arguments: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    log, table, picture = tmp_path / "run.mcap", tmp_path / "a" / "d.csv", tmp_path / "b" / "d.png"
+    write_log(log, [room_sweeps(count=40)])
+    monkeypatch.setattr("lidarcli.reports.changes_picture.draw_changes", full)
+    ran = lidarcli("-q", "diff", log, log, "-o", table, "-o", picture)
+    assert (ran.code, ran.err) == (5, f"lidarcli: cannot write {picture}: No space left on device\n")
+    assert [*table.parent.iterdir(), *picture.parent.iterdir()] == []
 
 
 def test_in_python(monday: str, tmp_path: Path) -> None:

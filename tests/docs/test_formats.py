@@ -13,7 +13,8 @@ from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.carmen import LASERS
 from lidarcli.logs.csv.layouts import LAYOUTS
 from lidarcli.logs.mcap import records, walk
-from lidarcli.logs.rosbag2 import database, folder
+from lidarcli.logs.rosbag2 import database
+from lidarcli.ros import bag_metadata
 from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
@@ -74,7 +75,7 @@ def test_the_bounds_are_those_of_the_code() -> None:
             f"{database.STEPS:,}, and {database.STEPS_PER_BYTE} for each byte of the file"
         ),
         "a text in the schema and the topics of a database": f"{database.MAX_TEXT >> 10} KiB",
-        "`metadata.yaml`": f"{folder.MAX_METADATA >> 20} MiB",
+        "`metadata.yaml`": f"{bag_metadata.MAX_METADATA >> 20} MiB",
         "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
         "damaged places that are named one by one": str(base.ReadReport.MAX_DAMAGE),
     }

@@ -204,6 +204,11 @@ def test_a_log_that_has_another_day_now_is_there_once(tmp_path: Path, lidarcli: 
     assert lidarcli(*command).code == 0
     days = {path.parent.name for path in (tmp_path / "out").rglob("run.parquet")}
     assert days == {"date=2024-03-09"}
+    # Without --resume or --overwrite it may be another log of the same name.
+    log(1_720_000_000)
+    ran = lidarcli(*command[:-1])
+    assert (ran.code, "date=2024-03-09/run.parquet exists; use --overwrite" in ran.err) == (5, True)
+    assert {path.parent.name for path in (tmp_path / "out").rglob("run.parquet")} == days
 
 
 def test_a_bag_in_a_folder_is_told_by_its_tables(tmp_path: Path, lidarcli: CommandLine) -> None:

@@ -7,6 +7,8 @@ import random
 import re
 import shutil
 import sqlite3
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +17,20 @@ import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from lidarcli import newfiles
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import base, unpacking
+from lidarcli.logs import base, open_log, unpacking
 from lidarcli.logs.base import LASERSCAN, Topic
 from lidarcli.logs.rosbag2 import database
 from lidarcli.logs.rosbag2.folder import natural, read_folder
 from lidarcli.logs.rosbag2.salvage import Salvage
 from lidarcli.logs.unpacking import Unpacking, unpack_file, unpack_message
+from lidarcli.simulation.writers import write_log
 from tests.logs.numbered import indices, laser_scan, ranges_of, record_time
 from tests.logs.numbered import read_bag as read
 from tests.logs.watched import Rosbag2Log
 from tests.places import REAL_LOGS, needs_real_logs
+from tests.sweeping import room_sweeps
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPES = STORE.types
@@ -696,3 +701,18 @@ def test_real_logs(name: str) -> None:
             "ros2_selfdriving/full_bag_nav": "no part of this bag, and not read: scan.csv",
         }
         assert log.report.notes == ([notes[name]] if name in notes else [])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no locks to tell that a run was killed")
+def test_what_a_killed_run_unpacked_is_cleared_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag, private = tmp_path / "bag", tmp_path / "private"
+    write_log(bag, [room_sweeps()], compression="zstd")
+    left = private / f".lidarcli-{newfiles._HOST}-0123456789abcdef.part"
+    left.mkdir(parents=True)
+    (left / "bag.db3").write_text("rows")
+    monkeypatch.setattr(tempfile, "tempdir", str(private))
+    with open_log(bag) as log:
+        assert log.topics()
+        (mine,) = private.iterdir()
+        assert mine.name != left.name
+    assert [*private.iterdir()] == []

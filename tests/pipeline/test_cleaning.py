@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,12 +22,21 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.occupancy import compare
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.cleaned_beams import REASONS, _came_along, _Paths, _Reach, _sets_out, _Track, doubted
+from lidarcli.pipeline.cleaned_beams import (
+    REASONS,
+    _beside,
+    _came_along,
+    _Paths,
+    _Reach,
+    _sets_out,
+    _Track,
+    doubted,
+)
 from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps import Bool, Closure, Float64, Int64
 from lidarcli.tabular.schemas import SCHEMAS
 from tests.pipeline import drawn
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
@@ -278,6 +288,21 @@ def test_what_leaves_its_place_is_temporary(tmp_path: Path) -> None:
     assert taken(table, "temporary") == [30] * 40 + [0] * 40
     assert (ranges(tmp_path / "b.mcap")[:40, 200:230] != ranges(log)[:40, 200:230]).all()
     assert taken(table, "agents") == taken(table, "margin") == [0] * 80
+
+
+@pytest.mark.parametrize("margin", [0, 1, 3, 29, 1_000_000])
+def test_a_margin_is_as_wide_as_told_and_goes_on_around_a_full_turn(margin: int) -> None:
+    chosen = np.zeros((4, 40), np.bool_)
+    chosen[0, [0, 20]] = chosen[1, [2, 38]] = chosen[2, 29] = True
+    beams, turns = np.array([40, 40, 30, 40]), np.array([False, True, True, True])
+    wanted = chosen.copy()
+    for row, beam in np.argwhere(chosen):
+        for beside in range(beam - min(margin, 40), beam + min(margin, 40) + 1):
+            if turns[row] or 0 <= beside < beams[row]:
+                wanted[row, beside % beams[row]] = True
+    closure = np.where(turns, Closure.CLOSED, Closure.OPEN)
+    batch = SimpleNamespace(beams=beams, closure=closure)
+    assert _beside(batch, chosen, margin).tolist() == wanted.tolist()  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("margin", [0, 1, 3])

@@ -99,6 +99,13 @@ def test_inputs_reach_scripts_as_environment_alone() -> None:
     assert used == set(ACTION["inputs"])
 
 
+@pytest.mark.parametrize("name", ["objects", "report"])
+def test_no_name_of_a_file_or_topic_is_a_command_of_the_runner(name: str) -> None:
+    before, after = STEPS[name]["run"].split("|| code=$?")
+    assert before.rindex('echo "::stop-commands::$token"') < before.rindex('"$LIDARCLI"')
+    assert after.lstrip().startswith('echo "::$token::"')
+
+
 def test_the_example_of_the_docs_has_inputs_that_are_there() -> None:
     page = (ROOT / "docs" / "ci.md").read_text("utf-8")
     (example,) = re.findall(r"uses: lidarcli/lidarcli@\S+\n +with:\n((?: {10}.*\n)+)", page)

@@ -90,6 +90,12 @@ def test_what_goes_to_pypi_are_distributions_alone(release: Any) -> None:
     assert taken == {"publish": [distributions], "release": [distributions, {"name": "sbom", "path": "dist"}]}
 
 
+def test_what_publishes_is_named_by_its_content(release: Any) -> None:
+    """A tag or a branch may be moved by somebody else."""
+    (used,) = [step["uses"] for step in steps(release) if "pypi-publish" in step.get("uses", "")]
+    assert re.fullmatch(r"pypa/gh-action-pypi-publish@[0-9a-f]{40}", used)
+
+
 def test_the_release_is_of_what_was_attested(release: Any) -> None:
     names = [step.get("uses", step.get("name")).partition("@")[0] for step in release["release"]["steps"]]
     sums, attest, made = (

@@ -134,6 +134,15 @@ def test_bad_options(scene, tmp_path):
     assert names(tmp_path / "missing") == ["log.mcap", "log.truth-beams.parquet", "log.truth.parquet"]
 
 
+def test_a_log_is_not_simulated_into_a_store(scene, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        OptionError, match=r"^s3://bucket/log\.mcap: a simulated log is not written into a store"
+    ):
+        simulate(scene, "s3://bucket/log.mcap")
+    assert names(tmp_path) == ["small.toml"]
+
+
 def test_the_truth_stands_under_the_stem_of_the_log(tmp_path):
     found = [truth_paths(tmp_path / name)[0].name for name in ("a.mcap", "a.csv.gz", "a.b.bag", "folder")]
     assert found == ["a.truth.parquet", "a.truth.parquet", "a.b.truth.parquet", "folder.truth.parquet"]
