@@ -36,6 +36,8 @@ AROUND = 8
 """Sweeps around a stamp by which it is judged."""
 HELD = 1024
 """Most sweeps of a topic that wait for sound stamps; fewer of many beams."""
+MOST_FRAMES = 64
+"""Frames of a topic that are told apart."""
 MAX_TOPICS = 1000
 """Topics beyond this are taken as they are: a log may have a new one in every message."""
 LONG = 1.5
@@ -288,50 +290,64 @@ class _Mending:
 
     def __init__(self) -> None:
         self._waiting: list[RawSweeps] = []
-        self._sound = np.zeros((2, 0), np.int64)
-        """Time and record time of the last sound sweeps."""
+        self._frames: dict[str, int] = {}
+        self._sound = np.zeros((3, 0), np.int64)
+        """Time, record time and frame of the last sound sweeps of each frame."""
 
     def take(self, block: RawSweeps) -> Iterator[RawSweeps]:
         """Add a block; yield what is known to be sound or mended."""
         self._waiting.append(block)
-        times, records = self._times()
+        times, records, _ = self._rows()
         odd = (np.abs(np.diff(times, prepend=times[:1]) * SECOND) > LEAP) | ((times == 0) & (records != 0))
         sure = np.count_nonzero(~odd) >= AROUND and not odd[-AROUND:].any()
-        if (
-            sure
-            or not odd.any()
-            or sum(len(it) * (HELD + it.ranges.shape[1]) for it in self._waiting) > HELD**2
-        ):
+        size = sum(len(each) * (HELD + each.ranges.shape[1]) for each in self._waiting)
+        if sure or not odd.any() or size > HELD**2:
             yield from self.settle(bool(odd.any()))
 
     def settle(self, mends: bool = True) -> Iterator[RawSweeps]:
         """Yield the waiting sweeps, mended."""
-        times, records = self._times()
-        odd = np.zeros(len(times), np.bool_)
-        place = self._sound.shape[1]
-        if mends:
-            odd = (times == 0) & (records != 0)
-            odd[~odd] = _astray(times[~odd])
-            odd[:place] = False
-        good = np.flatnonzero(~odd)
-        for row in np.flatnonzero(odd).tolist() if len(good) else ():
-            at = int(np.searchsorted(good, row))
-            near = good[max(at - AROUND, 0) : max(at, AROUND)]
-            if records[row] not in (0, times[row]):
-                times[row] = records[row] - _middle(records[near] - times[near])
-            elif len(near) > 1:
-                beside = good[max(at - 1, 0)]
-                times[row] = times[beside] + _middle(np.diff(times[near])) * (row - beside)
+        rows, place = self._rows(), self._sound.shape[1]
+        odd = np.zeros(rows.shape[1], np.bool_)
+        kept = [np.zeros(0, np.int64)]
+        for code in np.flatnonzero(np.bincount(rows[2])).tolist():
+            mine = np.flatnonzero(rows[2] == code)
+            times, records, _ = rows[:, mine]
+            bad = (times == 0) & (records != 0) if mends else odd[mine]
+            if mends:
+                bad[~bad] = _astray(times[~bad])
+                bad &= mine >= place
+            if not bad.all():
+                rows[0, mine] = _fitting(times, records, bad)
+                odd[mine] = bad
+                kept.append(mine[~bad][-AROUND:])
         for block in self._waiting:
-            rows = slice(place, place := place + len(block))
-            yield replace(block, mended_ns=times[rows]) if len(good) and odd[rows].any() else block
-        self._sound = np.stack([times, records])[:, good[-AROUND:]]
-        self._waiting = []
+            here = slice(place, place := place + len(block))
+            yield replace(block, mended_ns=rows[0, here]) if odd[here].any() else block
+        self._sound, self._waiting = rows[:, np.sort(np.concatenate(kept))], []
 
-    def _times(self) -> Int64:
-        """Return stamps and record times (2, S) of the last sound sweeps and those that wait."""
-        waiting = [(block.stamp_ns, block.record_ns) for block in self._waiting]
-        return np.concatenate([self._sound, *waiting], axis=1)
+    def _rows(self) -> Int64:
+        """Return stamps, record times and frames (3, S) of the last sound sweeps and those that wait."""
+        parts = [self._sound]
+        for block in self._waiting:
+            for name in block.frame_ids if len(self._frames) < MOST_FRAMES else ():
+                self._frames.setdefault(name, len(self._frames))
+            codes = np.array([self._frames.get(name, 0) for name in block.frame_ids], np.int64)
+            parts.append(np.stack([block.stamp_ns, block.record_ns, codes[block.frame]]))
+        return np.concatenate(parts, axis=1)
+
+
+def _fitting(times: Int64, records: Int64, odd: Bool) -> Int64:
+    """Return times (S,) with others that fit in place of the `odd` ones."""
+    times, good = times.copy(), np.flatnonzero(~odd)
+    for row in np.flatnonzero(odd).tolist():
+        at = int(np.searchsorted(good, row))
+        near = good[max(at - AROUND, 0) : max(at, AROUND)]
+        if records[row] not in (0, times[row]):
+            times[row] = records[row] - _middle(records[near] - times[near])
+        elif len(near) > 1:
+            beside = good[max(at - 1, 0)]
+            times[row] = times[beside] + _middle(np.diff(times[near])) * (row - beside)
+    return times
 
 
 def _astray(times: Int64) -> Bool:

@@ -112,3 +112,13 @@ def test_few_sweeps_wait_for_a_stamp() -> None:
     first = next(mended(endless()))
     assert (len(first), first.mended_ns) == (50, None)
     assert given <= 2 * HELD
+
+
+def test_two_sensors_on_one_topic_have_clocks_of_their_own() -> None:
+    frame = (np.arange(60) % 5 == 0).astype(np.int32)
+    times = np.where(frame, 10**9, FIRST) + STEP * np.arange(60)
+    stamps = times.copy()
+    stamps[[0, 20, 31]] = 0
+    raw = replace(timed(stamps, FIRST + STEP * np.arange(60)), frame_ids=("front", "rear"), frame=frame)
+    (got,) = mended([raw])
+    assert got.time_ns.tolist() == times.tolist()
