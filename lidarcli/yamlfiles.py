@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 MAX_YAML_BYTES = 1 << 17
 """Most bytes of a file: all parameters of Nav2 take some 20,000, and parsing is slow."""
 _TRUTHS = dict.fromkeys(("y", "yes", "true", "on"), True) | dict.fromkeys(("n", "no", "false", "off"), False)
+_NO_DECIMAL = re.compile(r"_|^[-+]?0\d+$")
 _TAG = "tag:yaml.org,2002:"
 
 
@@ -81,7 +83,8 @@ def _scalar(node: ScalarNode) -> Any:
     # Quoted values have a style.
     if kind in {"bool", "str"} and not node.style and text.lower() in _TRUTHS:
         return _TRUTHS[text.lower()]
-    if kind in {"int", "float"}:
+    # What ROS reads as an octal number or as a text is no decimal number here.
+    if kind in {"int", "float"} and not _NO_DECIMAL.search(text):
         try:
             return (
                 int(text, 10)
