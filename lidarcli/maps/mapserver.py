@@ -16,11 +16,10 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.choices import MAP_RESOLUTIONS
+from lidarcli.choices import GREATEST_NUMBER, MAP_RESOLUTIONS
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Int8, Occupancy
 from lidarcli.ros.mcap_file import add_channel, offered, start_ros2
-from lidarcli.tomlfiles import LARGEST
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -121,7 +120,7 @@ def _described(path: Path) -> _Described:
     origin = values["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
         raise _refused(path, "origin is not [x, y, yaw]", _SAVE_AGAIN)
-    x, y, yaw = (_number(path, "origin", value, -LARGEST, LARGEST) for value in origin)
+    x, y, yaw = (_number(path, "origin", value, -GREATEST_NUMBER, GREATEST_NUMBER) for value in origin)
     if abs(yaw) > LEAST_YAW:
         turned = f"origin has a yaw of {yaw:g} rad, and maps that are turned are not supported"
         raise _refused(path, turned, "turn the image and set the yaw to 0")
@@ -138,7 +137,10 @@ def _described(path: Path) -> _Described:
         x,
         y,
         _TRUTHS[negate.lower()],
-        *(_number(path, key, values[key], -LARGEST, LARGEST) for key in ("occupied_thresh", "free_thresh")),
+        *(
+            _number(path, key, values[key], -GREATEST_NUMBER, GREATEST_NUMBER)
+            for key in ("occupied_thresh", "free_thresh")
+        ),
     )
 
 

@@ -98,7 +98,7 @@ PICTURE = ".png"
 COUNTED = tuple(CHANGE_STATUSES)
 CHANGED_THINGS = tuple(CHANGE_STATUSES[code] for code in (MOVED, NEW, GONE))
 MOST_TOLD = 10
-"""Most things of a run that are told to people one by one."""
+"""Most things of a run, and changes of structure, that are told to people one by one."""
 PAGE = "docs/diff.md"
 NO_FREE_SPACE = "tables tell no free space; name the logs to learn what is gone"
 MAP_WORLD = "map"
@@ -212,6 +212,8 @@ def _told_of(rows: Sequence[dict[str, Any]]) -> list[str]:
         for row in rows
         if row["kind"] == CHANGE_KINDS[STRUCTURE]
     ]
+    if len(structure) > MOST_TOLD:
+        structure[MOST_TOLD:] = [f"and {len(structure) - MOST_TOLD} more"]
     return [*found, f"  structure: {', '.join(structure)}"] if structure else found
 
 

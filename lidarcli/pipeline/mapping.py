@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.choices import MAP_RESOLUTION, MATCH, MAX_MAP_KM2, MIN_MOVE, NS, OCCUPIED_RATIO
+from lidarcli.choices import MAP_RESOLUTION, MAP_RESOLUTIONS, MATCH, MAX_MAP_KM2, MIN_MOVE, NS, OCCUPIED_RATIO
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT, Detection
@@ -126,6 +126,10 @@ class Mapping:
         options = self.options
         cells = int(options.max_size * KM2 / options.resolution**2)
         self.counts = Counts(options.resolution, cells)
+        if 0 < options.voxel < MAP_RESOLUTIONS[0]:
+            raise OptionError(
+                f"--voxel: {options.voxel:g} m is less than the least cell of {MAP_RESOLUTIONS[0]:g} m; 0 keeps all points"
+            )
         self._voxels = VoxelFilter(options.voxel) if options.voxel > 0 else None
 
     def add(

@@ -41,6 +41,10 @@ from tests.cli.maps import (
         (("-o", "{}/m.yaml", "--min-move", "-1"), "Invalid value for '--min-move'"),
         (("-o", "{}/m.yaml", "--voxel", "inf"), "Invalid value for '--voxel'"),
         (
+            ("-o", "{}/m.ply", "--voxel", "1e-12"),
+            "--voxel: 1e-12 m is less than the least cell of 0.001 m; 0 keeps",
+        ),
+        (
             ("-o", "{}/m.yaml", "-o", "{}/m.ply", "--max-size", "0.00001"),
             f"lidarcli: {DRIVE}: the map would reach over 9 x 7 m, more than 1e-05 km²: a pose or a range may be far off; "
             "limit the log (--range, --start, --end), take a coarser --resolution, or allow more with --max-size\n",

@@ -55,6 +55,14 @@ def test_structure_that_differs_in_too_many_places(tmp_path: Path, monkeypatch: 
         package.diff(one, other)
 
 
+def test_many_changes_of_structure_are_not_told_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, other = (write_map(tmp_path / f"{boxes}.yaml", walls(boxes)) for boxes in (0, 3))
+    monkeypatch.setattr(differing, "MOST_TOLD", 1)
+    assert package.diff(one, other).lines[2] == "  structure: new 0.4 m at (-2.3, -1.3), and 2 more"
+
+
 def test_the_ground_of_all_runs_is_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = write_map(tmp_path / "one.yaml", walls(1))
     assert package.diff(one, one, one).figures["overlap"] == 1.0

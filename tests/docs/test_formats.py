@@ -8,12 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from lidarcli import choices, tomlfiles
 from lidarcli.logs import base, batches, open_log, text, unpacking
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.carmen import LASERS
 from lidarcli.logs.csv.layouts import LAYOUTS
 from lidarcli.logs.mcap import records, walk
 from lidarcli.logs.rosbag2 import database
+from lidarcli.maps import mapserver
 from lidarcli.ros import bag_metadata
 from tests.places import ROOT
 
@@ -78,6 +80,13 @@ def test_the_bounds_are_those_of_the_code() -> None:
         "`metadata.yaml`": f"{bag_metadata.MAX_METADATA >> 20} MiB",
         "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
         "damaged places that are named one by one": str(base.ReadReport.MAX_DAMAGE),
+        "pixels of a map": (
+            f"one for each byte of its image; at least {mapserver.MOST_PACKED_PIXELS:,}, at most {mapserver.MOST_PIXELS:,}"
+        ),
+        "numbers of files in YAML and TOML": (
+            f"-{tomlfiles.LARGEST:,.0f} to {tomlfiles.LARGEST:,.0f} where nothing else is said; "
+            f"cells of a map {1000 * choices.MAP_RESOLUTIONS[0]:g} mm to {choices.MAP_RESOLUTIONS[1]:g} m"
+        ),
     }
 
 

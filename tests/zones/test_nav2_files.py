@@ -311,6 +311,11 @@ REFUSALS = {
     changed(POINTS, "points: 3"): FRONT + AS_TEXT,
     changed(POINTS, f"{POINTS}\n      min_points: 0"): FRONT
     + "'min_points' must be at least 1 and at most 1000000, not 0",
+    **{
+        changed(POINTS, f"{POINTS}\n      min_points: {text}"): FRONT
+        + f"'min_points' must be a number, not the text '{text}'"
+        for text in ("1_5", "030", "0x1F")
+    },
     changed(POINTS, f"{POINTS}\n      enabled: 3"): FRONT + "'enabled' must be true or false, not 3",
     changed(POINTS, f"{POINTS}\n      trigger_consecutive_points: 0"): FRONT
     + "'trigger_consecutive_points' must be at least 1 and at most 1000000, not 0",
