@@ -310,8 +310,15 @@ def ros_json(number: int, stamp: Any, **changes: Any) -> bytes:
     """Sweep `number` of ROS in JSON."""
     fields = {
         "header": {"stamp": stamp, "frame_id": "laser"},
-        "angle_min": -1.5, "angle_max": 1.5, "angle_increment": 0.5, "range_min": 0.0, "range_max": 99.0,
-        "time_increment": 0.25, "scan_time": 0.5, "ranges": ranges_of(number).tolist(), "intensities": [],
+        "angle_min": -1.5,
+        "angle_max": 1.5,
+        "angle_increment": 0.5,
+        "range_min": 0.0,
+        "range_max": 99.0,
+        "time_increment": 0.25,
+        "scan_time": 0.5,
+        "ranges": ranges_of(number).tolist(),
+        "intensities": [],
     }
     return json.dumps(fields | changes).encode()
 
