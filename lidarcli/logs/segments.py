@@ -69,11 +69,12 @@ class _Topic:
         for each in waiting:
             place = np.arange(self.count, self.count + len(each))
             self.count += len(each)
-            found = []
-            for frame, rows in _by_frame(each).items():
-                turns, mine = self.sensors.get(frame), each.rows(rows)
+            frames, found = _by_frame(each), []
+            for frame, rows in frames.items():
+                # What waits no longer is decided.
+                turns, mine = self.sensors.setdefault(frame, None), each.rows(rows)
                 found.append(turns.take(mine, place[rows]) if turns else (place[rows], mine))
-            yield from _in_order(found) if any(self.sensors.values()) else [each]
+            yield from _in_order(found) if any(map(self.sensors.get, frames)) else [each]
 
     def _is_decided(self, block: RawSweeps, final: bool) -> bool:
         """Decide which frames of a block are in segments; return False while one of them needs more messages."""

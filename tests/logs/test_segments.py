@@ -186,3 +186,32 @@ def test_blocks_of_sweeps_are_passed_on_as_they_come() -> None:
     blocks = [turns(3, 360).rows(slice(row, row + 1)) for row in range(3)]
     for got, want in zip(join(iter(blocks), ReadReport()), blocks, strict=True):
         assert got is want
+
+
+def test_messages_that_wait_too_long_are_sweeps() -> None:
+    """Three turns of a beam or two each would be more messages than wait; nothing is joined in the end either."""
+    count, step = 5000, 2 * np.pi / 16_000
+    block = raw_sweeps(np.ones((count, 2)), angle_min=np.arange(count) * 2 * step, angle_increment=step)
+    got, notes = joined(block, 9)
+    assert (len(got), notes) == (count, [])
+
+
+def test_odd_numbers_end_in_sweeps_all_the_same() -> None:
+    whole = cut(turns(8, 360, 0), 30)
+    begin = whole.angle_min.copy()
+    step = whole.angle_increment.copy()
+    begin[60], step[61], step[62] = 1e300, -1e300, 1e-300
+    got, _ = joined(replace(whole, angle_min=begin, angle_increment=step), 5)
+    assert set(got.beams.tolist()) == {360}
+    assert np.isfinite(got.angle_min).all()
+    assert len(got) >= 8
+
+
+def test_equal_stamps_leave_the_time_of_a_beam_to_the_header() -> None:
+    parts = cut(turns(5), 90)
+    stamps = np.repeat(START + TURN_NS * np.arange(5), 3)
+    told = np.full(len(parts), 0.001, np.float32)
+    got, _ = joined(replace(parts, stamp_ns=stamps, record_ns=stamps, time_increment=told))
+    assert got.time_increment is not None
+    assert got.time_increment.tolist() == [float(np.float32(0.001))] * 5
+    assert got.stamp_ns.tolist() == stamps[::3].tolist()
