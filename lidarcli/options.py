@@ -234,6 +234,10 @@ class TextOrJson(TypedDict, total=False):
     ]
 
 
+class Reported(Stamped, TextOrJson, total=False):
+    """Options of a command that writes tables, or a table among others, and prints a summary."""
+
+
 class Jobs(TypedDict, total=False):
     """The number of processors."""
 

@@ -193,9 +193,9 @@ def inputs(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("arguments", "output"),
     [
-        ("background run.mcap -o hard.pdf", "hard.pdf"),
-        ("background run.mcap -o linked.svg", "linked.svg"),
-        ("background run.mcap -o f.parquet --plot hard.pdf", "hard.pdf"),
+        ("background build run.mcap -o hard.pdf", "hard.pdf"),
+        ("background build run.mcap -o linked.svg", "linked.svg"),
+        ("background build run.mcap -o f.parquet --plot hard.pdf", "hard.pdf"),
         ("plot run.mcap -o linked.svg", "linked.svg"),
         ("plot run.mcap -o hard.pdf", "hard.pdf"),
         ("report run.objects.parquet -o hard.json", "hard.json"),

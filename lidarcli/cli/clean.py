@@ -6,11 +6,11 @@ from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, progress_bar, show
 from lidarcli.cli.options import usage_errors
 from lidarcli.option_forms import Argument
-from lidarcli.options import INPUT, Cleaning, Stamped, TextOrJson, output
+from lidarcli.options import INPUT, Cleaning, Reported, output
 from lidarcli.stores.url import place
 
 
-class CleanCommand(Stamped, TextOrJson, Cleaning, total=False):
+class CleanCommand(Reported, Cleaning, total=False):
     """Options of `clean`."""
 
     log: Annotated[str, Argument("LOG", INPUT)]

@@ -11,14 +11,14 @@ from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import options_of
-from lidarcli.options import Jobs, ManyLogs, Mapping, Reading, Stamped, TextOrJson, output
+from lidarcli.options import Jobs, ManyLogs, Mapping, Reading, Reported, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.map_files import Mapped
 
 
-class MapCommand(ManyLogs, Stamped, TextOrJson, Jobs, Mapping, total=False):
+class MapCommand(ManyLogs, Reported, Jobs, Mapping, total=False):
     """Options of `map`."""
 
     output: Annotated[

@@ -5,11 +5,11 @@ from typing import Annotated
 from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, progress_bar, show_reading
 from lidarcli.cli.options import log_options
-from lidarcli.options import OneLog, Reading, Stamped, TextOrJson, output
+from lidarcli.options import OneLog, Reading, Reported, output
 from lidarcli.stores.url import place
 
 
-class PosesCommand(OneLog, Stamped, TextOrJson, Reading, total=False):
+class PosesCommand(OneLog, Reported, Reading, total=False):
     """Options of `poses`."""
 
     output: Annotated[

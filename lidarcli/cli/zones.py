@@ -10,22 +10,11 @@ from lidarcli.cli.options import log_options, refuse_finding, usage_errors
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
-from lidarcli.options import (
-    BACKGROUND,
-    GATES,
-    OBJECTS,
-    STDOUT,
-    THINGS,
-    ManyLogs,
-    Stamped,
-    TextOrJson,
-    Zoning,
-    output,
-)
+from lidarcli.options import BACKGROUND, GATES, OBJECTS, STDOUT, THINGS, ManyLogs, Reported, Zoning, output
 from lidarcli.stores.url import place
 
 
-class ZonesCommand(Zoning, ManyLogs, Stamped, TextOrJson, total=False):
+class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
     """Options of `zones`."""
 
     output: Annotated[

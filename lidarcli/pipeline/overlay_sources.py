@@ -23,7 +23,7 @@ from lidarcli.sweeps import Bool, Int64, RawSweeps
 from lidarcli.tabular.arrays import are, held, numbers, plain
 from lidarcli.tabular.reading import Readable, read_columns, read_pieces, read_schema
 from lidarcli.tabular.schemas import SCHEMAS
-from lidarcli.tabular.stamps import SAME_STAMP
+from lidarcli.tabular.stamps import COARSE
 
 WINDOW = 4096
 """Messages that are sorted at a time: more than come of one topic at a stretch."""
@@ -231,7 +231,7 @@ class Tables:
         stamps = _ints(sweeps, "stamp")
         row = np.searchsorted(index, of := _ints(objects, "sweep") - first)
         strays = (row >= len(index)) | (index[np.minimum(row, len(index) - 1)] != of)
-        if (np.diff(index) <= 0).any() or (np.abs(raw.time_ns - stamps) > SAME_STAMP).any() or strays.any():
+        if (np.diff(index) <= 0).any() or (np.abs(raw.time_ns - stamps) >= COARSE).any() or strays.any():
             raise self._other()
         poses = Poses(*(numbers(sweeps[name]) for name in ("pose_x", "pose_y", "pose_yaw")))
         return Joined(raw, poses, objects, row, index + first)

@@ -13,11 +13,12 @@ from lidarcli.reports.figures import DELTA
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.wording import number, share
 from lidarcli.sweeps import Int64
-from lidarcli.tabular.stamps import SAME_STAMP
 
 SHOWN = 10
 BINS = "bins"
 """Parameter of tables made of point clouds: beams of a sweep."""
+SAME_STAMP = 1_000_000
+"""Greatest difference of equal stamps [ns]: programs rewrite them in coarser units."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from typing import TypeVar
 
 import pyarrow as pa
 
-SAME_STAMP = 1_000_000
-"""Greatest difference of equal stamps [ns]: programs rewrite them in coarser units."""
+COARSE = 1_000
+"""Stamps in microseconds have lost less than this [ns]."""
 
 Rows = TypeVar("Rows", pa.RecordBatch, pa.Table)
 

@@ -164,7 +164,7 @@ def test_our_commands_read_them(tables: Path, tmp_path: Path, lidarcli: Run) -> 
 
 
 def test_tables_of_another_log_are_refused_all_the_same(tables: Path, tmp_path: Path, lidarcli: Run) -> None:
-    later = raw_sweeps(round_room(40), stamp_ns=START + 2_000_000 + STEP * np.arange(40))
+    later = raw_sweeps(round_room(40), stamp_ns=START + 2_000 + STEP * np.arange(40))
     write_log(tmp_path / "run.mcap", [later])
     for words in (("overlay", "-o", tmp_path / "o.mcap"), ("zones", "--zones", tables / "zones.toml")):
         ran = lidarcli(*words, tmp_path / "run.mcap", "--objects", tables / "us" / "run.objects.parquet")

@@ -85,12 +85,12 @@ def test_rows_in_disorder_are_refused(two: Pair, logs: Path) -> None:
         joined(two, logs / "two.mcap")
 
 
-@pytest.mark.parametrize("column", ["stamp", "sweep"])
-def test_sweeps_of_another_log_are_refused(two: Pair, logs: Path, column: str) -> None:
+@pytest.mark.parametrize(("column", "step"), [("stamp", 1000), ("stamp", -1000), ("sweep", 1)])
+def test_sweeps_of_another_log_are_refused(two: Pair, logs: Path, column: str, step: int) -> None:
     table = pq.read_table(two.sweeps)
     at = table.schema.get_field_index(column)
     kind = table.schema.field(at)
-    other = (table[column].cast(pa.int64()).to_numpy() + 1).astype(np.int64)
+    other = (table[column].cast(pa.int64()).to_numpy() + step).astype(np.int64)
     pq.write_table(table.set_column(at, kind, pa.array(other).cast(kind.type)), two.sweeps)
     with pytest.raises(UnreadableError, match="not the tables of this log"):
         joined(two, logs / "two.mcap")

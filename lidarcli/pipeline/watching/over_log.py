@@ -42,7 +42,7 @@ from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.arrays import are
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import SCHEMAS
-from lidarcli.tabular.stamps import SAME_STAMP
+from lidarcli.tabular.stamps import COARSE
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
 
 T = TypeVar("T")
@@ -220,7 +220,7 @@ class Watching:
         if (
             not len(index)
             or (index[at] != batch.sweep).any()
-            or (np.abs(stamps[at] - batch.stamp_ns) > SAME_STAMP).any()
+            or (np.abs(stamps[at] - batch.stamp_ns) >= COARSE).any()
         ):
             raise UnreadableError(
                 f"{self._pair.sweeps}: not the table of these sweeps of {batch.topic}, which are not in it or have other "
