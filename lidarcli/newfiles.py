@@ -287,9 +287,12 @@ def _refuse_file(path: Path, overwrite: bool, never: Mapping[Inode, str], is_bag
     if found is not None and stat.S_ISDIR(found.st_mode):
         if not is_bag:
             raise OutputError(f"{path} is a folder; it is not replaced")
-        held = [*path.iterdir()]
-        # What is a link, or a folder itself, is not looked into: then nothing is replaced.
-        plain = all(stat.S_ISREG(each.lstat().st_mode) for each in held)
+        try:
+            held = [*path.iterdir()]
+            # What is a link, or a folder itself, is not looked into: then nothing is replaced.
+            plain = all(stat.S_ISREG(each.lstat().st_mode) for each in held)
+        except OSError as err:
+            raise unwritable(path, err) from err
         if not plain or any(key in never for key in _identified(held)) or (held and not is_one_bag(path)):
             raise OutputError(
                 f"{path} is a folder that holds more than a ROS 2 bag and its metadata.yaml; it is not replaced"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from functools import cache
 from pathlib import Path
 
@@ -177,3 +178,15 @@ def test_formalism_imports_numpy_alone() -> None:
         "numpy",
         "lidarcli",
     }
+
+
+def test_no_file_of_a_killed_run_stays_in_the_temporary_folder() -> None:
+    """What has a name there stands in a `scratch_folder`, which the next run clears away."""
+    named = re.compile(r"\b(?:TemporaryDirectory|NamedTemporaryFile|mkdtemp|mkstemp)\(([^)]*)\)")
+    found = {
+        (str(path), words)
+        for path in MODULES
+        for words in named.findall((PACKAGE / path).read_text("utf-8"))
+        if "dir=" not in words
+    }
+    assert found == set()

@@ -167,4 +167,4 @@ def test_report_on_runs(tmp_path: Path) -> None:
 def test_detect(tmp_path: Path) -> None:
     with terminal() as screen:
         assert run(["detect", str(ROOT / "samples" / "room.mcap"), "-o", str(tmp_path)]) == 0
-    assert re.search(r"room [━╸╺]+ +\d+% +[\d.]+/126\.7 kB .* left", screen.plain)
+    assert re.search(r"room [━╸╺]+ +\d+% +[\d.]+/126\.5 kB .* left", screen.plain)
