@@ -448,7 +448,7 @@ class _Seen:
     def _of_observed(self, sensor: Sensor) -> list[Finding]:
         """Return the findings on sweeps that show nothing; if hardly a beam has a range, there is one on that already."""
         total = self.clock.sweeps
-        blind = self.blind if self.beams - self.valid <= UNUSABLE * self.beams else 0
+        blind = self.blind if self.beams - self.valid < UNUSABLE * self.beams else 0
         return [
             sensor.finding(
                 "observed",

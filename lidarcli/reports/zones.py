@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from lidarcli.sweeps import Bool, Float64, Int64, spared
 from lidarcli.zone import SENSOR, TIMEOUT, WORLD, outline
 
 if TYPE_CHECKING:
-    import pyarrow as pa
+    pass
 
 _ZONE_NAMED = re.compile(r"\bzone\s*([=!])=\s*([\w-]+)")
 """A zone that the condition of a check names, and whether it is the one or any other."""
@@ -41,32 +41,11 @@ GRAVEST = (*ZONE_COLOURS,)
 """Actions, the gravest first."""
 
 
-def zone_figures(
-    events: pa.Table, zones: pa.Table, lines: Collection[str] | None = None
-) -> dict[str, float | None]:
-    """Return the figures `zones.NAME.X` of tables of events and of zones, summed over their logs.
-
-    Parameters
-    ----------
-    events, zones : tables as `schemas.EVENTS` and `schemas.ZONES` have them, of one log or of several in turn
-    lines : the zones that are lines, where that is known: a line has no `OF_AREAS`, and an area no `OF_LINES`
-
-    Returns
-    -------
-    Every name of `figures.zone_names` of each zone → value; None where there is nothing to measure. A zone that was never
-    observed has `observed` alone.
-    """
-    watched = Watched(Rows.join([events]), Rows.join([zones]))
-    if lines is not None:
-        shapes: dict[str, dict[str, Any]] = {
-            name: {"line": []} if name in lines else {} for name in watched.names
-        }
-        watched = replace(watched, shapes=shapes)
-    return figures_of(watched)
-
-
 def figures_of(watched: Watched) -> dict[str, float | None]:
-    """Return the figures of all zones."""
+    """Return the figures `zones.NAME.X`, summed over logs: every name of `figures.zone_names` of each zone → value.
+
+    It is None where there is nothing to measure. A zone that was never observed has `observed` alone.
+    """
     found: dict[str, float | None] = {}
     columns = {name: watched.zones.numbers(name) for name in NUMBERS}
     for name in watched.names:

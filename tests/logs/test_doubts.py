@@ -355,3 +355,25 @@ def test_a_window_counts_from_a_first_sweep_without_a_stamp() -> None:
     (batch,) = read_batches(FakeLog([block]), ReadOptions(start=0.95, end=2.05), ReadReport())
     assert batch.sweep.tolist() == [*range(10, 21)]
     assert batch.seconds()[0] == pytest.approx(1.0)
+
+
+def test_a_sensor_that_hangs_is_found_however_sweeps_are_cut() -> None:
+    """Ranges are repeated from 0.6 s after their first sweep on, where they have noise; rounding to millimetres is none."""
+    noise = np.random.default_rng(5).normal(0.0, 0.005, (40, 90)).astype(np.float32)
+    noise[10:30] = noise[10]
+    wall = (2.0 / np.cos(np.linspace(-0.7, 0.7, 90))).astype(np.float32)
+    hung = raw_sweeps(wall + noise, angle_min=-0.7, angle_increment=1.4 / 89)
+    still = raw_sweeps(np.tile(np.round(wall, 3), (40, 1)), angle_min=-0.7, angle_increment=1.4 / 89)
+    for raw, expected in ((hung, [*range(16, 30)]), (still, [])):
+        for size in (1, 7, 40):
+            doubts, found = Doubts(), []
+            for first in range(0, 40, size):
+                some = raw.rows(slice(first, min(first + size, 40)))
+                batch = normalise(some, np.arange(first, first + len(some)), RangeRules())
+                found += (first + np.flatnonzero(doubts.add(some, batch))).tolist()
+            assert found == expected
+            report = ReadReport()
+            doubts.tell(report)
+            told = [each.message for each in report.findings() if each.id == "observed"]
+            line = "14 of 40 sweeps of /scan repeat an older one bit for bit, noise and all: the sensor or its driver hung"
+            assert told == ([line] if expected else [])

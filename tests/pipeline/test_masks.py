@@ -387,3 +387,13 @@ def test_a_real_robot_with_three_lasers() -> None:
 )
 def test_a_real_sensor_that_stood_masks_nothing(name: str) -> None:
     assert learned(REAL_LOGS / name).rules.masks is None
+
+
+def test_names_of_any_letters_come_back_from_a_file(tmp_path: Path) -> None:
+    name = 'a"\\\n\x7f\x1b]\U0001f600\u202e = 1'
+    masks = Masks(
+        (Mask(Circle(0.0, 0.0, 0.5), topic=name, frame=name),), (Mount(name, "base", 0.0, 0.0, 0.0),)
+    )
+    (tmp_path / "robot.toml").write_text(mask_text(masks, Masks()))
+    read = read_masks(str(tmp_path / "robot.toml"))
+    assert (read.masks[0].topic, read.mounts[0].frame) == (name, name)

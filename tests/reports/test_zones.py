@@ -15,13 +15,11 @@ from lidarcli.pipeline.reporting import FORMATS, Made, ReportOptions, make_repor
 from lidarcli.reports.columns import Watched
 from lidarcli.reports.report import Report
 from lidarcli.reports.zone_report import ZonesReport
-from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zone_figures, zoned_of
-from lidarcli.tabular.schemas import EVENTS, ZONES
+from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zoned_of
 from tests.reports.browser import CHROMIUM, browser
 from tests.reports.runs import (
     crossing,
     event,
-    table,
     watch,
     watched_of,
     write_run,
@@ -101,7 +99,12 @@ def test_every_zone_has_every_figure(watched: Watched) -> None:
 
 
 def test_lines_and_areas_lack_the_figures_of_the_other(watched: Watched) -> None:
-    figures = zone_figures(table(EVENTS, EVENT_ROWS), table(ZONES, ZONE_ROWS), lines=["left-door"])
+    figures = figures_of(
+        replace(
+            watched_of(EVENT_ROWS, ZONE_ROWS),
+            shapes={name: {"line": []} if name == "left-door" else {} for name in NAMES},
+        )
+    )
     empty = ("events", "share", "nearest", "points.max", "ttc.min", "duration.max", "duration.p50")
     assert [figures[f"zones.left-door.{name}"] for name in empty] == [None] * len(empty)
     assert figures["zones.left-door.in"] == 2
@@ -120,7 +123,7 @@ def test_without_tracks_nobody_knows_who_went_across() -> None:
 
 
 def test_tables_without_rows_have_no_zones() -> None:
-    assert zone_figures(table(EVENTS, []), table(ZONES, [])) == {}
+    assert figures_of(watched_of([], [])) == {}
 
 
 @pytest.mark.parametrize(
