@@ -54,11 +54,7 @@ def along(steps: Sequence[Step], stamp_ns: Int64, *, held: bool = False) -> Moti
 
 
 def namespace(topic: str) -> str:
-    """Return the namespace of a topic: its name without the last word.
-
-    >>> namespace("/robot1/front/scan"), namespace("/tf")
-    ('robot1/front', '')
-    """
+    """Return the namespace of a topic: its name without the last word, such as robot1/front of /robot1/front/scan."""
     return topic.strip("/").rpartition("/")[0]
 
 

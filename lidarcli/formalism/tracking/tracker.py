@@ -56,8 +56,6 @@ class _Waiting:
 
     batch: SweepBatch
     detection: Detection
-    objects: int
-    """Number of objects of the topic before."""
     stop: int
     """Number of sweeps of the topic up to its last one."""
 
@@ -165,7 +163,7 @@ class Tracker:
         """
         if len(batch):
             self._follow(batch, detection)
-        self._waiting.append(_Waiting(batch, detection, self._objects, self._sweeps))
+        self._waiting.append(_Waiting(batch, detection, self._sweeps))
         self._objects += len(detection)
         return self._answers()
 
