@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from math import isfinite
 from pathlib import Path
@@ -21,13 +20,9 @@ _TEXTS = re.compile(r""""(?:\\.|[^"\\\n])*"?|'[^'\n]*'?|\#[^\n]*""")
 _BETWEEN_KEYS = re.compile(r"[^\w \t.-]")
 
 
-Judge = Callable[[os.stat_result], None]
-"""Raises an error where a file of such an owner and mode is not to be read."""
-
-
-def read_toml(file: str, what: str, judge: Judge | None = None) -> dict[str, Any]:
-    """Read a TOML file, which errors call a `what` (scene, catalogue); `judge` sees the file once it is open."""
-    text = read_text(file, what, "TOML", judge)
+def read_toml(file: str, what: str) -> dict[str, Any]:
+    """Read a TOML file, which errors call a `what` (scene, catalogue)."""
+    text = read_text(file, what, "TOML")
     _refuse_nested(file, text)
     try:
         return tomllib.loads(text)
@@ -35,12 +30,10 @@ def read_toml(file: str, what: str, judge: Judge | None = None) -> dict[str, Any
         raise UnreadableError(f"{file}: not valid TOML: {err}") from err
 
 
-def read_text(file: str, what: str, language: str, judge: Judge | None = None, most: int = MAX_BYTES) -> str:
+def read_text(file: str, what: str, language: str, most: int = MAX_BYTES) -> str:
     """Read the text of a file, a `what` in a `language`, of `most` bytes at most."""
     try:
         with Path(file).open("rb") as opened:
-            if judge is not None:
-                judge(os.fstat(opened.fileno()))
             data = opened.read(most + 1)
     except OSError as err:
         raise UnreadableError(f"{file}: cannot read the {what}: {err.strerror or err}") from err

@@ -248,7 +248,7 @@ def test_every_file_that_an_option_names_is_an_input(
         Path(name).write_text(text)
     shutil.copy(SCENE, "s.toml")
     for output, command in (
-        ("lidarcli.toml", "simulate s.toml --container csv"),
+        ("lidarcli.toml", "simulate s.toml --container csv --config lidarcli.toml"),
         ("other.toml", "--config other.toml simulate s.toml --container csv"),
         ("logs.csv", "detect --files-from logs.csv"),
     ):

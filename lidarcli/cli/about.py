@@ -1,8 +1,8 @@
 """Commands about the program itself: `--version`, `lidarcli config` and `lidarcli completion`."""
 
 import json
-from dataclasses import dataclass
-from typing import Annotated, Any, TypedDict
+from dataclasses import asdict, dataclass
+from typing import Annotated, TypedDict
 
 import click
 
@@ -10,7 +10,7 @@ from lidarcli import compiled
 from lidarcli._version import __version__
 from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import ORIGINS, DeclaredOption, Refused
+from lidarcli.cli.options import ORIGINS, DeclaredOption
 from lidarcli.cli.settings import commands, options, strange_variables, unknown_variables
 from lidarcli.option_forms import Argument, Text
 from lidarcli.options import TextOrJson
@@ -65,8 +65,6 @@ class Setting:
     option: str
     value: str | None
     origin: str
-    refused: str | None = None
-    """Why the value may not be used; None where it may."""
 
 
 class ConfigCommand(TextOrJson, total=False):
@@ -86,11 +84,11 @@ class ConfigCommand(TextOrJson, total=False):
 def config(say: Messages, told: ConfigCommand) -> int:
     """Show the settings in force, each with its origin.
 
-    Without COMMAND: what lidarcli.toml and the environment set, for every command.
+    Without COMMAND: what the settings file and the environment set, for every command.
     With COMMAND: all options of it, also those that have their default.
 
     An option is taken from the command line, else from the environment
-    (LIDARCLI_DETECT_JOBS=2), else from lidarcli.toml, else it has its default.
+    (LIDARCLI_DETECT_JOBS=2), else from the settings file, else it has its default.
     """
     ctx = click.get_current_context()
     asked = " ".join(told["command"])
@@ -107,13 +105,13 @@ def config(say: Messages, told: ConfigCommand) -> int:
     shown = [each for each in settings if asked or each.origin != "default"]
     file = ctx.find_root().meta.get(ORIGINS)
     if told["format"] == "json":
-        click.echo(json.dumps([_row(each) for each in shown], indent=2, ensure_ascii=False))
+        click.echo(json.dumps([asdict(each) for each in shown], indent=2, ensure_ascii=False))
         return 0
     if file is None:
         say.info("settings file: none")
     if not shown:
         say.info("every option has its default; lidarcli config COMMAND shows them")
-    for line in _table([(each.command, f"--{each.option}", _shown(each), _origin(each)) for each in shown]):
+    for line in _table([(each.command, f"--{each.option}", _shown(each), each.origin) for each in shown]):
         click.echo(one_line(line))
     return 0
 
@@ -124,11 +122,8 @@ def _setting(command: str, each: DeclaredOption, ctx: click.Context) -> Setting:
     origin = each.origin(ctx)
     if origin is None:
         return Setting(command, each.key, _default(each), "default")
-    refused = None
-    if isinstance(value, Refused):
-        value, refused = value.value, value.cause
     items = value if isinstance(value, list | tuple) else [value]
-    return Setting(command, each.key, " ".join(_word(item) for item in items), origin, refused)
+    return Setting(command, each.key, " ".join(_word(item) for item in items), origin)
 
 
 def _default(each: DeclaredOption) -> str | None:
@@ -143,22 +138,8 @@ def _word(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _row(setting: Setting) -> dict[str, Any]:
-    return {
-        "command": setting.command,
-        "option": setting.option,
-        "value": setting.value,
-        "origin": setting.origin,
-        "refused": setting.refused,
-    }
-
-
 def _shown(setting: Setting) -> str:
     return "-" if setting.value is None else setting.value
-
-
-def _origin(setting: Setting) -> str:
-    return setting.origin if setting.refused is None else f"{setting.origin}, refused: {setting.refused}"
 
 
 def _table(rows: list[tuple[str, str, str, str]]) -> list[str]:

@@ -33,7 +33,6 @@ def command(
     *,
     examples: str,
     changed: Mapping[str, Mapping[str, Any]] | None = None,
-    superseded: Mapping[str, str] | None = None,
 ) -> Callable[[Work], DeclaredCommand]:
     """Make a command of a function.
 
@@ -42,7 +41,6 @@ def command(
     group : arguments and options of the command
     examples : lines for the end of the help
     changed : field -> what its option has in this command otherwise than declared
-    superseded : option that the command had -> words for what does its work now
     """
 
     def decorate(work: Work) -> DeclaredCommand:
@@ -50,7 +48,7 @@ def command(
             field: replace(option, **(changed or {}).get(field, {}))
             for field, option in sorted(options_of(group).items(), key=lambda item: item[1].short != "-o")
         }
-        made = DeclaredCommand(
+        return DeclaredCommand(
             work.__name__,
             params=[*_arguments(group), *(DeclaredOption(*item) for item in options.items())],
             callback=partial(
@@ -62,8 +60,6 @@ def command(
             help=cleandoc(work.__doc__ or ""),
             epilog=f"Examples:\n\n\b\n{examples}",
         )
-        made.superseded = superseded or {}
-        return made
 
     return decorate
 
@@ -139,7 +135,7 @@ def shared_options() -> list[click.Option]:
             Option(
                 OTHER,
                 File("FILE"),
-                shown="lidarcli.toml here or in a folder above",
+                shown="none",
                 help="Settings file (docs/settings.md), or 'none' for no file.",
             ),
             is_eager=True,
@@ -167,8 +163,6 @@ class _Shared(click.Command):
 class DeclaredCommand(_Shared):
     """A command whose help lists its options by heading."""
 
-    superseded: Mapping[str, str]
-
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
         self.params.append(
@@ -182,17 +176,6 @@ class DeclaredCommand(_Shared):
                 help="Show this message with the options that only some logs need, and exit.",
             )
         )
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse; what the command no longer has is refused with what does its work now."""
-        try:
-            return super().parse_args(ctx, args)
-        except click.NoSuchOption as err:
-            if err.option_name not in self.superseded:
-                raise
-            raise click.UsageError(
-                f"{err.option_name} is gone: {self.superseded[err.option_name]}", ctx
-            ) from None
 
     def invoke(self, ctx: click.Context) -> Any:
         """Tell of the settings, then do the work."""

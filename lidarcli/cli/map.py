@@ -31,11 +31,6 @@ class MapCommand(ManyLogs, Reported, Jobs, Mapping, total=False):
 
 @command(
     MapCommand,
-    superseded={
-        "--path": "lidarcli plot LOG --view map draws it",
-        "--without-agents": "give --without agents",
-        "--compare": "write the map with -o MAP.yaml, then: lidarcli diff TRUTH.yaml MAP.yaml",
-    },
     examples="""\
   lidarcli map run.mcap -o room.yaml
   lidarcli map run.mcap -o room.yaml -o room.png -o cloud.ply

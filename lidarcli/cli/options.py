@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -19,15 +18,6 @@ if TYPE_CHECKING:
 
 ORIGINS = "lidarcli.origins"
 """Key of the context's `meta` for the name of the settings file, which messages about its values name."""
-
-
-@dataclass(frozen=True, slots=True)
-class Refused:
-    """A value that a settings file may not set: the command that would use it ends with the message."""
-
-    value: Any
-    cause: str
-    message: str
 
 
 class Parsed(click.ParamType):  # type: ignore[type-arg]
@@ -116,11 +106,6 @@ class DeclaredOption(click.Option):
         )
 
     @property
-    def is_output(self) -> bool:
-        """True if its value is a path that is written."""
-        return isinstance(self.declared.value, File) and self.declared.value.is_output
-
-    @property
     def key(self) -> str:
         """Name of the option in `lidarcli.toml`: its long name without the dashes."""
         return max((name.lstrip("-") for name in self.opts), key=len)
@@ -148,15 +133,6 @@ class DeclaredOption(click.Option):
 
     def consume_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> tuple[Any, ParameterSource]:
         """Return the value and its source; an option that excludes this one goes before a setting of this one."""
-        value, source = self._found_value(ctx, opts)
-        if not isinstance(value, Refused):
-            return value, source
-        if not ctx.resilient_parsing:
-            raise OptionError(value.message)
-        return self.default, ParameterSource.DEFAULT
-
-    def _found_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> tuple[Any, ParameterSource]:
-        """Return the value, be it refused or not, and its source."""
         value, source = super().consume_value(ctx, opts)
         elsewhere = source in (ParameterSource.ENVIRONMENT, ParameterSource.DEFAULT_MAP)
         if elsewhere and any(opts.get(name) for name in self.declared.unless):
@@ -164,13 +140,11 @@ class DeclaredOption(click.Option):
         return value, source
 
     def setting(self, ctx: click.Context) -> Any:
-        """Return the value that a file or variable sets, also a `Refused` one; None if neither does."""
-        value, source = self._found_value(ctx, {})
+        """Return the value that a file or variable sets; None if neither does."""
+        value, source = self.consume_value(ctx, {})
         ctx.set_parameter_source(str(self.name), source)
         if source is ParameterSource.DEFAULT:
             return None
-        if isinstance(value, Refused):
-            return value
         with self._origin_told(ctx):
             self.type_cast_value(ctx, value)
         return value

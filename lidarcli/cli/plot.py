@@ -102,7 +102,6 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
             "help": "Pixels per inch of PNG and of animations.",
         },
     },
-    superseded={"--map": "give --view map"},
     examples="""\
   lidarcli plot run.mcap
   lidarcli plot run.mcap --sweep 50 -o sweep.png

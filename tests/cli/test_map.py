@@ -348,15 +348,6 @@ def test_two_maps_are_compared(lidarcli: Run, walk: Path, tmp_path: Path) -> Non
     assert (found["precision"], found["recall"]) == pytest.approx((0.9862, 0.9931), abs=1e-4)
 
 
-def test_the_old_spelling_names_the_new_one(lidarcli: Run, walk: Path) -> None:
-    ran = lidarcli("map", walk / "walk.mcap", "--compare", walk / "truth.yaml")
-    assert (ran.code, ran.out) == (2, "")
-    assert (
-        "--compare is gone: write the map with -o MAP.yaml, then: lidarcli diff TRUTH.yaml MAP.yaml"
-        in ran.err
-    )
-
-
 def test_names_of_files(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
     for name in ("häß 'x' \"y\"", "two\nlines", "a: b #c", "-o"):
         out = tmp_path / f"{name}.yaml"

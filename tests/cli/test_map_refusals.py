@@ -96,8 +96,7 @@ def test_an_output_that_is_an_input(lidarcli: Run, logs: Path, walk: Path, tmp_p
 @pytest.mark.parametrize(
     ("words", "cause"),
     [
-        (("--path", "-o", "m.png"), "--path is gone: lidarcli plot LOG --view map draws it"),
-        (("--without-agents", "-o", "m.png"), "--without-agents is gone: give --without agents"),
+        (("--without-agents", "-o", "m.png"), "No such option '--without-agents'. Did you mean '--without'?"),
         (
             ("--without", "temporary", "-o", "m.png"),
             "Invalid value for '--without': 'temporary' is not agents, which is all that a map leaves out.",

@@ -225,7 +225,6 @@ def test_tables_of_another_log(lidarcli: Run, tables: Path, tmp_path: Path) -> N
     [
         (("--sweep", 150), f"{DRIVE}: no sweep 150 with a pose in this log"),
         (("--sweeps", "3,400"), f"{DRIVE}: no sweep 400 with a pose in this log"),
-        (("--map",), "Error: --map is gone: give --view map\n"),
         (
             ("--background", "x.parquet"),
             "--view map is a picture of its own, without --animate and --background",

@@ -1,4 +1,4 @@
-"""Settings from `lidarcli.toml` and the environment: which one counts, and clear words for what is wrong with them."""
+"""Settings from a named file and from the environment: which one counts, and clear words for what is wrong with them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 Run = Callable[..., Any]
+Settings = Callable[[str], Path]
 
 
 @pytest.fixture
@@ -21,6 +22,19 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+@pytest.fixture
+def settings(lab: Path, monkeypatch: pytest.MonkeyPatch) -> Settings:
+    """Write a settings file above the working directory, and let the environment name it."""
+
+    def write(text: str) -> Path:
+        file = lab.parent / "lidarcli.toml"
+        file.write_text(text, encoding="utf-8")
+        monkeypatch.setenv("LIDARCLI_CONFIG", str(file))
+        return file
+
+    return write
+
+
 def origins(lidarcli: Run, *words: str) -> dict[str, tuple[str | None, str]]:
     ran = lidarcli("config", *words, "--format", "json")
     assert ran.code == 0, ran.err
@@ -28,7 +42,7 @@ def origins(lidarcli: Run, *words: str) -> dict[str, tuple[str | None, str]]:
 
 
 def test_flag_before_environment_before_file_before_default(
-    lidarcli: Run, lab: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
+    lidarcli: Run, lab: Path, settings: Settings, logs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def parameters(*arguments: str) -> str:
         ran = lidarcli("-v", "detect", str(logs / "run.mcap"), "-o", "out", "--overwrite", *arguments)
@@ -36,29 +50,48 @@ def test_flag_before_environment_before_file_before_default(
         return str(next(line for line in ran.err.splitlines() if line.startswith("1 log;")))
 
     assert "min_beams=3, max_width=2.0," in parameters()
-    (lab.parent / "lidarcli.toml").write_text("[detect]\nmin-beams = 4\nmax-width = 1.5\n")
+    settings("[detect]\nmin-beams = 4\nmax-width = 1.5\n")
     assert "min_beams=4, max_width=1.5," in parameters()
     monkeypatch.setenv("LIDARCLI_DETECT_MIN_BEAMS", "5")
     assert "min_beams=5, max_width=1.5," in parameters()
     assert "min_beams=6, max_width=1.5," in parameters("--min-beams", "6")
 
 
-def test_the_nearest_file_above_counts_and_config_names_another(lidarcli: Run, lab: Path) -> None:
-    (lab.parent / "lidarcli.toml").write_text("[detect]\njobs = 2\n")
-    above = str(lab.parent / "lidarcli.toml")
-    assert origins(lidarcli) == {"detect jobs": ("2", above)}
-    (lab / "lidarcli.toml").write_text("[track]\njobs = 3\n")
-    here = str(lab / "lidarcli.toml")
-    assert origins(lidarcli) == {"track jobs": ("3", here)}
-    assert origins(lidarcli, "--config", above) == {"detect jobs": ("2", above)}
-    before = lidarcli("--config", above, "config", "--format", "json")
-    assert [row["origin"] for row in json.loads(before.out)] == [above]
+def test_a_file_counts_only_where_it_is_named(lidarcli: Run, lab: Path) -> None:
+    """One in the working directory is told of, and one above it is not looked for."""
+    above, here = lab.parent / "lidarcli.toml", lab / "lidarcli.toml"
+    above.write_text("[detect]\njobs = 2\n")
+    assert origins(lidarcli) == {}
+    assert "lidarcli.toml" not in lidarcli("config").err
+    here.write_text("[track]\njobs = 3\n")
+    assert origins(lidarcli) == {}
+    note = "lidarcli.toml here is not used: name it with --config lidarcli.toml\n"
+    assert lidarcli("config", "--format", "json").err == note
+    for words in (("-q",), ("--config", "none")):
+        assert lidarcli(*words, "config", "--format", "json").err == ""
+    for words in (("--help",), ("detect", "--help"), ("completion", "bash")):
+        assert lidarcli(*words).err == ""
+    for file, option in ((above, "detect jobs"), (here, "track jobs")):
+        value = "2" if file == above else "3"
+        assert origins(lidarcli, "--config", str(file)) == {option: (value, str(file))}
+        before = lidarcli("--config", file, "config", "--format", "json")
+        assert [row["origin"] for row in json.loads(before.out)] == [str(file)]
+        assert before.err == f"settings from {file}\n"
+
+
+def test_a_named_file_is_obeyed_in_everything(lidarcli: Run, settings: Settings, logs: Path) -> None:
+    file = settings('[detect]\noutput = "../tables"\noverwrite = true\n')
+    for _ in range(2):
+        assert lidarcli("detect", logs / "run.mcap").code == 0
+    assert (file.parent / "tables" / "run.objects.parquet").exists()
 
 
 def test_the_environment_names_a_file(lidarcli: Run, lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (lab / "robot.toml").write_text("[detect]\njobs = 2\n")
     monkeypatch.setenv("LIDARCLI_CONFIG", "robot.toml")
     assert origins(lidarcli) == {"detect jobs": ("2", "robot.toml")}
+    assert origins(lidarcli, "--config", "none") == {}
+    assert lidarcli("-v", "config", "--config", "none").err.startswith("settings file: none")
     monkeypatch.setenv("LIDARCLI_DETECT_CONFIG", "nothing.toml")
     ran = lidarcli("-v", "detect", "run.mcap")
     assert ran.err.splitlines()[:2] == [
@@ -67,8 +100,10 @@ def test_the_environment_names_a_file(lidarcli: Run, lab: Path, monkeypatch: pyt
     ]
 
 
-def test_what_stands_before_the_tables_is_for_every_command_that_has_it(lidarcli: Run, lab: Path) -> None:
-    (lab / "lidarcli.toml").write_text(
+def test_what_stands_before_the_tables_is_for_every_command_that_has_it(
+    lidarcli: Run, lab: Path, settings: Settings
+) -> None:
+    settings(
         'range = [0.1, 20]\nno_return = ["inf", 81.91]\nverbose = false\n'
         '[background.build]\nrange = [0.2, 30]\nplot = "scene.png"\n[detect]\ntopic = "/front"\n'
     )
@@ -81,8 +116,10 @@ def test_what_stands_before_the_tables_is_for_every_command_that_has_it(lidarcli
     assert "report range" not in found
 
 
-def test_paths_of_inputs_are_meant_from_the_folder_of_the_file(lidarcli: Run, lab: Path, logs: Path) -> None:
-    (lab.parent / "lidarcli.toml").write_text('[detect]\ncatalogue = "things.toml"\noutput = "tables"\n')
+def test_paths_of_inputs_are_meant_from_the_folder_of_the_file(
+    lidarcli: Run, lab: Path, settings: Settings, logs: Path
+) -> None:
+    settings('[detect]\ncatalogue = "things.toml"\noutput = "tables"\n')
     ran = lidarcli("detect", str(logs / "run.mcap"))
     assert ran.code == 3
     assert f"\nlidarcli: {lab.parent / 'things.toml'}: cannot read the catalogue" in ran.err
@@ -91,13 +128,10 @@ def test_paths_of_inputs_are_meant_from_the_folder_of_the_file(lidarcli: Run, la
     assert (lab / "tables" / "run.objects.parquet").exists()
 
 
-@pytest.mark.parametrize("named", [False, True])
-def test_words_that_stand_in_place_of_a_path_are_none(lidarcli: Run, lab: Path, named: bool) -> None:
-    file = lab.parent / "lidarcli.toml"
-    config = ("--config", str(file)) if named else ()
+def test_words_that_stand_in_place_of_a_path_are_none(lidarcli: Run, lab: Path, settings: Settings) -> None:
     for value, meant in (("auto", "auto"), ("none", "none"), ("./auto", f"{lab.parent}/./auto")):
-        file.write_text(f'mask = "{value}"\n')
-        found = {name: value for name, (value, _) in origins(lidarcli, *config).items()}
+        settings(f'mask = "{value}"\n')
+        found = {name: value for name, (value, _) in origins(lidarcli).items()}
         assert found["detect mask"] == found["map mask"] == meant
 
 
@@ -106,7 +140,6 @@ def test_words_that_stand_in_place_of_a_path_are_none(lidarcli: Run, lab: Path, 
     [
         ("[detect]\nmax-widht = 1\n", "[detect]: no option 'max-widht'; did you mean 'max-width'?"),
         ("jbos = 1\n", "no option 'jbos'; did you mean 'jobs'?"),
-        ("[plot]\nmap = true\n", "[plot]: no option 'map' any more: give --view map"),
         ("[detekt]\njobs = 1\n", "[detekt]: no such command; did you mean [detect]?"),
         (
             "[background]\nstation-distance = 0.5\n",
@@ -119,10 +152,6 @@ def test_words_that_stand_in_place_of_a_path_are_none(lidarcli: Run, lab: Path, 
         ),
         ("[background.build.x]\n", "[background.build.x]: no such command"),
         ("[detect.x]\n", "[detect.x]: no such command"),
-        (
-            "[map]\nwithout_agents = true\n",
-            "[map]: no option 'without_agents' any more: give --without agents",
-        ),
         ("detect = 3\n", "'detect' is a command: its options stand below a line [detect]"),
         ("[[detect]]\njobs = 1\n", "'detect' is a command: its options stand below a line [detect]"),
         ("[detect]\nmax_width = 1\nmax-width = 2\n", "[detect]: 'max-width' is set twice, with - and with _"),
@@ -139,22 +168,24 @@ def test_words_that_stand_in_place_of_a_path_are_none(lidarcli: Run, lab: Path, 
         ),
     ],
 )
-def test_whatever_is_wrong_with_a_file_is_one_line(lidarcli: Run, lab: Path, text: str, words: str) -> None:
-    (lab / "lidarcli.toml").write_text(text)
+def test_whatever_is_wrong_with_a_file_is_one_line(
+    lidarcli: Run, lab: Path, settings: Settings, text: str, words: str
+) -> None:
+    settings(text)
     # Also where another command is meant: a wrong file is never in force in part.
     ran = lidarcli("info", "run.mcap")
     assert ran.code == (3 if words == "not valid TOML" else 2)
     (line,) = ran.err.splitlines()
-    assert line.startswith(f"lidarcli: {lab / 'lidarcli.toml'}: {words}")
+    assert line.startswith(f"lidarcli: {lab.parent / 'lidarcli.toml'}: {words}")
 
 
 def test_a_wrong_value_says_where_it_comes_from(
-    lidarcli: Run, lab: Path, monkeypatch: pytest.MonkeyPatch
+    lidarcli: Run, lab: Path, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (lab / "lidarcli.toml").write_text("[detect]\nmin-beams = 0\n")
+    settings("[detect]\nmin-beams = 0\n")
     ran = lidarcli("detect", "run.mcap")
     assert ran.code == 2
-    assert f"(set in {lab / 'lidarcli.toml'})." in ran.err
+    assert f"(set in {lab.parent / 'lidarcli.toml'})." in ran.err
     monkeypatch.setenv("LIDARCLI_DETECT_MIN_BEAMS", "many")
     ran = lidarcli("detect", "run.mcap")
     assert ran.code == 2
@@ -274,31 +305,37 @@ def test_a_mistyped_command_has_a_suggestion(lidarcli: Run) -> None:
     ],
 )
 def test_the_command_line_goes_before_what_excludes_it(
-    lidarcli: Run, lab: Path, logs: Path, table: str, arguments: tuple[str, ...], wrote: list[str]
+    lidarcli: Run,
+    lab: Path,
+    settings: Settings,
+    logs: Path,
+    table: str,
+    arguments: tuple[str, ...],
+    wrote: list[str],
 ) -> None:
-    (lab / "lidarcli.toml").write_text(f"[plot]\nview = 'sweep'\ndpi = 30\n{table}\n")
+    settings(f"[plot]\nview = 'sweep'\ndpi = 30\n{table}\n")
     ran = lidarcli("plot", str(logs / "run.mcap"), *arguments)
     assert ran.code == 0, ran.err
     assert sorted(path.name for path in lab.glob("*.png")) == wrote
 
 
 def test_loudness_that_is_typed_goes_before_that_of_a_setting(
-    lidarcli: Run, lab: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
+    lidarcli: Run, lab: Path, settings: Settings, logs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     call = ("detect", str(logs / "run.mcap"), "-o", "out", "--overwrite")
     monkeypatch.setenv("LIDARCLI_QUIET", "1")
     assert lidarcli(*call).err == ""
     assert lidarcli(*call, "-v").err.startswith("1 log; profile=robust")
     monkeypatch.delenv("LIDARCLI_QUIET")
-    (lab / "lidarcli.toml").write_text("verbose = true\n")
+    settings("verbose = true\n")
     assert "1 log; profile=robust" in lidarcli(*call).err
     assert lidarcli("-q", *call).err == ""
 
 
 def test_outputs_are_meant_from_the_working_directory_and_inputs_from_the_file(
-    lidarcli: Run, lab: Path, logs: Path
+    lidarcli: Run, lab: Path, settings: Settings, logs: Path
 ) -> None:
-    (lab.parent / "lidarcli.toml").write_text('[plot]\noutput = "f.png"\n[report]\nlog = ["run.mcap"]\n')
+    settings('[plot]\noutput = "f.png"\n[report]\nlog = ["run.mcap"]\n')
     (lab.parent / "run.mcap").write_bytes((logs / "run.mcap").read_bytes())
     assert lidarcli("plot", str(logs / "run.mcap"), "--dpi", "30").code == 0
     assert (lab / "f.png").exists()
@@ -307,10 +344,10 @@ def test_outputs_are_meant_from_the_working_directory_and_inputs_from_the_file(
     assert ran.code == 0, ran.err
 
 
-def test_a_list_before_the_tables_is_for_commands_that_take_one(lidarcli: Run, lab: Path, logs: Path) -> None:
-    (lab / "lidarcli.toml").write_text(
-        'topic = ["/scan"]\nstart = 1970-01-01T00:00:00Z\n', encoding="utf-8-sig"
-    )
+def test_a_list_before_the_tables_is_for_commands_that_take_one(
+    lidarcli: Run, lab: Path, settings: Settings, logs: Path
+) -> None:
+    settings('\ufefftopic = ["/scan"]\nstart = 1970-01-01T00:00:00Z\n')
     assert lidarcli("info", str(logs / "run.mcap")).code == 0
     found = {name: value for name, (value, _) in origins(lidarcli).items()}
     assert (found["detect topic"], found["detect start"]) == ("/scan", "1970-01-01T00:00:00+00:00")

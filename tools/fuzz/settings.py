@@ -1,4 +1,4 @@
-"""Files `lidarcli.toml` in the working directory: any keys and values, any mode, links; also named by --config."""
+"""Files `lidarcli.toml` with any keys and values: in the working directory, where they do nothing, and named."""
 
 from __future__ import annotations
 
@@ -53,14 +53,12 @@ KEYS = (
 )
 VALUES = (
     *('"../victims/thesis"', '"../victims/new"', '["../victims/thesis", "a.md"]', '"a/../../victims/new"'),
-    *('"way/thesis"', '"way/new"', '"~/x"', '"C:\\\\x"', '"-"', '"tables"', '"a.txt"', '""', '"\\u0000"'),
+    *('"~/x"', '"C:\\\\x"', '"-"', '"tables"', '"a.txt"', '""', '"\\u0000"'),
     *('"s3://b/x?endpoint_override=127.0.0.1:1"', '"tcp://127.0.0.1:1"', '"//host/x"', '"local:1"', '"none"'),
     *("true", "false", "1", "-1", "1e400", "nan", "[]", "[0.1, 20]", "{}", "1979-05-27", '["\\u001b"]'),
 )
-MODES = (0o644, 0o644, 0o644, 0o600, 0o664, 0o646, 0o666, 0o444)
 KNOWN = (
     '[report]\noutput = "../victims/thesis"\nformat = "text"\noverwrite = true\n',
-    '[report]\noutput = "way/thesis"\nformat = "text"\n',
     '[report]\noutput = ["a.md", "../victims/new.md"]\n',
     '[detect]\noutput = "../victims/folder"\n',
     '[detect]\ncluster = "tcp://127.0.0.1:1"\n',
@@ -73,6 +71,7 @@ COMMANDS: tuple[list[str], ...] = (
     ["-q", "detect", f"../in/{LOG}"],
     ["config"],
     ["--config", NAME, "config", "--format", "json"],
+    ["--config", NAME, "config", "report"],
     ["--config", "none", "config", "detect"],
 )
 
@@ -81,14 +80,7 @@ def write(place: Place, number: int, random: Random) -> None:
     """A file in the folder of outputs, where the commands are run."""
     put(place)
     text = KNOWN[number] if number < len(KNOWN) else _settings(random)
-    path = place.out / NAME
-    if number >= len(KNOWN) and not random.integers(8):
-        path.symlink_to("elsewhere.toml")
-        path = place.out / "elsewhere.toml"
-    path.write_text(text, encoding="utf-8", errors="surrogateescape")
-    path.chmod(MODES[int(random.integers(len(MODES)))] if number >= len(KNOWN) else 0o644)
-    (place.out / "way").symlink_to(place.victims)
-    place.out.chmod(0o755 if random.integers(8) else 0o777)
+    (place.out / NAME).write_text(text, encoding="utf-8", errors="surrogateescape")
     place.note(commands=[*COMMANDS])
 
 
@@ -110,5 +102,5 @@ def _settings(random: Random) -> str:
 
 
 def settings_targets() -> list[Target]:
-    """Settings that are found."""
+    """Settings, named or not."""
     return [Target("settings", write, judge, weight=20, known=len(KNOWN))]
