@@ -63,7 +63,7 @@ from lidarcli.newfiles import new_files, refuse
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.inputs.tables import Pair, TracksTable, find_tracks, read_tracks_table
+from lidarcli.pipeline.inputs.tables import Pair, TracksTable, find_tracks, poses_of, read_tracks_table
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import Cursor
@@ -347,10 +347,7 @@ _NOTHING = (
 def _of_background(text: str) -> Seen:
     sensors, told = read_background(place(text))
     worlds = {
-        frame: str(way["world"]).strip("/")
-        for log in told.get(SOURCE, [])
-        for frame, way in (log.get("poses") or {}).items()
-        if isinstance(way, dict) and "world" in way
+        frame: way["world"].strip("/") for log in told.get(SOURCE, []) for frame, way in poses_of(log).items()
     }
     notes = []
     groups: dict[str, list[Background]] = {}

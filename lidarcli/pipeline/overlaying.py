@@ -216,7 +216,8 @@ class Overlay:
         self._opening = replace(opening, slice=opening.slice or told.slice, echo=told.echo)
         self._zones = zones
         self._showing: Showing | None = None
-        mask = note_value(notes, SOURCE, dict).get("mask")
+        described = note_value(notes, SOURCE, dict)
+        mask = described.get("mask")
         self._rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
         self._is_ros2 = is_ros2
         self._with_log = with_log
@@ -225,7 +226,7 @@ class Overlay:
         self._names = topics_of_objects(self._tables.topics)
         self._ways = {
             frame: (way["world"], str(way.get("topic")))
-            for frame, way in poses_of(notes).items()
+            for frame, way in poses_of(described).items()
             if way["world"] not in ("", MATCH)
         }
         """Sensor frame → the fixed frame and the topic of its poses; no viewer knows the world of a matched path."""

@@ -484,7 +484,7 @@ def write_maps(
 
 def _overview(tracks: str, source: Source, mapping: Mapping) -> MapPicture:
     """Return the things and agents in the tables of this log, of the topics and in one of the worlds of the map."""
-    from lidarcli.pipeline.inputs.tables import one_pair, read_table
+    from lidarcli.pipeline.inputs.tables import one_pair, poses_of, read_table
     from lidarcli.tabular.reading import note_value, notes_of
     from lidarcli.tabular.writing import SOURCE
 
@@ -502,8 +502,7 @@ def _overview(tracks: str, source: Source, mapping: Mapping) -> MapPicture:
     # A path that is matched begins at 0, and nothing else tells where a sensor is that stands.
     stands = [*mapping.worlds] == [MATCH] and all(path.stands for path in mapping.paths)
     found = overview(sweeps, things, trajectories, stands)
-    ways = note_value(notes_of(read["sweeps"]), SOURCE, dict).get("poses") or {}
-    told = {str(way["world"]) for way in ways.values() if isinstance(way, dict) and "world" in way}
+    told = {way["world"] for way in poses_of(note_value(notes_of(read["sweeps"]), SOURCE, dict)).values()}
     if told and told.isdisjoint(mapping.worlds):
         raise OptionError(
             f"{tracks}: tracked in another world ({_frame_words(sorted(told))}) than that of the map "
