@@ -26,10 +26,8 @@ NEAR, ALIKE = 1.5, 0.05
 """Greatest distance from there [beams], and greatest change of the increment, as a share."""
 TURNS, MOST = 3, 2048
 """Turns that show the view and how long a turn takes; most messages that wait for them, or for the end of a turn."""
-SEAM = 3
-"""Beams of a full turn that nothing sees, because the increment is rounded."""
-LATE = 0.75
-"""Share of a turn by which the time of a message may differ from the way to it, within one turn."""
+SEAM, LATE = 3, 0.75
+"""Beams of a full turn that nothing sees for rounding; share of a turn by which messages may be late."""
 
 
 def join(blocks: Iterable[RawSweeps], report: ReadReport) -> Iterator[RawSweeps]:
@@ -134,6 +132,7 @@ class _Turns:
         `final` tells that there are no more.
         """
         step, begin = rows.angle_increment, rows.angle_min
+        usual = float(np.median(step))
         view = np.abs(step) * rows.beams
         if view[:LOOKED_AT].max() > WIDEST * TURN or (begin[:1] == begin[1:2]).any():
             return False
@@ -141,21 +140,15 @@ class _Turns:
             off = (begin[1:] - (begin + step * rows.beams)[:-1] + np.pi) % TURN - np.pi
             on = (np.abs(off) <= NEAR * np.abs(step[1:])) & (rows.beams[1:] > 1)
             on &= np.abs(np.diff(step)) <= ALIKE * np.abs(step[1:])
-            turned = float((np.sign(step[0]) * np.diff(begin) % TURN).sum()) / TURN
+            turned = float((np.sign(usual) * np.diff(begin) % TURN).sum()) / TURN
         looked = on[: LOOKED_AT - 1]
         if len(looked) < LOOKED_AT - 1 and not final:
             return None
-        if np.count_nonzero(looked) < max(FEWEST, OFTEN * len(looked)) or FINEST * abs(step[0]) < TURN:
+        if np.count_nonzero(looked) < max(FEWEST, OFTEN * len(looked)) or FINEST * abs(usual) < TURN:
             return False
         if turned < TURNS and not final:
             return None
-        turns = cls(
-            float(step[0]),
-            float(begin[0]),
-            round(TURN / abs(step[0])),
-            rows.rows(slice(0)),
-            rows.stamp_ns[:0],
-        )
+        turns = cls(usual, float(begin[0]), round(TURN / abs(usual)), rows.rows(slice(0)), rows.stamp_ns[:0])
         turns._see(rows)
         begins = np.flatnonzero(np.diff(turns._columns(rows)[0]) < 0) + 1
         turns.period_ns = float(np.median(np.diff(rows.time_ns[begins]))) if len(begins) > 1 else 0.0

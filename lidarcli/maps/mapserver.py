@@ -120,7 +120,7 @@ def _described(path: Path) -> _Described:
     origin = values["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
         raise _refused(path, "origin is not [x, y, yaw]", _SAVE_AGAIN)
-    x, y, yaw = (_number(path, "origin", value, -GREATEST_NUMBER, GREATEST_NUMBER) for value in origin)
+    x, y, yaw = (_number(path, "origin", value) for value in origin)
     if abs(yaw) > LEAST_YAW:
         turned = f"origin has a yaw of {yaw:g} rad, and maps that are turned are not supported"
         raise _refused(path, turned, "turn the image and set the yaw to 0")
@@ -137,10 +137,8 @@ def _described(path: Path) -> _Described:
         x,
         y,
         _TRUTHS[negate.lower()],
-        *(
-            _number(path, key, values[key], -GREATEST_NUMBER, GREATEST_NUMBER)
-            for key in ("occupied_thresh", "free_thresh")
-        ),
+        _number(path, "occupied_thresh", values["occupied_thresh"]),
+        _number(path, "free_thresh", values["free_thresh"]),
     )
 
 
@@ -186,7 +184,9 @@ def _plain(node: Node) -> str | list[str | None] | None:
     return [scalar(item) for item in node.value] if isinstance(node, SequenceNode) else scalar(node)
 
 
-def _number(path: Path, key: str, text: object, least: float, most: float) -> float:
+def _number(
+    path: Path, key: str, text: object, least: float = -GREATEST_NUMBER, most: float = GREATEST_NUMBER
+) -> float:
     number = float(text) if isinstance(text, str) and _NUMBER.fullmatch(text) else math.nan
     if not least <= number <= most:
         way_out = "write 0 there" if key == "origin" and not math.isfinite(number) else _SAVE_AGAIN

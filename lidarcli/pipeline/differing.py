@@ -62,7 +62,14 @@ from lidarcli.newfiles import NewFiles, refuse, scratch_folder, unwritable
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.inputs.tables import Pair, TracksTable, find_tracks, read_tracks_table, world_in
+from lidarcli.pipeline.inputs.tables import (
+    Pair,
+    TracksTable,
+    find_tracks,
+    poses_of,
+    read_tracks_table,
+    world_in,
+)
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import Cursor
@@ -345,12 +352,7 @@ _NOTHING = (
 
 def _of_background(text: str) -> Seen:
     sensors, told = read_background(place(text))
-    ways = {
-        frame: way
-        for log in told.get(SOURCE, [])
-        for frame, way in (log.get("poses") or {}).items()
-        if isinstance(way, dict)
-    }
+    ways = {frame: way for log in told.get(SOURCE, []) for frame, way in poses_of(log).items()}
     notes = []
     groups: dict[str, list[Background]] = {}
     for sensor in sensors:

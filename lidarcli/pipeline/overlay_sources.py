@@ -37,11 +37,7 @@ def scan_encodings(log: Log) -> dict[str, str]:
     """Return the encoding of each topic of sweeps; a log without an index is read once for it."""
     topics = log.topics()
     if topics is not None:
-        return {
-            topic.name: topic.encoding if topic.type in SCAN_TYPES else SLICED
-            for topic in topics
-            if topic.is_scan
-        }
+        return {one.name: one.encoding if one.type in SCAN_TYPES else SLICED for one in topics if one.is_scan}
     return {message.topic: message.encoding for message in log.messages(SCAN_TYPES, ReadReport())}
 
 

@@ -218,14 +218,15 @@ class Overlay:
         )
         self._zones = zones
         self._showing: Showing | None = None
-        mask = note_value(notes, SOURCE, dict).get("mask")
+        described = note_value(notes, SOURCE, dict)
+        mask = described.get("mask")
         self._rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
         self._is_ros2 = is_ros2
         self._with_log = with_log
         self._tables = Tables(pair)
         self._copies = Copies(frozenset(self._tables.topics), is_ros2)
         self._names = topics_of_objects(self._tables.topics)
-        self._told = poses_of(notes)
+        self._told = poses_of(described)
         """Sensor frame → the description of its poses."""
         self._ways = {
             frame: (str(way.get("fixed_frame", way["world"])), str(way.get("topic")))

@@ -485,7 +485,8 @@ def write_maps(
 def _overview(tracks: str, source: Source, mapping: Mapping) -> MapPicture:
     """Return the things and agents in the tables of this log, of the topics and in one of the worlds of the map."""
     from lidarcli.pipeline.inputs.tables import one_pair, poses_of, read_table, world_in
-    from lidarcli.tabular.reading import notes_of
+    from lidarcli.tabular.reading import note_value, notes_of
+    from lidarcli.tabular.writing import SOURCE
 
     pair = one_pair(tracks)
     read = {kind: read_table(pair, kind, columns) for kind, columns in map_picture.COLUMNS.items()}
@@ -501,7 +502,7 @@ def _overview(tracks: str, source: Source, mapping: Mapping) -> MapPicture:
     # A path that is matched begins at 0, and nothing else tells where a sensor is that stands.
     stands = [*mapping.worlds] == [MATCH] and all(path.stands for path in mapping.paths)
     found = overview(sweeps, things, trajectories, stands)
-    ways = poses_of(notes_of(read["sweeps"])).values()
+    ways = poses_of(note_value(notes_of(read["sweeps"]), SOURCE, dict)).values()
     told = {world for way in ways for topic in topics if (world := world_in(way, topic))}
     if told and told.isdisjoint(mapping.worlds):
         raise OptionError(

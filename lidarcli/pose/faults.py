@@ -23,6 +23,8 @@ TURN_RATE, LEAST_TURN = 10.0, 0.5
 
 APART, TURNED = 0.1, 0.1
 """Places of one frame that are further apart, or turned by more, are two [m, rad]."""
+LEVER = 2.0
+"""Distance at which a correction that turns counts as one that shifts [m]: things that are followed are rarely nearer."""
 
 Key = tuple[str, str]
 """Topic and frame of sweeps."""
@@ -62,6 +64,7 @@ def way_findings(way: Way, links: Sequence[Track], topic: str = "") -> list[Find
                 "first, and x y z w is the order; the sensor seems to hang head down until that is mended"
             )
             found.append(Finding("frames", "error", topic, way.frame, words))
+        found += _corrections(track, topic, way.frame)
     children = {step.track.child for step in way.steps}
     return found + [each for each in contradictions(links) if each.frame in children]
 
@@ -118,6 +121,28 @@ def _leaps(way: Way, topic: str, is_known: bool) -> Iterator[Finding]:
             words = f"poses from {track.topic} leap in heading {times(number)}, by up to {np.degrees(most):.0f} deg"
             evidence, threshold = {"leaps": number, "largest": most}, {"rate": TURN_RATE, "turn": LEAST_TURN}
             yield Finding("steps", "warning", topic, way.frame, words, evidence, threshold)
+
+
+def _corrections(track: Track, topic: str, frame: str) -> Iterator[Finding]:
+    """Yield the finding on steps of localisation (map > odom), which no sensor makes."""
+    if track.static or not {name.rpartition("/")[2] for name in (track.parent, track.child)} <= {*WORLDS}:
+        return
+    places = _planar(track.motion)
+    x, y, turn = np.abs(steps_between(places[:-1], places[1:])).T
+    shift = np.hypot(x, y)
+    far = shift + LEVER * turn > APART
+    if far.any():
+        most = {
+            "corrections": int(np.count_nonzero(far)),
+            "largest": float(shift.max()),
+            "turn": float(turn.max()),
+        }
+        words = (
+            f"{track.parent} > {track.child} is corrected {times(int(most['corrections']))}, by up to "
+            f"{most['largest']:.2f} m and {np.degrees(most['turn']):.0f} degrees: what stands may seem to move then; "
+            "--pose match does without it"
+        )
+        yield Finding("steps", "warning", topic, frame, words, most, {"shift": APART})
 
 
 def _turns(track: Track) -> Float64:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 import lidarcli as package
@@ -17,6 +19,8 @@ from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Int8, Occupancy
 from lidarcli.formalism.matching import differences, ground
 from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
 from lidarcli.pipeline import differing
+from lidarcli.tabular.writing import SOURCE
+from tests.places import ROOT
 
 
 def write_map(path: Path, cells: Int8) -> str:
@@ -69,6 +73,17 @@ def test_the_ground_of_all_runs_is_too_large(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(ground, "MOST_CELLS", 5000)
     with pytest.raises(OptionError, match=r"^the ground of all runs would reach over 6 x 4 m; compare fewer"):
         package.diff(one, one, one)
+
+
+@pytest.mark.slow
+def test_a_background_whose_metadata_tell_no_poses(tmp_path: Path) -> None:
+    path = tmp_path / "b.parquet"
+    package.background(ROOT / "samples" / "drive.db3", path)
+    table = pq.read_table(path)
+    for poses in ([], [3], 3, {"laser": 3}, {"laser": {"world": 3}}, {"laser": {}}):
+        notes = {**table.schema.metadata, SOURCE.encode(): json.dumps([{"poses": poses}]).encode()}
+        pq.write_table(table.replace_schema_metadata(notes), path)
+        assert package.diff(path, path, align="as-is").figures["overlap"] == 1.0
 
 
 @pytest.mark.slow

@@ -332,7 +332,7 @@ def test_a_localisation_that_is_off_is_put_right_and_told(tmp_path: Path) -> Non
     asis = package.diff(one, other, align="as-is")
     assert asis.notes[-1] == found.notes[-1]
     assert asis.lines[0].startswith("as they are, in the frame map; 67%")
-    assert counts(asis)["moved"] >= 3
+    assert counts(asis)["moved"] >= 2
 
 
 @pytest.fixture(scope="module")

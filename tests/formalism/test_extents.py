@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.formalism.matching.extents import measured, rectangle, unseen_ends, within
+from lidarcli.formalism.matching.extents import measured, rectangles, unseen_ends, within
 from lidarcli.formalism.matching.ground import Ground, of_map
 from lidarcli.formalism.matching.pairs import Side, probabilities, same_sizes
 from lidarcli.formalism.matching.runs import Standing
@@ -47,7 +47,8 @@ def standing(*rows: tuple[float, float, float, float]) -> Standing:
 def test_two_faces_tell_a_rectangle(angle: float) -> None:
     faces = np.concatenate([line(-0.4, -0.25, 0.4, -0.25), line(0.4, -0.25, 0.4, 0.25)])
     cos, sin = math.cos(angle), math.sin(angle)
-    x, y, yaw, length, width = rectangle(faces @ np.array([[cos, sin], [-sin, cos]]) + [1.0, 2.0])
+    places = faces @ np.array([[cos, sin], [-sin, cos]]) + [1.0, 2.0]
+    x, y, yaw, length, width = rectangles(places, np.zeros(1, np.int64))[0]
     assert (x, y, length, width) == pytest.approx((1.0, 2.0, 0.8, 0.5), abs=0.01)
     assert math.sin(yaw - angle) == pytest.approx(0.0, abs=0.01)
 

@@ -242,3 +242,29 @@ def test_a_way_tells_only_what_spoils_it() -> None:
     assert way is not None
     (found,) = way_findings(way, links)
     assert found.message == "/tf_static: laser is told at two places in base_link: the last counts"
+
+
+@pytest.mark.parametrize(
+    ("shift", "turn", "told"),
+    [(0.15, 0.0, "0.15 m and 0 degrees"), (0.0, 0.06, "0.00 m and 3 degrees"), (0.05, 0.02, "")],
+)
+def test_a_correction_of_localisation_is_told(shift: float, turn: float, told: str) -> None:
+    """Where things are followed 2 m away, it moves them as they never do; the robot drives between two messages."""
+    messages = [tf(0, "base_link", "laser", (0.1, 0, 0), "/tf_static")]
+    for number, time in enumerate(TIMES):
+        place = (shift, 0, turn) if number else (0, 0, 0)
+        messages += [
+            tf(time, "map", "odom", place, "/tf"),
+            tf(time, "odom", "base_link", (number, 0, 0), "/tf"),
+        ]
+    links = tracks_of(messages)
+    way = PoseSources(links).way("laser")
+    assert way is not None
+    assert [each.message for each in way_findings(way, links)] == (
+        [
+            f"map > odom is corrected once, by up to {told}: what stands may seem to move then; "
+            "--pose match does without it"
+        ]
+        if told
+        else []
+    )

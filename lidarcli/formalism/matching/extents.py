@@ -89,7 +89,7 @@ def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, 
         others = {other for number in mine for other in claims[number]} - {k}
         if not others and within(points, box_of(things, yaw, k), OUTSIDE).all():
             continue
-        box = rectangle(points)
+        box = rectangles(points, np.zeros(1, np.int64))[0]
         if others and (box[4] > THIN or any(hit[other] != mine for other in others)):
             continue
         dropped |= others
@@ -101,14 +101,8 @@ def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, 
     return Standing(**{name: values[kept] for name, values in found.items()}), yaw[kept], kept
 
 
-def rectangle(points: Float64) -> Float64:
-    """Return x, y, yaw, length and width of the rectangle near whose edges most of the points lie [m, rad]."""
-    found: Float64 = rectangles(points, np.zeros(1, np.int64))[0]
-    return found
-
-
 def rectangles(points: Float64, starts: Int64) -> Float64:
-    """Return (G, 5) the rectangles, as of `rectangle`, of groups of points that begin at (G,) indices, in one go."""
+    """Return (G, 5) x, y, yaw, length, width of rectangles near whose edges the points of groups lie; `starts` of these."""
     sizes = np.diff(np.append(starts, len(points)))
     angle, best = np.zeros(len(starts)), np.full(len(starts), np.inf)
     for turns in TURNS:
@@ -121,14 +115,9 @@ def rectangles(points: Float64, starts: Int64) -> Float64:
                 off = np.minimum(off, np.minimum(values - low, high - values))
             cost = np.add.reduceat(off, starts) / sizes
             angle, best = np.where(cost < best, [tried, cost], [angle, best])
-    ends = [
-        (np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts))
-        for values in _turned(points, angle, sizes)
-    ]
-    (along, across), (length, width) = (
-        np.array([half * (high + sign * low) for low, high in ends])
-        for half, sign in ((0.5, 1.0), (1.0, -1.0))
-    )
+    turned = _turned(points, angle, sizes)
+    low, high = (np.array([each.reduceat(u, starts) for u in turned]) for each in (np.minimum, np.maximum))
+    (along, across), (length, width) = 0.5 * (low + high), high - low
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = cos * along - sin * across, sin * along + cos * across
     angle = np.where(width > length, angle + 0.5 * np.pi, angle)

@@ -28,7 +28,7 @@ MOST_CELLS = 100_000_000
 FREE_SIDE = 300
 """Most places in a row, and rows of them, by which free ground is compared."""
 AT_ONCE = 1 << 18
-"""Number of points, or of cells, that are worked on at once."""
+"""Number of cells that are worked on at once."""
 FAR_CORNER = float(1 << 33)
 """Column and row of the origin of the world, in cells from a corner far outside, so that all cells are positive."""
 
@@ -297,10 +297,8 @@ class Nearest:
         """Return (K, 2) the normals of the lines through points and their neighbours, and (K,) whether they lie on one."""
         across, is_line, is_known = self._lines
         new = np.unique(index[~is_known[index]])
-        for begin in range(0, len(new), AT_ONCE):
-            which = new[begin : begin + AT_ONCE]
-            across[which], is_line[which] = _lines(self.ground, self._cell, self._index, which)
-            is_known[which] = True
+        across[new], is_line[new] = _lines(self.ground, self._cell, self._index, new)
+        is_known[new] = True
         return across[index], is_line[index]
 
     def of(self, x: Float64, y: Float64) -> tuple[Int64, Float64]:

@@ -360,12 +360,12 @@ def _tables(text: str) -> list[Place]:
 def read_tracks_table(path: Readable) -> TracksTable:
     """Read a tracks table, or `UnreadableError` with one line."""
     rows = read_columns(path, "tracks", SCHEMAS["tracks"], TRACK_COLUMNS)
-    return TracksTable(path, rows, poses_of(notes_of(rows)))
+    return TracksTable(path, rows, poses_of(note_value(notes_of(rows), SOURCE, dict)))
 
 
-def poses_of(notes: dict[str, str]) -> dict[str, dict[str, Any]]:
-    """Return the description of the poses of each sensor frame in the metadata, at least with their `world`."""
-    poses = note_value(notes, SOURCE, dict).get("poses")
+def poses_of(described: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the poses of each sensor frame, at least with their `world`, in what metadata say of a log."""
+    poses = described.get("poses")
     found = poses.items() if isinstance(poses, dict) else ()
     return {frame: way for frame, way in found if isinstance(way, dict) and "world" in way}
 
