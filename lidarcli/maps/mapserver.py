@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.choices import GREATEST_NUMBER, MAP_RESOLUTIONS
+from lidarcli.display import clipped
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Int8, Occupancy
 from lidarcli.ros.mcap_file import add_channel, offered, start_ros2
@@ -120,7 +121,7 @@ def _described(path: Path) -> _Described:
     origin = values["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
         raise _refused(path, "origin is not [x, y, yaw]", _SAVE_AGAIN)
-    x, y, yaw = (_number(path, "origin", value, -GREATEST_NUMBER, GREATEST_NUMBER) for value in origin)
+    x, y, yaw = (_number(path, "origin", value) for value in origin)
     if abs(yaw) > LEAST_YAW:
         turned = f"origin has a yaw of {yaw:g} rad, and maps that are turned are not supported"
         raise _refused(path, turned, "turn the image and set the yaw to 0")
@@ -137,10 +138,7 @@ def _described(path: Path) -> _Described:
         x,
         y,
         _TRUTHS[negate.lower()],
-        *(
-            _number(path, key, values[key], -GREATEST_NUMBER, GREATEST_NUMBER)
-            for key in ("occupied_thresh", "free_thresh")
-        ),
+        *(_number(path, key, values[key]) for key in ("occupied_thresh", "free_thresh")),
     )
 
 
@@ -186,7 +184,9 @@ def _plain(node: Node) -> str | list[str | None] | None:
     return [scalar(item) for item in node.value] if isinstance(node, SequenceNode) else scalar(node)
 
 
-def _number(path: Path, key: str, text: object, least: float, most: float) -> float:
+def _number(
+    path: Path, key: str, text: object, least: float = -GREATEST_NUMBER, most: float = GREATEST_NUMBER
+) -> float:
     number = float(text) if isinstance(text, str) and _NUMBER.fullmatch(text) else math.nan
     if not least <= number <= most:
         way_out = "write 0 there" if key == "origin" and not math.isfinite(number) else _SAVE_AGAIN
@@ -342,8 +342,7 @@ def _shown(value: object) -> str:
     """Return a value of a file in a message, short and printable."""
     if value is None or isinstance(value, list):
         return "a list" if isinstance(value, list) else "neither a text nor a number"
-    text = ascii(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return clipped(ascii(value))
 
 
 def _reason(err: Exception) -> str:

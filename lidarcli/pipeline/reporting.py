@@ -29,7 +29,7 @@ from lidarcli.pipeline.runs.manifest import FOLDER
 from lidarcli.reports.changes import Changed, changed_of
 from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check, verdict_of
-from lidarcli.reports.columns import Origin, Rows, Run, Watched
+from lidarcli.reports.columns import Origin, Rows, Run, Watched, least_observed
 from lidarcli.reports.compare import compare
 from lidarcli.reports.figures import DELTA, OF_CHANGES, OF_MAPS
 from lidarcli.reports.report import Report
@@ -48,7 +48,6 @@ from lidarcli.reports.wording import counted
 from lidarcli.reports.zone_report import ZonesReport
 from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zoned_of
 from lidarcli.stores.url import Place, absolute, place
-from lidarcli.sweeps import spared
 from lidarcli.tabular.reading import Readable, note_value, notes_of
 from lidarcli.tabular.runs import Entry, read_run
 from lidarcli.tabular.schemas import EVENTS, LATER
@@ -464,19 +463,12 @@ def _unseen(checks: Sequence[Check], sources: Sequence[Origin]) -> tuple[str, ..
 def _unobserved(checks: Sequence[Check], run: Run) -> tuple[str, ...]:
     """Return lines on logs and zones that checks ask for, and that were not observed all the time."""
     of_sweeps = [check for check in checks if not (check.needs_zones or check.needs_changes)]
-    lacking = [
-        (some, total, source.log)
-        for (some, total), source in zip(run.observed_in(), run.sources, strict=True)
-        if not total or total - some > spared(total)
-    ]
     lines = [] if run.zones is None else [*unobserved(checks, run.zones)]
-    if of_sweeps and lacking and not accepts(checks, "observed"):
-        some, total, log = min(lacking, key=lambda each: each[0] / max(each[1], 1))
-        more = f" and {len(lacking) - 1:,} more logs" if len(lacking) > 1 else ""
-        what = f"{some:,} of {counted(total, 'sweep')} show anything" if total else "no sweep was read"
-        lines.append(
-            f"{log}{more}: {what}; --check 'observed >= {floored(some / max(total, 1))}' accepts that"
-        )
+    least = least_observed(run.observed_in())
+    if of_sweeps and least is not None and not accepts(checks, "observed"):
+        some = f"{least.observed:,} of {counted(least.sweeps, 'sweep')} show anything"
+        what = some if least.sweeps else "no sweep was read"
+        lines.append(f"{least.log}: {what}; --check 'observed >= {floored(least.share)}' accepts that")
     return tuple(lines)
 
 
