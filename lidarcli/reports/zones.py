@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle
@@ -16,6 +17,8 @@ from lidarcli.reports.columns import Rows, Sight, Watched, least_observed
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, zone_names, zone_of
 from lidarcli.reports.palette import ZONE_COLOURS
 from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.tabular.reading import note_value, notes_of
+from lidarcli.tabular.writing import PARAMETERS
 from lidarcli.zone import SENSOR, TIMEOUT, WORLD, outline
 
 _ZONE_NAMED = re.compile(r"\bzone\s*([=!])=\s*([\w-]+)")
@@ -36,6 +39,22 @@ LISTED = ("occupied", "approach", "stale")
 """Kinds of the events that are listed; visits and crossings are counted."""
 GRAVEST = (*ZONE_COLOURS,)
 """Actions, the gravest first."""
+
+
+def watched_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> Watched:
+    """Return the zones in the tables of some sources, with their outlines as far as the metadata tells them."""
+    shapes: dict[str, dict[str, Any]] = {}
+    left_out: list[tuple[str, str]] = []
+    for source, (_, zones) in read.items():
+        rows = Rows.join([zones])
+        judged, log = {*rows.counts("zone")}, next(iter(rows.counts("log")), str(source))
+        told = note_value(notes_of(zones), PARAMETERS, dict).get("zones")
+        for one in told if isinstance(told, list) else ():
+            if isinstance(one, dict) and isinstance(one.get("name"), str):
+                shapes.setdefault(one["name"], one)
+                left_out += [(log, one["name"])] if one["name"] not in judged else []
+    events, zones = (Rows.join([one[k] for one in read.values()], [*read]) for k in (0, 1))
+    return Watched(events, zones, shapes, tuple(left_out))
 
 
 def figures_of(watched: Watched) -> dict[str, float | None]:
