@@ -231,7 +231,7 @@ def stamp_of(stamp: Any, line: bytes) -> int:
     exact = None if isinstance(stamp, str) else _DECIMAL_STAMP.search(line)
     text, unit = (stamp, DATE) if isinstance(stamp, str) else (exact[1].decode() if exact else str(stamp), S)
     times, bad = to_ns([text.encode()], unit)
-    if bad is not None:
+    if bad[0]:
         raise ValueError(f"{text} is no time")
     return int(times[0])
 

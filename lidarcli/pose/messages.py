@@ -229,7 +229,7 @@ _OF_SCAN = [
     (name, re.compile(rb'"%s"\s*:\s*("(?:[^"\\]|\\.)*"|\{(?:[^{}]|\{[^{}]*\})*\})' % name.encode()))
     for name in ("timestamp", "frame_id", "pose")
 ]
-"""What a scan tells beside its ranges, which take long to read."""
+"""Fields of a scan beside its ranges, which take long to read."""
 
 
 def _json(kind: str, data: bytes) -> _Pose:

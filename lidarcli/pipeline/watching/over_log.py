@@ -124,9 +124,8 @@ class Watching:
         shapes: dict[tuple[tuple[float, float], ...], int] = {}
         times, parts = [], []
         for each in told:
-            corners = self._frames.of_topic(zone.shape_topic).corners_in(
-                "", each.frame_id, each.stamp_ns, each.corners
-            )
+            frames = self._frames.of_topic(zone.shape_topic)
+            corners = frames.corners_in("", each.frame_id, each.stamp_ns, each.corners)
             if corners is None:
                 raise NoScanError(
                     f"zone '{zone.name}': nothing leads from frame {each.frame_id} of {zone.shape_topic} to the robot"
@@ -153,11 +152,8 @@ class Watching:
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
             for (topic, cause), count in sorted(self._report.refused.items())
         ]
-        gaps = [
-            note
-            for zone in self._zones
-            for note in self._judged(zone, lambda one: [*self._gaps(one)])[1] or ()
-        ]
+        told = [self._judged(zone, lambda one: [*self._gaps(one)]) for zone in self._zones]
+        gaps = [note for _, lines in told for note in lines or ()]
         settled = [one for zone in self._zones for one in self._settled(zone)]
         left_out = [f"{error}; the others are judged" for error in self._lost.values()]
         summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *left_out]
@@ -180,9 +176,8 @@ class Watching:
                     [ZoneSeries.of(zone, shapes) for zone in resolved if (shapes := self._shapes[zone.name])],
                     batch.first_ns,
                 )
-                self._counting[key] = Counting(
-                    series, self._frames.of_topic(batch.topic), self._masks, self._told
-                )
+                frames = self._frames.of_topic(batch.topic)
+                self._counting[key] = Counting(series, frames, self._masks, self._told)
             objects = None if whole is None else whole.of_rows(rows)
             self._counting[key].add(mine, objects)
 
