@@ -134,17 +134,18 @@ def some_of(names: Sequence[str]) -> str:
     return ", ".join(names[:_SHOWN]) + more
 
 
+def clipped(text: str) -> str:
+    """Return a text of a file as it stands in a message: no more than 60 characters of it."""
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
 def visible(text: str) -> str:
     r"""Text from a log, a table or a file name, with escapes for what would break the line or steer the terminal.
 
     >>> visible("/scan\n\x1b[2J °")
     '/scan\\n\\x1b[2J °'
     """
-    return (
-        text
-        if text.isprintable()
-        else "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
-    )
+    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
 
 
 def no_command(line: str) -> str:

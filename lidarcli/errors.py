@@ -1,4 +1,7 @@
-"""The errors a user can meet, each with its exit code (docs/cli.md lists them). Imports nothing."""
+"""The errors a user can meet, each with its exit code (docs/cli.md lists them). Imports nothing of the package."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 OUT_OF_MEMORY = "not enough memory; allow more, take --jobs 1, or read a part of the log with --start and --end or --every"
 """Message where `is_short_of_memory`; the exit code is that of an `UnreadableError`, since the log could not be read."""
@@ -30,6 +33,15 @@ class UnreadableError(LidarcliError):
     """An input that cannot be read, in whole or in part: the rest is processed; checks of the rest alone do not pass."""
 
     exit_code = 3
+
+
+@contextmanager
+def unreadable(name: object) -> Iterator[None]:
+    """Raise errors of the system as an `UnreadableError` on what is read."""
+    try:
+        yield
+    except OSError as err:
+        raise UnreadableError(f"{name}: cannot be read: {err.strerror or err}") from err
 
 
 class NoScanError(LidarcliError):

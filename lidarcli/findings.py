@@ -14,19 +14,8 @@ FixKind = Literal["option", "transform", "mask", "mount"]
 
 RULES = (
     *("geometry", "units", "limits", "no_return", "too_close", "gaps", "clock", "rolling", "duplicate"),
-    *(
-        "observed",
-        "frames",
-        "steps",
-        "delay",
-        "pose_fit",
-        "mirror",
-        "stamp",
-        "mount",
-        "lasers",
-        "body",
-        "flicker",
-    ),
+    *("observed", "frames", "steps", "delay", "pose_fit", "mirror", "stamp", "mount", "lasers", "body"),
+    "flicker",
 )
 """Names of the rules, in the order of docs/info.md."""
 DEEP_RULES = ("mirror", "stamp", "lasers", "body", "flicker")

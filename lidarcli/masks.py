@@ -167,7 +167,7 @@ class Masks:
             Nothing tells where a sensor is in the frame of a mask.
         """
         masked = np.zeros(ranges.shape, np.bool_)
-        masks = [mask for mask in self.masks if not mask.topic or same_name(mask.topic, raw.topic)]
+        masks = self._of_topic(raw.topic)
         for code in np.flatnonzero(np.bincount(raw.frame)).tolist() if masks else ():
             rows = np.flatnonzero(raw.frame == code)
             # Most sweeps of a sensor have one geometry.
@@ -183,17 +183,16 @@ class Masks:
     def hide(self, batch: SweepBatch, bearing: Float64, distance: Float64) -> Bool:
         """Return which places (S, P), by bearing [rad] and distance [m] from the sensors of sweeps, are under a mask."""
         hidden = np.zeros(bearing.shape, np.bool_)
-        for mask in self.masks:
-            for code in (
-                range(len(batch.frame_ids)) if not mask.topic or same_name(mask.topic, batch.topic) else ()
-            ):
-                rows = np.flatnonzero(batch.frame == code)
-                for some in np.array_split(rows, -(-bearing[rows].size // _TOGETHER)) if len(rows) else ():
-                    for least, most in mask.shape.spans(
-                        self._rays(mask.frame, batch.frame_ids[code], bearing[some])
-                    ):
+        masks = self._of_topic(batch.topic)
+        for frame, rows, _ in batch.by_frame() if masks else ():
+            for some in np.array_split(rows, -(-bearing[rows].size // _TOGETHER)):
+                for mask in masks:
+                    for least, most in mask.shape.spans(self._rays(mask.frame, frame, bearing[some])):
                         hidden[some] |= (least <= distance[some]) & (distance[some] <= most)
         return hidden
+
+    def _of_topic(self, topic: str) -> list[Mask]:
+        return [mask for mask in self.masks if not mask.topic or same_name(mask.topic, topic)]
 
     def _mark(self, part: _Part, masks: list[Mask], sensor: str, geometry: Float64) -> None:
         """Mark what is under masks in sweeps of some geometries (G, 2)."""

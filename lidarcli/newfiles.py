@@ -152,15 +152,13 @@ class NewFiles:
 
     def _place(self, path: Path) -> None:
         part = self.part(path)
-        try:
+        with writing(path):
             # A folder takes the place of none but an empty one, and a file never that of a folder.
             if path.is_dir() and not path.is_symlink():
                 path.rename(part.with_name(f"{path.name}.replaced"))
             elif part.is_dir() and os.path.lexists(path):
                 path.unlink()
             part.replace(path)
-        except OSError as err:
-            raise unwritable(path, err) from err
 
 
 @contextmanager
@@ -174,15 +172,13 @@ def scratch_folder(folder: Path | None = None) -> Iterator[Path]:
     scratch = folder / f".lidarcli-{_HOST}-{os.urandom(8).hex()}.part"
     lock: int | None = None
     try:
-        try:
+        with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             with _locked(folder) as alone:
                 if alone:
                     _clear(folder)
                 scratch.mkdir(mode=0o700)
                 lock = _lock(scratch)
-        except OSError as err:
-            raise unwritable(folder, err) from err
         yield scratch
     finally:
         with suppress(OSError):
@@ -194,16 +190,12 @@ def scratch_folder(folder: Path | None = None) -> Iterator[Path]:
 def write_whole(path: Place, data: bytes, overwrite: bool = True, devices: bool = False) -> list[str]:
     """Write one file that has its name only when it is whole; notes as of `NewFiles.publish`, `devices` as of `refuse`."""
     if devices and _is_device(path):
-        try:
+        with writing(path):
             cast("Path", path).write_bytes(data)
-        except OSError as err:
-            raise unwritable(path, err) from err
         return []
     with NewFiles([path], overwrite) as files:
-        try:
+        with writing(path):
             files.part(path).write_bytes(data)
-        except OSError as err:
-            raise unwritable(path, err) from err
         return files.publish()
 
 
@@ -287,12 +279,10 @@ def _refuse_file(path: Path, overwrite: bool, never: Mapping[Inode, str], is_bag
     if found is not None and stat.S_ISDIR(found.st_mode):
         if not is_bag:
             raise OutputError(f"{path} is a folder; it is not replaced")
-        try:
+        with writing(path):
             held = [*path.iterdir()]
             # What is a link, or a folder itself, is not looked into: then nothing is replaced.
             plain = all(stat.S_ISREG(each.lstat().st_mode) for each in held)
-        except OSError as err:
-            raise unwritable(path, err) from err
         if not plain or any(key in never for key in _identified(held)) or (held and not is_one_bag(path)):
             raise OutputError(
                 f"{path} is a folder that holds more than a ROS 2 bag and its metadata.yaml; it is not replaced"
@@ -331,6 +321,17 @@ def unwritable(path: Place | str, err: OSError) -> OutputError:
     return OutputError(f"cannot write {path}: {reason}")
 
 
+@contextmanager
+def writing(path: Place | str, nameless: bool = False) -> Iterator[None]:
+    """Raise errors of the system as of `unwritable`; with `nameless` those alone that name no file, as one that is read."""
+    try:
+        yield
+    except OSError as err:
+        if nameless and err.filename is not None:
+            raise
+        raise unwritable(path, err) from err
+
+
 def refuse_lost(error: object, folder: Path) -> None:
     """Raise an `OutputError` for an error of the system whose cause is that somebody has removed an output folder."""
     if isinstance(error, OSError) and error.filename is not None and not folder.is_dir():
@@ -344,10 +345,8 @@ def _refuse_place(folder: Path) -> None:
     there = folder
     while not os.path.lexists(there) and there != there.parent:
         there = there.parent
-    try:
+    with writing(folder):
         is_folder = stat.S_ISDIR(there.stat().st_mode)
-    except OSError as err:
-        raise unwritable(folder, err) from err
     if not is_folder:
         raise OutputError(f"cannot write below {there}: it is not a folder")
     if not os.access(there, os.W_OK | os.X_OK):

@@ -10,6 +10,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, NoReturn
 
+from lidarcli.display import clipped
 from lidarcli.errors import OptionError, UnreadableError
 
 MAX_BYTES = 1_000_000
@@ -137,7 +138,7 @@ class Fields:
         if not isinstance(value, str) or (not value and not choices):
             self.fail(key, f"must be a text, not {_kind(value)}")
         if choices and value not in choices:
-            self.fail(key, f"must be one of {', '.join(choices)}, not '{_clipped(value)}'")
+            self.fail(key, f"must be one of {', '.join(choices)}, not '{clipped(value)}'")
         return value
 
     def flag(self, key: str, default: bool) -> bool:
@@ -203,7 +204,7 @@ class Fields:
             if key not in self.asked:
                 near = get_close_matches(key, self.asked, 1)
                 hint = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(self.asked)}"
-                raise OptionError(f"{self.file}: {self.place}: unknown key '{_clipped(key)}'; {hint}")
+                raise OptionError(f"{self.file}: {self.place}: unknown key '{clipped(key)}'; {hint}")
 
     def _refuse_large(self, key: str, points: Sequence[Sequence[float]]) -> None:
         largest = max((abs(value) for point in points for value in point), default=0.0)
@@ -240,16 +241,12 @@ def _short(value: float) -> str:
     return str(value) if abs(value) < 10**30 else f"{value:g}" if isinstance(value, float) else "a longer one"
 
 
-def _clipped(text: str) -> str:
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
 def _kind(value: object) -> str:
     """Return the name of the kind of a value, as a user of TOML knows it."""
     if isinstance(value, bool):
         return "true or false"
     if isinstance(value, str):
-        return f"the text '{_clipped(value)}'"
+        return f"the text '{clipped(value)}'"
     if isinstance(value, list):
         return "a list"
     if isinstance(value, Mapping):

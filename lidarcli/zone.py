@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from lidarcli.masks import Circle, Masks, Polygon
+from lidarcli.masks import Circle, Masks, Polygon, same_name
 from lidarcli.sweeps import TURN, Bool, Float64, SweepPoses
 
 SENSOR, ROBOT, WORLD = "sensor", "robot", "world"
@@ -101,6 +101,10 @@ class Zone:
     time_before_collision: float = TIME_BEFORE_COLLISION
     time_step: float = TIME_STEP
     """As of `TIME_BEFORE_COLLISION`."""
+
+    def is_for(self, topic: str) -> bool:
+        """Return True if the points of a scan topic count in it."""
+        return not self.topics or any(same_name(name, topic) for name in self.topics)
 
 
 @dataclass(frozen=True, slots=True)

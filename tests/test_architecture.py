@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "screen": {"display", "stores"},
     "stores": {"errors", "machine"},
     "foxglove": set[str](),
-    "tomlfiles": {"errors"},
+    "tomlfiles": {"display", "errors"},
     "yamlfiles": {"errors", "tomlfiles"},
     "compiled": set[str](),
     "machine": set[str](),

@@ -65,7 +65,7 @@ class Messages(Screen):
     quiet: bool = False
     verbose: bool = False
     summary: dict[str, list[Any]] | None = None
-    """What `--format json` prints in the end; None where it is not asked for."""
+    """Summary that `--format json` prints in the end; None where it is not asked for."""
 
     def begin(self, told: Mapping[str, Any]) -> None:
         """Collect the summary if the options of the command ask for JSON."""

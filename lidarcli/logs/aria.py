@@ -226,10 +226,9 @@ class AriaGrammar(Grammar[AriaLines]):
         cells = lines.cells.spans(rows, 1, np.minimum(lines.cells.count[rows] - 1, 1))
         texts = [_seconds(cell, unpadded) for cell in cells]
         stamps, wrong = to_ns(texts, S)
-        known = np.ones(len(rows), np.bool_) if wrong is None else ~wrong
-        for at in np.flatnonzero(~known).tolist():
+        for at in np.flatnonzero(wrong).tolist():
             lines.bad.append((int(rows[at]), f"{say(texts[at])} is no time"))
-        return stamps, known
+        return stamps, ~wrong
 
     def _stamped(
         self,

@@ -168,9 +168,8 @@ class Framing:
             causes.setdefault(at, _NO_TIME)
         if len(rows) and rows[-1] == lines.cut and not _is_whole(cells, rows[-1:], count[-1:], after[-1:]):
             causes[len(rows) - 1] = CUT
-        if wrong is not None:
-            for at in np.flatnonzero(wrong & ~timeless).tolist():
-                causes.setdefault(at, _NO_TIME)
+        for at in np.flatnonzero(wrong & ~timeless).tolist():
+            causes.setdefault(at, _NO_TIME)
         if timeless.any() and WITHOUT_TIMES not in self.report.notes:
             self.report.notes.append(WITHOUT_TIMES)
         if laser is not None and refused:

@@ -101,25 +101,27 @@ class ClockInfo:
             away = max(self.astray, key=abs)
             many = f"{len(self.astray):,} stamps of {sensor.name} are up to"
             many = f"one stamp of {sensor.name} is" if len(self.astray) == 1 else many
+            words = (
+                f"{many} {_long(abs(away))} {'ahead of' if away > 0 else 'behind'} those around it: times that fit "
+                "these are taken"
+            )
             found.append(
                 sensor.finding(
-                    "clock",
-                    "warning",
-                    f"{many} {_long(abs(away))} {'ahead of' if away > 0 else 'behind'} those around it: times that fit "
-                    "these are taken",
-                    {"astray": away, "sweeps": len(self.astray)},
-                    {"astray": LEAP},
+                    "clock", "warning", words, {"astray": away, "sweeps": len(self.astray)}, {"astray": LEAP}
                 )
             )
         if self.recorded:
             every = self.recorded == self.sweeps
             some = "no sweep" if every else f"{self.recorded:,} of {self.sweeps:,} sweeps"
+            words = (
+                f"{some} of {sensor.name} {'has a' if every else 'have no'} stamp: the times at which they were "
+                "recorded are taken for them"
+            )
             found.append(
                 sensor.finding(
                     "clock",
                     "warning",
-                    f"{some} of {sensor.name} {'has a' if every else 'have no'} stamp: the times at which they were "
-                    "recorded are taken for them",
+                    words,
                     {"zero_stamps": self.recorded, "sweeps": self.sweeps},
                     {"zero_stamps": 1},
                 )
@@ -135,64 +137,41 @@ class ClockInfo:
         back = {"backward": self.backward, "largest": self.largest_backward, "sweeps": self.sweeps}
         if self.repeated > often and alike:
             option = f"--every {self.copies}" if self.copies > 1 and alone else ""
-            return sensor.finding(
-                "duplicate",
-                "warning",
+            words = (
                 f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} have stamp and ranges of the sweep before"
-                + (f": {option} takes each once" if option else ""),
-                repeats,
-                {"repeated": often},
-                option,
+                + (f": {option} takes each once" if option else "")
             )
+            return sensor.finding("duplicate", "warning", words, repeats, {"repeated": often}, option)
         if self.sweeps > 1 and self.start_ns == self.end_ns:
-            return sensor.finding(
-                "clock",
-                "error",
-                f"all {self.sweeps:,} sweeps of {name} have one stamp: tracks cannot tell what moves",
-                {"sweeps": self.sweeps},
-            )
+            words = f"all {self.sweeps:,} sweeps of {name} have one stamp: tracks cannot tell what moves"
+            return sensor.finding("clock", "error", words, {"sweeps": self.sweeps})
         if self.repeated > often:
-            return sensor.finding(
-                "clock",
-                "error",
+            words = (
                 f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} have the stamp of the sweep before, and other "
-                f"ranges: stamps are too coarse to tell speeds, or {both}",
-                repeats,
-                {"repeated": often},
+                f"ranges: stamps are too coarse to tell speeds, or {both}"
             )
+            return sensor.finding("clock", "error", words, repeats, {"repeated": often})
         if self.rate is not None and self.rate > FASTEST:
-            return sensor.finding(
-                "clock",
-                "error",
+            words = (
                 f"stamps of {name} are {1e9 / self.rate:,.0f} ns apart: probably milliseconds or microseconds that were "
-                "written as nanoseconds; until they are mended in the log, all speeds are wrong",
-                {"rate": self.rate},
-                {"rate": FASTEST},
+                "written as nanoseconds; until they are mended in the log, all speeds are wrong"
             )
+            return sensor.finding("clock", "error", words, {"rate": self.rate}, {"rate": FASTEST})
         if self.backward > often:
-            return sensor.finding(
-                "clock",
-                "error",
+            words = (
                 f"stamps of {name} go back {self.backward:,} times, by at most {_long(self.largest_backward)}: messages "
-                f"are out of order (sort them by their stamps), or {both}",
-                back,
-                {"backward": often},
+                f"are out of order (sort them by their stamps), or {both}"
             )
+            return sensor.finding("clock", "error", words, back, {"backward": often})
         if self.largest_backward >= SET_BACK:
-            return sensor.finding(
-                "clock",
-                "warning",
-                f"stamps of {name} go back {self.times_back(_long(self.largest_backward))}: {self._several()}",
-                back,
-                {"largest": SET_BACK},
+            words = (
+                f"stamps of {name} go back {self.times_back(_long(self.largest_backward))}: {self._several()}"
             )
+            return sensor.finding("clock", "warning", words, back, {"largest": SET_BACK})
         if self.largest_forward > LEAP:
+            words = f"stamps of {name} leap ahead by {_long(self.largest_forward)}: {self._several()}"
             return sensor.finding(
-                "clock",
-                "warning",
-                f"stamps of {name} leap ahead by {_long(self.largest_forward)}: {self._several()}",
-                {"largest": self.largest_forward},
-                {"largest": LEAP},
+                "clock", "warning", words, {"largest": self.largest_forward}, {"largest": LEAP}
             )
         return None
 

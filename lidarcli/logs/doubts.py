@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
@@ -107,14 +106,6 @@ class Doubts:
         return Sensor(topic, frame, topic if alone else f"{topic} (frame {frame or 'without a name'})")
 
 
-class _Last(NamedTuple):
-    """The last sweep: its time, its number in the log, and its ranges."""
-
-    time_ns: int
-    sweep: int
-    ranges: Float32
-
-
 @dataclass(slots=True)
 class _Repeats:
     """Sweeps that repeat the ranges of the one before, bit for bit."""
@@ -124,10 +115,10 @@ class _Repeats:
     since_ns: tuple[int, int] = (0, 0)
     """Stamp and time of the recording of the first sweep that had them."""
 
-    def add(self, raw: RawSweeps) -> Bool:
-        """Return which sweeps (S,) have the ranges of one that is older than `FROZEN_NS`, noise and all."""
+    def add(self, raw: RawSweeps) -> tuple[Bool, Bool]:
+        """Return which sweeps (S,) have the ranges of the one before, and of one older than `FROZEN_NS`, noise and all."""
         if not len(raw):
-            return np.zeros(0, np.bool_)
+            return np.zeros(0, np.bool_), np.zeros(0, np.bool_)
         # Most sweeps differ in any few beams.
         few = np.ascontiguousarray(raw.ranges[:, :: max(raw.ranges.shape[1] // 16, 1)]).view(np.int32)
         same = np.concatenate([[self.last is not None], (few[1:] == few[:-1]).all(axis=1)])
@@ -141,7 +132,7 @@ class _Repeats:
             mine = frozen & (begin == first)
             frozen[mine] = _is_noisy(raw, int(mine.argmax()))
         self.last, self.since_ns = self._ranges(raw, len(raw) - 1), (int(since[-1, 0]), int(since[-1, 1]))
-        return frozen
+        return same, frozen
 
     @staticmethod
     def _ranges(raw: RawSweeps, row: int) -> bytes:
@@ -192,8 +183,8 @@ class _Seen:
         default_factory=lambda: (np.zeros(0, np.int64), np.zeros((0, BEAMS), np.float32))
     )
     """Numbers and sampled ranges of the last three compared sweeps."""
-    last: _Last | None = None
-    """The very last sweep."""
+    last: tuple[int, int] | None = None
+    """Time and number in the log of the very last sweep."""
     compared: int = 0
     turns: int = 0
     """Compared sweeps that resemble an earlier sweep more than the one before."""
@@ -223,8 +214,9 @@ class _Seen:
             self._take_ranges(raw, batch, slice(first))
             self._take_ranges(raw, batch, slice(first + -(begins + first) % THIN, None, THIN))
         self._take_order(raw, batch, number)
-        self._take_repeats(raw, batch)
-        frozen = self.same.add(raw) & batch.observed
+        same, frozen = self.same.add(raw)
+        self._take_repeats(raw, batch, same)
+        frozen &= batch.observed
         self.frozen += int(np.count_nonzero(frozen))
         self.blind += int(np.count_nonzero(~batch.observed))
         return frozen
@@ -354,21 +346,16 @@ class _Seen:
         self.compared += len(nearer)
         self.turns += int(np.count_nonzero(nearer & (halves[0] > APART)))
 
-    def _take_repeats(self, raw: RawSweeps, batch: SweepBatch) -> None:
-        """Compare sweeps with the one before that has their stamp."""
+    def _take_repeats(self, raw: RawSweeps, batch: SweepBatch, same: Bool) -> None:
+        """Count sweeps with the stamp of the one before, and those of them that also have the `same` ranges (S,)."""
         if not len(raw):
             return
-        last = self.last or _Last(
-            int(raw.time_ns[0]) - 2 * SAME_NS, int(batch.sweep[0]) - 1, raw.ranges[0, :0]
-        )
-        steps = np.diff(raw.time_ns, prepend=last.time_ns)
-        apart = np.diff(batch.sweep, prepend=last.sweep)
-        same = np.flatnonzero(np.abs(steps) <= SAME_NS * apart)
-        for row in same[: REPEATS - self.repeats].tolist():
-            before = raw.ranges[row - 1, : raw.beams[row - 1]] if row else last.ranges
-            self.repeats += 1
-            self.alike += int(np.array_equal(before, raw.ranges[row, : raw.beams[row]], equal_nan=True))
-        self.last = _Last(int(raw.time_ns[-1]), int(batch.sweep[-1]), raw.ranges[-1, : raw.beams[-1]].copy())
+        time_ns, sweep = self.last or (int(raw.time_ns[0]) - 2 * SAME_NS, int(batch.sweep[0]) - 1)
+        steps, apart = np.diff(raw.time_ns, prepend=time_ns), np.diff(batch.sweep, prepend=sweep)
+        rows = np.flatnonzero(np.abs(steps) <= SAME_NS * apart)[: REPEATS - self.repeats]
+        self.repeats += len(rows)
+        self.alike += int(np.count_nonzero(same[rows]))
+        self.last = int(raw.time_ns[-1]), int(batch.sweep[-1])
 
     def _of_geometry(self, sensor: Sensor) -> list[Finding]:
         found = []
@@ -449,23 +436,18 @@ class _Seen:
         """Return the findings on sweeps that show nothing; if hardly a beam has a range, there is one on that already."""
         total = self.clock.sweeps
         blind = self.blind if self.beams - self.valid < UNUSABLE * self.beams else 0
-        return [
-            sensor.finding(
-                "observed",
-                "warning",
-                f"{count:,} of {total:,} sweeps of {sensor.name} {what}",
-                {"sweeps": count},
-                {"sweeps": spared(total)},
-            )
-            for count, what in (
-                (blind, "have no range at all: they show nothing of what was there"),
-                (
-                    self.frozen,
-                    "repeat an older one bit for bit, noise and all: the sensor or its driver hung",
-                ),
-            )
-            if count > spared(total)
-        ]
+        hung = "repeat an older one bit for bit, noise and all: the sensor or its driver hung"
+        found = []
+        for count, what in (
+            (blind, "have no range at all: they show nothing of what was there"),
+            (self.frozen, hung),
+        ):
+            if count > spared(total):
+                words = f"{count:,} of {total:,} sweeps of {sensor.name} {what}"
+                found.append(
+                    sensor.finding("observed", "warning", words, {"sweeps": count}, {"sweeps": spared(total)})
+                )
+        return found
 
     def _of_units(self, sensor: Sensor, in_unit: bool) -> Finding:
         """Return the finding on ranges that are too large for metres."""

@@ -163,7 +163,7 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str =
             float(default if fields.get(name) is None else fields[name])
             for name, default in Scan._field_defaults.items()
         ]
-        stamp_ns = _stamp_ns(header.get("stamp" if of_ros else "timestamp"), line)
+        stamp_ns = stamp_of(header.get("stamp" if of_ros else "timestamp"), line)
         frame_id = str(header.get("frame_id", ""))
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
         raise RefusedError(NOT_SCAN) from None
@@ -215,8 +215,11 @@ def _strength(value: Any) -> float:
         return np.nan
 
 
-def _stamp_ns(stamp: Any, line: bytes) -> int:
-    """Return a stamp of ROS 2, of ROS 1, of protobuf, as text, or as one number, which JSON would round."""
+def stamp_of(stamp: Any, line: bytes) -> int:
+    """Return a stamp [ns] of ROS 2, of ROS 1, of protobuf, as text, or as one number, which JSON would round.
+
+    `line` is the text of the message. ValueError, TypeError or OverflowError where it is no stamp.
+    """
     if isinstance(stamp, dict):
         whole, rest = (
             int(next((stamp[name] for name in names if name in stamp), 0))
@@ -228,7 +231,7 @@ def _stamp_ns(stamp: Any, line: bytes) -> int:
     exact = None if isinstance(stamp, str) else _DECIMAL_STAMP.search(line)
     text, unit = (stamp, DATE) if isinstance(stamp, str) else (exact[1].decode() if exact else str(stamp), S)
     times, bad = to_ns([text.encode()], unit)
-    if bad is not None:
+    if bad[0]:
         raise ValueError(f"{text} is no time")
     return int(times[0])
 

@@ -103,7 +103,7 @@ class _Decoder:
             return NOT_JSON
         if "data" not in whole:
             return _NO_MESSAGE
-        if bad is not None:
+        if bad[0]:
             return "the time cannot be read"
         message = scan_in(whole["data"])
         if message is not None:

@@ -247,9 +247,8 @@ class PlayerGrammar(Grammar[Found[Device]]):
                 continue
             rows = np.array(some, np.int64)
             stamps, wrong = to_ns(lines.cells.column(rows, 0), S)
-            if wrong is not None:
-                lines.bad += [(row, _NO_TIME) for row in rows[wrong].tolist()]
-                rows, stamps = rows[~wrong], stamps[~wrong]
+            lines.bad += [(row, _NO_TIME) for row in rows[wrong].tolist()]
+            rows, stamps = rows[~wrong], stamps[~wrong]
             kind = b" ".join([device.robot, device.interface, b"%d" % device.number, device.kind])
             found.append(Found(device, rows, self.distinct.of(kind, stamps)))
             if device.is_config:

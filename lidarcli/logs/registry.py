@@ -19,7 +19,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES, Log, OpenOptions
 from lidarcli.logs.beginnings import is_aria, is_carmen, is_json_lines, is_player
 from lidarcli.logs.rosbag2.folder import is_bag, is_storage
@@ -247,10 +247,8 @@ def _open_pattern(name: str, options: OpenOptions) -> Log:
 
 def _open_stream(stream: BinaryIO, name: str, options: OpenOptions, owned: bool = False) -> Log:
     """Open a log from a stream; the log closes the stream in the end if it is `owned`."""
-    try:
+    with unreadable(name):
         head = _read_start(stream)
-    except OSError as err:
-        raise UnreadableError(f"{name}: cannot be read: {err.strerror or err}") from err
     known = _sniffed(head, name)
     if not known.streams:
         raise UnreadableError(

@@ -13,7 +13,7 @@ from itertools import chain
 from pathlib import Path
 from typing import BinaryIO, Protocol, Self, TypeVar
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import POSE_TYPES, Message, OpenOptions, ReadReport
 from lidarcli.sweeps import RawSweeps
 
@@ -262,11 +262,8 @@ class TextLog(ABC):
         """Return an index of the whole text, which is read apart from all passes; None for a stream."""
         if self._once:
             return None
-        try:
-            with Path(self.path).open("rb") as file:
-                return index(TextSource(file, self.size).blocks())
-        except OSError as err:
-            raise UnreadableError(f"{self.path}: cannot be read: {err.strerror or err}") from err
+        with unreadable(self.path), Path(self.path).open("rb") as file:
+            return index(TextSource(file, self.size).blocks())
 
     def _blocks(self, report: ReadReport) -> Iterator[TextBlock]:
         """Start a pass: return all blocks; UnreadableError for the second pass over a stream."""
@@ -280,7 +277,7 @@ class TextLog(ABC):
         return self._text.blocks()
 
     def _open(self) -> TextSource:
-        try:
+        with unreadable(self.path):
             if self._stream is None:
                 self._stream = Path(self.path).open("rb")  # noqa: SIM115 (closed by close)
                 status = os.fstat(self._stream.fileno())
@@ -289,5 +286,3 @@ class TextLog(ABC):
                 else:
                     self._once = True
             return TextSource(self._stream, self.size)
-        except OSError as err:
-            raise UnreadableError(f"{self.path}: cannot be read: {err.strerror or err}") from err

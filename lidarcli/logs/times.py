@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from datetime import date
 from decimal import Decimal
 
@@ -95,8 +96,7 @@ def time_unit(name: str, samples: Sequence[bytes]) -> int | None:
     samples = [cell for cell in samples if cell.strip()]
     for unit, pattern in _PATTERNS.items():
         dates = [cell for cell in samples if pattern.fullmatch(cell)]
-        bad = to_ns(dates, unit)[1]
-        if len(dates) - (0 if bad is None else bad.sum()) > len(samples) // 2:
+        if np.count_nonzero(~to_ns(dates, unit)[1]) > len(samples) // 2:
             if unit == DATE:
                 return DATE_UNPADDED if _is_unpadded(dates, DATE, DATE_UNPADDED) else DATE
             return _order(dates) if unit in (DAY_FIRST, MONTH_FIRST) else unit
@@ -134,7 +134,7 @@ def _order(dates: Sequence[bytes]) -> int:
     steps: dict[int, tuple[int, float]] = {}
     for unit in (MONTH_FIRST, DAY_FIRST) if b"/" in dates[0] else (DAY_FIRST, MONTH_FIRST):
         times, bad = to_ns(dates, unit)
-        steps[unit] = 0 if bad is None else int(bad.sum()), float(np.abs(np.diff(times / S)).sum())
+        steps[unit] = int(bad.sum()), float(np.abs(np.diff(times / S)).sum())
     return min(steps, key=lambda unit: steps[unit])
 
 
@@ -159,9 +159,7 @@ def _is_unpadded(samples: Sequence[bytes], padded: int, unpadded: int) -> bool:
         return False
     times, bad = to_ns(samples, padded)
     others, bad_too = to_ns(samples, unpadded)
-    if bad is not None or bad_too is not None:
-        return False
-    return bool((np.diff(times) < 0).any() and (np.diff(others) >= 0).all())
+    return bool(not (bad | bad_too).any() and (np.diff(times) < 0).any() and (np.diff(others) >= 0).all())
 
 
 def time_notes(units: Iterable[int]) -> list[str]:
@@ -170,19 +168,17 @@ def time_notes(units: Iterable[int]) -> list[str]:
     return [note for some, note in _NOTES.items() if found.intersection(some)]
 
 
-def to_ns(cells: Sequence[bytes], unit: int) -> tuple[Int64, Bool | None]:
-    """Return nanoseconds of each cell, and True for cells that are no times (their value is 0); None without such."""
+def to_ns(cells: Sequence[bytes], unit: int) -> tuple[Int64, Bool]:
+    """Return nanoseconds of each cell, and True for cells that are no times (their value is 0)."""
     convert = _CONVERTERS[unit]
-    try:
-        return np.fromiter(map(convert, cells), np.int64, len(cells)), None
-    except (ValueError, OverflowError, ArithmeticError):
-        pass
-    times = np.zeros(len(cells), np.int64)
     bad = np.zeros(len(cells), np.bool_)
+    with suppress(ValueError, ArithmeticError):
+        return np.fromiter(map(convert, cells), np.int64, len(cells)), bad
+    times = np.zeros(len(cells), np.int64)
     for row, cell in enumerate(cells):
         try:
             times[row] = convert(cell)
-        except (ValueError, OverflowError, ArithmeticError):
+        except (ValueError, ArithmeticError):
             bad[row] = True
     return times, bad
 
@@ -199,19 +195,14 @@ def going_on(times: Int64, unit: int, last: tuple[int, int] | None) -> tuple[Int
     return gone, (int(times[-1]), int(gone[-1] - times[-1]))
 
 
-def seconds_and_nanoseconds(seconds: Sequence[bytes], rest: Sequence[bytes]) -> tuple[Int64, Bool | None]:
+def seconds_and_nanoseconds(seconds: Sequence[bytes], rest: Sequence[bytes]) -> tuple[Int64, Bool]:
     """Return nanoseconds from a column of whole seconds and one of nanoseconds."""
     high, bad_high = to_ns(seconds, S)
     low, bad_low = to_ns(rest, NS)
-    total = high + low
     # The sum of two int64 can wrap around; no such time is meant.
     wrapped = (np.abs(high) > _MAX // 2) | (np.abs(low) > _MAX // 2)
-    if bad_high is None and bad_low is None and not wrapped.any():
-        return total, None
-    bad = wrapped
-    for part in (bad_high, bad_low):
-        bad = bad if part is None else bad | part
-    return np.where(bad, 0, total), bad
+    bad: Bool = wrapped | bad_high | bad_low
+    return np.where(bad, 0, high + low), bad
 
 
 def _checked(value: int) -> int:

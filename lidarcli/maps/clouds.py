@@ -55,7 +55,48 @@ class CloudWriter(Protocol):
         """Let go of the file without making it whole."""
 
 
-class PlyWriter:
+class _HeaderOf(Protocol):
+    def __call__(self, count: int, note: str) -> str: ...
+
+
+class _Binary:
+    """A header with the number of points, which is known only at the end, and their coordinates."""
+
+    def __init__(self, file: BinaryIO, kind: np.dtype[Any], header: _HeaderOf) -> None:
+        self._file = file
+        self._kind = kind
+        self._header = header
+        self._count = 0
+        file.write(self._head())
+
+    def write(self, points: CloudPoints) -> None:
+        """Take points."""
+        xyz = np.zeros((len(points.x), 3), self._kind)
+        xyz[:, 0], xyz[:, 1] = points.x, points.y
+        self._file.write(xyz.tobytes())
+        self._count += len(points.x)
+
+    def finish(self, metadata: Mapping[bytes, bytes] | None = None) -> None:
+        """Put the number of points into the header."""
+        end = self._file.tell()
+        self._file.seek(0)
+        self._file.write(self._head())
+        self._file.seek(end)
+
+    def abandon(self) -> None:
+        """Do nothing: the writer holds nothing."""
+
+    def _head(self) -> bytes:
+        """Return the header, always of the same length.
+
+        A comment fills up the number, for some readers split lines at every blank.
+        """
+        shortest = self._header(self._count, "")
+        room = len(self._header(_MOST_POINTS, "")) - len(shortest)
+        return self._header(self._count, "." * room).encode()
+
+
+class PlyWriter(_Binary):
     """Binary PLY 1.0, little-endian: x, y and z = 0 in double precision [m], 24 bytes per point.
 
     Parameters
@@ -64,21 +105,10 @@ class PlyWriter:
     """
 
     def __init__(self, file: BinaryIO) -> None:
-        self._cloud = _Binary(file, np.dtype("<f8"), _ply_header)
-
-    def write(self, points: CloudPoints) -> None:
-        """Take points."""
-        self._cloud.write(points)
-
-    def finish(self, metadata: Mapping[bytes, bytes] | None = None) -> None:
-        """Put the number of points into the header."""
-        self._cloud.finish()
-
-    def abandon(self) -> None:
-        """Do nothing: the writer holds nothing."""
+        super().__init__(file, np.dtype("<f8"), _ply_header)
 
 
-class PcdWriter:
+class PcdWriter(_Binary):
     """Binary PCD 0.7: x, y and z = 0 in single precision [m], 12 bytes per point.
 
     PCL's points have no other precision. It rounds to 0.5 mm within 16 km of the origin, and to 2 cm at 500 km: where
@@ -90,18 +120,7 @@ class PcdWriter:
     """
 
     def __init__(self, file: BinaryIO) -> None:
-        self._cloud = _Binary(file, np.dtype("<f4"), _pcd_header)
-
-    def write(self, points: CloudPoints) -> None:
-        """Take points."""
-        self._cloud.write(points)
-
-    def finish(self, metadata: Mapping[bytes, bytes] | None = None) -> None:
-        """Put the number of points into the header."""
-        self._cloud.finish()
-
-    def abandon(self) -> None:
-        """Do nothing: the writer holds nothing."""
+        super().__init__(file, np.dtype("<f4"), _pcd_header)
 
 
 class ParquetWriter:
@@ -204,42 +223,6 @@ class VoxelFilter:
             # Two sorted runs: timsort, or radix sort, is done with them in one pass.
             key.sort(kind="stable")
         self._known.append(key)
-
-
-class _HeaderOf(Protocol):
-    def __call__(self, count: int, note: str) -> str: ...
-
-
-class _Binary:
-    """A header with the number of points, which is known only at the end, and their coordinates."""
-
-    def __init__(self, file: BinaryIO, kind: np.dtype[Any], header: _HeaderOf) -> None:
-        self._file = file
-        self._kind = kind
-        self._header = header
-        self._count = 0
-        file.write(self._head())
-
-    def write(self, points: CloudPoints) -> None:
-        xyz = np.zeros((len(points.x), 3), self._kind)
-        xyz[:, 0], xyz[:, 1] = points.x, points.y
-        self._file.write(xyz.tobytes())
-        self._count += len(points.x)
-
-    def finish(self) -> None:
-        end = self._file.tell()
-        self._file.seek(0)
-        self._file.write(self._head())
-        self._file.seek(end)
-
-    def _head(self) -> bytes:
-        """Return the header, always of the same length.
-
-        A comment fills up the number, for some readers split lines at every blank.
-        """
-        shortest = self._header(self._count, "")
-        room = len(self._header(_MOST_POINTS, "")) - len(shortest)
-        return self._header(self._count, "." * room).encode()
 
 
 def _ply_header(count: int, note: str) -> str:

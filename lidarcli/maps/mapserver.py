@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.choices import GREATEST_NUMBER, MAP_RESOLUTIONS
+from lidarcli.display import clipped
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Int8, Occupancy
 from lidarcli.ros.mcap_file import add_channel, offered, start_ros2
@@ -137,8 +138,7 @@ def _described(path: Path) -> _Described:
         x,
         y,
         _TRUTHS[negate.lower()],
-        _number(path, "occupied_thresh", values["occupied_thresh"]),
-        _number(path, "free_thresh", values["free_thresh"]),
+        *(_number(path, key, values[key]) for key in ("occupied_thresh", "free_thresh")),
     )
 
 
@@ -342,8 +342,7 @@ def _shown(value: object) -> str:
     """Return a value of a file in a message, short and printable."""
     if value is None or isinstance(value, list):
         return "a list" if isinstance(value, list) else "neither a text nor a number"
-    text = ascii(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return clipped(ascii(value))
 
 
 def _reason(err: Exception) -> str:

@@ -338,13 +338,10 @@ def _tracks(pair: Pair) -> dict[Key, list[_Track]]:
     moves = _names(rows["set"]) == "A"
     moved_at, _ = held(rows["moved_at"].cast(pa.int64()))
     half = 0.5 * np.hypot(*(np.nan_to_num(numbers(rows[name])) for name in ("length", "width")))
-    each = zip(
-        np.asarray(rows["track"]).tolist(), moves.tolist(), moved_at.tolist(), half.tolist(), strict=True
-    )
+    names = (_names(rows[name]) for name in ("topic", "frame_id"))
+    values = (*names, np.asarray(rows["track"]), moves, moved_at, half)
     found: dict[Key, list[_Track]] = {}
-    for topic, frame, track in zip(
-        _names(rows["topic"]).tolist(), _names(rows["frame_id"]).tolist(), each, strict=True
-    ):
+    for topic, frame, *track in zip(*(each.tolist() for each in values), strict=True):
         found.setdefault((topic, frame), []).append(_Track(*track))
     return {key: sorted(tracks) for key, tracks in found.items()}
 
@@ -637,15 +634,10 @@ def _stood(pair: Pair) -> dict[Key, list[_Stay]]:
             yaw = float(values[names[2]][nearest])
             sides = (float(np.median(values[name])) for name in ("box_length", "box_width"))
             length, width = (max(side, LEAST_SIDE) for side in sides)
-            ahead, left = (
-                np.array([1.0, 1.0, -1.0, -1.0]) * length / 2,
-                np.array([1.0, -1.0, -1.0, 1.0]) * width / 2,
-            )
+            ahead = np.array([1.0, 1.0, -1.0, -1.0]) * length / 2
+            left = np.array([1.0, -1.0, -1.0, 1.0]) * width / 2
             corners = np.column_stack(
-                [
-                    x + np.cos(yaw) * ahead - np.sin(yaw) * left,
-                    y + np.sin(yaw) * ahead + np.cos(yaw) * left,
-                ]
+                [x + np.cos(yaw) * ahead - np.sin(yaw) * left, y + np.sin(yaw) * ahead + np.cos(yaw) * left]
             )
             shape = Polygon(tuple((float(a), float(b)) for a, b in corners))
             found.setdefault((topic, str(frames[group[0]])), []).append(

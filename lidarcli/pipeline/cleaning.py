@@ -21,7 +21,7 @@ from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.logs.blocks import Locate
 from lidarcli.logs.clock import LEAP
 from lidarcli.logs.options import TopicChoice
-from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, unwritable
+from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
 from lidarcli.pipeline.cleaned_beams import REASONS, Choice, Chosen, choose, doubted
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import SUFFIXES
@@ -133,10 +133,8 @@ def clean_log(
         chosen = choose(log, pair, choice, second_of_two(progress, source.size))
         editing = _Editing(chosen, options.value)
         copy = Copy(editing, ReadReport())
-        try:
+        with writing(path):
             _copy(log, new.part(path), copy)
-        except OSError as err:
-            raise unwritable(path, err) from err
         editing.conclude()
         summary = _summary(source, found, options, chosen, copy, editing)
         summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]

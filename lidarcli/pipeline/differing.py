@@ -58,7 +58,7 @@ from lidarcli.formalism.matching.pairs import SAME_PLACE
 from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, proposals
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.maps.mapserver import image_of, read_map
-from lidarcli.newfiles import NewFiles, refuse, scratch_folder, unwritable
+from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
@@ -923,10 +923,8 @@ def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) 
     notes: list[str] = []
     with NewFiles(outputs, overwrite) as new:
         for path in outputs:
-            try:
+            with writing(path):
                 notes += _write_changes(found, path, new.part(path))
-            except OSError as err:
-                raise unwritable(path, err) from err
         return notes + new.publish()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.machine import cores
 from lidarcli.maps.clouds import CloudWriter, ParquetWriter, PcdWriter, PlyWriter
 from lidarcli.maps.mapserver import pgm_bytes, write_occupancy_mcap, yaml_bytes
-from lidarcli.newfiles import NewFiles, refuse, scratch_folder, unwritable
+from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.mapping import MapOptions, Mapping
@@ -102,12 +102,8 @@ class MapRun:
 
     def add(self, source: Source, progress: Progress | None = None) -> RunSummary:
         """Take one log; errors as of `Mapping.add`."""
-        try:
+        with writing(self._open[0][0], nameless=True) if self._open else nullcontext():
             return self._mapping.add(source, self._clouds, progress)
-        except OSError as err:
-            if self._open and err.filename is None:
-                raise unwritable(self._open[0][0], err) from err
-            raise
 
     @property
     def is_empty(self) -> bool:
@@ -120,13 +116,10 @@ class MapRun:
         grid = mapping.occupancy()
         notes = self._notes(grid)
         metadata = table_metadata(self._options.as_dict(), mapping.described, mapping.damage)
-        try:
-            for cloud in self._clouds:
+        for cloud, (path, file) in zip(self._clouds, self._open, strict=True):
+            with writing(path):
                 cloud.finish(metadata)
-            for _, file in self._open:
                 file.close()
-        except OSError as err:
-            raise unwritable(self._open[0][0], err) from err
         for path in self._outputs:
             self._write(path, grid)
         notes += self._new.publish()
@@ -148,12 +141,10 @@ class MapRun:
         self._stack.close()
 
     def _open_cloud(self, path: Place, make: type[PlyWriter] | type[PcdWriter] | type[ParquetWriter]) -> None:
-        try:
+        with writing(path):
             file = self._new.part(path).open("w+b")
             self._stack.callback(_let_go, file)
             cloud = make(file, self._options.stamps) if make is ParquetWriter else make(file)
-        except OSError as err:
-            raise unwritable(path, err) from err
         self._stack.callback(cloud.abandon)
         self._clouds.append(cloud)
         self._open.append((path, file))
@@ -161,7 +152,7 @@ class MapRun:
     def _write(self, path: Place, grid: Occupancy) -> None:
         """Write one output that is made of the grid."""
         suffix, part = path.suffix.lower(), self._new.part(path)
-        try:
+        with writing(path):
             if suffix == ".yaml":
                 image = path.with_suffix(".pgm")
                 part.write_bytes(yaml_bytes(grid, image.name))
@@ -173,8 +164,6 @@ class MapRun:
                 from lidarcli.reports.map_picture import MapPicture, draw_map
 
                 part.write_bytes(draw_map(MapPicture(grid), ".png"))
-        except OSError as err:
-            raise unwritable(path, err) from err
 
     def _notes(self, grid: Occupancy) -> list[str]:
         """Return notes on the map, a line each."""

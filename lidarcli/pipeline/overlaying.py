@@ -19,7 +19,7 @@ from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.maps.mapserver import MAP_TYPE, image_of, occupancy_cdr, read_map
-from lidarcli.newfiles import NewFiles, refuse, unwritable
+from lidarcli.newfiles import NewFiles, refuse, writing
 from lidarcli.overlays.files import (
     BAG,
     FRAME,
@@ -161,7 +161,7 @@ def write_overlay(
             progress = second_of_two(progress, source.size)
         is_ros2 = path.suffix.lower() != BAG
         work = Overlay(source, pair, grid, options.detect.opening, is_ros2, options.with_log, options.zones)
-        try:
+        with writing(path, nameless=True):
             if _is_rrd(path):
                 work.record(new.part(path), stack, progress)
             else:
@@ -173,10 +173,6 @@ def write_overlay(
             if len(paths) > 1:
                 new.part(paths[1]).write_bytes(layout_json(work.scene()))
                 new.part(paths[2]).write_bytes(rviz_config(work.scene(), is_ros2=is_ros2))
-        except OSError as err:
-            if err.filename is None:
-                raise unwritable(path, err) from err
-            raise
         summary = work.summary(found)
         summary.notes += new.publish()
     summary.outputs = [str(each) for each in paths]

@@ -18,7 +18,7 @@ from lidarcli.formalism.mapping.occupancy import HIT
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice, nothing_read
-from lidarcli.newfiles import NewFiles, unwritable, write_whole
+from lidarcli.newfiles import NewFiles, write_whole, writing
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines, read_log
@@ -408,10 +408,8 @@ def write_animation(
     `report` hears of the number of frames that are drawn.
     """
     with NewFiles([path], overwrite) as new:
-        try:
+        with writing(path):
             animate(pictures, view, new.part(path), look, report)
-        except OSError as err:
-            raise unwritable(path, err) from err
         return new.publish()
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import glob
 import shlex
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
@@ -29,7 +29,7 @@ from lidarcli.pipeline.runs.manifest import FOLDER
 from lidarcli.reports.changes import Changed, changed_of
 from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check, verdict_of
-from lidarcli.reports.columns import Origin, Rows, Run, Watched
+from lidarcli.reports.columns import Origin, Rows, Run, least_observed
 from lidarcli.reports.compare import compare
 from lidarcli.reports.figures import DELTA, OF_CHANGES, OF_MAPS
 from lidarcli.reports.report import Report
@@ -46,13 +46,11 @@ from lidarcli.reports.summary import (
 )
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zone_report import ZonesReport
-from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zoned_of
+from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, watched_in, zoned_of
 from lidarcli.stores.url import Place, absolute, place
-from lidarcli.sweeps import spared
-from lidarcli.tabular.reading import Readable, note_value, notes_of
+from lidarcli.tabular.reading import Readable
 from lidarcli.tabular.runs import Entry, read_run
 from lidarcli.tabular.schemas import EVENTS, LATER
-from lidarcli.tabular.writing import PARAMETERS
 
 if TYPE_CHECKING:
     from lidarcli.reports.html import Page
@@ -251,24 +249,6 @@ def _read_zones(pair: Pair) -> tuple[pa.Table, pa.Table]:
     return events, zones
 
 
-def _watched(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> Watched | None:
-    """Return the zones of some sources, with their outlines as far as the metadata tells them."""
-    if not read:
-        return None
-    shapes: dict[str, dict[str, Any]] = {}
-    left_out: list[tuple[str, str]] = []
-    for source, (_, zones) in read.items():
-        rows = Rows.join([zones])
-        judged, log = {*rows.counts("zone")}, next(iter(rows.counts("log")), str(source))
-        told = note_value(notes_of(zones), PARAMETERS, dict).get("zones")
-        for one in told if isinstance(told, list) else ():
-            if isinstance(one, dict) and isinstance(one.get("name"), str):
-                shapes.setdefault(one["name"], one)
-                left_out += [(log, one["name"])] if one["name"] not in judged else []
-    events, zones = (Rows.join([one[k] for one in read.values()], [*read]) for k in (0, 1))
-    return Watched(events, zones, shapes, tuple(left_out))
-
-
 def _refuse_without_objects(options: ReportOptions, kind: str) -> None:
     """Refuse options that need tables of objects, where there are only those of a kind."""
     for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
@@ -336,7 +316,7 @@ def _report_zones(
         read[len(sources)] = found
         sources.append(origin_of(pair, found[1]))
         step()
-    watched = _watched(read)
+    watched = watched_in(read) if read else None
     if watched is None:
         raise nothing_read(problems)
     zoned = zoned_of(watched, [source.log for source in sources])
@@ -444,7 +424,8 @@ def _load(
     _refuse_missing(checks, kept, [elsewhere.get(pair, pair) for pair in kept])
     things = Rows.join([*tracks.values()], [*tracks]) if tracks else None
     paths = Rows.join([*trajectories.values()], [*trajectories]) if trajectories else None
-    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things, paths, _watched(zones))
+    watched = watched_in(zones) if zones else None
+    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things, paths, watched)
     return run, kept, tuple(str(problem) for problem in problems)
 
 
@@ -464,19 +445,12 @@ def _unseen(checks: Sequence[Check], sources: Sequence[Origin]) -> tuple[str, ..
 def _unobserved(checks: Sequence[Check], run: Run) -> tuple[str, ...]:
     """Return lines on logs and zones that checks ask for, and that were not observed all the time."""
     of_sweeps = [check for check in checks if not (check.needs_zones or check.needs_changes)]
-    lacking = [
-        (some, total, source.log)
-        for (some, total), source in zip(run.observed_in(), run.sources, strict=True)
-        if not total or total - some > spared(total)
-    ]
     lines = [] if run.zones is None else [*unobserved(checks, run.zones)]
-    if of_sweeps and lacking and not accepts(checks, "observed"):
-        some, total, log = min(lacking, key=lambda each: each[0] / max(each[1], 1))
-        more = f" and {len(lacking) - 1:,} more logs" if len(lacking) > 1 else ""
-        what = f"{some:,} of {counted(total, 'sweep')} show anything" if total else "no sweep was read"
-        lines.append(
-            f"{log}{more}: {what}; --check 'observed >= {floored(some / max(total, 1))}' accepts that"
-        )
+    least = least_observed(run.observed_in())
+    if of_sweeps and least is not None and not accepts(checks, "observed"):
+        some = f"{least.observed:,} of {counted(least.sweeps, 'sweep')} show anything"
+        what = some if least.sweeps else "no sweep was read"
+        lines.append(f"{least.log}: {what}; --check 'observed >= {floored(least.share)}' accepts that")
     return tuple(lines)
 
 

@@ -14,7 +14,7 @@ from lidarcli.choices import MATCH, NS
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.newfiles import NewFiles, refuse, unwritable
+from lidarcli.newfiles import NewFiles, refuse, writing
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.one_log import (
@@ -106,28 +106,20 @@ def write_path(
         There are several sensors, and a TUM file has room for one.
     """
     is_table = path.suffix.lower() == PARQUET
-    with (
-        read_log(source, options, Need.ALL) as reading,
-        NewFiles([path], options.overwrite) as new,
-    ):
+    with read_log(source, options, Need.ALL) as reading, NewFiles([path], options.overwrite) as new:
         written = _Written(is_table, options.poses.source == MATCH)
-        try:
-            with new.part(path).open("wb") as out:
-                lines = None if is_table else out
-                summary = _read(source, reading, written, options, progress, lines)
-                if is_table:
-                    table = restamped(summary.table, options.stamps)
-                    sink = ParquetSink(out, table.schema.remove_metadata())
-                    try:
-                        for rows in table.to_batches():
-                            sink.write(rows)
-                        sink.finish(summary.table.schema.metadata)
-                    finally:
-                        sink.abandon()
-        except OSError as err:
-            if err.filename is None:
-                raise unwritable(path, err) from err
-            raise
+        with writing(path, nameless=True), new.part(path).open("wb") as out:
+            lines = None if is_table else out
+            summary = _read(source, reading, written, options, progress, lines)
+            if is_table:
+                table = restamped(summary.table, options.stamps)
+                sink = ParquetSink(out, table.schema.remove_metadata())
+                try:
+                    for rows in table.to_batches():
+                        sink.write(rows)
+                    sink.finish(summary.table.schema.metadata)
+                finally:
+                    sink.abandon()
         summary.notes += new.publish()
         summary.outputs = [str(path)]
     return summary

@@ -21,14 +21,13 @@ from lidarcli.pipeline.reading.one_log import Progress, RunSummary
 from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
 from lidarcli.pipeline.watching.events import Settled
-from lidarcli.pipeline.watching.options import TABLES, ZoneOptions, zone_dict
+from lidarcli.pipeline.watching.options import TABLES, ZoneOptions
 from lidarcli.pipeline.watching.over_log import Watching, masked, narrowed
 from lidarcli.reports.checks import Verdict, verdict_of
-from lidarcli.reports.columns import Rows, Watched
 from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zone_report import NEVER
-from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, unobserved
+from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, unobserved, watched_in
 from lidarcli.stores.url import Place
 from lidarcli.tabular.arrays import answers, codes
 from lidarcli.tabular.rows import FORMS, constant
@@ -60,12 +59,10 @@ class ZoneSummary(RunSummary):
     )
     lines: list[str] = field(default_factory=list)
     """A line for each zone."""
-    shapes: dict[str, Any] = field(default_factory=dict)
-    """The shape of each zone, by its name."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as plain values, with what a check may name."""
-        figures = figures_of(_watched([self.tables], self.shapes))
+        figures = figures_of(watched_in({0: self.tables}))
         return RunSummary.as_dict(self) | {"figures": {name: plain_number(figures[name]) for name in figures}}
 
 
@@ -117,7 +114,6 @@ def watch(
         metadata = table_metadata(told, described, summary.damage)
         tables = _tables(source.name, settled, metadata)
         summary.tables = tables
-        summary.shapes = _shapes(options)
         names = _names(settled)
         longest = max(map(len, names))
         summary.lines = [
@@ -182,7 +178,6 @@ class Gates:
     def __init__(self, options: ZoneOptions, expressions: Sequence[str]) -> None:
         """Understand the checks, or raise a usage error."""
         zones = options.zones.zones
-        self._shapes = _shapes(options)
         self._checks = [parse_zone_check(each, [zone.name for zone in zones]) for each in expressions]
         self._tables: list[ZoneTables] = []
 
@@ -195,30 +190,10 @@ class Gates:
         """Hold the checks against all tables; also returns a line for each zone that was not observed all the time."""
         if not self._checks or not self._tables:
             return [verdict_of(check, None) for check in self._checks], ()
-        watched = _watched(self._tables, self._shapes)
+        watched = watched_in(dict(enumerate(self._tables)))
         figures = figures_of(watched)
-        return [judge_zones(check, figures, watched) for check in self._checks], unobserved(
-            self._checks, watched
-        )
-
-
-def _shapes(options: ZoneOptions) -> dict[str, Any]:
-    return {zone.name: zone_dict(zone) for zone in options.zones.zones}
-
-
-def _watched(tables: Sequence[ZoneTables], shapes: Mapping[str, Any]) -> Watched:
-    """Return the rows of some logs, with the zones that could not be judged in them."""
-    events, zones = (
-        Rows.join([pa.concat_tables([getattr(each, name).replace_schema_metadata() for each in tables])])
-        for name in TABLES
-    )
-    left_out = tuple(
-        (str(log), name)
-        for each in tables
-        for log in each.zones["log"].slice(0, 1).to_pylist()
-        for name in sorted({*shapes} - {*Rows.join([each.zones]).counts("zone")})
-    )
-    return Watched(events, zones, shapes, left_out)
+        verdicts = [judge_zones(check, figures, watched) for check in self._checks]
+        return verdicts, unobserved(self._checks, watched)
 
 
 def _tables(log: str, settled: Sequence[Settled], metadata: dict[bytes, bytes]) -> ZoneTables:

@@ -13,7 +13,7 @@ from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from lidarcli.foxglove import POSE, SCAN, TRANSFORM, classes
-from lidarcli.logs.foxglove import NOT_JSON, NOT_PROTOBUF, STAMP
+from lidarcli.logs.foxglove import NOT_JSON, NOT_PROTOBUF, STAMP, stamp_of
 from lidarcli.logs.planar import RECORD
 from lidarcli.ros.cursor import BadMessageError, Cursor
 from lidarcli.sweeps import Float64, Int64, UInt8
@@ -229,7 +229,7 @@ _OF_SCAN = [
     (name, re.compile(rb'"%s"\s*:\s*("(?:[^"\\]|\\.)*"|\{(?:[^{}]|\{[^{}]*\})*\})' % name.encode()))
     for name in ("timestamp", "frame_id", "pose")
 ]
-"""What a scan tells beside its ranges, which take long to read."""
+"""Fields of a scan beside its ranges, which take long to read."""
 
 
 def _json(kind: str, data: bytes) -> _Pose:
@@ -242,8 +242,7 @@ def _json(kind: str, data: bytes) -> _Pose:
     except (ValueError, RecursionError):
         raise BadPoseError(NOT_JSON) from None
     try:
-        stamp = fields.get("timestamp") or {}
-        stamp_ns = int(stamp.get("sec", 0)) * 1_000_000_000 + int(stamp.get("nsec", 0))
+        stamp_ns = stamp_of(fields.get("timestamp"), data)
         if kind == TRANSFORM:
             place, turn = fields["translation"], fields["rotation"]
             names = str(fields.get("parent_frame_id", "")), str(fields.get("child_frame_id", ""))
@@ -267,11 +266,8 @@ def _proto(kind: str, data: bytes) -> _Pose:
         raise BadPoseError(NOT_PROTOBUF) from None
     stamp_ns = int(fields.timestamp.seconds) * 1_000_000_000 + int(fields.timestamp.nanos)
     if kind == TRANSFORM:
-        place, turn, names = (
-            fields.translation,
-            fields.rotation,
-            (fields.parent_frame_id, fields.child_frame_id),
-        )
+        place, turn = fields.translation, fields.rotation
+        names = fields.parent_frame_id, fields.child_frame_id
     else:
         place, turn, names = fields.pose.position, fields.pose.orientation, (fields.frame_id, "")
     return *names, _checked(stamp_ns), [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]

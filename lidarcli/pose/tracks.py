@@ -11,6 +11,7 @@ from typing import NamedTuple, TextIO
 
 import numpy as np
 
+from lidarcli.display import clipped
 from lidarcli.errors import UnreadableError
 from lidarcli.foxglove import SCAN
 from lidarcli.logs.base import Message
@@ -494,14 +495,13 @@ def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
             raise ValueError
         return stamp, [float(word) for word in words[1:]]
     except (ValueError, ArithmeticError):
-        shown = text if len(text) <= 60 else f"{text[:57]}..."
         why = ""
         if len(words) == KITTI_COLUMNS:
             why = " (KITTI files tell no times)"
         elif words and words[0].isdigit() and len(words[0]) > MOST_DIGITS:
             why = " (nanoseconds, as in EuRoC files, whose qw comes first: write seconds)"
         raise UnreadableError(
-            f"{path}: line {number}: '{shown}' is no pose{why}; lines are timestamp x y z qx qy qz qw"
+            f"{path}: line {number}: '{clipped(text)}' is no pose{why}; lines are timestamp x y z qx qy qz qw"
         ) from None
 
 

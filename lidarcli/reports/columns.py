@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.sweeps import Float64, Int32, Int64
+from lidarcli.sweeps import Float64, Int32, Int64, spared
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -137,6 +137,30 @@ class Rows:
         return {text: int(total) for text, total in zip(names, totals, strict=True) if total}
 
 
+class Sight(NamedTuple):
+    """In how many sweeps of a log anything, or a zone, was observed."""
+
+    log: str
+    observed: int
+    sweeps: int
+
+    @property
+    def share(self) -> float:
+        """Share of the sweeps."""
+        return self.observed / self.sweeps if self.sweeps else 0.0
+
+
+def least_observed(sights: Iterable[Sight]) -> Sight | None:
+    """Return the worst of those that lack more sweeps than may be spared, its log named with their number."""
+    lacking = [one for one in sights if not one.observed or one.sweeps - one.observed > spared(one.sweeps)]
+    if not lacking:
+        return None
+    least = min(lacking, key=lambda one: one.share)
+    return (
+        least._replace(log=f"{least.log} and {len(lacking) - 1:,} more logs") if len(lacking) > 1 else least
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Watched:
     """Zones that were watched in one or many logs."""
@@ -195,13 +219,14 @@ class Run:
         told = self.sweeps.numbers("observed")
         return np.where(np.isnan(told), self.sweeps.numbers("valid") > 0, told > 0)
 
-    def observed_in(self) -> list[tuple[int, int]]:
-        """Return for each source how many sweeps show anything, and how many there are."""
+    def observed_in(self) -> list[Sight]:
+        """Return for each source how many sweeps show anything."""
         some, total = (
             np.bincount(self.sweeps.source[chosen], minlength=len(self.sources)).tolist()
             for chosen in (self.observed, slice(None))
         )
-        return [*zip(some, total, strict=True)]
+        logs = (source.log for source in self.sources)
+        return [Sight(*each) for each in zip(logs, some, total, strict=True)]
 
     @cached_property
     def objects_per_sweep(self) -> Float64:

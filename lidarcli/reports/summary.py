@@ -371,7 +371,7 @@ def _figures(
         "backward": sum(stream.backward for stream in streams.all),
         "repeated": sum(stream.repeated for stream in streams.all),
         "damage": sum(len(source.damage) for source in run.sources),
-        "observed": min((some / total if total else 0.0 for some, total in run.observed_in()), default=0.0),
+        "observed": min((one.share for one in run.observed_in()), default=0.0),
     }
     for name, spread in spreads.items():
         figures |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}

@@ -5,21 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle
 from lidarcli.reports.checks import Check, Verdict, accepts, count_events, parse_check, verdict_of
-from lidarcli.reports.columns import Rows, Watched
+from lidarcli.reports.columns import Rows, Sight, Watched, least_observed
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, zone_names, zone_of
 from lidarcli.reports.palette import ZONE_COLOURS
-from lidarcli.sweeps import Bool, Float64, Int64, spared
+from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.tabular.reading import note_value, notes_of
+from lidarcli.tabular.writing import PARAMETERS
 from lidarcli.zone import SENSOR, TIMEOUT, WORLD, outline
-
-if TYPE_CHECKING:
-    pass
 
 _ZONE_NAMED = re.compile(r"\bzone\s*([=!])=\s*([\w-]+)")
 """A zone that the condition of a check names, and whether it is the one or any other."""
@@ -39,6 +39,22 @@ LISTED = ("occupied", "approach", "stale")
 """Kinds of the events that are listed; visits and crossings are counted."""
 GRAVEST = (*ZONE_COLOURS,)
 """Actions, the gravest first."""
+
+
+def watched_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> Watched:
+    """Return the zones in the tables of some sources, with their outlines as far as the metadata tells them."""
+    shapes: dict[str, dict[str, Any]] = {}
+    left_out: list[tuple[str, str]] = []
+    for source, (_, zones) in read.items():
+        rows = Rows.join([zones])
+        judged, log = {*rows.counts("zone")}, next(iter(rows.counts("log")), str(source))
+        told = note_value(notes_of(zones), PARAMETERS, dict).get("zones")
+        for one in told if isinstance(told, list) else ():
+            if isinstance(one, dict) and isinstance(one.get("name"), str):
+                shapes.setdefault(one["name"], one)
+                left_out += [(log, one["name"])] if one["name"] not in judged else []
+    events, zones = (Rows.join([one[k] for one in read.values()], [*read]) for k in (0, 1))
+    return Watched(events, zones, shapes, tuple(left_out))
 
 
 def figures_of(watched: Watched) -> dict[str, float | None]:
@@ -99,27 +115,8 @@ def _values(watched: Watched, zone: str, columns: Mapping[str, Float64]) -> dict
     return values
 
 
-class Sight(NamedTuple):
-    """In how many sweeps a zone was observed."""
-
-    log: str
-    observed: int
-    sweeps: int
-    """Sweeps of the log, with those that are missing in gaps longer than `TIMEOUT`."""
-
-    @property
-    def share(self) -> float:
-        """Share of the sweeps."""
-        return self.observed / self.sweeps
-
-    @property
-    def lacks(self) -> bool:
-        """True if more sweeps than may be spared did not observe it."""
-        return not self.observed or self.sweeps - self.observed > spared(self.sweeps)
-
-
 def sights_of(watched: Watched, zone: str) -> list[Sight]:
-    """Return how a zone was observed in each log that has it."""
+    """Return how a zone was observed in each log that has it; those missing in gaps above `TIMEOUT` count, too."""
     rows, mine = watched.zones, np.flatnonzero(of_zone(watched.zones, zone))
     (log, logs), observed, stamp = rows.words("log"), rows.numbers("observed"), rows.integers("stamp")
     key = rows.source.astype(np.int64) * max(len(logs), 1) + log
@@ -142,25 +139,22 @@ def unobserved(checks: Sequence[Check], watched: Watched) -> tuple[str, ...]:
         if check.condition is not None and check.name == "events":
             named = _ZONE_NAMED.findall(check.expression)
             is_any = not named or any(sign == "!" for sign, _ in named)
-            wanted |= dict.fromkeys(
-                [*watched.names, *(name for _, name in watched.left_out)]
-                if is_any
-                else [name for _, name in named]
-            )
+            every = [*watched.names, *(name for _, name in watched.left_out)]
+            wanted |= dict.fromkeys(every if is_any else [name for _, name in named])
         elif (of := zone_of(check.name)) is not None:
             wanted[of[0]] = None
     lines = []
     for name in wanted:
-        lacking = sorted((one for one in sights_of(watched, name) if one.lacks), key=lambda one: one.share)
-        if lacking and not accepts(checks, f"{ZONES}{name}.observed"):
-            more = f" and {len(lacking) - 1:,} more logs" if len(lacking) > 1 else ""
-            if not lacking[0].observed:
-                lines.append(f"{lacking[0].log}{more}: zone {name} was never observed")
-                continue
-            lines.append(
-                f"{lacking[0].log}{more}: zone {name} was observed in {lacking[0].observed:,} of {lacking[0].sweeps:,} "
-                f"sweeps; --check '{ZONES}{name}.observed >= {floored(lacking[0].share)}' accepts that"
-            )
+        least = least_observed(sights_of(watched, name))
+        if least is None or accepts(checks, f"{ZONES}{name}.observed"):
+            continue
+        if not least.observed:
+            lines.append(f"{least.log}: zone {name} was never observed")
+            continue
+        lines.append(
+            f"{least.log}: zone {name} was observed in {least.observed:,} of {least.sweeps:,} sweeps; "
+            f"--check '{ZONES}{name}.observed >= {floored(least.share)}' accepts that"
+        )
     return tuple(lines)
 
 

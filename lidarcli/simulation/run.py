@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
 from lidarcli.choices import CONTAINER_BY_SUFFIX, MAP_RESOLUTION
 from lidarcli.errors import OptionError
-from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, unwritable
+from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
 from lidarcli.simulation.load import MAX_SWEEPS, load_scene
 from lidarcli.simulation.scene import Scene
 from lidarcli.stores.url import Url, place
@@ -113,36 +112,33 @@ def simulate(
     outputs = (*map_files, *targets)
     refuse(outputs, overwrite, [scene_path], bag)
     map_data = _map_data(scene, count, resolution, map_files[1].name) if map_files else ()
-    with ExitStack() as stack:
-        new = stack.enter_context(NewFiles(outputs, overwrite, bag))
+    with NewFiles(outputs, overwrite, bag) as new:
         for file, data in zip(map_files, map_data, strict=True):
-            try:
+            with writing(file):
                 new.part(file).write_bytes(data)
-            except OSError as err:
-                raise unwritable(file, err) from err
-        try:
-            with TruthWriter(new.part(result.truth), new.part(result.truth_beams), scene, seed) as truth:
+        with (
+            writing(log),
+            TruthWriter(new.part(result.truth), new.part(result.truth_beams), scene, seed) as truth,
+        ):
 
-                def raw() -> Iterator[RawSweeps]:
-                    for block in simulate_blocks(scene, count, seed):
-                        truth.write(block)
-                        yield block.raw
-                        if progress is not None:
-                            progress(block.first + len(block.seconds), count)
+            def raw() -> Iterator[RawSweeps]:
+                for block in simulate_blocks(scene, count, seed):
+                    truth.write(block)
+                    yield block.raw
+                    if progress is not None:
+                        progress(block.first + len(block.seconds), count)
 
-                write_log(
-                    new.part(log),
-                    raw(),
-                    container=container,
-                    compression=compression,
-                    encoding=encoding,
-                    layout=layout,
-                    clouds=clouds,
-                    chunk_size=chunk_size,
-                    poses=simulate_odometry(scene, count, seed),
-                )
-        except OSError as err:
-            raise unwritable(log, err) from err
+            write_log(
+                new.part(log),
+                raw(),
+                container=container,
+                compression=compression,
+                encoding=encoding,
+                layout=layout,
+                clouds=clouds,
+                chunk_size=chunk_size,
+                poses=simulate_odometry(scene, count, seed),
+            )
         return replace(result, notes=tuple(new.publish()))
 
 

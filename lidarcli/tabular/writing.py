@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any, Protocol, Self
@@ -18,9 +17,8 @@ import pyarrow.parquet as pq
 
 from lidarcli._version import __version__
 from lidarcli.choices import NS
-from lidarcli.errors import OutputError
 from lidarcli.machine import Beside
-from lidarcli.newfiles import NewFiles, unwritable
+from lidarcli.newfiles import NewFiles, writing
 from lidarcli.stores.url import Place
 from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.tabular.stamps import in_unit, restamped
@@ -175,7 +173,7 @@ class ParquetSink:
         self._stop()
         for each in (self._writer, self._file):
             if each is not None:
-                with contextlib.suppress(OSError, ValueError, pa.ArrowException):
+                with suppress(OSError, ValueError, pa.ArrowException):
                     each.close()
 
     def __enter__(self) -> Self:
@@ -205,15 +203,9 @@ class ParquetSink:
             store_schema=False,
         )
 
-    @contextmanager
-    def _named(self) -> Iterator[None]:
+    def _named(self) -> AbstractContextManager[None]:
         """Name the file in errors of the system, where it has a name."""
-        try:
-            yield
-        except OSError as err:
-            if self._shown is None:
-                raise
-            raise unwritable(self._shown, err) from err
+        return nullcontext() if self._shown is None else writing(self._shown)
 
     def _hand_over(self, table: pa.Table) -> None:
         if self._thread is None:
@@ -312,11 +304,9 @@ class TopicOrder:
 
     def drain(self, table: str) -> None:
         """Pass on the rows of a table that wait, by the name of their topic."""
-        try:
+        with self._spilling():
             if self._file is not None:
                 self._file.flush()
-        except OSError as err:
-            raise self._full(err) from err
         for key in sorted({*self._places, *self._waiting}):
             if key[0] != table:
                 continue
@@ -330,7 +320,7 @@ class TopicOrder:
 
     def _put_away(self) -> None:
         """Write what waits in memory to the file."""
-        try:
+        with self._spilling():
             if self._file is None:
                 self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 (closed by __exit__)
             for key, parts in self._waiting.items():
@@ -338,13 +328,11 @@ class TopicOrder:
                 with pa.ipc.new_stream(self._file, parts[0].schema, options=_SPILLED) as stream:
                     for rows in parts:
                         stream.write_batch(rows)
-        except OSError as err:
-            raise self._full(err) from err
         self._waiting.clear()
         self._size = 0
 
-    def _full(self, err: OSError) -> OutputError:
-        return unwritable(f"a temporary file in {self._folder or tempfile.gettempdir()}", err)
+    def _spilling(self) -> AbstractContextManager[None]:
+        return writing(f"a temporary file in {self._folder or tempfile.gettempdir()}")
 
     def __enter__(self) -> Self:
         return self
@@ -352,7 +340,7 @@ class TopicOrder:
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
         if self._file is not None:
             # Rows in its buffer are no longer needed, and may not fit on the disk.
-            with contextlib.suppress(OSError):
+            with suppress(OSError):
                 self._file.close()
 
 

@@ -61,7 +61,7 @@ class _Waiting:
 
 
 class _Sensor:
-    """What is remembered of one sensor: its bodies, their sightings, and their tracks."""
+    """Memory of one sensor: its bodies, their sightings, and their tracks."""
 
     def __init__(self, significance: float, register: Register) -> None:
         self.fold = Fold(

@@ -15,7 +15,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.csv import rplidar
 from lidarcli.logs.csv.dialect import other_format
@@ -209,10 +209,8 @@ def _is_binary(text: bytes) -> bool:
 
 def _sweep_files(folder: Path) -> list[Path]:
     """Return the files of a folder that may hold a sweep each, in order."""
-    try:
+    with unreadable(folder):
         files = [item for item in folder.iterdir() if item.name[:1] != "." and item.is_file()]
-    except OSError as err:
-        raise UnreadableError(f"{folder}: cannot be read: {err.strerror or err}") from err
     files = [
         item
         for item in files

@@ -168,17 +168,15 @@ def read_times(scan: Columns, column: Column, rows: int, last: Ends) -> tuple[In
     bad = np.zeros(rows, np.bool_)
     found: dict[str, Int64] = {}
     if "seconds" in fields:
-        found["stamp"], wrong = seconds_and_nanoseconds(
-            column(fields["seconds"]), column(fields["nanoseconds"])
-        )
-        bad |= False if wrong is None else wrong
+        parts = (column(fields[name]) for name in ("seconds", "nanoseconds"))
+        found["stamp"], bad = seconds_and_nanoseconds(*parts)
     for name in ("stamp", "record"):
         if name in units and name not in found:
             times, wrong = to_ns(column(fields[name]), units[name])
-            bad |= False if wrong is None else wrong
+            bad = bad | wrong
             if units[name] == DATED:
                 days, wrong = to_ns(column(fields["date"]), units["date"])
-                times, bad = times + days, bad | (False if wrong is None else wrong)
+                times, bad = times + days, bad | wrong
             if not bad.all():
                 key = scan.topic, name
                 times[~bad], last[key] = going_on(times[~bad], units[name], last.get(key))

@@ -17,7 +17,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs import foxglove
 from lidarcli.logs.base import MULTI_ECHO, SCAN_TYPES, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.blocks import Locate, Written
@@ -159,10 +159,8 @@ class McapLog:
             self._stream = source
         self._source = Cursor(self._stream, self.size)
         try:
-            self._begin()
-        except OSError as err:
-            self.close()
-            raise UnreadableError(f"{self.path}: cannot be read: {err.strerror or err}") from err
+            with unreadable(self.path):
+                self._begin()
         except UnreadableError:
             self.close()
             raise

@@ -16,7 +16,7 @@ from typing import BinaryIO, cast
 
 import numpy as np
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import MAX_MESSAGE, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.laserscan import Gather
 from lidarcli.logs.rosbag1.records import (
@@ -498,12 +498,10 @@ class Rosbag1Log:
         self.path = path = str(source) if isinstance(source, str | Path) else "-"
         self._file = _open(path, source)
         try:
-            self.size: int | None = self._file.seek(0, 2)
-            _check_magic(path, read_at(self._file, 0, 64))
-            self._index = read_index(self._file, self.size)
-        except OSError as err:
-            self._file.close()
-            raise UnreadableError(f"{path}: cannot be read: {err.strerror or err}") from err
+            with unreadable(path):
+                self.size: int | None = self._file.seek(0, 2)
+                _check_magic(path, read_at(self._file, 0, 64))
+                self._index = read_index(self._file, self.size)
         except UnreadableError:
             self._file.close()
             raise
@@ -600,14 +598,12 @@ class Rosbag1Log:
 
 def _open(path: str, source: str | Path | BinaryIO) -> BinaryIO:
     """Open the bag as a file with random access."""
-    try:
+    with unreadable(path):
         if isinstance(source, str | Path):
             return Path(source).open("rb")
         copy = cast(BinaryIO, tempfile.TemporaryFile())  # noqa: SIM115  closed with the log
         shutil.copyfileobj(source, copy, COPY)
         return copy
-    except OSError as err:
-        raise UnreadableError(f"{path}: cannot be read: {err.strerror or err}") from err
 
 
 def _check_magic(path: str, head: bytes) -> None:

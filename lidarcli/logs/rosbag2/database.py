@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 from urllib.parse import quote
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import MAX_MESSAGE, ReadReport, ros_type
 from lidarcli.logs.laserscan import scan_type
 from lidarcli.logs.rosbag2.salvage import (
@@ -178,6 +178,7 @@ _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
 _PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
 """Definitions of plain tables and indexes, as SQLite stores them."""
 _TABLES = ("topics", "messages", "message_definitions")
+_PRAGMAS = ("temp_store", "cell_size_check", "table_xinfo", "ignore_check_constraints", "quick_check")
 ROWID = "_rowid_"
 # Rows come in the order of their numbers, in which tables keep them: sorting would hold all of them. The column `id` is
 # that number in what rosbag2 writes, and may be any other where somebody else has written the table.
@@ -201,13 +202,7 @@ _ROWS = (
 _ALLOWED = {
     sqlite3.SQLITE_SELECT: None,
     sqlite3.SQLITE_READ: {"sqlite_master", *_TABLES},
-    sqlite3.SQLITE_PRAGMA: {
-        "temp_store",
-        "cell_size_check",
-        "table_xinfo",
-        "ignore_check_constraints",
-        "quick_check",
-    },
+    sqlite3.SQLITE_PRAGMA: {*_PRAGMAS},
     sqlite3.SQLITE_FUNCTION: {"max", "typeof", "length"},
 }
 """Allowed actions of statements, and their objects."""
@@ -250,10 +245,8 @@ class SqliteBag:
         self._path = path
         self._size = self._steps = 0
         try:
-            self._open(path)
-        except OSError as err:
-            self.close()
-            raise UnreadableError(f"{shown}: cannot be read: {err.strerror or err}") from err
+            with unreadable(shown):
+                self._open(path)
         except UnreadableError:
             self.close()
             raise
@@ -553,11 +546,6 @@ def _fetch(cursor: sqlite3.Cursor) -> list[Row]:
         rows.append(row)
         size += len(row[3] or b"")
     return rows
-
-
-def has_type(topic: TopicRow, types: Collection[str]) -> bool:
-    """Return True if a topic has one of the types, serialised as in ROS 2."""
-    return is_cdr(topic) and ros_type(topic.type) in types
 
 
 def is_cdr(topic: TopicRow) -> bool:

@@ -7,11 +7,11 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 
-from lidarcli.errors import LidarcliError, UnreadableError
+from lidarcli.errors import LidarcliError, UnreadableError, unreadable
 from lidarcli.logs.base import Log, Message, OpenOptions, ReadReport, Topic, ros_type
 from lidarcli.logs.joined import Part, PartedLog
 from lidarcli.logs.laserscan import Gather
-from lidarcli.logs.rosbag2.database import Known, Row, SqliteBag, has_type, is_cdr
+from lidarcli.logs.rosbag2.database import Known, Row, SqliteBag, is_cdr
 from lidarcli.logs.rosbag2.folder import Folder, read_folder
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, Unpacking, is_zstd, unpack_file, unpack_message
 from lidarcli.newfiles import scratch_folder
@@ -31,15 +31,13 @@ class Rosbag2Log(PartedLog):
         """File that is unpacked, what it unpacks to, and what is wrong with it."""
         self._stack = ExitStack()
         where = Path(path)
-        try:
+        with unreadable(path):
             is_folder = where.is_dir()
             folder = read_folder(where) if is_folder else Folder([where])
             parts = [
                 Part(str(file), file.name, file.stat().st_size, partial(self._storage, file, Known()))
                 for file in folder.files
             ]
-        except OSError as err:
-            raise UnreadableError(f"{path}: cannot be read: {err.strerror or err}") from err
         if not parts:
             raise UnreadableError(f"{path}: no .db3 or .mcap file in this folder, hence no ROS 2 bag")
         super().__init__(str(path), parts, names_parts=is_folder)
@@ -87,7 +85,7 @@ class Rosbag2Log(PartedLog):
 
     def _plain(self, file: Path, report: ReadReport) -> Path:
         """Return the file itself, or what it unpacks to; the last one unpacked is kept until the log is closed."""
-        try:
+        with unreadable(file):
             if not is_zstd(file):
                 return file
             self._codecs.add("zstd")
@@ -95,8 +93,6 @@ class Rosbag2Log(PartedLog):
                 self.close()
                 plain = self._stack.enter_context(scratch_folder()) / _plain_name(file)
                 self._unpacked = (file, plain, unpack_file(file, plain))
-        except OSError as err:
-            raise UnreadableError(f"{file}: cannot be read: {err.strerror or err}") from err
         file, plain, cause = self._unpacked
         if cause:
             report.add_damage(file.name, cause)
@@ -157,7 +153,11 @@ class DatabaseLog:
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Yield raw messages of the given types in log order."""
-        wanted = {topic.id: topic for topic in self.bag.topics.values() if has_type(topic, types)}
+        wanted = {
+            topic.id: topic
+            for topic in self.bag.topics.values()
+            if is_cdr(topic) and ros_type(topic.type) in types
+        }
         try:
             for batch in self.bag.batches(wanted) if wanted else ():
                 for _, topic_id, timestamp, data in batch:

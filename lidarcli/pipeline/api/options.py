@@ -30,7 +30,7 @@ from lidarcli.option_forms import Number, Option, defaults_of, options_of, pytho
 from lidarcli.options import Objects, Paths
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
-from lidarcli.pipeline.inputs.search import find_logs, left_out
+from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.pose_sources import NONE, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, summed
@@ -170,10 +170,7 @@ def sources_of(log: Any, join: bool) -> list[Source]:
         What was named is not there, or holds no log.
     """
     named = paths_of(log)
-    left: Counter[str] = Counter()
-    found = find_logs(named, join, left)
-    if (words := left_out(left)) is not None:
-        warn(words)
+    found = find_logs(named, join, warn)
     for each in found:
         if isinstance(each, Nothing):
             error = type(each.error)(f"{each.path}: {each.error}")

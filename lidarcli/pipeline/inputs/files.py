@@ -11,7 +11,7 @@ from enum import Enum
 from fnmatch import fnmatch, fnmatchcase
 from pathlib import Path, PurePosixPath
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.stores.url import Place, State, Url, has_bucket, listing, place, read_object
 
 Objects = Mapping[Url, State]
@@ -197,10 +197,8 @@ def read_file(name: str) -> bytes:
     where = place(name)
     if isinstance(where, Url):
         return read_object(where)
-    try:
+    with unreadable(name):
         return where.read_bytes()
-    except OSError as err:
-        raise UnreadableError(f"{name}: cannot be read: {err.strerror or err}") from err
 
 
 def _stored(url: Url) -> tuple[Named, list[Place], list[UnreadableError]]:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,9 @@ _SOURCE_KEYS = (
 _EXCLUSION_KEYS = (*_SHAPE_KEYS, "frame_id", "min_height", "max_height")
 _POINTS = re.compile(r"\s*\[(?:[\s,]*\[[^\[\]]*\])*[\s,]*\]\s*")
 _POINT = re.compile(r"\[([^\[\]]*)\]")
+
+_Named = tuple[tuple[str, ...], Any]
+"""Names that lead to a node, and its parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +159,7 @@ def approach_times(fields: Fields) -> tuple[float, float]:
     return ahead, step
 
 
-def _nodes(values: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
+def _nodes(values: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[_Named]:
     """Yield the parameters of nodes, wherever they are, with the names that lead to them."""
     for name, value in values.items():
         if not isinstance(value, dict):
@@ -166,7 +170,7 @@ def _nodes(values: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[t
             yield from _nodes(value, (*path, name))
 
 
-def _monitors(nodes: Sequence[tuple[tuple[str, ...], Any]]) -> Iterator[tuple[tuple[str, ...], Any]]:
+def _monitors(nodes: Sequence[_Named]) -> Iterator[_Named]:
     """Yield the parameters of nodes that watch polygons; what is told of names with * counts where the node tells nothing.
 
     A name with * is a node of its own where no other one takes its polygons.
@@ -175,28 +179,19 @@ def _monitors(nodes: Sequence[tuple[tuple[str, ...], Any]]) -> Iterator[tuple[tu
     for path, own in sorted(nodes, key=lambda node: _is_pattern(node[0])):
         merged, shared = _merged(path, own, nodes)
         watched = merged.get("polygons")
-        telling = {
-            "polygons",
-            "observation_sources",
-            *(map(str, watched) if isinstance(watched, list) else ()),
-        }
+        names = map(str, watched) if isinstance(watched, list) else ()
+        telling = {"polygons", "observation_sources", *names}
         if watched is not None and telling & {*own} and not any(own is each for each in taken):
             taken += shared
             yield path, merged
 
 
-def _merged(
-    path: tuple[str, ...], own: dict[str, Any], nodes: Sequence[tuple[tuple[str, ...], Any]]
-) -> tuple[dict[str, Any], list[Any]]:
+def _merged(path: tuple[str, ...], own: Any, nodes: Sequence[_Named]) -> tuple[dict[str, Any], list[Any]]:
     """Return the parameters of a node with those of the names with * that are its own, too, and these."""
     name = [part for part in path if "*" not in part]
-    shared = [
-        each for names, each in nodes if each is not own and _is_pattern(names) and _matches(names, name)
-    ]
-    merged: dict[str, Any] = {}
-    for each in (*shared, own):
-        merged = _over(merged, each)
-    return merged, shared
+    patterns = [(names, each) for names, each in nodes if each is not own and _is_pattern(names)]
+    shared = [each for names, each in patterns if _matches(names, name)]
+    return reduce(_over, (*shared, own), {}), shared
 
 
 def _over(base: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
@@ -228,7 +223,7 @@ def _matches(pattern: Sequence[str], names: Sequence[str]) -> bool:
     return len(names) in ends
 
 
-def _footprint(file: str, nodes: Sequence[tuple[tuple[str, ...], Any]]) -> Polygon | None:
+def _footprint(file: str, nodes: Sequence[_Named]) -> Polygon | None:
     """Return the footprint that the costmap of the file publishes, the local one first; None where it tells none."""
     for costmap in _COSTMAPS:
         for path, own in nodes:
@@ -242,9 +237,8 @@ def _footprint(file: str, nodes: Sequence[tuple[tuple[str, ...], Any]]) -> Polyg
                 corners = np.array(_of_text(fields, told, "footprint"))
             else:
                 around = np.arange(_ROUND) * (TURN / _ROUND)
-                corners = fields.number("robot_radius", above=0) * np.column_stack(
-                    [np.cos(around), np.sin(around)]
-                )
+                circle = np.column_stack([np.cos(around), np.sin(around)])
+                corners = fields.number("robot_radius", above=0) * circle
             padding = fields.number("footprint_padding", _PADDING, low=0, high=LARGEST)
             corners = np.round(corners, 9) + padding * np.sign(np.round(corners, 9))
             if len(corners) >= _LEAST_EXCLUDED:

@@ -53,22 +53,25 @@ _WRAPPER = (".gz", ".zstd", ".active")
 
 
 def find_logs(
-    inputs: Iterable[str], join: bool = False, left: Counter[str] | None = None
+    inputs: Iterable[str], join: bool = False, note: Callable[[str], None] | None = None
 ) -> list[Source | Nothing]:
     """Return the logs that `inputs` name, in their order; a folder, also of a store, is searched, its logs sorted.
 
-    `left` counts the logs in folders that a search leaves out.
+    `note` hears of logs in folders that a search leaves out.
 
     With `join`, the logs that are named are one log, which comes first, and so are those of each recording in parts that a
     search has found. Where one that is named is not there, none of them is read.
     """
+    left = None if note is None else Counter[str]()
+    found = [(text, _named(text, left)) for text in inputs]
+    if note is not None and left:
+        note(left_out(left))
     if not join:
-        return [source for text in inputs for source in _named(text, left)]
+        return [source for _, here in found for source in here]
     named: list[Source] = []
     absent: list[Source | Nothing] = []
     searched: list[Source | Nothing] = []
-    for text in inputs:
-        here = _named(text, left)
+    for text, here in found:
         first = here[0]
         if len(here) > 1 or (first.path != text and not (is_url(text) and first.path == str(place(text)))):
             searched += here
@@ -79,7 +82,7 @@ def find_logs(
     return [*(absent or ([joined(named)] if named else [])), *joined_by_name(searched)]
 
 
-def _named(text: str, left: Counter[str] | None = None) -> list[Source | Nothing]:
+def _named(text: str, left: Counter[str] | None) -> list[Source | Nothing]:
     """Return the logs that one name means, or a `Nothing`."""
     if is_url(text):
         return find_stored(text)
@@ -190,11 +193,11 @@ def are_one_log(folder: Place, names: Sequence[str]) -> bool:
     return hold_one_sweep_each([folder / name for name in names if name.lower().endswith(TEXT_SUFFIXES)])
 
 
-def left_out(left: Counter[str]) -> str | None:
-    """Return a note on logs that a search has left out; None without any."""
+def left_out(left: Counter[str]) -> str:
+    """Return a note on logs that a search has left out."""
     parts = [f"{counted(count, 'file')} {where}" for where, count in sorted(left.items())]
     were = "was not looked at: name it" if left.total() == 1 else "were not looked at: name them"
-    return f"{', '.join(parts)} {were}" if parts else None
+    return f"{', '.join(parts)} {were}"
 
 
 def _is_readable(path: Path) -> bool:
@@ -208,7 +211,7 @@ def _is_readable(path: Path) -> bool:
     return False
 
 
-def _search(folder: Path, left: Counter[str] | None = None) -> list[Source | Nothing]:
+def _search(folder: Path, left: Counter[str] | None) -> list[Source | Nothing]:
     """Return the logs below a folder by path, and the folders that could not be searched.
 
     Links are followed; a folder that was seen already is not entered again.
@@ -456,10 +459,7 @@ def choose(
     UnreadableError
         The list cannot be read.
     """
-    left: Counter[str] = Counter()
-    found = find_logs(logs, join, left)
-    if note is not None and (words := left_out(left)):
-        note(words)
+    found = find_logs(logs, join, note)
     if listed is not None:
         below: list[Source | Nothing] = []
         for number, line in _lines(listed):

@@ -21,7 +21,7 @@ from lidarcli.formalism.matching.catalogue import Catalogue, names_in
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import Followed, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.newfiles import unwritable
+from lidarcli.newfiles import writing
 from lidarcli.pipeline.objects.making import Made, Rows
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.sweeps import Int64, SweepBatch
@@ -201,13 +201,11 @@ class _Waiting:
         self._bytes += sum(rows.nbytes for _, _, rows in made.rows) + sum(_bytes(each) for each in made.seen)
         if self._bytes <= MOST_BYTES:
             return
-        try:
+        with writing(f"a temporary file in {tempfile.gettempdir()}"):
             if self._file is None:
                 self._file = tempfile.TemporaryFile()  # noqa: SIM115 (closed by `close`)
             while self._line:
                 pickle.dump(self._line.popleft(), self._file, pickle.HIGHEST_PROTOCOL)
-        except OSError as err:
-            raise unwritable(f"a temporary file in {tempfile.gettempdir()}", err) from err
         self._bytes = 0
 
     def taken(self) -> Iterator[tuple[Made, Int64]]:

@@ -276,10 +276,9 @@ class Posing:
             known = {topic: way for topic in topics if (way := self._way(topic, frame)) is not None}
             ways = [*known.values()]
             if len({way.world for way in ways}) > 1:
-                told = [(topic, way.world, way.topics[0]) for topic, way in known.items()]
                 found[frame] = {
-                    "world": {topic: world for topic, world, _ in told},
-                    "topic": {topic: source for topic, _, source in told},
+                    "world": {topic: way.world for topic, way in known.items()},
+                    "topic": {topic: way.topics[0] for topic, way in known.items()},
                 }
             elif ways:
                 found[frame] = {"world": ways[0].world, "topic": ways[0].topics[0]}

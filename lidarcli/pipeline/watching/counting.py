@@ -170,6 +170,15 @@ class TopicSeries:
     """(S, 4) pose of the sensor in the world, as `ZoneSeries.placed`; NaN where it is not known."""
     count: int = 0
 
+    @property
+    def sensor(self) -> tuple[str, str]:
+        """Topic and frame of its sensor."""
+        return self.topic, self.frame_id
+
+    def of_zone(self, name: str) -> ZoneSeries:
+        """Return what it has in a zone."""
+        return next(one for one in self.zones if one.zone.name == name)
+
     def column(self, name: str) -> NDArray[Any]:
         """Return one of the quantities of all sweeps."""
         return _whole(getattr(self, name))
@@ -203,11 +212,7 @@ class Counting:
     """Folds the batches of one topic into a `TopicSeries`."""
 
     def __init__(
-        self,
-        series: TopicSeries,
-        frames: Frames,
-        masks: Masks,
-        told: dict[str, Told | None],
+        self, series: TopicSeries, frames: Frames, masks: Masks, told: dict[str, Told | None]
     ) -> None:
         """`told`: topic of velocities → what it tells, None where the log has no such topic."""
         self.series = series

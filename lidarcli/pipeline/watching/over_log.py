@@ -124,9 +124,8 @@ class Watching:
         shapes: dict[tuple[tuple[float, float], ...], int] = {}
         times, parts = [], []
         for each in told:
-            corners = self._frames.of_topic(zone.shape_topic).corners_in(
-                "", each.frame_id, each.stamp_ns, each.corners
-            )
+            frames = self._frames.of_topic(zone.shape_topic)
+            corners = frames.corners_in("", each.frame_id, each.stamp_ns, each.corners)
             if corners is None:
                 raise NoScanError(
                     f"zone '{zone.name}': nothing leads from frame {each.frame_id} of {zone.shape_topic} to the robot"
@@ -153,11 +152,8 @@ class Watching:
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
             for (topic, cause), count in sorted(self._report.refused.items())
         ]
-        gaps = [
-            note
-            for zone in self._zones
-            for note in self._judged(zone, lambda one: [*self._gaps(one)])[1] or ()
-        ]
+        told = [self._judged(zone, lambda one: [*self._gaps(one)]) for zone in self._zones]
+        gaps = [note for _, lines in told for note in lines or ()]
         settled = [one for zone in self._zones for one in self._settled(zone)]
         left_out = [f"{error}; the others are judged" for error in self._lost.values()]
         summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *left_out]
@@ -166,7 +162,7 @@ class Watching:
     def _take(self, batch: SweepBatch, reading: Reading) -> None:
         """Count the sweeps of a batch."""
         self._topics.add(batch.topic)
-        zones = [zone for zone in self._zones if _counts(zone, batch.topic)]
+        zones = [zone for zone in self._zones if zone.is_for(batch.topic)]
         if not len(batch) or not zones:
             return
         whole = self._objects(batch)
@@ -180,9 +176,8 @@ class Watching:
                     [ZoneSeries.of(zone, shapes) for zone in resolved if (shapes := self._shapes[zone.name])],
                     batch.first_ns,
                 )
-                self._counting[key] = Counting(
-                    series, self._frames.of_topic(batch.topic), self._masks, self._told
-                )
+                frames = self._frames.of_topic(batch.topic)
+                self._counting[key] = Counting(series, frames, self._masks, self._told)
             objects = None if whole is None else whole.of_rows(rows)
             self._counting[key].add(mine, objects)
 
@@ -232,13 +227,9 @@ class Watching:
             objects = objects.filter(pa.array(there))
         return Objects.of(objects, batch)
 
-    def _counted_in(self, zone: Zone) -> list[tuple[str, TopicSeries]]:
-        """Return the topic of each sensor that counts in a zone, and its sweeps."""
-        return [
-            (topic, self._counting[topic, sensor].series)
-            for topic, sensor in sorted(self._counting)
-            if _counts(zone, topic)
-        ]
+    def _counted_in(self, zone: Zone) -> list[TopicSeries]:
+        """Return the sweeps of each sensor that counts in a zone."""
+        return [self._counting[key].series for key in sorted(self._counting) if zone.is_for(key[0])]
 
     def _gaps(self, zone: Zone) -> Iterator[str]:
         """Yield what a zone needs and the log has only in part; refuse one for which it has nothing of it."""
@@ -250,25 +241,24 @@ class Watching:
                 f"zone '{zone.name}' is for {', '.join(zone.topics)}, and no sweeps of it have been read (only of "
                 f"{', '.join(sorted(self._topics))})"
             )
-        missing = [name for name in zone.topics if not any(same_name(name, topic) for topic, _ in counted_in)]
+        topics = [one.topic for one in counted_in]
+        missing = [name for name in zone.topics if not any(same_name(name, topic) for topic in topics)]
         if missing:
             yield f"zone '{zone.name}': no sweeps of {', '.join(missing)}, which would count in it too"
-        if any(one.zone.name == zone.name and one.zone.frame == WORLD for one in counted_in[0][1].zones):
-            self._refuse_several_worlds(zone, [topic for topic, _ in counted_in])
+        if counted_in[0].of_zone(zone.name).zone.frame == WORLD:
+            self._refuse_several_worlds(zone, topics)
         if zone.action != "approach" and not zone.cases:
             return
-        series = [one for _, each in counted_in for one in each.zones if one.zone.name == zone.name]
+        series = [one.of_zone(zone.name) for one in counted_in]
         unknown = sum(int(np.isnan(each.column("velocity")[:, 0]).sum()) for each in series)
-        sweeps = sum(each.count for _, each in counted_in)
+        sweeps = sum(one.count for one in counted_in)
         if unknown == sweeps:
-            topic = (
-                f"neither {zone.velocity_topic} nor poses tell" if zone.velocity_topic else "no poses tell"
-            )
+            who = f"neither {zone.velocity_topic} nor poses" if zone.velocity_topic else "no poses"
             raise NoScanError(
-                f"zone '{zone.name}' needs the velocity of the robot, which {topic}: give --pose or --poses (--pose "
+                f"zone '{zone.name}' needs the velocity of the robot, which {who} tell: give --pose or --poses (--pose "
                 "match finds the path from the sweeps)"
             )
-        old = sum(self._counting[topic, one.frame_id].old[zone.velocity_topic] for topic, one in counted_in)
+        old = sum(self._counting[one.sensor].old[zone.velocity_topic] for one in counted_in)
         if old:
             yield (
                 f"zone '{zone.name}': the last velocity of {zone.velocity_topic} was more than {OLDEST_NS * 1e-9:g} s old "
@@ -294,20 +284,20 @@ class Watching:
         """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
         counted_in = self._counted_in(zone)
         groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
-        for topic, found in counted_in:
-            if (key := (topic, found.frame_id)) not in self._agents:
-                self._agents[key] = self._tracked(found)
+        for one in counted_in:
+            if one.sensor not in self._agents:
+                self._agents[one.sensor] = self._tracked(one)
         for group in groups:
-            series = [next(one for one in each.zones if one.zone.name == zone.name) for _, each in group]
+            series = [one.of_zone(zone.name) for one in group]
             topics = [each.series for each in self._counting.values()]
             stamps = [each.column("stamp_ns") for each in topics]
             yield settle(
                 Counted(
                     series[0].zone,
-                    tuple(each for _, each in group),
+                    tuple(group),
                     tuple(series),
                     tuple(case.name for case in zone.cases),
-                    tuple(self._agents[topic, each.frame_id] for topic, each in group),
+                    tuple(self._agents[one.sensor] for one in group),
                     self._pair is not None,
                     (min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
                     min(each.first_ns for each in topics),
@@ -323,8 +313,7 @@ class Watching:
         tracks = read_columns(
             pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "frame_id", "track", "set", "label")
         )
-        sensor = series.topic, series.frame_id
-        mine = [row for row in tracks.to_pylist() if (row["topic"], row["frame_id"]) == sensor]
+        mine = [row for row in tracks.to_pylist() if (row["topic"], row["frame_id"]) == series.sensor]
         agents = np.array([row["track"] for row in mine if row["set"] == "A"], np.int64)
         labels = {row["track"]: row["label"] for row in mine if row["label"] is not None}
         columns = ("topic", "track", "sweep", "frame", "x", "y", "seen")
@@ -375,12 +364,8 @@ class Watching:
 def narrowed(log: Log, options: ZoneOptions) -> ZoneOptions:
     """Return options that read only the topics that count in a zone, where each zone names some."""
     read, zones = options.detect.read, options.zones.zones
-    named = [name for zone in zones for name in zone.topics]
-    mine = [
-        topic.name
-        for topic in log.topics() or ()
-        if topic.is_scan and any(same_name(topic.name, name) for name in named)
-    ]
+    scans = [topic.name for topic in log.topics() or () if topic.is_scan]
+    mine = [topic for topic in scans if any(zone.is_for(topic) for zone in zones)]
     if read.topics or not mine or not all(zone.topics for zone in zones):
         return options
     return replace(options, detect=replace(options.detect, read=replace(read, topics=mine)))
@@ -397,8 +382,3 @@ def masked(log: Log, options: ZoneOptions) -> DetectOptions:
     mounts = frames.mounts_in({mask.frame for mask in zones.masks.masks if mask.frame})
     masks = Masks((*own.masks, *zones.masks.masks), (*frames.mounts, *mounts), own.path)
     return replace(detect, read=replace(detect.read, rules=replace(masking.rules, masks=masks)))
-
-
-def _counts(zone: Zone, topic: str) -> bool:
-    """Return True if the points of a topic count in a zone."""
-    return not zone.topics or any(same_name(name, topic) for name in zone.topics)

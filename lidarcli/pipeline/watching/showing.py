@@ -9,7 +9,6 @@ import numpy as np
 from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones.points import candidates
-from lidarcli.masks import same_name
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.sweeps import Bool, Float64, SweepBatch, SweepPoses, UInt8, record
 from lidarcli.zone import WORLD, Line, Zone, Zones, placed
@@ -99,7 +98,7 @@ class Showing:
 
     def _counts(self, zone: Zone, topic: str, sets: UInt8 | None) -> bool:
         """Tell whether it is known which beams of a topic count in a zone."""
-        if zone.topics and not any(same_name(topic, each) for each in zone.topics):
+        if not zone.is_for(topic):
             return False
         if zone.count in COUNTED and sets is None:
             self._notes[f"zone {zone.name} counts {zone.count}, and nobody knows which beams are on them"] = (
