@@ -153,7 +153,8 @@ def test_rplidar_text_agrees_but_for_what_it_rounds(
     """It has quarters of millimetres, no limits and no times, and its beams run the other way round."""
     for name in ("run.txt", "run.txt.gz"):
         write_log(tmp_path / name, sweeps)
-        table = lidarcli.detect(tmp_path / name)
+        with pytest.warns(UserWarning, match="have one stamp"):
+            table = lidarcli.detect(tmp_path / name)
         assert table.num_rows == expected.num_rows
         for column in ("sweep", "shape", "beams", "set"):
             same(column, values(table[column]), values(expected[column]), 0.0)
@@ -161,10 +162,7 @@ def test_rplidar_text_agrees_but_for_what_it_rounds(
             got, want = numbers(values(table[column])), numbers(values(expected[column]))
             assert np.abs(got - want).max() < (5e-3 if column in ("width", "box_length") else 2e-4), column
     # Sweeps that are rounded and turned round by hand give the same in every column.
-    table, turned = (
-        lidarcli.detect(tmp_path / "run.txt"),
-        lidarcli.detect(batches([_rounded(raw) for raw in sweeps])),
-    )
+    turned = lidarcli.detect(batches([_rounded(raw) for raw in sweeps]))
     for name in expected.column_names:
         if name not in (*SOURCE, "stamp", "t"):
             same(name, values(table[name]), values(turned[name]), 1e-6)

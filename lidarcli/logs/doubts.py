@@ -128,7 +128,7 @@ class _Repeats:
         times, begun = np.column_stack([raw.time_ns, raw.record_ns]), np.array(self.since_ns)
         since = np.where(begin[:, None] >= 0, times[np.maximum(begin, 0)], begun)
         frozen: Bool = same & ((times - since).max(axis=1) > FROZEN_NS)
-        for first in np.unique(begin[frozen]).tolist():
+        for first in dict.fromkeys(begin[frozen].tolist()):
             mine = frozen & (begin == first)
             frozen[mine] = _is_noisy(raw, int(mine.argmax()))
         self.last, self.since_ns = self._ranges(raw, len(raw) - 1), (int(since[-1, 0]), int(since[-1, 1]))
@@ -140,14 +140,19 @@ class _Repeats:
 
 
 def _is_noisy(raw: RawSweeps, row: int) -> bool:
-    """Tell whether the ranges of a sweep have noise: on a straight wall 1/r is a sinusoid of the bearing."""
+    """Tell whether the ranges of a sweep have noise: on a straight wall 1/r is a sinusoid of the bearing.
+
+    Rounding alone makes a middle third difference of 0.9 of its step.
+    """
     ranges = raw.ranges[row, : raw.beams[row]].astype(np.float64)
     ranges[~(np.isfinite(ranges) & (ranges > 0.0))] = np.nan
     inverse = 1.0 / ranges
     off = inverse[:-2] + inverse[2:] - 2.0 * np.cos(raw.angle_increment[row]) * inverse[1:-1]
     off = np.abs(np.diff(off * ranges[1:-1] ** 2))
     off = off[np.isfinite(off)]
-    return bool(len(off) and np.median(off) > NOISY)
+    steps = np.diff(np.sort(ranges[np.isfinite(ranges)]))
+    rounded = float(steps[steps > 0.0].min(initial=np.inf))
+    return bool(len(off) and np.median(off) > max(NOISY, 2.0 * rounded))
 
 
 @dataclass(slots=True)

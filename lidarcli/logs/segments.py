@@ -132,7 +132,7 @@ class _Turns:
         `final` tells that there are no more.
         """
         step, begin = rows.angle_increment, rows.angle_min
-        usual = float(np.median(step))
+        usual = float(np.sort(step)[len(step) // 2])
         view = np.abs(step) * rows.beams
         if view[:LOOKED_AT].max() > WIDEST * TURN or (begin[:1] == begin[1:2]).any():
             return False

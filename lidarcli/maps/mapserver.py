@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.choices import GREATEST_NUMBER, MAP_RESOLUTIONS
+from lidarcli.choices import MAP_RESOLUTIONS
 from lidarcli.display import clipped
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Int8, Occupancy
@@ -40,6 +40,8 @@ LEAST_YAW = 1e-6
 _PIXELS = np.full(256, 205, np.uint8)
 _PIXELS[[FREE, OCCUPIED]] = 254, 0
 """Cell, as an unsigned number → brightness of its pixel. 205 is black enough not to be free, by less than 0.0001."""
+FARTHEST = 1e9
+"""Greatest number of a file, such as a coordinate of a world whose origin is far away [m]."""
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 _MODES = ("trinary", "scale", "raw")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
@@ -184,9 +186,7 @@ def _plain(node: Node) -> str | list[str | None] | None:
     return [scalar(item) for item in node.value] if isinstance(node, SequenceNode) else scalar(node)
 
 
-def _number(
-    path: Path, key: str, text: object, least: float = -GREATEST_NUMBER, most: float = GREATEST_NUMBER
-) -> float:
+def _number(path: Path, key: str, text: object, least: float = -FARTHEST, most: float = FARTHEST) -> float:
     number = float(text) if isinstance(text, str) and _NUMBER.fullmatch(text) else math.nan
     if not least <= number <= most:
         way_out = "write 0 there" if key == "origin" and not math.isfinite(number) else _SAVE_AGAIN

@@ -85,6 +85,7 @@ def test_the_bounds_are_those_of_the_code() -> None:
         ),
         "numbers of files in YAML and TOML": (
             f"-{tomlfiles.LARGEST:,.0f} to {tomlfiles.LARGEST:,.0f} where nothing else is said; "
+            f"origins of maps within {mapserver.FARTHEST:,.0f} m; "
             f"cells of a map {1000 * choices.MAP_RESOLUTIONS[0]:g} mm to {choices.MAP_RESOLUTIONS[1]:g} m"
         ),
     }

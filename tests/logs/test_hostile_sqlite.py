@@ -297,9 +297,8 @@ def test_row_ids_that_are_no_whole_numbers(tmp_path: Path, wrong: str) -> None:
     database.execute(f"UPDATE messages SET id = {wrong} WHERE id = 7")
     database.execute("DROP TABLE m")
     database.close()
-    found, damage = read(path)
-    assert found == list(range(20))
-    assert damage == ["database: row numbers are out of order; read page by page: 20 messages recovered"]
+    # The number of a row is its own, whatever a column of that name holds.
+    assert read(path) == (list(range(20)), [])
 
 
 @pytest.mark.parametrize("damaged", [False, True])

@@ -297,7 +297,9 @@ def test_a_beam_counts_from_the_window_on_in_which_it_is_found() -> None:
 )
 def test_what_stays_the_same_may_be_measured(ranges: Float32) -> None:
     batches, report = judged(far(ranges))
-    assert not report.doubts
+    # Sweeps that are equal to the last bit are of a sensor that hangs.
+    hangs = bool((ranges == ranges[0]).all())
+    assert [each.id for each in report.findings()] == ["observed"] * hangs
     assert (statuses(batches) == Status.VALID.value).all()
 
 

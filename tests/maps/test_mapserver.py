@@ -481,4 +481,4 @@ def test_an_image_of_another_machine_lies_beside(tmp_path: Path) -> None:
 def test_an_origin_that_is_no_number_is_to_be_0(tmp_path: Path) -> None:
     path = put(tmp_path, GRID)
     path.write_text(YAML.replace("0.150, 0.0", "0.150, -nan", 1))
-    assert refused(path) == "origin is '-nan', not a finite number; write 0 there"
+    assert refused(path) == "origin is '-nan', not a number from -1e+09 to 1e+09; write 0 there"

@@ -478,7 +478,7 @@ REAL = {
     "pr2/mylaserdata.bag": "no_return",
     "real_clients/irs_a1scan.db3": "",
     "robots_ii/mylaserdata_20151128.bag": "no_return",
-    "robots_ii/src_mylaserdata_20151128.bag": "no_return duplicate steps",
+    "robots_ii/src_mylaserdata_20151128.bag": "no_return duplicate observed steps",
     "ros2_selfdriving/circular_bag_framed_0522/circular_bag_framed_0.db3": "gaps clock",
     "ros2_selfdriving/full_bag_nav/full_bag_nav_0.db3": "clock",
     "ros2_selfdriving/full_bag_nav/scan.csv": "clock",

@@ -13,7 +13,8 @@ import lidarcli
 from lidarcli.foxglove import SCAN, json_schema
 from lidarcli.pipeline.inputs.tables import poses_of
 from lidarcli.sweeps import Float64
-from lidarcli.tabular.reading import notes_of
+from lidarcli.tabular.reading import note_value, notes_of
+from lidarcli.tabular.writing import SOURCE
 from tests.pipeline.drawn import driven, round_about
 from tests.pose.test_namespaces import scan
 from tests.sweeping import START, STEP
@@ -46,7 +47,7 @@ def test_a_path_that_sweeps_tell(tmp_path: Path) -> None:
     table = lidarcli.poses(log)
     found = np.column_stack([table[name].to_numpy() for name in ("x", "y")])
     np.testing.assert_allclose(found, path[:, :2], atol=1e-6)
-    assert poses_of(notes_of(table))["map"]["world"] == "map"
+    assert poses_of(note_value(notes_of(table), SOURCE, dict))["map"]["world"] == "map"
     (info,) = lidarcli.info(log)
     assert info["scans"][0]["pose"] == "/lidar (map > /lidar)"
     assert info["scans"][0]["pose_verdict"] == "accepted"

@@ -17,7 +17,8 @@ from lidarcli.pipeline.inputs.tables import poses_of, read_tracks_table, world_i
 from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.simulation.messages import ROS1_BYTES
 from lidarcli.simulation.writers import outgoing
-from lidarcli.tabular.reading import notes_of
+from lidarcli.tabular.reading import note_value, notes_of
+from lidarcli.tabular.writing import SOURCE
 from tests.pipeline.drawn import driven, round_about, told, write_messages
 
 PART = 40
@@ -47,7 +48,7 @@ def test_poses_of_each(robots: Path, tmp_path: Path) -> None:
         mine = rows[rows.topic == f"/{name}/scan"]
         np.testing.assert_allclose(mine[["x", "y"]], path[:, :2], atol=1e-6)
         assert {*mine.world} == {f"{name}/odom"}
-    (way,) = poses_of(notes_of(table)).values()
+    (way,) = poses_of(note_value(notes_of(table), SOURCE, dict)).values()
     assert [world_in(way, topic) for topic in SCANS] == ["robot1/odom", "robot2/odom"]
     assert way["topic"] == {"/robot1/scan": "/robot1/tf", "/robot2/scan": "/robot2/tf"}
     with pytest.raises(OptionError, match="choose one with --topic"):
@@ -58,7 +59,8 @@ def test_poses_of_each(robots: Path, tmp_path: Path) -> None:
 
 
 def test_one_alone_is_told_as_its_transforms_name_it(robots: Path) -> None:
-    (way,) = poses_of(notes_of(lidarcli.poses(robots, topic="/robot2/scan"))).values()
+    table = lidarcli.poses(robots, topic="/robot2/scan")
+    (way,) = poses_of(note_value(notes_of(table), SOURCE, dict)).values()
     assert (way["world"], way["fixed_frame"], way["topic"]) == ("robot2/odom", "odom", "/robot2/tf")
 
 

@@ -314,7 +314,7 @@ REFUSALS = {
     **{
         changed(POINTS, f"{POINTS}\n      min_points: {text}"): FRONT
         + f"'min_points' must be a number, not the text '{text}'"
-        for text in ("1_5", "030", "0x1F")
+        for text in ("1_5", "0o17")
     },
     changed(POINTS, f"{POINTS}\n      enabled: 3"): FRONT + "'enabled' must be true or false, not 3",
     changed(POINTS, f"{POINTS}\n      trigger_consecutive_points: 0"): FRONT
