@@ -179,8 +179,11 @@ def scratch_folder(folder: Path | None = None) -> Iterator[Path]:
                     _clear(folder)
                 scratch.mkdir(mode=0o700)
                 lock = _lock(scratch)
+        # Whoever may enter it is this process: there is nobody to wait for.
+        _TAKEN.add(str(scratch))
         yield scratch
     finally:
+        _TAKEN.discard(str(scratch))
         with suppress(OSError):
             shutil.rmtree(scratch)
         if lock is not None:

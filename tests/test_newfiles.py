@@ -18,7 +18,7 @@ import lidarcli as lidarcli_package
 from lidarcli import newfiles
 from lidarcli.cli import run
 from lidarcli.errors import OptionError, OutputError
-from lidarcli.newfiles import NewFiles, refuse, refuse_lost, write_whole
+from lidarcli.newfiles import NewFiles, refuse, refuse_lost, scratch_folder, write_whole
 from lidarcli.simulation import simulate
 from lidarcli.tabular.writing import TableFiles
 from tests.places import SAMPLES
@@ -520,3 +520,13 @@ def test_a_file_of_nothing_is_not_written(tmp_path: Path, capsys: pytest.Capture
     assert run(["-q", "detect", str(bad), "-o", str(tmp_path / "out.csv")]) == 3
     assert [path.name for path in tmp_path.iterdir()] == ["bad.mcap"]
     capsys.readouterr()
+
+
+def test_nothing_waits_for_a_private_folder_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lidarcli.newfiles.time.sleep", lambda _: pytest.fail("it waits"))
+    with scratch_folder(tmp_path) as outer, scratch_folder(outer) as inner, NewFiles([inner / "x"]) as files:
+        files.part(inner / "x").write_bytes(b"x")
+        files.publish()
+        assert (inner / "x").read_bytes() == b"x"
