@@ -815,11 +815,7 @@ def _joined(one: Standing, other: Standing, kept: Sequence[int]) -> Standing:
 
 
 def _rows(
-    changes: Changes,
-    before: Seen,
-    now: Seen,
-    motion: Motion,
-    seers: Sequence[tuple[str, Ground | None]],
+    changes: Changes, before: Seen, now: Seen, motion: Motion, seers: Sequence[tuple[str, Ground | None]]
 ) -> list[dict[str, Any]]:
     """Return the rows of the table, without their numbers."""
     found = []
