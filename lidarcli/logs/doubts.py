@@ -128,7 +128,7 @@ class _Repeats:
         times, begun = np.column_stack([raw.time_ns, raw.record_ns]), np.array(self.since_ns)
         since = np.where(begin[:, None] >= 0, times[np.maximum(begin, 0)], begun)
         frozen: Bool = same & ((times - since).max(axis=1) > FROZEN_NS)
-        for first in np.unique(begin[frozen]).tolist():
+        for first in {*begin[frozen].tolist()}:
             mine = frozen & (begin == first)
             frozen[mine] = _is_noisy(raw, int(mine.argmax()))
         self.last, self.since_ns = self._ranges(raw, len(raw) - 1), (int(since[-1, 0]), int(since[-1, 1]))
