@@ -695,9 +695,8 @@ def _align(
             return _step(reference, now, HERE, None, words), 1.0
         here, better = settle(first, second)
         if better is not None:
-            way = (
-                f"{math.hypot(better.motion.x, better.motion.y):.2f} m, {_degrees(better.motion):.1f} degrees"
-            )
+            move = better.motion
+            way = f"{math.hypot(move.x, move.y):.2f} m, {_degrees(move):.1f} degrees"
             notes.append(
                 f"{label} and {other} lie better on each other if shifted by {way}: {better.overlap:.0%} of the structure "
                 f"in place, not {here.overlap:.0%}; poses of one may be off"
@@ -818,11 +817,7 @@ def _joined(one: Standing, other: Standing, kept: Sequence[int]) -> Standing:
 
 
 def _rows(
-    changes: Changes,
-    before: Seen,
-    now: Seen,
-    motion: Motion,
-    seers: Sequence[tuple[str, Ground | None]],
+    changes: Changes, before: Seen, now: Seen, motion: Motion, seers: Sequence[tuple[str, Ground | None]]
 ) -> list[dict[str, Any]]:
     """Return the rows of the table, without their numbers."""
     found = []

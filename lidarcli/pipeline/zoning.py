@@ -67,10 +67,7 @@ class ZoneSummary(RunSummary):
 
 
 def watch(
-    source: Source,
-    options: ZoneOptions,
-    folder: Place | None = None,
-    progress: Progress | None = None,
+    source: Source, options: ZoneOptions, folder: Place | None = None, progress: Progress | None = None
 ) -> ZoneSummary:
     """Find what is in the zones in every sweep of a log, and write the tables if a folder is given.
 

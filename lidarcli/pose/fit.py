@@ -404,11 +404,7 @@ def _is_scaled(step: Steps, told: Steps) -> bool:
 
 
 def joined(
-    stamp_ns: Int64,
-    matched: Float64,
-    pieces: Float64,
-    told: Float64,
-    cuts: tuple[tuple[int, int], ...],
+    stamp_ns: Int64, matched: Float64, pieces: Float64, told: Float64, cuts: tuple[tuple[int, int], ...]
 ) -> tuple[Int64, Float64, bool]:
     """Join the parts of a told path between jumps by the matched path.
 

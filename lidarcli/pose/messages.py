@@ -226,8 +226,8 @@ def decode_foxglove(
 
 
 _OF_SCAN = [
-    (name, re.compile(rb'"%s"\s*:\s*("(?:[^"\\]|\\.)*"|\{(?:[^{}]|\{[^{}]*\})*\})' % name.encode()))
-    for name in ("timestamp", "frame_id", "pose")
+    (name, re.compile(rb'"%s"\s*:\s*("(?:[^"\\]|\\.)*"|\{(?:[^{}]|\{[^{}]*\})*\}|\d[\d.]*)' % spelled))
+    for name, spelled in (("timestamp", b"timestamp"), ("frame_id", b"frame(?:_i|I)d"), ("pose", b"pose"))
 ]
 """Fields of a scan beside its ranges, which take long to read."""
 

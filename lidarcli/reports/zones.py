@@ -290,12 +290,8 @@ def zoned_of(watched: Watched, logs: Sequence[str]) -> Zoned:
     stamp = watched.zones.integers("stamp")
     sources, begin = np.unique(watched.zones.source, return_index=True)
     # Rows of a source follow each other.
-    ends = (
-        (each.reduceat(stamp, begin).tolist() for each in (np.minimum, np.maximum))
-        if len(begin)
-        else ([], [])
-    )
-    spans = dict(zip(sources.tolist(), zip(*ends, strict=True), strict=True))
+    parts = zip(sources.tolist(), np.split(stamp, begin[1:]), strict=False)
+    spans = {source: (int(mine.min()), int(mine.max())) for source, mine in parts}
     return Zoned(
         figures=figures,
         zones=tuple(found),

@@ -149,6 +149,31 @@ def test_foxglove(encoding: object) -> None:
         np.testing.assert_allclose(read.numbers, [numbers(tuple(pose)) for pose in rows.poses], atol=1e-15)
 
 
+@pytest.mark.parametrize("kind", ["foxglove.PoseInFrame", "foxglove.LaserScan"])
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        '"2023-11-14T22:13:20.5Z"',
+        '{"sec": 1700000000, "nsec": 500000000}',
+        '{"seconds": 1700000000, "nanos": 5e8}',
+        "1700000000.5",
+    ],
+)
+def test_stamps_in_json_are_those_of_scans(kind: str, stamp: str) -> None:
+    data = f'{{"timestamp": {stamp}, "frame_id": "map", "pose": {{"position": {{"x": 2}}, "orientation": {{"w": 1}}}}}}'
+    (read,) = messages.decode_foxglove(kind, "json", [data.encode()], Counter())
+    assert (read.stamp_ns.tolist(), read.numbers[:, 0].tolist()) == ([1_700_000_000_500_000_000], [2.0])
+
+
+@pytest.mark.parametrize("name", ["frame_id", "frameId"])
+def test_frames_of_scans_in_json(name: str) -> None:
+    data = (
+        f'{{"{name}": "map", "ranges": [1.0], "pose": {{"position": {{"x": 2}}, "orientation": {{"w": 1}}}}}}'
+    )
+    (read,) = messages.decode_foxglove("foxglove.LaserScan", "json", [data.encode()], Counter())
+    assert (read.parent, read.stamp_ns.tolist()) == ("map", [0])
+
+
 def test_foxglove_messages_that_are_none() -> None:
     refused: Counter[str] = Counter()
     bad = [b"{", b"[]", b"{}", b'{"pose": 3}', json.dumps({"pose": {"position": {}}}).encode()]

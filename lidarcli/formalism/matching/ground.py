@@ -278,12 +278,7 @@ class Nearest:
         flat = self._index.reshape(-1)
         flat[cell] = which + 1
         # What is within a mass of others is nearest to no other cell.
-        beside = (
-            (flat[cell + 1] > 0)
-            & (flat[cell - 1] > 0)
-            & (flat[cell + across] > 0)
-            & (flat[cell - across] > 0)
-        )
+        beside = np.all([flat[cell + step] > 0 for step in (1, -1, across, -across)], axis=0)
         edge, cells = which[~beside], cell[~beside]
         # The farthest first, so that nearer points take their place.
         for at in np.argsort(-distance, kind="stable").tolist():

@@ -199,14 +199,11 @@ class Tracker:
         way, shares = _way(batch), detection.shares(batch)
         frames = self._frames(batch)
         which = np.minimum(frames, MOST_SENSORS - 1)
-        placed = posed = _posed(batch)
-        if batch.still is not None:
-            placed = placed | batch.still
-        else:
-            placed = placed.copy()
-            for name, rows, mine in batch.by_frame():
-                sensor = self._sensors[min(self.frames.index(name), MOST_SENSORS - 1)]
-                placed[rows] |= sensor.standing.see(mine)
+        posed = _posed(batch)
+        placed = posed.copy() if batch.still is None else posed | batch.still
+        for name, rows, mine in batch.by_frame() if batch.still is None else ():
+            sensor = self._sensors[min(self.frames.index(name), MOST_SENSORS - 1)]
+            placed[rows] |= sensor.standing.see(mine)
         seen = Seen(detection, poses, seconds, way, shares, placed)
         for number in np.flatnonzero(np.bincount(which)).tolist():
             sensor = self._sensors[number]

@@ -202,12 +202,10 @@ def left_out(left: Counter[str]) -> str:
 
 def _is_readable(path: Path) -> bool:
     """Tell whether a file whose name does not say so is a log."""
-    try:
+    with suppress(LidarcliError, OSError):
         if stat.S_ISREG(path.stat().st_mode):
             open_log(path).close()
             return True
-    except (LidarcliError, OSError):
-        pass
     return False
 
 
@@ -255,14 +253,12 @@ def _search(folder: Path, left: Counter[str] | None) -> list[Source | Nothing]:
                 shut += [inside for inside in log.iterdir() if inside.is_dir()]
             for each in shut:
                 with suppress(OSError):
-                    inside = [item for item in each.iterdir() if item.name.lower().endswith(SUFFIXES)]
-                    left.update([f"in {each}"] * len(inside))
+                    left.update(
+                        f"in {each}" for item in each.iterdir() if item.name.lower().endswith(SUFFIXES)
+                    )
             others = (at / name for name in files if name[0] != "." and not name.lower().endswith(SUFFIXES))
-            left.update(
-                "*" + "".join(path.suffixes[-2:] if path.suffix == ".gz" else path.suffixes[-1:])
-                for path in others
-                if _is_readable(path)
-            )
+            for path in filter(_is_readable, others):
+                left["*" + "".join(path.suffixes[-2 if path.suffix == ".gz" else -1 :])] += 1
         found |= {log: Source(str(log), _below(folder, log)) for log in logs}
     return [found[path] for path in sorted(found)]
 

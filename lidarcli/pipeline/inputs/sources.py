@@ -122,6 +122,8 @@ class PoseMessages:
 
 def read_pose_messages(log: Log) -> PoseMessages:
     """Read all poses of a log that can be read twice, in one pass."""
+    if isinstance(log, SlicedLog):
+        return log.poses()
     # Most logs have no poses and should not wait for this import.
     from lidarcli.pose.tracks import Tracks
 

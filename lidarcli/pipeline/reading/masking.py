@@ -15,7 +15,7 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector, same_name
-from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
+from lidarcli.pipeline.inputs.sources import read_pose_messages
 from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import RangeRules
@@ -111,7 +111,7 @@ def _mounts(log: Log, frames: list[str]) -> Iterator[Mount]:
     from lidarcli.pose.tracks import planar
     from lidarcli.pose.tree import FrameTree, along
 
-    told = log.poses() if isinstance(log, SlicedLog) else read_pose_messages(log)
+    told = read_pose_messages(log)
     links = [track for track in told.tracks if track.is_link and track.static]
     tree = FrameTree(links)
     for frame in dict.fromkeys(name for link in links for name in (link.child, link.parent)):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from lidarcli.choices import BEAM_ORDERS, MATCH
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, ReadReport, Topic
-from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
+from lidarcli.pipeline.inputs.sources import read_pose_messages
 
 if TYPE_CHECKING:
     from lidarcli.pose.sources import GivenPaths, PoseSources
@@ -147,7 +147,7 @@ def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | Non
     # Most logs have no poses and should not wait for this import.
     from lidarcli.pose.sources import PoseSources
 
-    told = log.poses() if isinstance(log, SlicedLog) else read_pose_messages(log)
+    told = read_pose_messages(log)
     if not there and not told.tracks:
         return None
     scans = [topic.name for topic in listed if topic.is_scan]

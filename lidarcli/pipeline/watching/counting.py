@@ -232,7 +232,8 @@ class Counting:
         under = masks.under(batch, batch.ranges) if masks.masks else None
         ranges = batch.ranges if under is None else np.where(under, np.float32(np.nan), batch.ranges)
         owners = None if objects is None else objects.owners(batch)
-        posed = None if batch.poses is None else batch.poses
+        hidden = None if under is None else np.where(under, batch.ranges, np.float32(np.nan))
+        posed = batch.poses
         places: dict[str, SweepPoses] = {}
         for each in series.zones:
             name = each.zone.frame
@@ -255,9 +256,7 @@ class Counting:
             each.velocity.append(velocity)
             own = velocity if each.zone.frame == WORLD else velocity_of(velocity, place, carried)
             look = _Look(batch, ranges, masks, place, objects, owners, own, series.count)
-            self._look(
-                each, look, None if under is None else np.where(under, batch.ranges, np.float32(np.nan))
-            )
+            self._look(each, look, hidden)
         series.count += len(batch)
 
     def _look(self, into: ZoneSeries, look: _Look, masked: Float32 | None) -> None:
@@ -277,10 +276,8 @@ class Counting:
                 if not mine.any():
                     continue
                 # A sweep without a place has no points.
-                part, look = (
-                    0,
-                    whole._replace(place=replace(whole.place, x=np.where(mine, whole.place.x, np.nan))),
-                )
+                there = replace(whole.place, x=np.where(mine, whole.place.x, np.nan))
+                part, look = 0, whole._replace(place=there)
             found, its = look.inside(into.zone, shape)
             if into.zone.action == "approach":
                 found, times_to = look.approach(into.zone, shape, found, its)

@@ -427,11 +427,8 @@ class _Settling:
     def _of_path(self, index: int, track: int, first: int, last: int, kind: str) -> dict[str, Any]:
         """Return the event of a piece of the path of an agent."""
         assert self.paths is not None
-        path, topic, tracked = (
-            self.paths[index][track],
-            self.counted.topics[index],
-            self.counted.tracked[index],
-        )
+        path, topic = self.paths[index][track], self.counted.topics[index]
+        tracked = self.counted.tracked[index]
         assert tracked is not None
         series = self.counted.series[index]
         rows = int(np.searchsorted(tracked.track, track)) + np.arange(first, last + 1)
@@ -535,15 +532,8 @@ class _Settling:
             for at in np.flatnonzero(np.diff(times) > timeout).tolist():
                 before, after = max(at - 1, 0), min(at, len(stamps) - 1)
                 start = int(times[at]) + timeout
-                event = self._event(
-                    index,
-                    STALE,
-                    int(sweeps[before]),
-                    int(sweeps[after]),
-                    0,
-                    start,
-                    int(times[at + 1]),
-                )
+                ends = int(sweeps[before]), int(sweeps[after])
+                event = self._event(index, STALE, *ends, 0, start, int(times[at + 1]))
                 events.append(event | {"cut": at in (0, len(stamps))})
         return events
 

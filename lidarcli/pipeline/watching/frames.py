@@ -11,7 +11,7 @@ import numpy as np
 from lidarcli.errors import NoScanError
 from lidarcli.logs.base import Log
 from lidarcli.masks import Mask, Masks, Mount, mounted, same_name
-from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
+from lidarcli.pipeline.inputs.sources import read_pose_messages
 from lidarcli.pose.messages import frame_name
 from lidarcli.pose.tracks import HOLD_STEPS, SECOND_NS, Track, planar
 from lidarcli.pose.tree import WORLDS, FrameTree, Step, along
@@ -60,12 +60,8 @@ class Frames:
     def _read(self) -> list[Track]:
         """Return the transforms of the log, which are read when somebody asks for the first time."""
         if not self._links:
-            tracks: Sequence[Track] = ()
-            if self._log.size is not None and self._log.topics() is not None:
-                told = (
-                    self._log.poses() if isinstance(self._log, SlicedLog) else read_pose_messages(self._log)
-                )
-                tracks = told.tracks
+            is_known = self._log.size is not None and self._log.topics() is not None
+            tracks = read_pose_messages(self._log).tracks if is_known else ()
             self._links.append([track for track in tracks if track.is_link])
         return self._links[0]
 
