@@ -148,6 +148,15 @@ def test_a_zone_that_is_under_a_mask_in_part_is_observed(tmp_path: Path) -> None
     ) == {True}
 
 
+@pytest.mark.parametrize(("half", "share"), [(10, 60), (20, 0)])
+def test_a_zone_of_which_most_beams_are_lost_is_not_observed(tmp_path: Path, half: int, share: int) -> None:
+    """It spans 60 degrees, of which 20 or 40 in its middle have no value."""
+    ranges = 4.0 + NOISE
+    ranges[:, 180 - half : 180 + half] = np.nan
+    tables = watched(log_of(tmp_path, raw_sweeps(ranges)), NEAR, no_objects=True)
+    assert column(tables.zones, "observed").count(True) == share
+
+
 def test_a_trigger_needs_sweeps_in_a_row(tmp_path: Path) -> None:
     """Every third sweep is blind: three in a row never come together."""
     ranges = 4.0 + NOISE

@@ -113,10 +113,11 @@ def seen(batch: SweepBatch, place: SweepPoses, places: Float64) -> Bool:
     place : poses of the sensor in the frame of the places
     places : (P, 2) [m], or (S, P, 2) of each sweep
     """
-    return _seen(batch, *_from_sensor(place, places))
+    return _seen(batch, *_from_sensor(place, places))[0]
 
 
-def _seen(batch: SweepBatch, bearing: Float64, distance: Float64) -> Bool:
+def _seen(batch: SweepBatch, bearing: Float64, distance: Float64) -> tuple[Bool, Bool]:
+    """Return which places sweeps see, and which of the rest lie behind beams without a usable value."""
     step = batch.angle_increment[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         after = np.where(step < 0.0, -1.0, 1.0) * (bearing - batch.angle_min[:, None])
@@ -126,7 +127,7 @@ def _seen(batch: SweepBatch, bearing: Float64, distance: Float64) -> Bool:
         known = np.isfinite(at) & (at < batch.beams[:, None])
     column = np.where(known, at, 0).astype(np.intp)
     if not batch.width:
-        return np.zeros(known.shape, np.bool_)
+        return np.zeros(known.shape, np.bool_), np.zeros(known.shape, np.bool_)
     row = np.arange(len(batch))[:, None]
     status, ranges = batch.status[row, column], batch.ranges[row, column]
     farthest = np.where(batch.range_max > batch.range_min, batch.range_max, np.inf)[:, None]
@@ -134,16 +135,18 @@ def _seen(batch: SweepBatch, bearing: Float64, distance: Float64) -> Bool:
         clear: Bool = (status == Status.NO_RETURN) & (distance <= farthest)
         clear |= (status == Status.VALID) & (distance <= ranges + 1e-3)
         clear &= known & (distance >= batch.range_min[:, None])
-    return clear
+    return clear, known & (status != Status.VALID) & (status != Status.NO_RETURN)
 
 
 def reach(batch: SweepBatch, place: SweepPoses, places: Float64, masks: Masks) -> Int32:
     """Return how many beams of each sweep (S,) could end at some places: from the first to the last that sees one of them.
 
-    `masks` hide places, too, with a mount for each frame that they name; the rest as of `seen`.
+    `masks` hide places, too, with a mount for each frame that they name; the rest as of `seen`. Where most beams that could
+    see any are lost, none counts.
     """
     bearing, distance = _from_sensor(place, places)
-    clear = _seen(batch, bearing, distance)
+    clear, lost = _seen(batch, bearing, distance)
+    clear &= (2 * np.count_nonzero(lost, axis=1) <= np.count_nonzero(clear | lost, axis=1))[:, None]
     if masks.masks:
         clear &= ~masks.hide(batch, bearing, distance)
     # From one of them to both sides: only around the sensor do they spread over more than half a turn.
