@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 MAX_YAML_BYTES = 1 << 17
 """Most bytes of a file: all parameters of Nav2 take some 20,000, and parsing is slow."""
 _TRUTHS = dict.fromkeys(("y", "yes", "true", "on"), True) | dict.fromkeys(("n", "no", "false", "off"), False)
-_INTEGER = re.compile(r"[-+]?(0[0-7]*|0x[0-9a-f]+|[1-9][0-9]*)", re.IGNORECASE)
+_INTEGER = re.compile(r"[-+]?(0[0-7]{0,21}|0x[0-9a-f]{1,16}|[1-9][0-9]{0,18})", re.IGNORECASE)
 _TAG = "tag:yaml.org,2002:"
 
 

@@ -474,6 +474,6 @@ def test_numbers_are_those_of_ros() -> None:
         7.0,
         0.25,
     ]
-    for told in ("1_5", "0o17", "1_0.5"):
+    for told in ("1_5", "0o17", "1_0.5", "9" * 5000):
         with pytest.raises(OptionError, match="'radius'"):
             radius(told)
