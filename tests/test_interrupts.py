@@ -17,6 +17,16 @@ from lidarcli.newfiles import NewFiles
 from lidarcli.tabular.writing import ROWS_PER_GROUP, ParquetSink
 from tests.waiting import HANG
 
+
+def said(script: str) -> str:
+    """Standard output of a script that ends well and writes nothing else."""
+    ran = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=HANG, check=False
+    )
+    assert (ran.stderr, ran.returncode) == ("", 0)
+    return ran.stdout
+
+
 IMPORTED = """
 import os, signal, time
 os.kill(os.getpid(), signal.SIGINT)
@@ -72,14 +82,7 @@ except KeyboardInterrupt as err:
 
 @pytest.mark.parametrize(("number", "raised"), [("SIGINT", "KeyboardInterrupt"), ("SIGTERM", "Terminated")])
 def test_numpy_does_not_swallow_it_over_an_enumeration(number: str, raised: str) -> None:
-    ran = subprocess.run(
-        [sys.executable, "-c", COMPARING.replace("NUMBER", number)],
-        capture_output=True,
-        text=True,
-        timeout=HANG,
-        check=False,
-    )
-    assert (ran.stdout, ran.stderr, ran.returncode) == (f"{raised} True\n", "", 0)
+    assert said(COMPARING.replace("NUMBER", number)) == f"{raised} True\n"
 
 
 IGNORING = """
@@ -102,14 +105,7 @@ except KeyboardInterrupt as err:
 
 @pytest.mark.parametrize(("number", "raised"), [("SIGINT", "KeyboardInterrupt"), ("SIGTERM", "Terminated")])
 def test_python_does_not_ignore_it_where_an_object_ends(number: str, raised: str) -> None:
-    ran = subprocess.run(
-        [sys.executable, "-c", IGNORING.replace("NUMBER", number)],
-        capture_output=True,
-        text=True,
-        timeout=HANG,
-        check=False,
-    )
-    assert (ran.stdout, ran.stderr, ran.returncode) == (f"{raised} []\n", "", 0)
+    assert said(IGNORING.replace("NUMBER", number)) == f"{raised} []\n"
 
 
 @pytest.mark.slow
@@ -151,10 +147,7 @@ except KeyboardInterrupt:
 
 
 def test_an_impatient_user_does_not_disturb_the_clearing_away() -> None:
-    ran = subprocess.run(
-        [sys.executable, "-c", IMPATIENT], capture_output=True, text=True, timeout=HANG, check=False
-    )
-    assert (ran.stdout, ran.stderr, ran.returncode) == ("cleared away\nagain\n", "", 0)
+    assert said(IMPATIENT) == "cleared away\nagain\n"
 
 
 STARTING = """
@@ -262,7 +255,4 @@ except KeyboardInterrupt:
 
 
 def test_work_comes_to_its_end_whatever_interrupts() -> None:
-    ran = subprocess.run(
-        [sys.executable, "-c", CLOSING], capture_output=True, text=True, timeout=HANG, check=False
-    )
-    assert (ran.stdout, ran.stderr, ran.returncode) == ("['work']\n", "", 0)
+    assert said(CLOSING) == "['work']\n"

@@ -206,9 +206,10 @@ def test_the_identity_is_no_link(encoding: str, pose: Pose | None) -> None:
     assert tracks_of([scan(time, "laser", pose, encoding) for time in TIMES]) == []
 
 
-def test_what_is_no_scan_is_counted_by_who_reads_the_sweeps() -> None:
+def test_what_is_no_scan_tells_no_pose() -> None:
+    """Whoever reads the sweeps counts it."""
     broken = [message("/lidar", SCAN, b"{", 0, "json"), message("/lidar", SCAN, b"\xff\xff", 0, "protobuf")]
-    tracks_of([*broken, message("/lidar", SCAN, b'{"pose": {"position": 3}}', 0, "json")])
+    assert tracks_of([*broken, message("/lidar", SCAN, b'{"pose": {"position": 3}}', 0, "json")]) == []
 
 
 # --- contradictions -----------------------------------------------------------------------------------------
