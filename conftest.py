@@ -48,10 +48,6 @@ def pytest_collect_file(
 ) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
     """Skip tests of steps where the core is compiled."""
     found = yield
-    if (
-        found
-        and os.environ.get("LIDARCLI_COMPILED") != "no"
-        and any(map(file_path.is_relative_to, OF_SOURCE))
-    ):
+    if found and os.environ.get("LIDARCLI_COMPILED") != "no" and any(map(file_path.is_relative_to, OF_SOURCE)):
         return [OfSource.from_parent(parent, path=file_path)] if file_path.name.startswith("test_") else []
     return found

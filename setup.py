@@ -18,11 +18,7 @@ from setuptools.command.build_ext import build_ext
 
 # No fused multiply-add, so that every machine gives the same bits. Exception flags and errno, which nobody asks for,
 # keep compilers from using vector instructions.
-FLAGS = (
-    ["/O2"]
-    if sys.platform == "win32"
-    else ["-O3", "-g0", "-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"]
-)
+FLAGS = ["/O2"] if sys.platform == "win32" else ["-O3", "-g0", "-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"]
 
 # One build for every Python from 3.11 on: the loops touch no Python object, so it is as fast as one for each. Without the
 # interpreter lock there is no such thing yet.
@@ -46,9 +42,7 @@ def pointers() -> str:
     Only the source is read: numpy is not there when the package is built.
     """
     source = Path("lidarcli/formalism/detection.py").read_text(encoding="utf-8")
-    [record] = [
-        node for node in ast.parse(source).body if isinstance(node, ast.ClassDef) and node.name == "Detection"
-    ]
+    [record] = [node for node in ast.parse(source).body if isinstance(node, ast.ClassDef) and node.name == "Detection"]
     fields = {
         ast.unparse(node.target): KINDS[ast.unparse(node.annotation).removesuffix(" | None")]
         for node in record.body
@@ -68,9 +62,7 @@ if not include.exists() or include.read_text(encoding="utf-8") != pointers():
     include.parent.mkdir(exist_ok=True)
     include.write_text(pointers(), encoding="utf-8")
 
-sources = [
-    path.with_suffix(".py") for path in sorted(Path("lidarcli").rglob("*.pxd")) if path.stem != "native"
-]
+sources = [path.with_suffix(".py") for path in sorted(Path("lidarcli").rglob("*.pxd")) if path.stem != "native"]
 # A module knows the sizes of the classes of those it stands on, however far below: where a .pxd file or the struct has
 # changed, all are translated again.
 written = [Path("build", path).with_suffix(".c") for path in sources]
@@ -125,8 +117,5 @@ class BuildAllOrNone(build_ext):
 setup(
     ext_modules=modules,
     cmdclass={"build_ext": BuildAllOrNone},
-    options={
-        "build_ext": {"parallel": os.cpu_count() or 1},
-        "bdist_wheel": {"py_limited_api": "cp311"} if STABLE else {},
-    },
+    options={"build_ext": {"parallel": os.cpu_count() or 1}, "bdist_wheel": {"py_limited_api": "cp311"} if STABLE else {}},
 )

@@ -301,8 +301,7 @@ def measure(cases: Sequence[Case], sweeps: int, repeats: int, folder: Path) -> d
                 table = folder / "out" / f"{case.log.name}.objects.parquet"
                 objects[case.name] = objects_in(table, lengths[case.log])
     return {
-        case.name: figures_of(runs[case.name], runs.get(case.beside, ())) | objects.get(case.name, {})
-        for case in cases
+        case.name: figures_of(runs[case.name], runs.get(case.beside, ())) | objects.get(case.name, {}) for case in cases
     }
 
 
@@ -337,17 +336,11 @@ def row(case: Case, results: Mapping[str, Figures]) -> str:
 
 def main() -> None:
     """Parse the arguments, measure, print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
     add("--sweeps", type=int, default=100_000, help="length of most logs (default: %(default)s)")
     add("--repeats", type=int, default=3, help="runs of each case (default: %(default)s)")
-    add(
-        "--all",
-        action="store_true",
-        help="also more logs, one ten times as long, more references, and stages",
-    )
+    add("--all", action="store_true", help="also more logs, one ten times as long, more references, and stages")
     add("--only", default="", metavar="WORDS", help="only the cases with these words in their names")
     add("--json", type=Path, metavar="FILE", help="also write the figures as JSON")
     add("--assert", dest="limits", action="store_true", help="exit code 1 unless all is as wanted")
@@ -377,10 +370,7 @@ def main() -> None:
     print(f"|---|{'---:|' * len(COLUMNS)}---|")
     print(*(row(case, results) for case in cases), *stages, sep="\n")
     if arguments.json:
-        told = {
-            case.name: {**results[case.name], "beside": case.beside, "wanted": wanted(case, results)}
-            for case in cases
-        }
+        told = {case.name: {**results[case.name], "beside": case.beside, "wanted": wanted(case, results)} for case in cases}
         text = {"machine": machine, "commit": commit, "sweeps": arguments.sweeps, "cases": told}
         arguments.json.write_text(json.dumps(text, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     broken = [

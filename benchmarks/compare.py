@@ -45,17 +45,7 @@ def check_out(base: str, tree: Path) -> None:
     subprocess.run(["tar", "-x", "-C", str(tree)], input=archive.stdout, check=True)
     if (tree / "setup.py").exists():
         target = tree / "built"
-        build = [
-            sys.executable,
-            "-m",
-            "pip",
-            "-q",
-            "install",
-            "--no-deps",
-            "--target",
-            str(target),
-            str(tree),
-        ]
+        build = [sys.executable, "-m", "pip", "-q", "install", "--no-deps", "--target", str(target), str(tree)]
         subprocess.run(build, check=True)
         for built in target.rglob("*.so"):
             built.replace(tree / built.relative_to(target))
@@ -63,9 +53,7 @@ def check_out(base: str, tree: Path) -> None:
 
 def main() -> None:
     """Parse the arguments, measure, print a table of ratios."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("base", help="commit to compare with")
     parser.add_argument("--sweeps", type=int, default=30_000, help="of a log (default: %(default)s)")
     parser.add_argument("--repeats", type=int, default=5, help="runs of each (default: %(default)s)")

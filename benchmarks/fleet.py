@@ -28,11 +28,7 @@ from pathlib import Path
 from typing import Any
 
 LIDARCLI = [sys.executable, "-m", "lidarcli"]
-CREDENTIALS = {
-    "AWS_ACCESS_KEY_ID": "benchmark",
-    "AWS_SECRET_ACCESS_KEY": "benchmark",
-    "AWS_DEFAULT_REGION": "us-east-1",
-}
+CREDENTIALS = {"AWS_ACCESS_KEY_ID": "benchmark", "AWS_SECRET_ACCESS_KEY": "benchmark", "AWS_DEFAULT_REGION": "us-east-1"}
 KILLER = """
 import os
 
@@ -131,9 +127,7 @@ def made(folder: Path, count: int, sweeps: int) -> Path:
 def timed(*arguments: object, **settings: Any) -> tuple[float, subprocess.CompletedProcess[str]]:
     """Seconds of a run of the command line, and what it said."""
     started = time.perf_counter()
-    ran = subprocess.run(
-        [*LIDARCLI, *map(str, arguments)], capture_output=True, text=True, check=False, **settings
-    )
+    ran = subprocess.run([*LIDARCLI, *map(str, arguments)], capture_output=True, text=True, check=False, **settings)
     return time.perf_counter() - started, ran
 
 
@@ -149,15 +143,10 @@ def many(folder: Path, count: int) -> dict[str, Any]:
             data = (log if log.exists() else logs / "run00000.mcap").read_bytes()
             with system.open_output_stream(f"robots/logs/{log.name}", compression=None) as out:
                 out.write(data)
-        environment = {
-            **server.environment,
-            "DASK_DISTRIBUTED__WORKER__PRELOAD": repr([str(folder / "killer.py")]),
-        }
+        environment = {**server.environment, "DASK_DISTRIBUTED__WORKER__PRELOAD": repr([str(folder / "killer.py")])}
         command = ("detect", "s3://robots/logs/*.mcap", "-o", "s3://robots/tables", "--cluster", "local:2")
         started = time.perf_counter()
-        run = subprocess.Popen(
-            [*LIDARCLI, "-q", *command], env=environment, stderr=subprocess.PIPE, text=True
-        )
+        run = subprocess.Popen([*LIDARCLI, "-q", *command], env=environment, stderr=subprocess.PIPE, text=True)
         while sum("PUT /robots/tables/" in line for line in server.asked()) < count // 2:
             if run.poll() is not None:
                 break
@@ -230,10 +219,7 @@ def memory(counts: list[int]) -> dict[str, Any]:
     found = {}
     for count in counts:
         ran = subprocess.run(
-            [sys.executable, "-m", "benchmarks.fleet", "drive", str(count)],
-            capture_output=True,
-            text=True,
-            check=True,
+            [sys.executable, "-m", "benchmarks.fleet", "drive", str(count)], capture_output=True, text=True, check=True
         )
         found[f"{count} logs"] = json.loads(ran.stdout)
     return found
@@ -261,12 +247,7 @@ def drive(count: int) -> dict[str, float]:
                 run.record(outcome)
                 total.add(outcome)
         seconds = time.perf_counter() - started
-        return {
-            "before [MB]": before,
-            "after [MB]": used(),
-            "seconds": seconds,
-            "logs per second": count / seconds,
-        }
+        return {"before [MB]": before, "after [MB]": used(), "seconds": seconds, "logs per second": count / seconds}
 
 
 def nothing(source: object, progress: object = None) -> Any:
@@ -274,9 +255,7 @@ def nothing(source: object, progress: object = None) -> Any:
     from lidarcli.pipeline.reading.one_log import RunSummary
 
     summary = RunSummary(sweeps=300, objects=1500, rows=1800, seconds=0.01)
-    summary.outputs = [
-        f"/tables/{getattr(source, 'name', '')}.{table}.parquet" for table in ("objects", "sweeps")
-    ]
+    summary.outputs = [f"/tables/{getattr(source, 'name', '')}.{table}.parquet" for table in ("objects", "sweeps")]
     return summary
 
 
@@ -290,12 +269,7 @@ def requests(folder: Path, sweeps: int) -> dict[str, Any]:
             out.write(log.read_bytes())
         before = len(server.asked())
         seconds, ran = timed(
-            "detect",
-            "s3://robots/run.mcap",
-            "-o",
-            "s3://robots/tables",
-            "--overwrite",
-            env=server.environment,
+            "detect", "s3://robots/run.mcap", "-o", "s3://robots/tables", "--overwrite", env=server.environment
         )
         assert ran.returncode == 0, ran.stderr
         asked = server.asked()[before:]
@@ -303,10 +277,7 @@ def requests(folder: Path, sweeps: int) -> dict[str, Any]:
     return {
         "bytes": log.stat().st_size,
         "tables": sum(path.stat().st_size for path in (folder / "out").iterdir()),
-        "requests": {
-            method: sum(line.startswith(method) for line in asked)
-            for method in ("HEAD", "GET", "PUT", "POST")
-        },
+        "requests": {method: sum(line.startswith(method) for line in asked) for method in ("HEAD", "GET", "PUT", "POST")},
         "seconds": seconds,
         "seconds here": local,
     }

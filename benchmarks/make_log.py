@@ -43,9 +43,7 @@ def add_images(log: Path, share: float) -> None:
         writer = Writer(target)
         writer.start("ros2")
         image = writer.register_channel(
-            "/camera",
-            "cdr",
-            writer.register_schema("sensor_msgs/msg/CompressedImage", SchemaEncoding.ROS2, b""),
+            "/camera", "cdr", writer.register_schema("sensor_msgs/msg/CompressedImage", SchemaEncoding.ROS2, b"")
         )
         scans: dict[str, int] = {}
         owed = 0.0
@@ -54,9 +52,7 @@ def add_images(log: Path, share: float) -> None:
             if channel.topic not in scans:
                 own = writer.register_schema(schema.name, schema.encoding, schema.data)
                 scans[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, own)
-            writer.add_message(
-                scans[channel.topic], message.log_time, message.data, message.publish_time, message.sequence
-            )
+            writer.add_message(scans[channel.topic], message.log_time, message.data, message.publish_time, message.sequence)
             owed += len(message.data) * (1.0 / share - 1.0)
             while owed >= IMAGE:
                 writer.add_message(image, message.log_time, rng.bytes(IMAGE), message.publish_time)

@@ -53,13 +53,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         log = folder / "long.mcap"
-        make = (
-            sys.executable,
-            str(HERE / "make_log.py"),
-            str(asked.scene),
-            str(asked.sweeps),
-            str(log),
-        )
+        make = (sys.executable, str(HERE / "make_log.py"), str(asked.scene), str(asked.sweeps), str(log))
         subprocess.run(make, check=True)
         source = Source(str(log), "long")
         detect_to_files(source, folder, DetectOptions(tracking=TrackOptions()))
@@ -78,9 +72,7 @@ def main() -> None:
         store /= len(messages)
         objects = read_columns(table, "objects", OBJECTS, ["sweep"]).num_rows / asked.sweeps
         size = out.stat().st_size / asked.sweeps
-    print(
-        f"{asked.sweeps:,} sweeps, {objects:.1f} objects per sweep, {size:.0f} bytes per sweep in the overlay"
-    )
+    print(f"{asked.sweeps:,} sweeps, {objects:.1f} objects per sweep, {size:.0f} bytes per sweep in the overlay")
     print(f"overlay from tables   {1e6 * whole:8.1f} us per sweep, {1 / whole:,.0f} sweeps per second")
     print(f"reading the table     {1e6 * reading:8.1f} us per sweep, {reading / whole:.2f} times the overlay")
     print(f"type store, no file   {1e6 * store:8.1f} us per sweep, {store / whole:.1f} times the overlay")

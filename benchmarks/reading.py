@@ -132,9 +132,7 @@ def main() -> None:
             found[f"PointCloud2, {RINGS} x {COLUMNS:,} points, {low:g} to {high:g} m"] = rate
     print("| format | sweeps/s | times a script for MCAP |\n|---|---|---|")
     for name, rate in found.items():
-        print(
-            f"| {name} | {rate:,.0f} | {'-' if name.startswith('PointCloud2') else f'{rate / script:.2f}'} |"
-        )
+        print(f"| {name} | {rate:,.0f} | {'-' if name.startswith('PointCloud2') else f'{rate / script:.2f}'} |")
     print(f"| a script: mcap and rosbags, message by message | {script:,.0f} | 1 |")
 
 

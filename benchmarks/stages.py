@@ -85,9 +85,7 @@ def _first_topic(log: Path) -> str | None:
 
 def main() -> None:
     """Parse the arguments, measure, print the least of all passes for each stage."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("log", type=Path)
     parser.add_argument("--repeats", type=int, default=3, help="passes (default: %(default)s)")
     parser.add_argument("--profile", choices=("robust", "paper"), default="robust")

@@ -35,18 +35,11 @@ def groups(index: str) -> dict[str, dict[str, str]]:
 GROUPS = groups(INDEX.read_text(encoding="utf-8"))
 
 project = "lidarcli"
-(release,) = re.findall(
-    r'__version__ = "(.+)"', (ROOT / "lidarcli" / "_version.py").read_text(encoding="utf-8")
-)
+(release,) = re.findall(r'__version__ = "(.+)"', (ROOT / "lidarcli" / "_version.py").read_text(encoding="utf-8"))
 
 extensions = ["myst_parser", "sphinx_copybutton"]
 root_doc = "README"
-include_patterns = [
-    "README.md",
-    "docs/*.md",
-    "docs/commands/*.md",
-    *(page for pages in GROUPS.values() for page in pages),
-]
+include_patterns = ["README.md", "docs/*.md", "docs/commands/*.md", *(page for pages in GROUPS.values() for page in pages)]
 nitpicky = True
 smartquotes = False  # two hyphens begin an option
 myst_enable_extensions = ["html_image"]

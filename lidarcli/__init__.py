@@ -45,13 +45,7 @@ if TYPE_CHECKING:
     from lidarcli.sweeps import Status, SweepBatch, SweepPoses
 
 _HOMES = {
-    "lidarcli.errors": (
-        "LidarcliError",
-        "NoScanError",
-        "OptionError",
-        "OutputError",
-        "UnreadableError",
-    ),
+    "lidarcli.errors": ("LidarcliError", "NoScanError", "OptionError", "OutputError", "UnreadableError"),
     "lidarcli.formalism.background.model": ("Background",),
     "lidarcli.formalism.matching.catalogue": ("Catalogue",),
     "lidarcli.formalism.mapping.occupancy": ("Occupancy",),

@@ -72,13 +72,7 @@ MAX_MAP_KM2 = 0.25
 TEXT_CONTAINERS = ("csv", "carmen", "aria", "player", "rplidar", "jsonl")
 CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", *TEXT_CONTAINERS)
 """Formats of simulated logs: `ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
-TABLE_BY_SUFFIX = {
-    ".parquet": "parquet",
-    ".csv": "csv",
-    ".ndjson": "ndjson",
-    ".jsonl": "ndjson",
-    ".arrow": "arrow",
-}
+TABLE_BY_SUFFIX = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow"}
 """Formats of a file that holds one table."""
 CONTAINER_BY_SUFFIX = {
     ".mcap": "mcap",

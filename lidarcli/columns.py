@@ -77,7 +77,5 @@ def columns_of(cls: type) -> dict[str, Column]:
             # The annotation is text: `Float32 | None` is an array of float32.
             dtype = str(each.type).removesuffix(" | None").lower()
             kind = "float32" if dtype == "float64" and known.unit in SINGLE else dtype
-            found[each.name] = known._replace(
-                name=name, kind=known.kind or kind, field=each.name, dtype=dtype
-            )
+            found[each.name] = known._replace(name=name, kind=known.kind or kind, field=each.name, dtype=dtype)
     return found

@@ -45,9 +45,7 @@ def _line(self: Described) -> str:
 def _text(self: Described) -> str:
     title, rows = self.facts()
     width = max((len(name) for name, _ in rows), default=0) + 2
-    return "\n".join(
-        [f"{type(self).__name__} {title}", *(f"  {name:{width}}{words}" for name, words in rows)]
-    )
+    return "\n".join([f"{type(self).__name__} {title}", *(f"  {name:{width}}{words}" for name, words in rows)])
 
 
 def _html(self: Described) -> str:

@@ -85,9 +85,7 @@ class Sector:
 
     def spans(self, rays: Rays) -> Iterator[Span]:
         """Yield the stretch of each beam in the sector."""
-        width = (
-            self.end - self.begin if 0.0 <= self.end - self.begin <= TURN else (self.end - self.begin) % TURN
-        )
+        width = self.end - self.begin if 0.0 <= self.end - self.begin <= TURN else (self.end - self.begin) % TURN
         within = (rays.bearing - self.begin + CLOSE) % TURN <= width + 2 * CLOSE
         yield np.where(within, self.nearest, np.inf), np.where(within, self.farthest, -np.inf)
 

@@ -253,16 +253,12 @@ def refuse(
             if path == bag or path.suffix.lower() in _PARTS:
                 above = _identified(Path(name).parents)
                 if held := next((sources[key] for key in above if key in sources), None):
-                    raise OutputError(
-                        f"{path} would be a part of {held}, which is read; write elsewhere with -o"
-                    )
+                    raise OutputError(f"{path} would be a part of {held}, which is read; write elsewhere with -o")
         if name in taken:
             raise OptionError(f"{path} is to be written twice; give each output a name of its own")
         taken[name] = path
     for folder, path in {Path(name).parent: path for name, path in reversed(taken.items())}.items():
-        if other := next(
-            (taken[str(each)] for each in (folder, *folder.parents) if str(each) in taken), None
-        ):
+        if other := next((taken[str(each)] for each in (folder, *folder.parents) if str(each) in taken), None):
             raise OptionError(f"{path} and {other} are in each other's way; give each a place of its own")
 
 

@@ -48,9 +48,7 @@ class Number:
 
     def _check(self, number: float, words: str) -> None:
         if not (number > self.least if self.above else number >= self.least):
-            raise OptionError(
-                f"{words} is {'not above' if self.above else 'below'} {self._words(self.least)}"
-            )
+            raise OptionError(f"{words} is {'not above' if self.above else 'below'} {self._words(self.least)}")
         if number > self.most:
             raise OptionError(f"{words} is above {self._words(self.most)}")
 
@@ -142,9 +140,7 @@ class Argument:
 def options_of(group: type) -> dict[str, Option]:
     """Return the options of a group by their fields, in order."""
     return {
-        name: replace(each, help=words[0])
-        for name, (each, *words) in _declared(group).items()
-        if isinstance(each, Option)
+        name: replace(each, help=words[0]) for name, (each, *words) in _declared(group).items() if isinstance(each, Option)
     }
 
 

@@ -228,9 +228,7 @@ class TextOrJson(TypedDict, total=False):
     """The format of what a command tells."""
 
     format: Annotated[
-        Literal["text", "json"],
-        Option(OUTPUT, ("text", "json"), "text"),
-        "Text for people, or JSON for programs.",
+        Literal["text", "json"], Option(OUTPUT, ("text", "json"), "text"), "Text for people, or JSON for programs."
     ]
 
 
@@ -259,9 +257,7 @@ class Window(TypedDict, total=False):
         Option(SELECT, TIME, shown="0"),
         "Start at this time: seconds after the first sweep (10, 2min), or date and time (2026-11-22T10:00:00Z).",
     ]
-    end: Annotated[
-        float | str | None, Option(SELECT, TIME, shown="the end"), "End before this time, given like --start."
-    ]
+    end: Annotated[float | str | None, Option(SELECT, TIME, shown="the end"), "End before this time, given like --start."]
 
 
 class _Topic(TypedDict, total=False):
@@ -290,13 +286,10 @@ class Poses(TypedDict, total=False):
     poses: Annotated[
         AnyPath | None,
         Option(POSES, File("FILE.tum"), shown="the poses in the log", unless=("pose",)),
-        "Path of the sensor from a file with lines of timestamp x y z qx qy qz qw, as `lidarcli poses` and evo write "
-        "it.",
+        "Path of the sensor from a file with lines of timestamp x y z qx qy qz qw, as `lidarcli poses` and evo write it.",
     ]
     deskew: Annotated[
-        bool,
-        Option(POSES, None, True),
-        "Correct sweeps for the motion of the sensor while they are taken (needs poses).",
+        bool, Option(POSES, None, True), "Correct sweeps for the motion of the sensor while they are taken (needs poses)."
     ]
     beam_order: Annotated[
         Literal["auto", "forward", "reverse", "once"],
@@ -327,10 +320,7 @@ class Limits(TypedDict, total=False):
     no_return: Annotated[
         str | Iterable[str | float],
         Option(
-            RANGES,
-            Text("LIST", _no_return, is_list=True),
-            "inf,zero,max,above,pile",
-            python="Python also takes a list.",
+            RANGES, Text("LIST", _no_return, is_list=True), "inf,zero,max,above,pile", python="Python also takes a list."
         ),
         "Values that mean 'no return', comma separated: inf, zero, max, above, pile (a far range that very many beams "
         "have), nan, negative, below, or metres such as 81.91.",
@@ -365,19 +355,13 @@ class Ranges(Limits, total=False):
         "Field of view, instead of --angle-increment.",
     ]
     range_max: Annotated[
-        float | None,
-        Option(GEOMETRY, WIDTH, shown="from the file, or none", rare=True),
-        "Greatest range of the sensor.",
+        float | None, Option(GEOMETRY, WIDTH, shown="from the file, or none", rare=True), "Greatest range of the sensor."
     ]
     degrees: Annotated[
-        bool,
-        Option(GEOMETRY, None, False, shown="radians", rare=True),
-        "The three angles above are in degrees.",
+        bool, Option(GEOMETRY, None, False, shown="radians", rare=True), "The three angles above are in degrees."
     ]
     range_unit: Annotated[
-        Literal["m", "cm", "mm"],
-        Option(GEOMETRY, tuple(UNITS), "m", rare=True),
-        "Unit of the ranges in the log.",
+        Literal["m", "cm", "mm"], Option(GEOMETRY, tuple(UNITS), "m", rare=True), "Unit of the ranges in the log."
     ]
     echo: Annotated[
         Literal["first", "last", "strongest"],
@@ -427,9 +411,7 @@ class _Objects(TypedDict, total=False):
         "or metres.",
     ]
     min_beams: Annotated[
-        int | None,
-        Option(OBJECTS, COUNT, shown="3; paper: 1"),
-        "Smallest number of valid beams that an object may have.",
+        int | None, Option(OBJECTS, COUNT, shown="3; paper: 1"), "Smallest number of valid beams that an object may have."
     ]
     max_width: Annotated[
         float | None,
@@ -457,9 +439,7 @@ class _Objects(TypedDict, total=False):
 class Objects(_Objects, total=False):
     """Parameters of the objects, and which of them have rows; None stands for the default of the profile."""
 
-    walls: Annotated[
-        bool, Option(OBJECTS, None, False), "Also show walls (set S), with the corners of the room."
-    ]
+    walls: Annotated[bool, Option(OBJECTS, None, False), "Also show walls (set S), with the corners of the room."]
 
 
 class Comparing(TypedDict, total=False):
@@ -472,14 +452,10 @@ class Comparing(TypedDict, total=False):
         "difference.",
     ]
     removed: Annotated[
-        bool,
-        Option(BACKGROUND, None, False),
-        "Also report objects that have disappeared, as rows whose change is removed.",
+        bool, Option(BACKGROUND, None, False), "Also report objects that have disappeared, as rows whose change is removed."
     ]
     any_frame: Annotated[
-        bool,
-        Option(BACKGROUND, None, False, rare=True),
-        "Accept a background that was recorded under another frame_id.",
+        bool, Option(BACKGROUND, None, False, rare=True), "Accept a background that was recorded under another frame_id."
     ]
     station_distance: Annotated[
         float | None,
@@ -547,9 +523,7 @@ class Tracking(Finding, Trajectories, total=False):
 class Beams(TypedDict, total=False):
     """The largest of the tables."""
 
-    beams: Annotated[
-        bool, Option(OUTPUT, None, False), "Also make the table <log>.beams.parquet, one row per beam."
-    ]
+    beams: Annotated[bool, Option(OUTPUT, None, False), "Also make the table <log>.beams.parquet, one row per beam."]
 
 
 class Tabling(Tracking, Beams, total=False):
@@ -573,9 +547,7 @@ class Learning(Reading, total=False):
     """Keywords of `background`."""
 
     station_distance: Annotated[
-        float,
-        Option(STATIONS, WIDTH, default=STATION_DISTANCE),
-        "Sweeps up to this far from a viewpoint belong to it.",
+        float, Option(STATIONS, WIDTH, default=STATION_DISTANCE), "Sweeps up to this far from a viewpoint belong to it."
     ]
     station_angle: Annotated[
         float,
@@ -587,9 +559,7 @@ class Learning(Reading, total=False):
 class Mapping(Reading, total=False):
     """Keywords of `map`."""
 
-    resolution: Annotated[
-        float, Option(GRID, Number("METRES", *MAP_RESOLUTIONS), MAP_RESOLUTION), "Side of a cell."
-    ]
+    resolution: Annotated[float, Option(GRID, Number("METRES", *MAP_RESOLUTIONS), MAP_RESOLUTION), "Side of a cell."]
     min_move: Annotated[
         float,
         Option(GRID, LENGTH, MIN_MOVE),
@@ -597,9 +567,7 @@ class Mapping(Reading, total=False):
         "0: every sweep counts.",
     ]
     min_hits: Annotated[
-        int | None,
-        Option(GRID, COUNT, shown="2; with --min-move 0: 4"),
-        "Minimum hits for a cell to be occupied.",
+        int | None, Option(GRID, COUNT, shown="2; with --min-move 0: 4"), "Minimum hits for a cell to be occupied."
     ]
     occupied_ratio: Annotated[
         float,
@@ -622,9 +590,7 @@ class Mapping(Reading, total=False):
         "Refuse a larger map; at 5 cm a km² takes about 6 GB, as far as it is seen.",
     ]
     voxel: Annotated[
-        float,
-        Option(CLOUD, LENGTH, 0.0, shown="0, all points"),
-        "Keep one point for each square of this side.",
+        float, Option(CLOUD, LENGTH, 0.0, shown="0, all points"), "Keep one point for each square of this side."
     ]
 
 
@@ -640,18 +606,11 @@ class _Zones(TypedDict, total=False):
         "Take the objects from <log>.objects.parquet, as detect or track have written it, with the tables beside.",
     ]
     no_objects: Annotated[
-        bool,
-        Option(ZONES, None, False),
-        "Count beams alone: it is not known whose they are. Takes half the time.",
+        bool, Option(ZONES, None, False), "Count beams alone: it is not known whose they are. Takes half the time."
     ]
     footprint: Annotated[
         str | Sequence[Sequence[float]] | None,
-        Option(
-            ZONES,
-            Text("POINTS", has_blanks=True),
-            shown="what the log tells",
-            python="Python also takes the points.",
-        ),
+        Option(ZONES, Text("POINTS", has_blanks=True), shown="what the log tells", python="Python also takes the points."),
         "Shape '[[x, y], ...]' [m] of zones whose shape a topic tells that is not in the log.",
     ]
 
@@ -681,12 +640,7 @@ class Cleaning(_Topic, Poses, Delay, _Objects, Limits, Jobs, total=False):
 
     remove: Annotated[
         str | Iterable[str],
-        Option(
-            CLEANING,
-            Text("LIST", parse_removed, is_list=True),
-            "agents",
-            python="Python also takes a list.",
-        ),
+        Option(CLEANING, Text("LIST", parse_removed, is_list=True), "agents", python="Python also takes a list."),
         "Beams that are to say nothing, comma separated: agents (what moves by itself, from then on), temporary (what "
         "stands where the place was also seen free). What a --mask tells, too.",
     ]
@@ -696,9 +650,7 @@ class Cleaning(_Topic, Poses, Delay, _Objects, Limits, Jobs, total=False):
         "What they say instead: NaN, +inf, range_max + 1 (above), or a range (docs/clean.md).",
     ]
     margin: Annotated[
-        int,
-        Option(CLEANING, COUNT_OR_NONE, 1),
-        "Beams beside them that say the same, for those that hit an edge.",
+        int, Option(CLEANING, COUNT_OR_NONE, 1), "Beams beside them that say the same, for those that hit an edge."
     ]
 
 
@@ -726,9 +678,7 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
         Option(PICTURE, VIEWS, VIEWS[0]),
         "The scene from above, r(theta) with s(theta), the difference, polar, or scene and curves (all).",
     ]
-    topic: Annotated[
-        str | None, Option(PICTURE, Text("NAME"), shown="the first by name"), "LaserScan topic to draw."
-    ]
+    topic: Annotated[str | None, Option(PICTURE, Text("NAME"), shown="the first by name"), "LaserScan topic to draw."]
     background: Annotated[
         AnyPath | None,
         Option(PICTURE, File("FILE"), shown="none"),
@@ -756,15 +706,11 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
         "Width of the picture: 89 is a column of a paper, 183 are two.",
     ]
     dpi: Annotated[
-        int | None,
-        Option(LOOK, Number("N", *PICTURE_DPI, whole=True), shown="200"),
-        "Pixels per inch of a .png.",
+        int | None, Option(LOOK, Number("N", *PICTURE_DPI, whole=True), shown="200"), "Pixels per inch of a .png."
     ]
     title: Annotated[bool, Option(LOOK, None, True), "Write a title above the picture."]
     legend: Annotated[bool, Option(LOOK, None, True), "Explain the marks in a legend."]
-    vertices: Annotated[
-        bool, Option(LOOK, None, False), "Mark vertices and nearest points in the scene and in polar, too."
-    ]
+    vertices: Annotated[bool, Option(LOOK, None, False), "Mark vertices and nearest points in the scene and in polar, too."]
 
 
 class Reporting(Joining, total=False):
@@ -784,26 +730,12 @@ class Reporting(Joining, total=False):
     ]
     baseline: Annotated[
         Tables,
-        Option(
-            GATES,
-            File("TABLE"),
-            (),
-            shown="none",
-            several=True,
-            python="Python takes a list, and tables in memory.",
-        ),
+        Option(GATES, File("TABLE"), (), shown="none", several=True, python="Python takes a list, and tables in memory."),
         "Tables to compare with, may be repeated; checks may then name delta.FIGURE.",
     ]
     log: Annotated[
         Paths,
-        Option(
-            OUTPUT,
-            INPUT,
-            (),
-            shown="the beams tables, where they are",
-            several=True,
-            python="Python takes a list.",
-        ),
+        Option(OUTPUT, INPUT, (), shown="the beams tables, where they are", several=True, python="Python takes a list."),
         "Log of the tables, may be repeated: HTML then shows its raw sweeps.",
     ]
 
@@ -842,10 +774,7 @@ class Simulating(TypedDict, total=False):
     """Keywords of `simulate`."""
 
     container: Annotated[
-        Literal[
-            "mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "aria", "player", "rplidar", "jsonl"
-        ]
-        | None,
+        Literal["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "aria", "player", "rplidar", "jsonl"] | None,
         Option(LOG, CONTAINERS, shown="by suffix"),
         "Format, where the name does not say it.",
     ]
@@ -855,13 +784,9 @@ class Simulating(TypedDict, total=False):
         "none, lz4, zstd (mcap); none, bz2, lz4 (bag); none, zstd, zstd-message (ros2).",
     ]
     encoding: Annotated[
-        str | None,
-        Option(LOG, Text("NAME"), shown="cdr"),
-        "Messages of an mcap: cdr, cdr-idl, ros1, json, protobuf.",
+        str | None, Option(LOG, Text("NAME"), shown="cdr"), "Messages of an mcap: cdr, cdr-idl, ros1, json, protobuf."
     ]
-    layout: Annotated[
-        str | None, Option(LOG, Text("NAME"), shown="rostopic"), "Layout of a csv (docs/formats.md)."
-    ]
+    layout: Annotated[str | None, Option(LOG, Text("NAME"), shown="rostopic"), "Layout of a csv (docs/formats.md)."]
     clouds: Annotated[
         bool,
         Option(LOG, None, False),
@@ -878,17 +803,13 @@ class Simulating(TypedDict, total=False):
         Option(LOG, Number("METRES", *MAP_RESOLUTIONS), shown=f"{MAP_RESOLUTION:g}"),
         "Side of the cells of that map.",
     ]
-    sweeps: Annotated[
-        int | None, Option(RUN, ANY_COUNT, shown="from the scene", unless=("duration",)), "Number of sweeps."
-    ]
+    sweeps: Annotated[int | None, Option(RUN, ANY_COUNT, shown="from the scene", unless=("duration",)), "Number of sweeps."]
     duration: Annotated[
         float | None,
         Option(RUN, Number("SECONDS", 0, math.inf), shown="from the scene", unless=("sweeps",)),
         "Length of the run, instead of --sweeps.",
     ]
-    seed: Annotated[
-        int, Option(RUN, ANY_COUNT, 0), "Seed of noise and lost beams; the same seed gives the same bytes."
-    ]
+    seed: Annotated[int, Option(RUN, ANY_COUNT, 0), "Seed of noise and lost beams; the same seed gives the same bytes."]
 
 
 class Exporting(TypedDict, total=False):
@@ -896,13 +817,7 @@ class Exporting(TypedDict, total=False):
 
     columns: Annotated[
         str | Iterable[str],
-        Option(
-            OUTPUT,
-            Text("LIST", parse_names, is_list=True),
-            "",
-            shown="all",
-            python="Python also takes a list.",
-        ),
+        Option(OUTPUT, Text("LIST", parse_names, is_list=True), "", shown="all", python="Python also takes a list."),
         _COLUMNS,
     ]
     stamps: Annotated[Literal["ns", "us"] | None, Option(OUTPUT, STAMPS, shown="as they are"), _STAMPS]

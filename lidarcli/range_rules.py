@@ -10,19 +10,7 @@ import numpy as np
 import lidarcli.ranges
 from lidarcli.errors import OptionError
 from lidarcli.masks import Masks
-from lidarcli.sweeps import (
-    TURN,
-    Bool,
-    Closure,
-    Float32,
-    Float64,
-    Int32,
-    Int64,
-    RawSweeps,
-    Status,
-    SweepBatch,
-    UInt8,
-)
+from lidarcli.sweeps import TURN, Bool, Closure, Float32, Float64, Int32, Int64, RawSweeps, Status, SweepBatch, UInt8
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +84,7 @@ def closure(beams: Int32, angle_increment: Float64) -> UInt8:
     enough = np.asarray(beams) > 3
     shared = np.abs(turn - step - TURN) <= 0.5 * step
     closed = (turn >= TURN - slack) & (turn <= TURN + 0.5 * step) & ~shared
-    kind: UInt8 = np.where(
-        shared & enough, Closure.SHARED, np.where(closed & enough, Closure.CLOSED, 0)
-    ).astype(np.uint8)
+    kind: UInt8 = np.where(shared & enough, Closure.SHARED, np.where(closed & enough, Closure.CLOSED, 0)).astype(np.uint8)
     return kind
 
 
@@ -221,9 +207,7 @@ def _told_intensities(intensities: Float32 | None) -> Float32 | None:
     return np.where(told[:, None], intensities, np.float32(np.nan)) if told.any() else None
 
 
-def judge(
-    ranges: Float32, beams: Int32, low: Float32, high: Float32, words: frozenset[str]
-) -> tuple[Float32, UInt8]:
+def judge(ranges: Float32, beams: Int32, low: Float32, high: Float32, words: frozenset[str]) -> tuple[Float32, UInt8]:
     """Return the ranges (S, B), NaN where there is none, and the status of each beam (S, B).
 
     Parameters
@@ -247,9 +231,7 @@ def judge(
     if raw.size:
         verdicts = np.array([_verdict(word, words) for word in _KINDS], np.uint8)
         most = np.nextafter(high, np.float32(-np.inf)) if "max" in words else high
-        lidarcli.ranges.judge(
-            raw, np.ascontiguousarray(beams, np.int32), low, most, high, verdicts, clean, status
-        )
+        lidarcli.ranges.judge(raw, np.ascontiguousarray(beams, np.int32), low, most, high, verdicts, clean, status)
     return clean, status
 
 

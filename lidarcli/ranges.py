@@ -11,9 +11,7 @@ IS_NAN, IS_INF, IS_MINUS_INF, IS_NEGATIVE, IS_ZERO, IS_BELOW, IS_MAX, IS_ABOVE, 
 """Kinds of raw values that are no range; `judge` gets the status of each."""
 
 
-def judge(
-    ranges: Any, beams: Any, low: Any, most: Any, limit: Any, verdicts: Any, clean: Any, status: Any
-) -> None:
+def judge(ranges: Any, beams: Any, low: Any, most: Any, limit: Any, verdicts: Any, clean: Any, status: Any) -> None:
     """Judge the raw ranges of a batch of S sweeps with up to B beams.
 
     Parameters

@@ -24,9 +24,7 @@ def one_line(text: str) -> str:
     text = blotted(text)
     if not text.isprintable():
         text = visible(text[:LONGEST_LINE])
-    return (
-        text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE // 2]} ... {text[-LONGEST_LINE // 4 :]}"
-    )
+    return text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE // 2]} ... {text[-LONGEST_LINE // 4 :]}"
 
 
 class Bar(Protocol):

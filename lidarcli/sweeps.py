@@ -228,18 +228,14 @@ class SweepPoses:
         ]
         if self.way is not None:
             gone = np.hypot(*self.way[known, :2].T)
-            rows.append(
-                ("way", span(gone[~np.isnan(gone)].tolist(), ".3f", "m from the first beam to the last"))
-            )
+            rows.append(("way", span(gone[~np.isnan(gone)].tolist(), ".3f", "m from the first beam to the last")))
         return Facts(f"of {counted(len(self.x), 'sweep')}", tuple(rows))
 
     def rows(self, index: NDArray[np.intp] | Int64 | slice) -> SweepPoses:
         """Return the poses of `index`, which may repeat."""
         way = None if self.way is None else self.way[index]
         reverse, absent = (None if one is None else one[index] for one in (self.reverse, self.absent))
-        return SweepPoses(
-            self.x[index], self.y[index], self.yaw[index], self.upside_down[index], way, reverse, absent
-        )
+        return SweepPoses(self.x[index], self.y[index], self.yaw[index], self.upside_down[index], way, reverse, absent)
 
     def at_stamp(self) -> SweepPoses:
         """Return the poses at the header stamps: those of the first beams, or of the last ones in reverse."""
@@ -268,12 +264,7 @@ class SweepPoses:
         return way
 
     def to_world(
-        self,
-        row: Int64 | NDArray[np.intp],
-        x: Float64,
-        y: Float64,
-        yaw: Float64,
-        share: Float64 | None = None,
+        self, row: Int64 | NDArray[np.intp], x: Float64, y: Float64, yaw: Float64, share: Float64 | None = None
     ) -> tuple[Float64, Float64, Float64]:
         """Transform points and undirected lines from the sensor frame of sweep `row` (K,) to the world frame.
 
@@ -366,9 +357,7 @@ class SweepBatch:
     def rows(self, index: NDArray[np.intp] | Int64 | slice) -> SweepBatch:
         """Return a batch of the sweeps of `index` alone: (K,) rows, truth values (S,), or a slice."""
         if not isinstance(index, slice) and np.ndim(index) != 1:
-            raise TypeError(
-                f"rows are given as an array, a list or a slice, not as {index!r}: rows([{index!r}])"
-            )
+            raise TypeError(f"rows are given as an array, a list or a slice, not as {index!r}: rows([{index!r}])")
         picked = {name: getattr(self, name)[index] for name in _BATCH_ROW_FIELDS}
         picked["poses"] = None if self.poses is None else self.poses.rows(index)
         for name in ("duration", "intensities", "still", "fits"):
@@ -418,9 +407,7 @@ class SweepBatch:
         if self.intensities is not None:
             known = self.intensities[np.isfinite(self.intensities)].tolist()
             rows.insert(-1, ("intensities", span(known, "g", "in the sensor's unit")))
-        return Facts(
-            f"{self.topic}: {counted(len(self), 'sweep')} x {counted(self.width, 'beam')}", tuple(rows)
-        )
+        return Facts(f"{self.topic}: {counted(len(self), 'sweep')} x {counted(self.width, 'beam')}", tuple(rows))
 
     def seconds(self) -> Float64:
         """(S,) since the first sweep of the topic [s]; below 0 where the sensor's clock was set back."""
@@ -468,9 +455,7 @@ class SweepBatch:
         """(S, B) the share of the time of its sweep that has passed at each beam; above 1 for padding."""
         return self.shares(np.arange(len(self))[:, None], np.arange(self.width))
 
-    def shares(
-        self, row: Int64 | NDArray[np.intp], beam: Float64 | Int64 | Int32 | NDArray[np.intp]
-    ) -> Float64:
+    def shares(self, row: Int64 | NDArray[np.intp], beam: Float64 | Int64 | Int32 | NDArray[np.intp]) -> Float64:
         """The share of the time of sweep `row` that has passed at `beam`, of any shape: 0 for the first, 1 for the last."""
         shares: Float64 = beam / np.maximum(self.beams[row] - 1.0, 1.0)
         return shares

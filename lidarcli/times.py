@@ -48,9 +48,7 @@ def as_time(value: float | str | Instant) -> float | Instant:
     if isinstance(value, Instant):
         return value
     if not isinstance(value, Real) or not math.isfinite(value):
-        raise OptionError(
-            f"{value!r} is neither a number of seconds nor a text such as 2min or 2026-11-22T10:00:00Z"
-        )
+        raise OptionError(f"{value!r} is neither a number of seconds nor a text such as 2min or 2026-11-22T10:00:00Z")
     return float(value)
 
 

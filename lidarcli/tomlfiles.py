@@ -43,9 +43,7 @@ def read_text(file: str, what: str, language: str, most: int = MAX_BYTES) -> str
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as err:
-        raise UnreadableError(
-            f"{file}: byte {err.start}: not UTF-8 text; a {what} is a {language} file"
-        ) from err
+        raise UnreadableError(f"{file}: byte {err.start}: not UTF-8 text; a {what} is a {language} file") from err
 
 
 def _refuse_nested(file: str, text: str) -> None:
@@ -115,11 +113,7 @@ class Fields:
         ):
             limits = [
                 text
-                for limit, text in (
-                    (low, f"at least {low}"),
-                    (above, f"above {above}"),
-                    (high, f"at most {high}"),
-                )
+                for limit, text in ((low, f"at least {low}"), (above, f"above {above}"), (high, f"at most {high}"))
                 if limit is not None
             ]
             self.fail(key, f"must be {' and '.join(limits)}, not {_short(value)}")
@@ -165,10 +159,7 @@ class Fields:
             self.fail(key, "must be a list of finite numbers, as [0.5, 1.0]")
         for number in numbers:
             if not above < number <= high:
-                self.fail(
-                    key,
-                    f"must hold numbers above {above:g} and at most {high:g}, not {_short(number)}",
-                )
+                self.fail(key, f"must hold numbers above {above:g} and at most {high:g}, not {_short(number)}")
         return numbers
 
     def points(self, key: str, least: int) -> list[list[float]]:

@@ -28,11 +28,7 @@ OF_A_USER = re.compile(
 )
 """Variables with which a user or a CI changes what programs do and show."""
 settings.register_profile(
-    "steady",
-    derandomize=True,
-    database=None,
-    deadline=None,
-    suppress_health_check=[HealthCheck.too_slow],
+    "steady", derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("steady")
 
@@ -86,16 +82,10 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with `run.mcap`, `two.mcap` with two topics, `cut.mcap`, which is damaged."""
     folder = tmp_path_factory.mktemp("logs")
     write_log(folder / "run.mcap", [room_sweeps()])
-    halves = [
-        room_sweeps(topic).rows(part)
-        for part in (slice(0, 9), slice(9, None))
-        for topic in ("/rear", "/front")
-    ]
+    halves = [room_sweeps(topic).rows(part) for part in (slice(0, 9), slice(9, None)) for topic in ("/rear", "/front")]
     write_log(folder / "two.mcap", halves)
     many = room_sweeps(count=400)
-    write_log(
-        folder / "cut.mcap", [many.rows(slice(k, k + 50)) for k in range(0, 400, 50)], chunk_size=20_000
-    )
+    write_log(folder / "cut.mcap", [many.rows(slice(k, k + 50)) for k in range(0, 400, 50)], chunk_size=20_000)
     data = (folder / "cut.mcap").read_bytes()
     (folder / "cut.mcap").write_bytes(data[: len(data) // 2])
     return folder

@@ -41,9 +41,7 @@ class Drive:
         return np.full(len(seconds), np.hypot(*self.rate[:2]))
 
 
-def seen_going(
-    sensor: Sensor, drive: Drive, *entities: Entity, sweeps: int = 1, upside_down: bool = False
-) -> SweepBatch:
+def seen_going(sensor: Sensor, drive: Drive, *entities: Entity, sweeps: int = 1, upside_down: bool = False) -> SweepBatch:
     """The sweeps of a sensor on its drive, with poses that tell how it goes."""
     side = -1.0 if upside_down else 1.0
     hung = replace(sensor, angle_min=side * sensor.angle_min, angle_increment=side * sensor.angle_increment)
@@ -56,11 +54,7 @@ def seen_going(
     told = drive.poses(np.arange(sweeps) / sensor.rate)
     lasts = np.zeros(sweeps) if batch.duration is None else batch.duration
     poses = SweepPoses(
-        told[:, 0],
-        told[:, 1],
-        told[:, 2],
-        np.full(sweeps, upside_down),
-        lasts[:, None] * np.array(drive.rate),
+        told[:, 0], told[:, 1], told[:, 2], np.full(sweeps, upside_down), lasts[:, None] * np.array(drive.rate)
     )
     return replace(batch, poses=poses)
 

@@ -25,8 +25,6 @@ def split_mcap(log: Path, folder: Path, parts: int = 3) -> list[Path]:
                 if channel.id not in ids:
                     known = writer.register_schema(schema.name, schema.encoding, schema.data)
                     ids[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, known)
-                writer.add_message(
-                    ids[channel.id], message.log_time, message.data, message.publish_time, message.sequence
-                )
+                writer.add_message(ids[channel.id], message.log_time, message.data, message.publish_time, message.sequence)
             writer.finish()
     return paths

@@ -31,17 +31,11 @@ def room_sweeps(topic: str = "/scan", count: int = 20, beams: int = 360) -> RawS
     ranges[:, 10] = np.inf
     stamps = START + STEP * np.arange(count)
     return raw_sweeps(
-        ranges,
-        topic=topic,
-        stamp_ns=stamps,
-        record_ns=stamps + STEP // 2,
-        angle_increment=np.float32(2 * np.pi / beams),
+        ranges, topic=topic, stamp_ns=stamps, record_ns=stamps + STEP // 2, angle_increment=np.float32(2 * np.pi / beams)
     )
 
 
-def raw_sweeps(
-    ranges: Any, *, topic: str = "/scan", frame_ids: tuple[str, ...] = ("laser",), **columns: Any
-) -> RawSweeps:
+def raw_sweeps(ranges: Any, *, topic: str = "/scan", frame_ids: tuple[str, ...] = ("laser",), **columns: Any) -> RawSweeps:
     """The sweeps of (S, B) ranges: full turns, unless `columns` (values for all, or (S,) each) say something else."""
     ranges = np.asarray(ranges, np.float32)
     rows, width = ranges.shape

@@ -45,8 +45,7 @@ MAY_IMPORT = {
     "formalism": CORE,
     "tabular": CORE | {"formalism", "machine", "newfiles", "stores"},
     "ros": CORE,
-    "simulation": CORE
-    | {"formalism", "foxglove", "maps", "newfiles", "ros", "stores", "tabular", "tomlfiles"},
+    "simulation": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "stores", "tabular", "tomlfiles"},
     "reports": CORE | {"formalism", "tabular"},
     "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
     "overlays": CORE | {"formalism", "maps", "ros", "tabular"},
@@ -76,16 +75,7 @@ MAY_IMPORT = {
 
 ROOMS = {
     "pipeline": ("inputs", "reading", "objects", "runs"),
-    "formalism": (
-        "segmentation",
-        "surfaces",
-        "objects",
-        "forest",
-        "features",
-        "verdict",
-        "shape",
-        "description",
-    ),
+    "formalism": ("segmentation", "surfaces", "objects", "forest", "features", "verdict", "shape", "description"),
 }
 """Rooms within rooms, each of which may import those before it; the files beside them may import all of them."""
 SHARED = {"detection", "parameters"}
@@ -174,10 +164,7 @@ def test_formalism_imports_numpy_alone() -> None:
         "threading",
         "typing",
     }
-    assert names - standard <= {
-        "numpy",
-        "lidarcli",
-    }
+    assert names - standard <= {"numpy", "lidarcli"}
 
 
 def test_no_file_of_a_killed_run_stays_in_the_temporary_folder() -> None:

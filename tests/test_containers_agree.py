@@ -105,15 +105,9 @@ def expected_of_clouds(sweeps: list[RawSweeps]) -> pa.Table:
     return lidarcli.detect(batches(bare))
 
 
-@pytest.mark.parametrize(
-    "case", cases(), ids=lambda case: "-".join([case.name, *map(str, case.options.values())])
-)
+@pytest.mark.parametrize("case", cases(), ids=lambda case: "-".join([case.name, *map(str, case.options.values())]))
 def test_the_objects_are_the_same(
-    case: Case,
-    sweeps: list[RawSweeps],
-    expected: pa.Table,
-    expected_of_clouds: pa.Table,
-    tmp_path: Path,
+    case: Case, sweeps: list[RawSweeps], expected: pa.Table, expected_of_clouds: pa.Table, tmp_path: Path
 ) -> None:
     assert expected.num_rows > 5 * SWEEPS
     path = tmp_path / case.name
@@ -147,9 +141,7 @@ def test_the_objects_are_the_same(
         same(name, values(table[name]), want, error)
 
 
-def test_rplidar_text_agrees_but_for_what_it_rounds(
-    sweeps: list[RawSweeps], expected: pa.Table, tmp_path: Path
-) -> None:
+def test_rplidar_text_agrees_but_for_what_it_rounds(sweeps: list[RawSweeps], expected: pa.Table, tmp_path: Path) -> None:
     """It has quarters of millimetres, no limits and no times, and its beams run the other way round."""
     for name in ("run.txt", "run.txt.gz"):
         write_log(tmp_path / name, sweeps)

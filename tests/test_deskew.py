@@ -62,11 +62,7 @@ class Logs:
     folder: Path
 
     def made(
-        self,
-        increment: float = 0.1 / BEAMS,
-        clockwise: bool = False,
-        unplaced: int = 0,
-        scan_time: float | None = None,
+        self, increment: float = 0.1 / BEAMS, clockwise: bool = False, unplaced: int = 0, scan_time: float | None = None
     ) -> Path:
         """The log of a sensor; of the first `unplaced` sweeps nobody tells a pose. `scan_time` is that of all headers."""
         name = f"{increment:.6f}{clockwise}{unplaced}{scan_time}"
@@ -74,8 +70,7 @@ class Logs:
         if not path.exists():
             scene = self.folder / f"{name}.toml"
             scene.write_text(
-                SCENE.format(beams=BEAMS, increment=increment, clockwise=str(clockwise).lower()),
-                encoding="utf-8",
+                SCENE.format(beams=BEAMS, increment=increment, clockwise=str(clockwise).lower()), encoding="utf-8"
             )
             loaded = load_scene(scene)
             poses = simulate_odometry(loaded, loaded.sweeps, 0)
@@ -104,9 +99,7 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Logs:
 def misses(table: pa.Table) -> Float64:
     """(K,) how far the box of each object of a column is from that column [m]."""
     x, y = (np.array(table[name].to_pylist(), float) for name in ("world_x", "world_y"))
-    away: Float64 = np.hypot(
-        *(values[:, None] - np.array(THINGS)[:, axis] for axis, values in enumerate((x, y)))
-    )
+    away: Float64 = np.hypot(*(values[:, None] - np.array(THINGS)[:, axis] for axis, values in enumerate((x, y))))
     nearest = away.min(axis=1)
     return nearest[nearest < 0.6]
 
@@ -139,11 +132,7 @@ def test_what_stands_is_followed_as_standing(drives: Logs, clockwise: bool) -> N
         assert row["length"] == pytest.approx(2 * THINGS[int(away.argmin())][2], abs=0.04)
     skewed = lidarcli.track(log, end=12.35, deskew=False).tracks.to_pylist()
     # Without it some are told to stand elsewhere.
-    away = [
-        np.hypot(*(np.array(THINGS)[:, :2] - (row["x"], row["y"])).T).min()
-        for row in skewed
-        if row["sweeps"] > 20
-    ]
+    away = [np.hypot(*(np.array(THINGS)[:, :2] - (row["x"], row["y"])).T).min() for row in skewed if row["sweeps"] > 20]
     assert max(away) > 0.1
 
 

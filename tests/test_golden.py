@@ -24,6 +24,4 @@ def test_differences_are_seen() -> None:
 
 
 def test_no_golden_table_is_left_over() -> None:
-    assert {path.name for path in FOLDER.iterdir() if path.is_file()} == {
-        golden_path(*case).name for case in CASES
-    }
+    assert {path.name for path in FOLDER.iterdir() if path.is_file()} == {golden_path(*case).name for case in CASES}

@@ -20,9 +20,7 @@ from tests.waiting import HANG
 
 def said(script: str) -> str:
     """Standard output of a script that ends well and writes nothing else."""
-    ran = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=HANG, check=False
-    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=HANG, check=False)
     assert (ran.stderr, ran.returncode) == ("", 0)
     return ran.stdout
 
@@ -176,9 +174,7 @@ if __name__ == "__main__":
 def test_it_waits_for_the_start_of_processes(tmp_path: Path, number: str, raised: str) -> None:
     script = tmp_path / "starting.py"
     script.write_text(STARTING.replace("NUMBER", number))
-    ran = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, timeout=HANG, check=False
-    )
+    ran = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=HANG, check=False)
     assert (ran.stdout, ran.stderr, ran.returncode) == (f"the start goes on {raised}\n", "", 0)
 
 
@@ -216,11 +212,7 @@ def test_no_thread_is_at_a_table_that_is_given_up(tmp_path: Path, monkeypatch: p
     working: list[bool] = []
     monkeypatch.setattr("lidarcli.tabular.writing.ParquetSink._write", lambda *_: working.append(True))
     path = tmp_path / "x.parquet"
-    with (
-        pytest.raises(KeyboardInterrupt),
-        NewFiles([path]) as new,
-        ParquetSink(new.part(path), schema) as file,
-    ):
+    with pytest.raises(KeyboardInterrupt), NewFiles([path]) as new, ParquetSink(new.part(path), schema) as file:
         file.write(rows)
     time.sleep(0.05)
     assert working == []

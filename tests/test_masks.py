@@ -56,9 +56,7 @@ def seen_from(mount: Mount | None, bearing: float, r: float) -> tuple[float, flo
 
 
 @given(st.lists(points, min_size=3, max_size=9), st.one_of(st.none(), mounts), st.integers(0, 1000))
-def test_a_polygon_is_what_is_inside_of_it(
-    corners: list[tuple[float, float]], mount: Mount | None, seed: int
-) -> None:
+def test_a_polygon_is_what_is_inside_of_it(corners: list[tuple[float, float]], mount: Mount | None, seed: int) -> None:
     ranges = np.random.default_rng(seed).uniform(0.1, 4.0, (3, BEAMS)).astype(np.float32)
     mask = Mask(Polygon(tuple(corners)), frame="" if mount is None else "base")
     masked = under(mask, ranges, *([] if mount is None else [mount]))
@@ -91,14 +89,7 @@ def test_the_edge_of_a_circle_is_in_it() -> None:
 
 @pytest.mark.parametrize(
     ("begin", "end", "beams"),
-    [
-        (-90, 0, {1, 2}),
-        (170, -170, {0}),
-        (-100, -80, {1}),
-        (-180, 180, {0, 1, 2, 3}),
-        (0, 0, {2}),
-        (45, 315, {0, 1, 3}),
-    ],
+    [(-90, 0, {1, 2}), (170, -170, {0}), (-100, -80, {1}), (-180, 180, {0, 1, 2, 3}), (0, 0, {2}), (45, 315, {0, 1, 3})],
 )
 def test_a_sector_holds_beams_by_their_bearings(begin: float, end: float, beams: set[int]) -> None:
     # The beams look back, to the right, ahead and to the left.
@@ -138,11 +129,7 @@ def test_a_frame_that_nothing_leads_to_is_an_error() -> None:
 def test_sweeps_of_any_geometry_and_frame_are_masked() -> None:
     ranges = np.full((3, 4), 0.5, np.float32)
     raw = raw_sweeps(
-        ranges,
-        frame_ids=("left", "right"),
-        frame=[0, 1, 0],
-        angle_min=[0, 0, np.pi / 2],
-        angle_increment=np.pi / 2,
+        ranges, frame_ids=("left", "right"), frame=[0, 1, 0], angle_min=[0, 0, np.pi / 2], angle_increment=np.pi / 2
     )
     ahead = Mask(Circle(0.5, 0, 0.1))
     assert np.argwhere(Masks((ahead,)).under(raw, ranges)).tolist() == [[0, 0], [1, 0], [2, 3]]
@@ -158,10 +145,7 @@ def test_only_ranges_are_masked_and_every_beam_has_one_status() -> None:
     raw = raw_sweeps([[0.4, *nothing, 2.0], [0.4, *nothing, 0.6]], beams=[6, 5])
     batch = normalise(raw, np.arange(2), RangeRules(masks=Masks((Mask(Circle(0, 0, 0.5)),))))
     without = [Status.NO_RETURN, Status.TOO_CLOSE, Status.INVALID, Status.NO_RETURN]
-    assert batch.status.tolist() == [
-        [Status.MASKED, *without, Status.VALID],
-        [Status.MASKED, *without, Status.PADDING],
-    ]
+    assert batch.status.tolist() == [[Status.MASKED, *without, Status.VALID], [Status.MASKED, *without, Status.PADDING]]
     assert np.isnan(batch.ranges[:, :5]).all()
     assert batch.ranges[0, 5] == 2.0
     assert count_statuses(batch.status)[: Status.PADDING].sum(axis=0).tolist() == [6, 5]

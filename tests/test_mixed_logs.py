@@ -148,9 +148,7 @@ def test_several_topics_in_one_pass(tmp_path: Path, detect: Any, monkeypatch: py
     write_log(tmp_path / "run.mcap", parts, chunk_size=500)
     passes = []
     scans = McapLog.scans
-    monkeypatch.setattr(
-        McapLog, "scans", lambda log, topics, report: passes.append(topics) or scans(log, topics, report)
-    )
+    monkeypatch.setattr(McapLog, "scans", lambda log, topics, report: passes.append(topics) or scans(log, topics, report))
     code, _, rows = detect(tmp_path / "run.mcap")
     assert (code, len(passes)) == (0, 1)
     assert [(row["topic"], row["sweep"]) for row in rows] == [
@@ -161,9 +159,7 @@ def test_several_topics_in_one_pass(tmp_path: Path, detect: Any, monkeypatch: py
 @pytest.mark.parametrize("asked", ["/scan", "scan"])
 @pytest.mark.parametrize("topic", ["/scan", "scan"])
 @pytest.mark.parametrize("name", CONTAINERS)
-def test_a_topic_without_a_leading_slash(
-    name: str, topic: str, asked: str, tmp_path: Path, detect: Any
-) -> None:
+def test_a_topic_without_a_leading_slash(name: str, topic: str, asked: str, tmp_path: Path, detect: Any) -> None:
     write_log(tmp_path / name, [block(topic=topic)])
     code, err, rows = detect(tmp_path / name, "--topic", asked)
     assert (code, err, [row["topic"] for row in rows]) == (0, "", [topic] * 6)
@@ -180,12 +176,7 @@ def test_geometry_that_changes_from_sweep_to_sweep(name: str, tmp_path: Path, de
     for row, count in enumerate(beams):
         ranges[row, count // 4 : count // 4 + 20] = 2.0
     increment = (2 * np.pi / beams).astype(np.float32).astype(float)
-    changes = {
-        "beams": beams,
-        "angle_increment": increment,
-        "angle_min": np.full(6, -np.pi),
-        "ranges": ranges,
-    }
+    changes = {"beams": beams, "angle_increment": increment, "angle_min": np.full(6, -np.pi), "ranges": ranges}
     raw = replace(block(6), **changes)
     write_log(tmp_path / name, [raw])
     code, _, rows = detect(tmp_path / name, table="objects")
@@ -273,13 +264,7 @@ def test_a_hundred_thousand_beams(name: str, tmp_path: Path, detect: Any) -> Non
 )
 @pytest.mark.parametrize("name", CONTAINERS)
 def test_clocks(
-    name: str,
-    stamps: Any,
-    records: Any,
-    said: str,
-    tmp_path: Path,
-    detect: Any,
-    capfd: pytest.CaptureFixture[str],
+    name: str, stamps: Any, records: Any, said: str, tmp_path: Path, detect: Any, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Sweeps stay in the order of the log, and the header's stamp is what the tables carry, unless there is none."""
     stamps, records = stamps.astype(np.int64), records.astype(np.int64)

@@ -55,10 +55,7 @@ def test_what_killed_runs_left_is_cleared_away_and_what_others_are_at_is_not(tmp
     keepsake.mkdir()
     planted = tmp_path / f"{mine}-ffffffffffffffff.part"
     planted.symlink_to(keepsake)
-    other_name, other_host = (
-        tmp_path / ".lidarcli-mine.part",
-        tmp_path / ".lidarcli-00000000-0123456789abcdef.part",
-    )
+    other_name, other_host = (tmp_path / ".lidarcli-mine.part", tmp_path / ".lidarcli-00000000-0123456789abcdef.part")
     for other in (other_name, other_host):
         other.mkdir()
     with NewFiles([tmp_path / "x"]) as one:
@@ -80,9 +77,7 @@ def test_of_two_runs_at_once_the_last_one_wins_and_says_so(tmp_path: Path) -> No
             for path in paths:
                 new.part(path).write_text(text)
         assert first.publish() == []
-        assert second.publish() == [
-            f"replaced {path}, which another run has written meanwhile" for path in paths
-        ]
+        assert second.publish() == [f"replaced {path}, which another run has written meanwhile" for path in paths]
     assert [path.read_text() for path in paths] == ["second", "second"]
 
 
@@ -94,25 +89,19 @@ def test_without_overwrite_the_first_one_stays(tmp_path: Path) -> None:
         first.publish()
         with pytest.raises(OutputError) as caught:
             second.publish()
-    assert str(caught.value) == (
-        f"{path} exists: another run has written it meanwhile; use --overwrite to replace it"
-    )
+    assert str(caught.value) == (f"{path} exists: another run has written it meanwhile; use --overwrite to replace it")
     assert path.read_text() == "first"
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_folder_without_locks_is_written_all_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_without_locks_is_written_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As some network file systems are."""
     monkeypatch.setattr(newfiles, "fcntl", None)
     assert write_whole(tmp_path / "a", b"1") == []
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
-def test_a_lock_that_is_never_let_go_is_not_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lock_that_is_never_let_go_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(newfiles, "LOCK_WAIT_S", 0.1)
     with newfiles._locked(tmp_path) as alone:
         assert alone
@@ -155,9 +144,7 @@ def test_pairs_of_runs_leave_whole_tables_of_one_of_them(tmp_path: Path) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [".run.objects.parquet.part", "room.objects.parquet"])
-def test_no_planted_link_is_written_through(
-    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_planted_link_is_written_through(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
     thesis = tmp_path / "thesis.tex"
     thesis.write_text("years of work")
     out = tmp_path / "out"
@@ -206,11 +193,7 @@ def inputs(folder: Path) -> Path:
     ],
 )
 def test_an_output_that_is_an_input_is_refused(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: str,
-    output: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: str, output: str
 ) -> None:
     folder = inputs(tmp_path)
     monkeypatch.chdir(folder)
@@ -332,17 +315,13 @@ def test_a_folder_that_has_become_more_meanwhile_is_not_replaced(tmp_path: Path)
     assert (path / "thesis.tex").read_text() == "years"
 
 
-@pytest.mark.parametrize(
-    "name", ["bag/a.mcap", "bag/a.db3", "bag/sub/a.bag", "link/a.mcap", "bag/../link/a.mcap"]
-)
+@pytest.mark.parametrize("name", ["bag/a.mcap", "bag/a.db3", "bag/sub/a.bag", "link/a.mcap", "bag/../link/a.mcap"])
 def test_no_log_becomes_a_part_of_one_that_is_read(tmp_path: Path, name: str) -> None:
     bag = a_bag(tmp_path / "bag", "b.db3")
     (tmp_path / "link").symlink_to(bag)
     with pytest.raises(OutputError) as caught:
         refuse([tmp_path / name], overwrite=True, inputs=[bag, bag / "b.db3"])
-    assert str(caught.value) == (
-        f"{tmp_path / name} would be a part of {bag}, which is read; write elsewhere with -o"
-    )
+    assert str(caught.value) == (f"{tmp_path / name} would be a part of {bag}, which is read; write elsewhere with -o")
     refuse([tmp_path / name], overwrite=True, inputs=[bag / "b.db3"])
     refuse([(tmp_path / name).with_suffix(".parquet")], overwrite=True, inputs=[bag])
 
@@ -350,11 +329,7 @@ def test_no_log_becomes_a_part_of_one_that_is_read(tmp_path: Path, name: str) ->
 @pytest.mark.parametrize("command", ["clean bag", "simulate s.toml", "simulate s.toml --container csv"])
 @pytest.mark.parametrize("output", [".", "..", "/", "", "bag/.."])
 def test_a_folder_by_any_name_is_no_output(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    command: str,
-    output: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str, output: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copy(SCENE, "s.toml")
@@ -368,14 +343,8 @@ def test_a_folder_by_any_name_is_no_output(
 def test_two_outputs_of_one_name_or_in_each_other(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path)
     for outputs, words in (
-        (
-            ("a.png", "b.png", "link/a.png"),
-            "{}/link/a.png is to be written twice; give each output a name of its own",
-        ),
-        (
-            ("run", "run/map.yaml"),
-            "{0}/run/map.yaml and {0}/run are in each other's way; give each a place of its own",
-        ),
+        (("a.png", "b.png", "link/a.png"), "{}/link/a.png is to be written twice; give each output a name of its own"),
+        (("run", "run/map.yaml"), "{0}/run/map.yaml and {0}/run are in each other's way; give each a place of its own"),
         (("a/b/c", "a"), "{0}/a/b/c and {0}/a are in each other's way; give each a place of its own"),
     ):
         with pytest.raises(OptionError) as caught:
@@ -465,9 +434,7 @@ def test_devices_and_folders_are_not_replaced(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv", ".ndjson", ".jsonl", ".arrow", ".CSV"])
-def test_a_name_with_a_suffix_is_a_file(
-    tmp_path: Path, suffix: str, capfdbinary: pytest.CaptureFixture[bytes]
-) -> None:
+def test_a_name_with_a_suffix_is_a_file(tmp_path: Path, suffix: str, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     path = tmp_path / f"out{suffix}"
     assert run(["detect", str(ROOM), "-o", str(path)]) == 0
     err = capfdbinary.readouterr().err.decode()
@@ -492,13 +459,9 @@ def test_a_name_with_a_suffix_is_a_file(
 
 
 @pytest.mark.parametrize("name", ["out.json", "out.csv.gz", "out.TXT"])
-def test_a_name_of_another_kind_of_file_is_refused(
-    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_name_of_another_kind_of_file_is_refused(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["detect", str(ROOM), "-o", str(tmp_path / name)]) == 2
-    assert (
-        f"{name}: objects are written as .parquet, .csv, .ndjson, .jsonl, .arrow;" in capsys.readouterr().err
-    )
+    assert f"{name}: objects are written as .parquet, .csv, .ndjson, .jsonl, .arrow;" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
     assert run(["-q", "detect", str(ROOM), "-o", f"{tmp_path / name}/"]) == 0
     assert (tmp_path / name / "room.objects.parquet").is_file()
@@ -522,9 +485,7 @@ def test_a_file_of_nothing_is_not_written(tmp_path: Path, capsys: pytest.Capture
     capsys.readouterr()
 
 
-def test_nothing_waits_for_a_private_folder_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_waits_for_a_private_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidarcli.newfiles.time.sleep", lambda _: pytest.fail("it waits"))
     with scratch_folder(tmp_path) as outer, scratch_folder(outer) as inner, NewFiles([inner / "x"]) as files:
         files.part(inner / "x").write_bytes(b"x")

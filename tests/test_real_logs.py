@@ -92,9 +92,7 @@ def test_info_counts_the_sweeps_of_every_topic(log: Real, capsys: pytest.Capture
 def test_every_beam_is_in_exactly_one_set(
     log: Real, profile: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = run(
-        ["-q", "detect", str(REAL_LOGS / log.path), "-o", str(tmp_path), "--profile", profile, "--beams"]
-    )
+    code = run(["-q", "detect", str(REAL_LOGS / log.path), "-o", str(tmp_path), "--profile", profile, "--beams"])
     assert code == log.code, capsys.readouterr().err
     objects, sweeps, beams = (
         pq.read_table(next(tmp_path.glob(f"*.{name}.parquet"))).unify_dictionaries()
@@ -122,28 +120,21 @@ def test_every_beam_is_in_exactly_one_set(
 def test_the_same_scans_give_the_same_objects(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two recordings of INDEX.md hold the same scans: one bag with a broken index, one database beside a CSV."""
     pairs = (
-        (
-            "scan_tools/laser_scan_matcher_demo.bag",
-            "scan_tools/laser_scan_matcher_demo_ros2branch_20230219.bag",
-        ),
+        ("scan_tools/laser_scan_matcher_demo.bag", "scan_tools/laser_scan_matcher_demo_ros2branch_20230219.bag"),
         ("ros2_selfdriving/full_bag_nav/full_bag_nav_0.db3", "ros2_selfdriving/full_bag_nav/scan.csv"),
     )
     for number, pair in enumerate(pairs):
         tables = []
         for path in pair:
             folder = tmp_path / f"{number}-{Path(path).suffix[1:]}-{len(tables)}"
-            assert run(["-q", "detect", str(REAL_LOGS / path), "-o", str(folder)]) == 0, (
-                capsys.readouterr().err
-            )
+            assert run(["-q", "detect", str(REAL_LOGS / path), "-o", str(folder)]) == 0, capsys.readouterr().err
             table = pq.read_table(next(folder.glob("*.objects.parquet")))
             tables.append(table.drop_columns(["log", "topic", "frame_id"]))
         assert tables[0].num_rows > 100
         assert tables[0].to_pylist() == tables[1].to_pylist()
 
 
-def test_a_folder_of_logs_is_read_in_spite_of_the_bad_ones(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_of_logs_is_read_in_spite_of_the_bad_ones(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = REAL_LOGS / "scan_tools"
     assert run(["detect", str(folder), "-o", str(tmp_path)]) == 3
     err = capsys.readouterr().err
@@ -156,9 +147,7 @@ def test_what_stands_is_where_it_was_seen(tmp_path: Path, capsys: pytest.Capture
     """A strip that was seen 97 times once lay 0.83 m beside all of its sightings: learning the poses carried it away."""
     log = REAL_LOGS / "comprobo24/test-bag"
     assert run(["-q", "track", str(log), "--topic", "/scan", "-o", str(tmp_path)]) == 0, capsys.readouterr()
-    tracks, objects = (
-        pq.read_table(tmp_path / f"test-bag.{kind}.parquet").to_pandas() for kind in ("tracks", "objects")
-    )
+    tracks, objects = (pq.read_table(tmp_path / f"test-bag.{kind}.parquet").to_pandas() for kind in ("tracks", "objects"))
     often = tracks[(tracks["set"] == "O") & (tracks["sweeps"] >= 30) & (tracks["shape"] != "legged")]
     assert len(often) >= 5
     for thing in often.itertuples():

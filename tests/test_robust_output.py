@@ -143,10 +143,7 @@ def test_no_room_for_a_file(log: Path, tmp_path: Path, blocks: int) -> None:
     """A limit on the size of files, met at the first bytes, in a row group, or while the second topic waits."""
     command = ["sh", "-c", 'ulimit -f $0; exec "$@"', str(blocks), sys.executable, "-m", "lidarcli", "-q"]
     ran = subprocess.run(
-        [*command, "detect", str(log), "--beams", "-o", str(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=False,
+        [*command, "detect", str(log), "--beams", "-o", str(tmp_path)], capture_output=True, text=True, check=False
     )
     assert ran.returncode == 5
     assert ran.stderr.startswith(f"lidarcli: {log}: cannot write ")
@@ -156,9 +153,7 @@ def test_no_room_for_a_file(log: Path, tmp_path: Path, blocks: int) -> None:
 
 @contextmanager
 def mounted(folder: Path, options: str) -> Iterator[None]:
-    done = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", options, "none", str(folder)], capture_output=True, check=False
-    )
+    done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "none", str(folder)], capture_output=True, check=False)
     if done.returncode:
         pytest.skip("only root may mount a disk")
     try:
@@ -217,9 +212,7 @@ def keep_in_wal(path: Path) -> None:
     database = sqlite3.connect(work, isolation_level=None)
     database.execute("PRAGMA journal_mode = wal")
     database.execute("PRAGMA wal_autocheckpoint = 0")
-    database.execute(
-        "INSERT INTO messages(topic_id, timestamp, data) SELECT topic_id, 1, data FROM messages LIMIT 1"
-    )
+    database.execute("INSERT INTO messages(topic_id, timestamp, data) SELECT topic_id, 1, data FROM messages LIMIT 1")
     path.write_bytes(work.read_bytes())
     Path(f"{path}-wal").write_bytes(Path(f"{work}-wal").read_bytes())
     database.close()

@@ -112,9 +112,7 @@ def test_a_magic_number_is_no_return_where_it_is_named(marker: float) -> None:
         (1.0, 0.5, [TOO_CLOSE, VALID, VALID, NO_RETURN]),
     ],
 )
-def test_limits_without_a_meaning_are_no_limits(
-    range_min: float, range_max: float, statuses: list[Status]
-) -> None:
+def test_limits_without_a_meaning_are_no_limits(range_min: float, range_max: float, statuses: list[Status]) -> None:
     batch = judged([0.05, 2.0, 20.0, inf], range_min=range_min, range_max=range_max)
     assert batch.status.tolist() == [statuses]
 
@@ -146,14 +144,8 @@ def test_the_raw_block_is_left_as_it_is() -> None:
 
 def test_short_rows_are_padded_and_padding_is_no_beam() -> None:
     batch = normalise(ragged([[1.0, 0.0], [2.0, 3.0, inf, 4.0], []]), np.array([3, 5, 6]), RangeRules())
-    assert batch.status.tolist() == [
-        [VALID, NO_RETURN, PADDING, PADDING],
-        [VALID, VALID, NO_RETURN, VALID],
-        [PADDING] * 4,
-    ]
-    np.testing.assert_array_equal(
-        batch.ranges, np.array([[1, nan, nan, nan], [2, 3, nan, 4], [nan] * 4], np.float32)
-    )
+    assert batch.status.tolist() == [[VALID, NO_RETURN, PADDING, PADDING], [VALID, VALID, NO_RETURN, VALID], [PADDING] * 4]
+    np.testing.assert_array_equal(batch.ranges, np.array([[1, nan, nan, nan], [2, 3, nan, 4], [nan] * 4], np.float32))
     assert batch.beams.tolist() == [2, 4, 0]
     assert batch.sweep.tolist() == [3, 5, 6]
     assert (len(batch), batch.width) == (3, 4)
@@ -334,9 +326,7 @@ def lasting(beams: int = 361, **times: Any) -> Any:
     """The durations of sweeps of a degree from beam to beam whose headers tell these times, an array or one each."""
     count = max((len(np.atleast_1d(value)) for value in times.values()), default=1)
     block = raw_sweeps(np.ones((count, beams)), angle_increment=TURN / 360)
-    told = {
-        name: np.broadcast_to(np.asarray(value, np.float32), count).copy() for name, value in times.items()
-    }
+    told = {name: np.broadcast_to(np.asarray(value, np.float32), count).copy() for name, value in times.items()}
     return duration(replace(block, **told))
 
 
@@ -409,9 +399,7 @@ def test_shares_of_a_sweep() -> None:
 def going(upside_down: bool = False) -> SweepPoses:
     """One sensor goes 1 m along y and turns by a quarter, the other stands."""
     way = np.array([[0.0, 1.0, pi / 2], [0.0, 0.0, 0.0]])
-    return SweepPoses(
-        np.array([2.0, 5.0]), np.array([3.0, 5.0]), np.array([0.0, 1.0]), np.full(2, upside_down), way
-    )
+    return SweepPoses(np.array([2.0, 5.0]), np.array([3.0, 5.0]), np.array([0.0, 1.0]), np.full(2, upside_down), way)
 
 
 def test_where_a_sensor_is_during_its_sweep() -> None:
@@ -435,9 +423,7 @@ def test_points_are_seen_from_where_the_sensor_was(upside_down: bool) -> None:
     half = np.sqrt(0.5)
     assert x.tolist() == pytest.approx([3.0, 2.0 + half, 2.0 - side * 0.5])
     assert y.tolist() == pytest.approx([3.0, 3.5 + half, 5.0])
-    assert np.sin(yaw - [0.0, pi / 4 + side * 0.2, pi / 2 + side * 0.3]) == pytest.approx(
-        np.zeros(3), abs=1e-12
-    )
+    assert np.sin(yaw - [0.0, pi / 4 + side * 0.2, pi / 2 + side * 0.3]) == pytest.approx(np.zeros(3), abs=1e-12)
     # Without a share they are seen from its start.
     x, y, _ = going(upside_down).to_world(rows, *points)
     assert x.tolist() == pytest.approx([3.0, 3.0, 3.0])

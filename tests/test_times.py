@@ -9,8 +9,7 @@ from lidarcli.times import Instant, parse_time
 
 
 @pytest.mark.parametrize(
-    ("text", "seconds"),
-    [("0", 0.0), ("12.5", 12.5), (" 12.5s ", 12.5), ("500 ms", 0.5), ("2min", 120.0), ("1.5H", 5400.0)],
+    ("text", "seconds"), [("0", 0.0), ("12.5", 12.5), (" 12.5s ", 12.5), ("500 ms", 0.5), ("2min", 120.0), ("1.5H", 5400.0)]
 )
 def test_seconds_after_the_first_sweep(text: str, seconds: float) -> None:
     assert parse_time(text) == seconds
@@ -40,7 +39,5 @@ def test_moments(text: str, ns: int) -> None:
     "text", ["", "soon", "12:30", "2026-13-01", "10 days", "1e400", "nan", "inf", "1e12", "2026-11-22T25:00Z"]
 )
 def test_what_is_no_time_is_refused_with_a_way_out(text: str) -> None:
-    with pytest.raises(
-        OptionError, match=r"is no time: give seconds after the first sweep|is more than 1e\+09 seconds"
-    ):
+    with pytest.raises(OptionError, match=r"is no time: give seconds after the first sweep|is more than 1e\+09 seconds"):
         parse_time(text)

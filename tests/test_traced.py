@@ -20,18 +20,7 @@ WRITING = re.compile(r"O_WRONLY|O_RDWR|O_CREAT|O_TRUNC|O_APPEND")
 OPENING = ("open", "openat", "openat2", "creat")
 CHANGING = (
     *("unlink", "unlinkat", "rename", "renameat", "renameat2", "rmdir", "mkdir", "mkdirat", "link", "linkat"),
-    *(
-        "symlink",
-        "symlinkat",
-        "chmod",
-        "fchmodat",
-        "chown",
-        "lchown",
-        "fchownat",
-        "truncate",
-        "mknod",
-        "mknodat",
-    ),
+    *("symlink", "symlinkat", "chmod", "fchmodat", "chown", "lchown", "fchownat", "truncate", "mknod", "mknodat"),
     *("utime", "utimes", "utimensat", "futimesat", "setxattr", "removexattr"),
 )
 
@@ -45,9 +34,7 @@ def changes(folder: Path, *arguments: object) -> tuple[int, set[str]]:
     command = ["strace", "-f", "-y", "-qq", "-s", "4096", "-o", str(trace)]
     command += ["-e", f"trace={','.join((*OPENING, *CHANGING))}", sys.executable, "-m", "lidarcli", "-q"]
     environment = {**os.environ, "TMPDIR": str(temporary), "PYTHONDONTWRITEBYTECODE": "1"}
-    ran = subprocess.run(
-        [*command, *map(str, arguments)], env=environment, capture_output=True, check=False, timeout=HANG
-    )
+    ran = subprocess.run([*command, *map(str, arguments)], env=environment, capture_output=True, check=False, timeout=HANG)
     assert list(temporary.iterdir()) == []
     touched = set()
     for line in trace.read_text().splitlines():
@@ -56,9 +43,7 @@ def changes(folder: Path, *arguments: object) -> tuple[int, set[str]]:
             continue
         for place, name in re.findall(r'(?:<([^>]*)>, )?"((?:[^"\\]|\\.)*)"', call[2]):
             touched.add(str(Path(place or Path.cwd()) / name))
-    return ran.returncode, {
-        name for name in touched if not name.startswith(("/dev/", "/proc/", str(temporary)))
-    }
+    return ran.returncode, {name for name in touched if not name.startswith(("/dev/", "/proc/", str(temporary)))}
 
 
 def journal(folder: Path) -> Path:
@@ -122,9 +107,6 @@ def test_writing_changes_the_outputs_alone(tmp_path: Path) -> None:
     code, touched = changes(tmp_path, "detect", SAMPLES / "room.mcap", "-o", out)
     assert code == 0
     assert {name for name in touched if not name.startswith(str(out))} == set()
-    names = {
-        re.sub(r"\.lidarcli-[0-9a-f]{8}-[0-9a-f]{16}\.part", "PART", name).removeprefix(str(out))
-        for name in touched
-    }
+    names = {re.sub(r"\.lidarcli-[0-9a-f]{8}-[0-9a-f]{16}\.part", "PART", name).removeprefix(str(out)) for name in touched}
     tables = {"room.objects.parquet", "room.sweeps.parquet"}
     assert names == {"", "/PART", *(f"/PART/{name}" for name in tables), *(f"/{name}" for name in tables)}

@@ -23,9 +23,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The package as it is installed without a compiler."""
     folder = tmp_path_factory.mktemp("package")
     source = Path(lidarcli.__file__).parent
-    shutil.copytree(
-        source, folder / "lidarcli", ignore=shutil.ignore_patterns("*.so", "*.pyd", "__pycache__")
-    )
+    shutil.copytree(source, folder / "lidarcli", ignore=shutil.ignore_patterns("*.so", "*.pyd", "__pycache__"))
     return folder
 
 

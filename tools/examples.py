@@ -26,12 +26,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-FENCE = re.compile(
-    r"^```(?P<language>[a-z]+)(?: (?P<file>\S+))?\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL
-)
-COMMAND = re.compile(
-    r"^\$ (?P<command>[^\n]*(?:\n> [^\n]*)*)\n(?P<output>(?:(?!\$ )[^\n]*\n)*)", re.MULTILINE
-)
+FENCE = re.compile(r"^```(?P<language>[a-z]+)(?: (?P<file>\S+))?\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL)
+COMMAND = re.compile(r"^\$ (?P<command>[^\n]*(?:\n> [^\n]*)*)\n(?P<output>(?:(?!\$ )[^\n]*\n)*)", re.MULTILINE)
 ENVIRONMENT = {"COLUMNS": "80", "LC_ALL": "C.UTF-8", "TZ": "UTC"}
 FIRST = re.compile(r"(?P<call>lidarcli .*?)(?P<joint> 2>&1 \| | \| |; )(?P<rest>.*)", re.DOTALL)
 """A call of lidarcli before something that needs a shell: what it prints, or its exit code, goes on there."""

@@ -74,10 +74,7 @@ def alike(one: Any, other: Any) -> bool:
 def _plain(table: pa.Table) -> Iterator[dict[str, Any]]:
     stamps = table["stamp"].cast(pa.int64()).to_pylist()
     for stamp, row in zip(stamps, table.drop_columns(["stamp", "log"]).to_pylist(), strict=True):
-        yield {
-            "stamp_ns": stamp,
-            **{name: _rounded(value) for name, value in row.items() if value is not None},
-        }
+        yield {"stamp_ns": stamp, **{name: _rounded(value) for name, value in row.items() if value is not None}}
 
 
 def _rounded(value: Any) -> Any:

@@ -18,9 +18,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "docs/tables.md": tables_page,
     "docs/python.md": python_page,
     "docs/reports.md": reports_page,
-    **{
-        f"docs/commands/{page_of(name)}": partial(command_page, name, command) for name, command in commands()
-    },
+    **{f"docs/commands/{page_of(name)}": partial(command_page, name, command) for name, command in commands()},
     "docs/images/findings.svg": findings_picture,
 }
 WITH_EXAMPLES = (
@@ -54,9 +52,7 @@ def main() -> None:
         page_path = ROOT / name
         with tempfile.TemporaryDirectory() as folder:
             (Path(folder) / "samples").symlink_to(ROOT / "samples")
-            page_path.write_text(
-                renewed(page_path.read_text(encoding="utf-8"), Path(folder)), encoding="utf-8"
-            )
+            page_path.write_text(renewed(page_path.read_text(encoding="utf-8"), Path(folder)), encoding="utf-8")
     for name, page in PAGES.items():
         (ROOT / name).write_text(page(), encoding="utf-8")
 

@@ -68,22 +68,11 @@ def python_page() -> str:
         lines += _function(name, told)
     lines += ["## Keywords that functions share", ""]
     for title, group in GROUPS.items():
-        lines += [
-            f"### {title}",
-            "",
-            inspect.cleandoc(group.__doc__),
-            "",
-            *_keywords(group, {*options_of(group)}),
-        ]
+        lines += [f"### {title}", "", inspect.cleandoc(group.__doc__), "", *_keywords(group, {*options_of(group)})]
     lines += ["## Classes", ""]
     for name in CLASSES:
         lines += _class(getattr(lidarcli, name))
-    lines += [
-        "## Errors",
-        "",
-        "All of them are a `LidarcliError`, and end the command line with the exit code.",
-        "",
-    ]
+    lines += ["## Errors", "", "All of them are a `LidarcliError`, and end the command line with the exit code.", ""]
     lines += as_table(("error", "exit code", "meaning"), map(_error, ERRORS))
     lines += ["## What else there is", "", *as_table(("name", "what it is"), map(_other, OTHERS))]
     return as_page(lines)
@@ -98,14 +87,7 @@ def _function(name: str, told: Any) -> list[str]:
     shared = {title: group for title, group in GROUPS.items() if options_of(group).keys() <= known}
     rest = {*known} - {key for group in shared.values() for key in options_of(group)}
     heads = [one.name if one.default is one.empty else f"{one.name}={one.default!r}" for one in own]
-    lines = [
-        f"### {name}",
-        "",
-        f"```python\nlidarcli.{name}({', '.join(heads)}, **keywords)\n```",
-        "",
-        words,
-        "",
-    ]
+    lines = [f"### {name}", "", f"```python\nlidarcli.{name}({', '.join(heads)}, **keywords)\n```", "", words, ""]
     meanings = dict(_items(sections["Parameters"]))
     lines += as_table(("parameter", "meaning"), ((f"`{one.name}`", meanings[one.name]) for one in own))
     lines += _keywords(told, rest)
@@ -132,9 +114,7 @@ def _class(kind: Any) -> list[str]:
     lines = [f"### {kind.__name__}", "", words, ""]
     attributes = [(f"`{name}`", text) for name, text in _items(sections.get("Attributes", ""))]
     lines += as_table(("attribute", "what it is"), iter(attributes)) if attributes else []
-    methods = [
-        (f"`{name}`", text) for name, text in _methods(kind, {name.strip("`") for name, _ in attributes})
-    ]
+    methods = [(f"`{name}`", text) for name, text in _methods(kind, {name.strip("`") for name, _ in attributes})]
     return lines + (as_table(("property or method", "what it is"), iter(methods)) if methods else [])
 
 
@@ -186,6 +166,4 @@ def _type(kind: Any) -> str:
     words = inspect.formatannotation(kind)
     words = re.sub(r"\b(?:[a-z_]\w*\.)+(?=[A-Z])", "", words)
     words = re.sub(r"^Optional\[(.*)\]$", r"\1 | None", words)
-    return re.sub(
-        r"Union\[(.*), NoneType\]", lambda found: f"{found[1].replace('], ', '] | ')} | None", words
-    )
+    return re.sub(r"Union\[(.*), NoneType\]", lambda found: f"{found[1].replace('], ', '] | ')} | None", words)

@@ -239,9 +239,7 @@ def reports_page() -> str:
     ):
         rest = parts.pop(0).partition("\n\n")[2]
         entries = counts | {f"{name}.*": figure for name, figure in spreads.items()}
-        rows = (
-            (f"`{name}`", "" if one.unit == "1" else one.unit, one.meaning) for name, one in entries.items()
-        )
+        rows = ((f"`{name}`", "" if one.unit == "1" else one.unit, one.meaning) for name, one in entries.items())
         before += "\n".join(as_table(("name", "unit", "meaning"), rows)) + "\n" + rest
     return head.join([before, *parts])
 
@@ -256,9 +254,7 @@ def option_names() -> Iterator[tuple[str, str]]:
 
 def _command(name: str, command: click.Command, context: click.Context) -> list[str]:
     arguments = " ".join(
-        parameter.metavar or parameter.name or ""
-        for parameter in command.params
-        if isinstance(parameter, click.Argument)
+        parameter.metavar or parameter.name or "" for parameter in command.params if isinstance(parameter, click.Argument)
     )
     lines = [f"# lidarcli {name}", "", _prose(command.help or ""), ""]
     lines += ["```", f"lidarcli {name} [OPTIONS] {arguments}", "```", ""]

@@ -13,9 +13,7 @@ def requirements(name: str) -> list[str]:
     """What is needed to build, or for an extra."""
     told = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))
     needed: list[str] = (
-        told["build-system"]["requires"]
-        if name == "build-system"
-        else told["project"]["optional-dependencies"][name]
+        told["build-system"]["requires"] if name == "build-system" else told["project"]["optional-dependencies"][name]
     )
     return needed
 

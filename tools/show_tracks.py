@@ -49,11 +49,7 @@ def main(tracks: str, truth: str) -> None:
             f"{row['duration']:.1f} s",
             "yes" if moves else "no",
             f"{row['speed_mean']:.2f} m/s" if moves else "",
-            "-"
-            if thing is None
-            else thing["kind"]
-            if row["duration"] >= LONG
-            else f"part of a {thing['kind']}",
+            "-" if thing is None else thing["kind"] if row["duration"] >= LONG else f"part of a {thing['kind']}",
             f"{thing['speed']:.2f} m/s" if thing is not None and thing["speed"] else "",
         )
     console = Console(width=max(Console().width, 80))

@@ -16,9 +16,7 @@ WIDTH, LINE, MARGIN = 740, 20, 18
 def findings_picture() -> str:
     """docs/images/findings.svg: the first findings of the README."""
     (told,) = re.findall(
-        r"^(\$ lidarcli info \S+ --deep.*?)^(?:\$ |```$)",
-        README.read_text(encoding="utf-8"),
-        re.MULTILINE | re.DOTALL,
+        r"^(\$ lidarcli info \S+ --deep.*?)^(?:\$ |```$)", README.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
     )
     return terminal_picture(re.sub(r" \| .*", "", told, count=1))
 

@@ -34,11 +34,7 @@ REAL_LOGS = "LIDARCLI_REAL_LOGS"
 
 def parts(first: int, scenes: int, baselines: bool) -> Iterator[Part]:
     """The work in pieces, the same whatever the number of processes."""
-    counts: dict[Things, int] = {
-        "plain": scenes,
-        "legs": -(-scenes // LEGGED_SHARE),
-        "whole": -(-scenes // LEGGED_SHARE),
-    }
+    counts: dict[Things, int] = {"plain": scenes, "legs": -(-scenes // LEGGED_SHARE), "whole": -(-scenes // LEGGED_SHARE)}
     for things, count in counts.items():
         for kind in (*KINDS, *building.KINDS) if things == "plain" else KINDS:
             for start in range(0, count, CHUNK):
@@ -83,15 +79,11 @@ def main() -> None:
     """Parse the arguments, measure, write."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.accuracy", description=__doc__)
     parser.add_argument("--seeds", type=int, default=SEED, metavar="FIRST", help="first seed (%(default)s)")
-    parser.add_argument(
-        "--scenes", type=int, default=SCENES, metavar="N", help="scenes of each kind (%(default)s)"
-    )
+    parser.add_argument("--scenes", type=int, default=SCENES, metavar="N", help="scenes of each kind (%(default)s)")
     parser.add_argument("--quick", action="store_true", help=f"only {QUICK} scenes of each kind; no page")
     parser.add_argument("--ours", action="store_true", help="leave the baselines out; no page")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures as JSON")
-    parser.add_argument(
-        "--page", type=Path, default=PAGE, metavar="FILE", help="page to write (docs/accuracy.md)"
-    )
+    parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE", help="page to write (docs/accuracy.md)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     arguments = parser.parse_args()
     if arguments.scenes < 1 or arguments.jobs < 1 or arguments.seeds < 0:

@@ -71,9 +71,7 @@ def valid_points(batch: SweepBatch) -> Points:
     closed = batch.closure != Closure.OPEN
     previous[first[some]] = np.where(closed & (count > 1), first + count - 1, -1)[some]
     step = np.abs(batch.angle_increment)[row]
-    return Points(
-        row, beam, ranges, ranges * np.cos(bearing), ranges * np.sin(bearing), first, count, previous, step
-    )
+    return Points(row, beam, ranges, ranges * np.cos(bearing), ranges * np.sin(bearing), first, count, previous, step)
 
 
 def fixed(near: Float64, before: Float64, step: Float64) -> Float64:

@@ -142,9 +142,7 @@ def measure_boxes(count: int, sweeps: int, seed: int) -> list[BoxResult]:
     return results
 
 
-def judge_boxes(
-    name: str, noise: float, boxes: Boxes, batch: SweepBatch, truth: Truth, sweeps: int
-) -> BoxResult:
+def judge_boxes(name: str, noise: float, boxes: Boxes, batch: SweepBatch, truth: Truth, sweeps: int) -> BoxResult:
     """Compare the detections of each box, entity 0 of its scene, with the box."""
     detection = detect(batch, per_beam=True)
     found = of_first_entity(detection, batch, truth)
@@ -171,9 +169,7 @@ def judge_boxes(
         face_error=float(np.median(_face_errors(detection, k, vertices, corners))),
         length_error=float(np.median(np.abs(detection.box_length[k] - long))),
         width_error=float(np.median(np.abs(detection.box_width[k] - short))),
-        centre_error=float(
-            np.median(np.hypot(detection.box_x[k] - boxes.x[box], detection.box_y[k] - boxes.y[box]))
-        ),
+        centre_error=float(np.median(np.hypot(detection.box_x[k] - boxes.x[box], detection.box_y[k] - boxes.y[box]))),
         yaw_error=float(np.median(np.abs(yaw_off))),
         turns=turned,
         pairs=pairs,
@@ -232,9 +228,7 @@ def _face_errors(detection: Detection, k: Int64, vertices: _Vertices, corners: F
     """(D, 2) error of the reported face whose middle is nearest to the middle of each true one [m]."""
     first = np.flatnonzero(vertices.owner[:-1] == vertices.owner[1:])
     owner = vertices.owner[first]
-    middle = np.column_stack(
-        [vertices.x[first] + vertices.x[first + 1], vertices.y[first] + vertices.y[first + 1]]
-    )
+    middle = np.column_stack([vertices.x[first] + vertices.x[first + 1], vertices.y[first] + vertices.y[first + 1]])
     length = detection.face_length[detection.face_offsets[k][owner] + first - vertices.offsets[owner]]
     true = np.hypot(*np.moveaxis(np.diff(corners, axis=1), 2, 0))
     errors: Float64 = true.copy()

@@ -9,16 +9,7 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.scenes import building
-from benchmarks.scenes.random import (
-    CHEAP_NOISE,
-    FAULTS,
-    KINDS,
-    SENSORS,
-    Kind,
-    cheap,
-    random_scene,
-    sensor_with,
-)
+from benchmarks.scenes.random import CHEAP_NOISE, FAULTS, KINDS, SENSORS, Kind, cheap, random_scene, sensor_with
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import Entity, Scene, Sensor
@@ -119,10 +110,7 @@ def judged(raw: RawSweeps) -> SweepBatch:
 
 
 def cells_of(
-    kind: Kind | building.Kind,
-    seeds: list[int],
-    things: Things,
-    cells: tuple[Cell, ...] = (*CELLS, *BUILDING_CELLS),
+    kind: Kind | building.Kind, seeds: list[int], things: Things, cells: tuple[Cell, ...] = (*CELLS, *BUILDING_CELLS)
 ) -> Iterator[tuple[Cell, SweepBatch, Truth]]:
     """The cells of one kind of scene: one sweep of each seed's scene by each sensor with each fault."""
     ideal, legged = SENSORS["361"], things != "plain"

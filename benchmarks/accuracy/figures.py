@@ -61,8 +61,7 @@ def as_json(figures: Figures) -> str:
         "cars": [asdict(result) for result in figures.cars],
     }
     tables["driven"] = [
-        {"sensors": group, "method": method, **_score(found)}
-        for (group, method), found in figures.driven.items()
+        {"sensors": group, "method": method, **_score(found)} for (group, method), found in figures.driven.items()
     ]
     if figures.by_eye is not None:
         tables["by_eye"] = [

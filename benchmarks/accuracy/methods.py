@@ -37,9 +37,7 @@ GROUPED = f"robust, --group-gap {GROUP_GAP:g}"
 METHODS: dict[str, Method] = {
     ROBUST: by_profile(Parameters()),
     "paper": by_profile(Parameters.for_profile("paper")),
-    "paper, 3 beams, 2 m": by_profile(
-        Parameters.for_profile("paper", min_beams=MIN_POINTS, max_width=MAX_WIDTH)
-    ),
+    "paper, 3 beams, 2 m": by_profile(Parameters.for_profile("paper", min_beams=MIN_POINTS, max_width=MAX_WIDTH)),
     **BASELINES,
 }
 """With default options, or as published."""

@@ -64,9 +64,7 @@ class Part:
 
 def measure(part: Part) -> Tally:
     """All cells of one kind of scene."""
-    methods: dict[str, Method] = {
-        name: method for name, method in METHODS.items() if part.baselines or name == ROBUST
-    }
+    methods: dict[str, Method] = {name: method for name, method in METHODS.items() if part.baselines or name == ROBUST}
     if part.things == "whole":
         methods |= GROUPING
     tally = Tally()

@@ -33,13 +33,7 @@ EXPECTED = {
     "table": "legged",
     "ladder": "legged",
 }
-PLURAL = {
-    "room": "rooms",
-    "corridor": "corridors",
-    "hall": "halls",
-    "passage": "corridors",
-    "chamber": "rooms",
-}
+PLURAL = {"room": "rooms", "corridor": "corridors", "hall": "halls", "passage": "corridors", "chamber": "rooms"}
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -107,8 +101,7 @@ def _summary(tally: Tally, things: Things) -> str:
         scores = tally.of(things, method)
         f1 = [score.f1 for score in scores]
         by_kind = [
-            _mean(score.f1 for cell, score in zip(CELLS, scores, strict=True) if cell.kind == kind)
-            for kind in KINDS
+            _mean(score.f1 for cell, score in zip(CELLS, scores, strict=True) if cell.kind == kind) for kind in KINDS
         ]
         numbers = [
             _mean(f1),
@@ -129,8 +122,7 @@ def _cells(tally: Tally) -> str:
         return f"{score.f1:.3f} ({score.precision:.3f} / {score.recall:.3f})"
 
     rows = [
-        [f"{PLURAL[kind]}, {sensor} beams"]
-        + [entry(Cell(kind, sensor, noise, lost)) for noise, lost in FAULTS]
+        [f"{PLURAL[kind]}, {sensor} beams"] + [entry(Cell(kind, sensor, noise, lost)) for noise, lost in FAULTS]
         for kind in KINDS
         for sensor in SENSORS
     ]
@@ -142,10 +134,7 @@ def _buildings(tally: Tally, scenes: int) -> str:
     """Scenes like real buildings: every method by kind of scene and sensor."""
     faults = {"good sensors": False, "cheap sensors": True}
     groups = [
-        (
-            f"{PLURAL[kind]}, {name}",
-            [cell for cell in BUILDING_CELLS if (cell.kind, cell.cheap) == (kind, is_cheap)],
-        )
+        (f"{PLURAL[kind]}, {name}", [cell for cell in BUILDING_CELLS if (cell.kind, cell.cheap) == (kind, is_cheap)])
         for kind in building.KINDS
         for name, is_cheap in faults.items()
     ]
@@ -154,9 +143,7 @@ def _buildings(tally: Tally, scenes: int) -> str:
         numbers = []
         for _, cells in groups:
             scores = tally.of("plain", method, cells)
-            precision, recall = (
-                _mean(getattr(each, name) for each in scores) for name in ("precision", "recall")
-            )
+            precision, recall = (_mean(getattr(each, name) for each in scores) for name in ("precision", "recall"))
             numbers.append(f"{precision:.2f} / {recall:.2f}")
         rows.append([f"**{method}**" if method == ROBUST else method, *numbers])
     return (
@@ -203,9 +190,7 @@ def _wrong(tally: Tally) -> str:
     for method in tally.methods("plain"):
         counts = total(tally.of("plain", method))
         parts = int(counts.parts.sum())
-        shares = [
-            f"{100 * n / max(counts.detections, 1):.1f} %" for n in (counts.on_walls, counts.mixed, parts)
-        ]
+        shares = [f"{100 * n / max(counts.detections, 1):.1f} %" for n in (counts.on_walls, counts.mixed, parts)]
         rows.append([method, f"{counts.detections:,}", *shares])
     head = ["method", "detections", "mostly wall", "more than one thing", "less than half of one"]
     text = (
@@ -237,19 +222,13 @@ def _shapes(tally: Tally) -> str:
     whole = {noise: tally.shapes["whole", noise] for noise, _ in FAULTS}
     everything = sum(plain.values(), np.zeros_like(plain[0.0]))
     text += _matrix(everything, ("box", "cylinder", "pole", "plant"))
-    text += "\n" + _matrix(
-        sum(whole.values(), np.zeros_like(everything)), ("person", "chair", "table", "ladder")
-    )
+    text += "\n" + _matrix(sum(whole.values(), np.zeros_like(everything)), ("person", "chair", "table", "ladder"))
     rows = []
     for noise, _ in FAULTS:
         simple = _share_right(plain[noise], ("box", "cylinder", "pole", "plant"))
         legged = _share_right(whole[noise], ("person", "chair", "table", "ladder"))
         rows.append([f"σ {100 * noise:.0f} cm", f"{simple:.3f}", f"{legged:.3f}"])
-    return (
-        text
-        + "\nShare of the found entities whose shape is right:\n\n"
-        + table(["", "plain", "legged"], rows)
-    )
+    return text + "\nShare of the found entities whose shape is right:\n\n" + table(["", "plain", "legged"], rows)
 
 
 def _matrix(counts: Int64, things: Sequence[str]) -> str:
@@ -297,18 +276,13 @@ def _boxes(results: Sequence[boxes.BoxResult], sweeps: int) -> str:
     rows = [
         [
             f"{r.sensor} beams, σ {100 * r.noise:.0f} cm",
-            *(
-                f"{100 * value:.1f} cm"
-                for value in (r.face_error, r.length_error, r.width_error, r.centre_error)
-            ),
+            *(f"{100 * value:.1f} cm" for value in (r.face_error, r.length_error, r.width_error, r.centre_error)),
             f"{np.rad2deg(r.yaw_error):.2f}°",
             f"{r.turns:,} of {r.pairs:,}",
         ]
         for r in results
     ]
-    return text + table(
-        ["", "face", "box length", "box width", "box centre", "box yaw", "turns by 90°"], rows
-    )
+    return text + table(["", "face", "box length", "box width", "box centre", "box yaw", "turns by 90°"], rows)
 
 
 def _cylinder(results: Sequence[boxes.CylinderResult]) -> str:
@@ -332,15 +306,7 @@ def _cylinder(results: Sequence[boxes.CylinderResult]) -> str:
 
 def _real(figures: Figures, before: str) -> str:
     if figures.legs and figures.cars and figures.by_eye is not None:
-        body = (
-            by_eye.section(figures.by_eye, table)
-            + "\n"
-            + REAL
-            + "\n"
-            + _legs(figures.legs)
-            + "\n"
-            + _cars(figures.cars)
-        )
+        body = by_eye.section(figures.by_eye, table) + "\n" + REAL + "\n" + _legs(figures.legs) + "\n" + _cars(figures.cars)
     else:
         body = before.partition(BEGIN)[2].partition(END)[0].replace(KEPT, "").strip("\n")
         body = f"{body}\n\n{KEPT}\n" if body and NEVER not in body else NEVER + "\n"
@@ -350,9 +316,7 @@ def _real(figures: Figures, before: str) -> str:
 def _legs(results: Sequence[real.Legs]) -> str:
     first = results[0]
     text = f"{first.labels:,} labelled legs in {first.sweeps} sweeps:\n\n"
-    rows = [
-        [leg.method, *(f"{share:.3f}" for share in leg.within), f"{leg.detections:.1f}"] for leg in results
-    ]
+    rows = [[leg.method, *(f"{share:.3f}" for share in leg.within), f"{leg.detections:.1f}"] for leg in results]
     within = [f"within {limit} m" for limit in real.WITHIN]
     return text + table(["method", *within, "detections per sweep"], rows)
 
@@ -376,13 +340,5 @@ def _cars(results: Sequence[real.Car]) -> str:
         for car in results
     ]
     within = [f"within {limit} m" for limit in real.WITHIN]
-    head = [
-        "log",
-        "sweeps",
-        "median",
-        "90 %",
-        *within,
-        "median to the nearest return",
-        "detections per sweep",
-    ]
+    head = ["log", "sweeps", "median", "90 %", *within, "median to the nearest return", "detections per sweep"]
     return text + table(head, rows)

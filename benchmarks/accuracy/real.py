@@ -61,9 +61,7 @@ class Car:
 
 def measure_legs(folder: Path) -> list[Legs]:
     """Every method on every log with labelled legs; the k-th array of positions belongs to the k-th sweep."""
-    logs = [
-        (batch, labels) for path in sorted(folder.glob(LEG_LOGS)) for batch, labels in labelled_legs(path)
-    ]
+    logs = [(batch, labels) for path in sorted(folder.glob(LEG_LOGS)) for batch, labels in labelled_legs(path)]
     results = []
     for name, method in METHODS.items():
         away: list[float] = []

@@ -90,12 +90,8 @@ def measure(batches: Iterable[SweepBatch], judged: dict[int, Sweep]) -> Building
     parts = []
     for batch, detection, worlds in seen:
         body, ends = _bodies(batch, detection), _ends(batch)
-        line, island = (
-            _share(body, _at(layer, counts, ends), len(detection)) for layer in (on_line, on_island)
-        )
-        label = np.where(
-            line >= MOSTLY, BUILDING, np.where((island >= MOSTLY) & (line == 0.0), THING, NEITHER)
-        )
+        line, island = (_share(body, _at(layer, counts, ends), len(detection)) for layer in (on_line, on_island))
+        label = np.where(line >= MOSTLY, BUILDING, np.where((island >= MOSTLY) & (line == 0.0), THING, NEITHER))
         votes = 1.0 / (1.0 + np.exp(-places.read(batch, detection, worlds).place))
         by_eye = _by_eye(batch, body, judged, len(detection))
         kept = (label != NEITHER) & ~np.isnan(votes)

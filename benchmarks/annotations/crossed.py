@@ -49,9 +49,7 @@ def crossed_share(batch: SweepBatch, found: Detection) -> Float64:
     return share
 
 
-def _beam_at(
-    batch: SweepBatch, row: NDArray[np.int64], bearing: Float64
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _beam_at(batch: SweepBatch, row: NDArray[np.int64], bearing: Float64) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """The beam nearest to a bearing, and whether there is one."""
     increment, first = batch.angle_increment[row], batch.angle_min[row]
     turned = (bearing - first) / increment

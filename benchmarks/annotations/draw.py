@@ -103,9 +103,7 @@ def _step(first: Row, second: Row) -> Place | None:
     return Place(float(cos * dx + sin * dy), float(cos * dy - sin * dx), float(to_yaw - yaw))
 
 
-def _sweep(
-    axes: Axes, batch: SweepBatch, row: int, found: list[Piece], limit: float, *, number: bool
-) -> None:
+def _sweep(axes: Axes, batch: SweepBatch, row: int, found: list[Piece], limit: float, *, number: bool) -> None:
     points = points_of(batch, row)
     axes.fill(*np.vstack([[0, 0], points]).T, color="#eef3f7", zorder=0)
     axes.plot(*points.T, ".", color="#bbbbbb", markersize=3, zorder=1)

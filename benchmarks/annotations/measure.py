@@ -55,10 +55,7 @@ class ByEye:
         """Where precision and recall lie for nine of ten draws of as many logs (bootstrap): from and to of both."""
         each = [self.of(side, method, log=log) for log in self.names(side)]
         generator = np.random.default_rng(0)
-        draws = [
-            sum((each[k] for k in generator.integers(len(each), size=len(each))), Counts())
-            for _ in range(DRAWS)
-        ]
+        draws = [sum((each[k] for k in generator.integers(len(each), size=len(each))), Counts()) for _ in range(DRAWS)]
         low, high = np.quantile([(one.precision, one.recall) for one in draws], (0.05, 0.95), axis=0)
         return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
 

@@ -41,10 +41,7 @@ def section(found: ByEye, make: Table) -> str:
     """The text and its tables."""
     side: Side = "reporting"
     text = TEXT.format(
-        sweeps=found.sweeps[side],
-        logs=found.logs[side],
-        tuned=found.sweeps["tuning"],
-        others=found.logs["tuning"],
+        sweeps=found.sweeps[side], logs=found.logs[side], tuned=found.sweeps["tuning"], others=found.logs["tuning"]
     )
     places = found.places(side)
     rows = []
@@ -75,13 +72,7 @@ def section(found: ByEye, make: Table) -> str:
     rows = []
     for log in found.names(side):
         each = [found.of(side, method, log=log) for method in (ROBUST, TRACK)]
-        rows.append(
-            [
-                log,
-                str(each[0].things),
-                *(f"{one.precision:.2f} / {one.recall:.2f}" for one in each),
-            ]
-        )
+        rows.append([log, str(each[0].things), *(f"{one.precision:.2f} / {one.recall:.2f}" for one in each)])
     text += make(["log", "things", ROBUST, TRACK], rows)
     text += STEADY
     rows = [

@@ -30,11 +30,7 @@ class JudgedSweep:
 
 def rows_of(folder: Path, chosen: Chosen) -> list[Row]:
     """All sweeps of a topic."""
-    return [
-        (batch, row)
-        for batch in lidarcli.read(chosen.path(folder), topic=chosen.topic)
-        for row in range(len(batch))
-    ]
+    return [(batch, row) for batch in lidarcli.read(chosen.path(folder), topic=chosen.topic) for row in range(len(batch))]
 
 
 def judged_sweeps(folder: Path, side: Side, labels: Path = LABELS) -> Iterator[JudgedSweep]:

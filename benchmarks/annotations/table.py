@@ -90,16 +90,7 @@ def write(path: Path, sweeps: Iterable[Judged]) -> None:
             breaks = (np.diff(code[judged]) != 0) | (np.diff(judged) > MOST_LOST + 1) | (np.diff(strays) > 0)
             for part in np.split(judged, np.flatnonzero(breaks) + 1):
                 kind, number = divmod(int(code[part[0]]), 1000)
-                row = (
-                    each.log,
-                    each.topic,
-                    each.sweep,
-                    each.place,
-                    part[0],
-                    part[-1],
-                    VERDICTS[kind],
-                    number,
-                )
+                row = (each.log, each.topic, each.sweep, each.place, part[0], part[-1], VERDICTS[kind], number)
                 table.writerow(row)
 
 

@@ -77,16 +77,12 @@ def measure_paths(figures: Figures, recordings: Path | None, *, least: bool = Fa
 def main() -> None:
     """Parse the arguments, measure, write."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.maps", description=__doc__)
-    parser.add_argument(
-        "--tune", action="store_true", help="drives that constants may be looked at on; no page"
-    )
+    parser.add_argument("--tune", action="store_true", help="drives that constants may be looked at on; no page")
     parser.add_argument("--quick", action="store_true", help="one drive of each kind, no times; no page")
     parser.add_argument("--paths", action="store_true", help="the errors of matched paths alone; no page")
     parser.add_argument("--seeds", type=int, metavar="N", help=f"drives of each kind ({SEEDS}; --quick: 1)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures as JSON")
-    parser.add_argument(
-        "--page", type=Path, default=PAGE, metavar="FILE", help="page to write (docs/maps.md)"
-    )
+    parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE", help="page to write (docs/maps.md)")
     arguments = parser.parse_args()
     seeds = (1 if arguments.quick else SEEDS) if arguments.seeds is None else arguments.seeds
     if not 1 <= seeds <= MOST_SEEDS:

@@ -91,7 +91,5 @@ def _write_wide(driven: Drive, where: Float64, log: Path) -> None:
         time_increment=None,
         scan_time=None,
     )
-    poses = SimulatedPoses(
-        Odometry(), sensor.frame_id, stamp, where, np.full(sweeps, STEP * sensor.rate), np.zeros(sweeps)
-    )
+    poses = SimulatedPoses(Odometry(), sensor.frame_id, stamp, where, np.full(sweeps, STEP * sensor.rate), np.zeros(sweeps))
     write_log(log, [seen], poses=poses)

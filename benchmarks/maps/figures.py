@@ -164,9 +164,7 @@ class Figures:
     def of(self, rule: str, taken: str, kind: str | None = None) -> list[Score]:
         """The scores of a rule, of one kind of building or of all."""
         names = [way.name for way in self.ways if kind is None or way.kind == kind]
-        return [
-            one.score for one in self.made if one.rule == rule and one.taken == taken and one.way in names
-        ]
+        return [one.score for one in self.made if one.rule == rule and one.taken == taken and one.way in names]
 
 
 def mean(values: Iterable[float]) -> float:

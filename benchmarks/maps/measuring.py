@@ -46,9 +46,7 @@ def measure_way(kind: Kind, seed: int, folder: Path) -> tuple[Way, list[Made], M
     taken = {EVERY: new_sweeps(driven, 0.0), MOVED: new_sweeps(driven, MIN_MOVE)}
     calm = record_drive(_calm(driven), seed)
     seen = counts_of(calm.beams, taken[MOVED], RESOLUTION)
-    once, twice = (
-        score(seen.occupancy(hits, 0.0, "map"), driven.true, driven.walked).recall for hits in (1, 2)
-    )
+    once, twice = (score(seen.occupancy(hits, 0.0, "map"), driven.true, driven.walked).recall for hits in (1, 2))
     way = Way(
         kind,
         seed,
@@ -69,9 +67,7 @@ def measure_way(kind: Kind, seed: int, folder: Path) -> tuple[Way, list[Made], M
             **maps_by_rules(driven.beams, rows, RESOLUTION),
             **maps_once(driven.beams, rows, RESOLUTION),
         }
-        made += [
-            Made(way.name, rule, name, score(grid, driven.true, driven.walked)) for rule, grid in maps.items()
-        ]
+        made += [Made(way.name, rule, name, score(grid, driven.true, driven.walked)) for rule, grid in maps.items()]
     matched = Matched(way.name, score(make_map(log, "--pose", "match"), driven.true, driven.walked))
     return way, made, matched, driven
 
@@ -113,9 +109,7 @@ def scatter(driven: Drive, log: Path, *options: str) -> tuple[int, Float64]:
     entities = driven.scene.entities
     wanted = np.array([entity.kind in STANDING for entity in entities])
     held = np.flatnonzero(beams["object"].is_valid().to_numpy())
-    sweep, beam, number = (
-        beams[name].to_numpy()[held].astype(np.int64) for name in ("sweep", "beam", "object")
-    )
+    sweep, beam, number = (beams[name].to_numpy()[held].astype(np.int64) for name in ("sweep", "beam", "object"))
     # The entity that most beams of each object hit.
     most = len(entities) + 1
     key = (sweep << 20) + number

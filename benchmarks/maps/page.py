@@ -6,30 +6,9 @@ from collections.abc import Callable, Sequence
 from math import ceil, degrees, floor, isfinite, log10
 
 from benchmarks.accuracy.page import BEGIN, END, KEPT, NEVER, table
-from benchmarks.maps.figures import (
-    EVERY,
-    MOVED,
-    OURS,
-    WITHOUT_AGENTS,
-    Figures,
-    PathError,
-    mean,
-)
+from benchmarks.maps.figures import EVERY, MOVED, OURS, WITHOUT_AGENTS, Figures, PathError, mean
 from benchmarks.maps.paths import STRETCH
-from benchmarks.maps.prose import (
-    AGENTS,
-    HEAD,
-    LIMITS,
-    MATCHED,
-    PATHS,
-    REAL,
-    REAL_PATHS,
-    ROLLING,
-    RULES,
-    SCENES,
-    SPEED,
-    WHY,
-)
+from benchmarks.maps.prose import AGENTS, HEAD, LIMITS, MATCHED, PATHS, REAL, REAL_PATHS, ROLLING, RULES, SCENES, SPEED, WHY
 from benchmarks.maps.real import PICTURES, picture_name
 from benchmarks.maps.real_paths import KNOWN
 from benchmarks.maps.recordings import RESOLUTION
@@ -115,12 +94,7 @@ def _short(figures: Figures) -> str:
     _short_paths(figures, add)
     if figures.speed is not None:
         fast = figures.speed.per_second
-        add(
-            "sweeps per second, every one counts",
-            f"≥ {PER_SECOND:,}",
-            f"about {coarse(fast)}",
-            fast >= PER_SECOND,
-        )
+        add("sweeps per second, every one counts", f"≥ {PER_SECOND:,}", f"about {coarse(fast)}", fast >= PER_SECOND)
     return table(["", "wanted", "found", ""], rows)
 
 
@@ -172,15 +146,7 @@ def _ways(figures: Figures) -> str:
         ]
         for way in figures.ways
     ]
-    head = [
-        "drive",
-        "way",
-        "people",
-        "sweeps / with the motion filter",
-        "true cells",
-        "seen once",
-        "seen twice",
-    ]
+    head = ["drive", "way", "people", "sweeps / with the motion filter", "true cells", "seen once", "seen twice"]
     return table(head, rows)
 
 
@@ -290,10 +256,7 @@ def _speed(figures: Figures) -> str:
     if speed is None:
         return "*Not measured.*\n"
     rows = [
-        [
-            "sweeps of 361 beams per second, from the start of the program to its end",
-            coarse(speed.per_second),
-        ],
+        ["sweeps of 361 beams per second, from the start of the program to its end", coarse(speed.per_second)],
         ["its time as a multiple of that of iterating all messages of the log", coarse(speed.iterate)],
         ["cells of rays per second in the kernel, in millions", coarse(speed.cells / 1e6)],
         ["memory for a km² of the extent of a map", f"{coarse(speed.gb_per_km2)} GB"],
@@ -304,8 +267,7 @@ def _speed(figures: Figures) -> str:
 def _real(figures: Figures, before: str) -> str:
     if figures.recorded:
         pictures = [
-            f"![The map of {log}, with the path of the sensor](images/maps/{picture_name(log)})\n"
-            for log in PICTURES
+            f"![The map of {log}, with the path of the sensor](images/maps/{picture_name(log)})\n" for log in PICTURES
         ]
         body = "\n".join([REAL, _recorded(figures), *pictures, REAL_PATHS, _real_paths(figures.real_paths)])
     else:

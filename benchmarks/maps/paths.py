@@ -188,9 +188,7 @@ def _poses(batches: list[SweepBatch]) -> Float64:
     return np.vstack(rows)
 
 
-def _matched(
-    batches: list[SweepBatch], timing: Timing, told: Float64 | None = None
-) -> tuple[MatchedPath, float]:
+def _matched(batches: list[SweepBatch], timing: Timing, told: Float64 | None = None) -> tuple[MatchedPath, float]:
     path, first = MatchedPath(timing), 0
     started = time.process_time()
     for batch in batches:

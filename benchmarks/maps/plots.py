@@ -58,6 +58,4 @@ def _ground(axes: Axes, grid: Occupancy) -> None:
     rows, columns = grid.cells.shape
     side = grid.resolution
     extent = (grid.x, grid.x + columns * side, grid.y, grid.y + rows * side)
-    axes.imshow(
-        grey, cmap="gray", vmin=0.0, vmax=1.0, origin="lower", interpolation="antialiased", extent=extent
-    )
+    axes.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0, origin="lower", interpolation="antialiased", extent=extent)

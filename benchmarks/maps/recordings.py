@@ -81,11 +81,7 @@ def write_drive(drive: Drive, log: Path, rounds: int = 1) -> None:
         yaw_rate=np.tile(poses.yaw_rate, rounds),
     )
     raw = (
-        replace(
-            drive.raw,
-            stamp_ns=drive.raw.stamp_ns + period * number,
-            record_ns=drive.raw.record_ns + period * number,
-        )
+        replace(drive.raw, stamp_ns=drive.raw.stamp_ns + period * number, record_ns=drive.raw.record_ns + period * number)
         for number in range(rounds)
     )
     write_log(log, raw, poses=told)

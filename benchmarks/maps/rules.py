@@ -79,11 +79,7 @@ def crossed(start: Float64, ends: Float64) -> tuple[Int64, Int64]:
     """Columns and rows of all cells that the rays go through, but for the one in which each of them ends."""
     begin, last = np.floor(start).astype(np.int64), np.floor(ends).astype(np.int64)
     way = ends - start
-    columns, rows, rays = (
-        [np.full(len(ends), begin[0])],
-        [np.full(len(ends), begin[1])],
-        [np.arange(len(ends))],
-    )
+    columns, rows, rays = ([np.full(len(ends), begin[0])], [np.full(len(ends), begin[1])], [np.arange(len(ends))])
     for axis in range(2):
         steps = np.abs(last[:, axis] - begin[axis])
         ray = np.repeat(np.arange(len(ends)), steps)
@@ -116,9 +112,7 @@ class PerBeam:
             self.hits, self.passes = np.zeros(cells, np.int64), np.zeros(cells, np.int64)
         last = np.floor(ends).astype(np.int64)
         self.hits += np.bincount(ground.key(last[:, 0], last[:, 1]), minlength=cells)
-        self.passes += np.bincount(
-            ground.key(*stepped(np.floor(start).astype(np.int64), last)), minlength=cells
-        )
+        self.passes += np.bincount(ground.key(*stepped(np.floor(start).astype(np.int64), last)), minlength=cells)
 
     def occupied(self) -> dict[str, tuple[Bool, Bool]]:
         """gmapping: n hits of all visits. Karto: the last cell of a beam is passed twice, once by its line."""
@@ -160,10 +154,7 @@ class LogOdds:
     def occupied(self) -> dict[str, tuple[Bool, Bool]]:
         several = len(self.thresholds) > 1
         return {
-            f"{self.name}, p > {limit:g}" if several else self.name: (
-                self.seen & (self.odds > log_odds(limit)),
-                self.seen,
-            )
+            f"{self.name}, p > {limit:g}" if several else self.name: (self.seen & (self.odds > log_odds(limit)), self.seen)
             for limit in self.thresholds
         }
 
@@ -177,9 +168,7 @@ def published() -> list[Rule]:
     """All of them, empty."""
     return [
         PerBeam(),
-        LogOdds(
-            "Cartographer", CARTOGRAPHER_HIT, CARTOGRAPHER_MISS, CARTOGRAPHER_CLAMP, CARTOGRAPHER_OCCUPIED
-        ),
+        LogOdds("Cartographer", CARTOGRAPHER_HIT, CARTOGRAPHER_MISS, CARTOGRAPHER_CLAMP, CARTOGRAPHER_OCCUPIED),
         LogOdds("OctoMap", OCTOMAP_HIT, OCTOMAP_MISS, OCTOMAP_CLAMP, (OCTOMAP_OCCUPIED,)),
     ]
 
@@ -202,9 +191,7 @@ def maps_by_rules(
 def _grid(ground: Ground, occupied: NDArray[np.bool_], known: NDArray[np.bool_]) -> Occupancy:
     cells = np.where(occupied, OCCUPIED, np.where(known, FREE, UNKNOWN)).astype(np.int8)
     size = ground.resolution
-    return Occupancy(
-        size, ground.column * size, ground.row * size, cells.reshape(ground.height, ground.width)
-    )
+    return Occupancy(size, ground.column * size, ground.row * size, cells.reshape(ground.height, ground.width))
 
 
 def counts_of(beams: Beams, taken: Bool, resolution: float) -> Counts:

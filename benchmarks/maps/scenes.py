@@ -76,9 +76,7 @@ class _Plan:
         """A solid piece of wall."""
         self.walls.append(_rectangle(x0, y0, x1, y1))
 
-    def run(
-        self, rng: Rng, start: float, end: float, across: float, thick: float, *, upright: bool = False
-    ) -> None:
+    def run(self, rng: Rng, start: float, end: float, across: float, thick: float, *, upright: bool = False) -> None:
         """A wall in pieces between doorways, along x or upright along y."""
         at = start
         while True:
@@ -94,15 +92,7 @@ class _Plan:
             at = until + gap
 
     def door(
-        self,
-        start: float,
-        end: float,
-        across: float,
-        middle: float,
-        wide: float,
-        thick: float,
-        *,
-        upright: bool,
+        self, start: float, end: float, across: float, middle: float, wide: float, thick: float, *, upright: bool
     ) -> None:
         """A wall with one doorway."""
         for low, high in ((start, middle - wide / 2), (middle + wide / 2, end)):
@@ -132,19 +122,14 @@ def drive(kind: Kind, seed: int, sensor: Sensor = SENSOR, speed: float | None = 
     path = _at_speed(way, speed) if speed else _in_time(way, SWEEPS / sensor.rate)
     sweeps = int(np.ceil(path.duration * sensor.rate)) if speed else SWEEPS
     stage = Stage(
-        [make.wall(laid(corners)) for corners in plan.walls],
-        laid(_rectangle(*plan.floor)[:4]),
-        path,
-        sweeps / sensor.rate,
+        [make.wall(laid(corners)) for corners in plan.walls], laid(_rectangle(*plan.floor)[:4]), path, sweeps / sensor.rate
     )
     _furnish(rng, stage)
     room = _room(stage)
     places = [plan.places[number % len(plan.places)] for number in range(PEOPLE)]
     sent = [_send(rng, stage, room, laid, place) for place in places]
     people = tuple(person for person in sent if person is not None)
-    return Scene(
-        f"{kind}-{seed}", sensor, (*stage.entities, *people), path, odometry=Odometry(), sweeps=sweeps
-    )
+    return Scene(f"{kind}-{seed}", sensor, (*stage.entities, *people), path, odometry=Odometry(), sweeps=sweeps)
 
 
 def straight(seed: int) -> Scene:
@@ -152,9 +137,7 @@ def straight(seed: int) -> Scene:
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([6, seed])))
     wide, side, thick = rng.uniform(1.4, 3.0), rng.uniform(0.35, 0.65), 0.15
     first, last = -2.0 * SENSOR.range_max, STRAIGHT_WAY + 2.0 * SENSOR.range_max
-    walls = [
-        make.wall(_rectangle(first, y, last, y + thick)) for y in (-side * wide - thick, (1.0 - side) * wide)
-    ]
+    walls = [make.wall(_rectangle(first, y, last, y + thick)) for y in (-side * wide - thick, (1.0 - side) * wide)]
     # It sways, as robots do.
     middle = [(x, rng.uniform(-0.1, 0.1)) for x in np.arange(5.0, STRAIGHT_WAY, 5.0)]
     way = np.array([(0.0, 0.0), (1.0, 0.0), *middle, (STRAIGHT_WAY, 0.0)])
@@ -330,9 +313,7 @@ def _room(stage: Stage) -> _Room:
     return _Room(low, free)
 
 
-def _send(
-    rng: Rng, stage: Stage, room: _Room, laid: _Laid, place: tuple[float, float, float, float]
-) -> Entity | None:
+def _send(rng: Rng, stage: Stage, room: _Room, laid: _Laid, place: tuple[float, float, float, float]) -> Entity | None:
     """Somebody who walks about all the time, beginning in this place, and pauses here and there for up to 3 s."""
     gap, leg = rng.uniform(0.18, 0.3), rng.uniform(0.09, 0.15)
     speed = rng.uniform(0.7, 1.4)
@@ -356,9 +337,7 @@ def _stroll(rng: Rng, stage: Stage, room: _Room, start: Float64, speed: float) -
                 return None
             way += np.hypot(*(there - points[-1]))
             points.append(there)
-        route = plan_route(
-            timed(rng, points, speed, stop=0.3, pause=0.2), turn_rate=np.radians(120), corner_radius=0.4
-        )
+        route = plan_route(timed(rng, points, speed, stop=0.3, pause=0.2), turn_rate=np.radians(120), corner_radius=0.4)
         state = route.state(stage.seconds)
         places = np.column_stack([state.x, state.y])
         met = np.zeros(len(places), np.bool_)

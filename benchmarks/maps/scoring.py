@@ -51,10 +51,7 @@ def wrong(grid: Occupancy, true: Occupancy) -> Int64:
     """(N, 2) column and row of the occupied cells of a map that are more than a cell away from any true one."""
     row, column = np.nonzero(grid.cells == OCCUPIED)
     there = np.column_stack(
-        [
-            column + round((grid.x - true.x) / true.resolution),
-            row + round((grid.y - true.y) / true.resolution),
-        ]
+        [column + round((grid.x - true.x) / true.resolution), row + round((grid.y - true.y) / true.resolution)]
     )
     height, width = true.cells.shape
     near = np.zeros((height + 2 * TOLERANCE, width + 2 * TOLERANCE), np.bool_)

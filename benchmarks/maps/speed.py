@@ -33,11 +33,7 @@ def main(long: Path, sweeps: int, wide: Path, narrow: Path) -> None:
             iterated.append(float(others.output.split()[0]))
             mapped.append(make_map(long, folder).seconds)
         peaks = [make_map(log, folder).peak_mb for log in (wide, narrow)]
-    figures = {
-        "per_second": sweeps / median(mapped),
-        "iterate": median(mapped) / median(iterated),
-        "peak_mb": peaks,
-    }
+    figures = {"per_second": sweeps / median(mapped), "iterate": median(mapped) / median(iterated), "peak_mb": peaks}
     print(json.dumps(figures))
 
 

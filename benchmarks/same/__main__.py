@@ -109,9 +109,7 @@ def columns(done: Iterable[Compared]) -> list[str]:
 def parsed() -> argparse.Namespace:
     """The arguments."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.same",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog="python -m benchmarks.same", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("base", help="commit to compare with, or the folder of a checkout that is built")
     parser.add_argument("logs", nargs="*", help="more logs, or folders to search")
@@ -121,9 +119,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--exact", action="store_true", help="rounding, too, is a difference")
     parser.add_argument("--only", metavar="TEXT", help="runs whose options contain this")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="(default: %(default)s)")
-    parser.add_argument(
-        "--cache", type=Path, default=CACHE, help="folder of what is kept (default: %(default)s)"
-    )
+    parser.add_argument("--cache", type=Path, default=CACHE, help="folder of what is kept (default: %(default)s)")
     return parser.parse_args()
 
 
@@ -141,10 +137,7 @@ def main() -> None:
     ]
     wanted = (case for case in cases_of(logs, arguments.thorough) if (arguments.only or "") in case.label)
     cases = list({case.digest: case for case in wanted}.values())
-    print(
-        f"{len(logs)} logs, {len(cases)} runs; logs made and read in {time.perf_counter() - started:.0f} s",
-        flush=True,
-    )
+    print(f"{len(logs)} logs, {len(cases)} runs; logs made and read in {time.perf_counter() - started:.0f} s", flush=True)
     with tempfile.TemporaryDirectory(prefix="lidarcli-same-") as name:
         base, here = Side(tree, cache / "results"), Side(HERE.parent, Path(name))
         for side in (base, here):

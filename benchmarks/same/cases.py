@@ -68,10 +68,7 @@ def cases_of(logs: Iterable[NamedLog], thorough: bool) -> Iterator[Case]:
             if thorough or log.group != "given":
                 for variant in VARIANTS:
                     yield _detect(log, "--profile", profile, *variant)
-        yield from (
-            _track(log, *variant)
-            for variant in (TRACKED if thorough or log.group != "given" else TRACKED[:1])
-        )
+        yield from (_track(log, *variant) for variant in (TRACKED if thorough or log.group != "given" else TRACKED[:1]))
         if log.group in ("samples", "given"):
             yield _subtract(log)
             yield from (_map(log, *variant) for variant in (MAPPED if log.group == "samples" else MAPPED[:1]))

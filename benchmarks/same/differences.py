@@ -83,9 +83,7 @@ def compare_tables(one: pa.Table, other: pa.Table, keys: list[str]) -> Iterator[
     """
     shared = []
     for name in dict.fromkeys([*one.column_names, *other.column_names]):
-        types = [
-            table.schema.field(name).type if name in table.schema.names else None for table in (one, other)
-        ]
+        types = [table.schema.field(name).type if name in table.schema.names else None for table in (one, other)]
         if types[0] != types[1]:
             rounding = None not in types and _precise(types[0]) == _precise(types[1])
             rows = 0 if rounding else max(len(one), len(other))
@@ -101,10 +99,7 @@ def compare_tables(one: pa.Table, other: pa.Table, keys: list[str]) -> Iterator[
         named = ", ".join(f"{key} {value}" for key, value in zip(keys, first, strict=True))
         example = f"{len(unequal)} times, first {named}: {before[first]:.0f} -> {after[first]:.0f} rows"
         yield Difference("(rows)", int((before - after).abs().sum()), 0, 0.0, example)
-    one, other = (
-        table.filter(pa.array(~group.isin(unequal)))
-        for table, group in zip((one, other), groups, strict=True)
-    )
+    one, other = (table.filter(pa.array(~group.isin(unequal))) for table, group in zip((one, other), groups, strict=True))
 
     def place(row: int) -> str:
         named = [*keys, *(key for key in ("object", "beam") if key in one.column_names)]

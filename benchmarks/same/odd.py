@@ -24,10 +24,7 @@ def odd_logs(sweeps: int, seed: int = 0) -> Iterator[tuple[str, RawSweeps]]:
 
 
 def sweeps_of(
-    ranges: Float32,
-    beams: Int32,
-    geometry: tuple[Float64, Float64],
-    limits: tuple[Float32, Float32] | None = None,
+    ranges: Float32, beams: Int32, geometry: tuple[Float64, Float64], limits: tuple[Float32, Float32] | None = None
 ) -> RawSweeps:
     """One topic at 10 Hz with the angles that a message can hold; `geometry`: first bearings and increments."""
     rows = len(ranges)

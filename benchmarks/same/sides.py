@@ -57,10 +57,7 @@ class Side:
         around = [sys.version, *(version(name) for name in ("numpy", "pyarrow"))]
         around.append(os.environ.get("LIDARCLI_COMPILED", ""))
         return digest_of(
-            [
-                ("\n".join(around), b""),
-                *((str(path.relative_to(package)), path.read_bytes()) for path in files),
-            ]
+            [("\n".join(around), b""), *((str(path.relative_to(package)), path.read_bytes()) for path in files)]
         )
 
     def older_than_their_sources(self) -> list[str]:

@@ -31,9 +31,7 @@ _DARK = (0.3, 0.8)
 """Shares of the beams that black things and panes swallow."""
 
 
-def building_scene(
-    kind: Kind, seed: int, sensor: Sensor, *, driving: bool = False, legged: bool = True
-) -> Scene:
+def building_scene(kind: Kind, seed: int, sensor: Sensor, *, driving: bool = False, legged: bool = True) -> Scene:
     """A scene of one kind; the same seed gives the same building for every sensor.
 
     With `driving` the sensor goes 1.5 m straight ahead within 20 sweeps. Without `legged` there are no ladders, chairs,
@@ -154,9 +152,7 @@ class _Building:
         self.faces: list[tuple[Float64, Float64]] = []
         """The inner sides of the pieces of wall around the floor, counter-clockwise."""
 
-    def block(
-        self, origin: Float64, along: Float64, begin: float, end: float, low: float, high: float
-    ) -> None:
+    def block(self, origin: Float64, along: Float64, begin: float, end: float, low: float, high: float) -> None:
         """A solid piece from `begin` to `end` along a line, from `low` to `high` outwards of it."""
         outward = np.array([along[1], -along[0]])
         corners = [
@@ -234,12 +230,7 @@ class _Building:
             hinge = start + along * (end + 0.01) + (0.0 if inward > 0 else self.thick) * side
             heading = along * np.cos(angle) + side * np.sin(angle)
             across = np.array([-heading[1], heading[0]]) * 0.02
-            ends = (
-                hinge - across,
-                hinge + heading * wide - across,
-                hinge + heading * wide + across,
-                hinge + across,
-            )
+            ends = (hinge - across, hinge + heading * wide - across, hinge + heading * wide + across, hinge + across)
             self.walls.append(make.wall(np.array([*ends, ends[0]])))
 
     def partitions(self, a: float, b: float, behind: float) -> None:
@@ -252,7 +243,5 @@ class _Building:
         ):
             at = self.rng.uniform(0.3, 3.0)
             while at < long:
-                self.block(
-                    np.array([x, y]), np.array(along), at, at + self.thick, self.thick, self.thick + behind
-                )
+                self.block(np.array([x, y]), np.array(along), at, at + self.thick, self.thick, self.thick + behind)
                 at += self.rng.uniform(1.5, 6.0)

@@ -23,9 +23,7 @@ def covers(entity: Entity, point: tuple[float, float]) -> bool:
     """True where the point lies in the bounding rectangle."""
     cos, sin = np.cos(entity.yaw), np.sin(entity.yaw)
     dx, dy = point[0] - entity.x, point[1] - entity.y
-    return bool(
-        abs(cos * dx + sin * dy) <= entity.length / 2 and abs(cos * dy - sin * dx) <= entity.width / 2
-    )
+    return bool(abs(cos * dx + sin * dy) <= entity.length / 2 and abs(cos * dy - sin * dx) <= entity.width / 2)
 
 
 def in_polygon(point: Float64, corners: Float64) -> bool:
@@ -48,12 +46,7 @@ def distance(a: Float64, b: Float64) -> float:
         u = (gap[..., 0] * r[..., 1] - gap[..., 1] * r[..., 0]) / area
         if ((t >= 0) & (t <= 1) & (u >= 0) & (u <= 1)).any():
             return 0.0
-    ends = [
-        to_segments(b[:, :2], a),
-        to_segments(b[:, 2:], a),
-        to_segments(a[:, :2], b),
-        to_segments(a[:, 2:], b),
-    ]
+    ends = [to_segments(b[:, :2], a), to_segments(b[:, 2:], a), to_segments(a[:, :2], b), to_segments(a[:, 2:], b)]
     return float(min(end.min() for end in ends))
 
 

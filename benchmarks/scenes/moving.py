@@ -34,9 +34,7 @@ _PATIENCE = 0.9
 """How often it is changed by waiting, not by going less far."""
 
 
-def moving_scene(
-    kind: Kind, seed: int, sensor: Sensor, *, driving: bool = False, legged: bool = True
-) -> Scene:
+def moving_scene(kind: Kind, seed: int, sensor: Sensor, *, driving: bool = False, legged: bool = True) -> Scene:
     """A scene of 300 to 400 sweeps; the same kind, seed, rate and options give the same scene for every sensor.
 
     With `driving` the sensor drives, by turns on a super-ellipse and along waypoints with stops. Without `legged` there are
@@ -45,9 +43,7 @@ def moving_scene(
     """
     if kind not in KINDS or (driving and kind not in DRIVEN):
         known = DRIVEN if driving else KINDS
-        raise OptionError(
-            f"no {'driving sensor in' if driving else 'moving scene of kind'} '{kind}': choose from {known}"
-        )
+        raise OptionError(f"no {'driving sensor in' if driving else 'moving scene of kind'} '{kind}': choose from {known}")
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([2, KINDS.index(kind), seed, driving])))
     sweeps = int(rng.integers(300, 401))
     build = {"room": _room, "hall": _hall, "crossing": _crossing, "people": _people}[kind]
@@ -154,9 +150,7 @@ def _beside_corridor(rng: Rng, stage: Stage, wide: Float64) -> None:
         stage.stand(make.box(x, along, size[0], size[1], np.pi / 2 + rng.normal(0, 0.03)))
 
 
-def _chamber(
-    rng: Rng, a: float, b: float, driving: bool, duration: float
-) -> tuple[Stage, list[list[Float64]]]:
+def _chamber(rng: Rng, a: float, b: float, driving: bool, duration: float) -> tuple[Stage, list[list[Float64]]]:
     """A rectangular or L-shaped room with up to two doorways: the stage, and the ways in, each by its points."""
     corners = np.array([[0, 0], [a, 0], [a, b], [0, b]])
     if rng.random() < 0.4 and not driving:
@@ -199,9 +193,7 @@ def _drive(rng: Rng, centre: Float64, a: float, b: float) -> Course | Route:
     away = rng.uniform(0.55, 1.0, count)
     points = centre + np.column_stack([a * away * np.cos(angle), b * away * np.sin(angle)])
     waypoints = timed(rng, list(points), speed, stop=0.25, pause=0.2)
-    return plan_route(
-        waypoints, turn_rate=rng.uniform(0.6, 1.2), corner_radius=rng.uniform(0.4, 1.0), loop=True
-    )
+    return plan_route(waypoints, turn_rate=rng.uniform(0.6, 1.2), corner_radius=rng.uniform(0.4, 1.0), loop=True)
 
 
 def _furnish(rng: Rng, stage: Stage, count: int, legged: bool) -> None:
@@ -214,9 +206,7 @@ def _furnish(rng: Rng, stage: Stage, count: int, legged: bool) -> None:
                 break
 
 
-def _populate(
-    rng: Rng, stage: Stage, count: int, least: int, walkers: float, doors: list[list[Float64]]
-) -> None:
+def _populate(rng: Rng, stage: Stage, count: int, least: int, walkers: float, doors: list[list[Float64]]) -> None:
     """Send `count` movers about, a few less where it is crowded; a share of `walkers` are persons, some use the doors."""
     for number in range(count):
         walker = rng.random() < walkers

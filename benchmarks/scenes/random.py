@@ -105,9 +105,7 @@ class Plan:
         self.entities.append(entity)
         return True
 
-    def fill(
-        self, count: int, draw: Callable[[], Entity], from_walls: float = 0.05, inside: Float64 | None = None
-    ) -> None:
+    def fill(self, count: int, draw: Callable[[], Entity], from_walls: float = 0.05, inside: Float64 | None = None) -> None:
         """Add up to `count` entities, each with a bounded number of tries."""
         for _ in range(count):
             for _ in range(_TRIES):
@@ -131,10 +129,7 @@ def _room(rng: Rng, legged: bool) -> Plan:
     near = int(rng.binomial(count, 0.3))
     plan.fill(near, lambda: _beside_wall(rng, corners, rng.uniform(0.1, 0.4)), 0.08, corners)
     plan.fill(
-        count - near,
-        lambda: draw_thing(rng, rng.uniform(0, a), rng.uniform(0, b), legged),
-        rng.uniform(0.1, 0.4),
-        corners,
+        count - near, lambda: draw_thing(rng, rng.uniform(0, a), rng.uniform(0, b), legged), rng.uniform(0.1, 0.4), corners
     )
     return plan
 
@@ -241,9 +236,7 @@ def _walls_with_doors(rng: Rng, corners: Float64, doors: int) -> list[Entity]:
     return walls_with_openings(corners, openings, jamb)
 
 
-def walls_with_openings(
-    corners: Float64, openings: dict[int, tuple[float, float]], jamb: float
-) -> list[Entity]:
+def walls_with_openings(corners: Float64, openings: dict[int, tuple[float, float]], jamb: float) -> list[Entity]:
     """The walls of a counter-clockwise polygon; side → the shares of it between which it is open. Jambs go outwards."""
     if not openings:
         return [make.wall(np.vstack([corners, corners[:1]]))]

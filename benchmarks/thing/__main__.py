@@ -94,9 +94,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.thing", description=__doc__)
     parser.add_argument("--output", type=Path, default=FOREST, metavar="FILE", help="module to write")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
-    parser.add_argument(
-        "--left-out", action="store_true", help="tell, too, how right trees are that never saw a log"
-    )
+    parser.add_argument("--left-out", action="store_true", help="tell, too, how right trees are that never saw a log")
     arguments = parser.parse_args()
     folder = os.environ.get(REAL_LOGS)
     if not folder:

@@ -92,6 +92,4 @@ def judged(batch: SweepBatch, row: int, thing: Bool, building: Bool) -> Examples
             features.append(found.features[k])
             verdict.append(share[0] >= 0.7)
     count = len(verdict)
-    return Examples(
-        np.array(features).reshape(count, found.features.shape[1]), np.array(verdict, bool), np.ones(count)
-    )
+    return Examples(np.array(features).reshape(count, found.features.shape[1]), np.array(verdict, bool), np.ones(count))

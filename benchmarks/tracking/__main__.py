@@ -97,13 +97,9 @@ def main() -> None:
     )
     parser.add_argument("--quick", action="store_true", help="a handful of logs; a line for each, no page")
     parser.add_argument("--seeds", type=int, metavar="N", help=f"logs of each cell ({SEEDS}; --quick: 1)")
-    parser.add_argument(
-        "--methods", nargs="+", choices=NAMES, metavar="METHOD", help=f"of {', '.join(NAMES)}; no page"
-    )
+    parser.add_argument("--methods", nargs="+", choices=NAMES, metavar="METHOD", help=f"of {', '.join(NAMES)}; no page")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures as JSON")
-    parser.add_argument(
-        "--page", type=Path, default=PAGE, metavar="FILE", help="page to write (docs/tracking.md)"
-    )
+    parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE", help="page to write (docs/tracking.md)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     arguments = parser.parse_args()
     seeds = (1 if arguments.quick else SEEDS) if arguments.seeds is None else arguments.seeds

@@ -111,7 +111,5 @@ def scene_of(cell: Cell, seed: int) -> Scene:
     """The scene of a cell."""
     sensor = sensor_with(SENSORS[cell.sensor], cell.noise, LOST[cell.noise])
     turn = 1.0 / sensor.rate
-    sensor = replace(
-        sensor, flicker=cell.flicker, time_increment=turn / sensor.beams if cell.rolling else 0.0
-    )
+    sensor = replace(sensor, flicker=cell.flicker, time_increment=turn / sensor.beams if cell.rolling else 0.0)
     return moving_scene(cell.kind, seed, sensor, driving=cell.driving, legged=cell.kind == PERSONS)

@@ -88,9 +88,7 @@ def overlaps(truth: Int64, tracks: Int64, ignored: Bool | None = None) -> Overla
     pairs, shared = np.unique(truth_row[both] * width + track_row[both], return_counts=True)
     of_truth, of_track = np.divmod(pairs, width)
     union = truth_size[of_truth] + track_size[of_track] - shared
-    return Overlaps(
-        len(truth), truth_sweep, truth_id, track_sweep, track_id, of_truth, of_track, shared / union
-    )
+    return Overlaps(len(truth), truth_sweep, truth_id, track_sweep, track_id, of_truth, of_track, shared / union)
 
 
 def agreement(found: Overlaps) -> Agreement:
@@ -104,9 +102,7 @@ def _rows(labels: Int64) -> tuple[Int64, Int64, Int64, Int64]:
     """Sweep and dense number of each row, row of each beam (S, B), beams of each row."""
     sweep, beam = np.nonzero(labels >= 0)
     span = int(labels.max(initial=0)) + 1
-    rows, of_beam, size = np.unique(
-        sweep * span + labels[sweep, beam], return_inverse=True, return_counts=True
-    )
+    rows, of_beam, size = np.unique(sweep * span + labels[sweep, beam], return_inverse=True, return_counts=True)
     row = np.full(labels.shape, -1)
     row[sweep, beam] = of_beam
     _, number = np.unique(rows % span, return_inverse=True)
@@ -167,9 +163,7 @@ def _clear(found: Overlaps) -> tuple[float, int]:
         pairs = usable[start:end]
         truth, track = found.truth[found.pair_truth[pairs]], found.track[found.pair_track[pairs]]
         kept = last[truth] == track
-        chosen = _assignment(
-            found.pair_truth[pairs], found.pair_track[pairs], found.similarity[pairs] + 1000.0 * kept
-        )
+        chosen = _assignment(found.pair_truth[pairs], found.pair_track[pairs], found.similarity[pairs] + 1000.0 * kept)
         truth, track = truth[chosen], track[chosen]
         matches += len(chosen)
         switches += int(np.count_nonzero((last[truth] >= 0) & (last[truth] != track)))

@@ -74,9 +74,7 @@ def _by_method(figures: Figures, logs: Sequence[Log]) -> str:
             ]
         )
     head = ["method", "HOTA, mean", "worst cell", "DetA", "AssA", "IDF1", "MOTA"]
-    return table(
-        [*head, "switches per 100 bodies", "tracks per 100 bodies", "HOTA of all, detected or not"], rows
-    )
+    return table([*head, "switches per 100 bodies", "tracks per 100 bodies", "HOTA of all, detected or not"], rows)
 
 
 def _agents(figures: Figures, logs: Sequence[Log]) -> str:
@@ -111,14 +109,12 @@ def _conditions(figures: Figures) -> str:
     plain = [cell for cell in figures.cells if not cell.fault]
     solid = [cell for cell in plain if rigid(cell)]
     lines: list[tuple[str, list[Cell]]] = [
-        (place, [cell for cell in plain if cell.place == place])
-        for place in dict.fromkeys(cell.place for cell in plain)
+        (place, [cell for cell in plain if cell.place == place]) for place in dict.fromkeys(cell.place for cell in plain)
     ]
     lines += [(f"{name} beams", [cell for cell in solid if cell.sensor == name]) for name in SENSORS]
     lines += [(f"σ {100 * noise:.0f} cm", [cell for cell in solid if cell.noise == noise]) for noise in LOST]
     lines += [
-        (fault, [cell for cell in figures.cells if cell.fault == fault and rigid(cell)])
-        for fault in ("flicker", "rolling")
+        (fault, [cell for cell in figures.cells if cell.fault == fault and rigid(cell)]) for fault in ("flicker", "rolling")
     ]
     others = [name for name in figures.methods if name not in (OURS, ORACLE)]
     rows = []
@@ -127,12 +123,7 @@ def _conditions(figures: Figures) -> str:
         if not logs:
             continue
         one = summarise(logs, OURS)
-        numbers = [
-            f"{one.hota:.3f}",
-            f"{one.hota_worst:.3f}",
-            f"{one.association:.3f}",
-            f"{one.switches:.0f}",
-        ]
+        numbers = [f"{one.hota:.3f}", f"{one.hota_worst:.3f}", f"{one.association:.3f}", f"{one.switches:.0f}"]
         numbers.append(f"{one.speed_rms:.3f} / {one.speed_median:.3f}")
         numbers += [_percent(one.movers_in_a), _percent(one.standing_in_a), _percent(one.standing_worst)]
         best = max((summarise(logs, other).hota for other in others), default=float("nan"))
@@ -143,9 +134,7 @@ def _conditions(figures: Figures) -> str:
         "faults. Beside it the HOTA of the truth about each object, and of the best of the published rules there:\n\n"
     )
     head = ["", "HOTA, mean", "worst cell", "AssA", "switches per 100 bodies", "v: RMSE / median"]
-    return text + table(
-        [*head, "movers in A", "standing in A", "worst cell", "truth: HOTA", "best rules: HOTA"], rows
-    )
+    return text + table([*head, "movers in A", "standing in A", "worst cell", "truth: HOTA", "best rules: HOTA"], rows)
 
 
 def _bodies(figures: Figures) -> str:
@@ -273,6 +262,4 @@ def _cars(cars: Sequence[real.Car]) -> str:
 def _legs(legs: Sequence[real.Legs]) -> str:
     text = f"{legs[0].labels:,} labelled legs:\n\n"
     rows = [[title(one.method), f"{one.matched:.3f}", f"{one.in_a:.3f}", f"{one.tracks}"] for one in legs]
-    return text + table(
-        ["method", f"with a track within {real.NEAR} m", "of these in A", "tracks on them"], rows
-    )
+    return text + table(["method", f"with a track within {real.NEAR} m", "of these in A", "tracks on them"], rows)

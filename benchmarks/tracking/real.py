@@ -153,7 +153,4 @@ def _nearest(found: Detected, labels: list[Float64]) -> Int64:
 
 def _centroids(found: Detected) -> tuple[Float64, Float64]:
     """(K,) in the sensor frame."""
-    return (
-        np.concatenate([one.x for one in found.detections]),
-        np.concatenate([one.y for one in found.detections]),
-    )
+    return (np.concatenate([one.x for one in found.detections]), np.concatenate([one.y for one in found.detections]))

@@ -65,9 +65,7 @@ class Detected:
 
 def in_batches(batch: SweepBatch) -> list[SweepBatch]:
     """The same sweeps as a reader hands them out."""
-    return [
-        batch.rows(np.arange(first, min(first + BATCH, len(batch)))) for first in range(0, len(batch), BATCH)
-    ]
+    return [batch.rows(np.arange(first, min(first + BATCH, len(batch)))) for first in range(0, len(batch), BATCH)]
 
 
 def record_cell(cell: Cell, seed: int) -> Recording:
@@ -75,9 +73,7 @@ def record_cell(cell: Cell, seed: int) -> Recording:
     return simulate(scene_of(cell, seed), seed, poses=cell.driving, delay=cell.delay, drift=cell.drift)
 
 
-def simulate(
-    scene: Scene, seed: int, *, poses: bool = True, delay: float = 0.0, drift: float = 0.0
-) -> Recording:
+def simulate(scene: Scene, seed: int, *, poses: bool = True, delay: float = 0.0, drift: float = 0.0) -> Recording:
     """A recording of a scene; poses may be `delay` late [s] and drift by a share of the way driven."""
     raw, hit, entities = simulate_sweep_arrays(scene, scene.sweeps, seed)
     batch = normalise(raw, np.arange(len(raw)), RangeRules())
@@ -90,9 +86,7 @@ def simulate(
     else:
         # A pose of the past is told as that of now.
         late = _believed(scene, seed, drift, delay)
-        batch = replace(
-            batch, poses=SweepPoses(late[:, 0], late[:, 1], late[:, 2], np.zeros(len(raw), np.bool_))
-        )
+        batch = replace(batch, poses=SweepPoses(late[:, 0], late[:, 1], late[:, 2], np.zeros(len(raw), np.bool_)))
         turn = _believed(scene, seed, drift, 0.0)[:, 2] - true[:, 2]
     # Vx, vy and the rate of the yaw.
     velocity = np.stack([entity.velocities(seconds) for entity in entities], axis=1)

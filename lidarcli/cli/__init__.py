@@ -46,9 +46,7 @@ class LazyCommands(Commands):
         """The command from the file of its name."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = getattr(
-            import_module(f"lidarcli.cli.{HOMES.get(cmd_name, cmd_name)}"), cmd_name
-        )
+        command: click.Command = getattr(import_module(f"lidarcli.cli.{HOMES.get(cmd_name, cmd_name)}"), cmd_name)
         return command
 
 
@@ -67,11 +65,7 @@ def _print_version(ctx: click.Context, parameter: click.Parameter, value: bool) 
         DeclaredOption(
             "version",
             Option(
-                "Options",
-                None,
-                False,
-                short="-V",
-                help="Show the version of lidarcli and of its dependencies, and exit.",
+                "Options", None, False, short="-V", help="Show the version of lidarcli and of its dependencies, and exit."
             ),
             is_eager=True,
             expose_value=False,
@@ -79,11 +73,7 @@ def _print_version(ctx: click.Context, parameter: click.Parameter, value: bool) 
             callback=_print_version,
         )
     ],
-    context_settings={
-        "help_option_names": ["-h", "--help"],
-        "max_content_width": 80,
-        "auto_envvar_prefix": PREFIX,
-    },
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 80, "auto_envvar_prefix": PREFIX},
     epilog="Exit codes: 0 done, 1 a check fails, 2 usage, 3 some input unreadable, 4 no LaserScan, "
     "5 output refused, 70 internal error, 130 interrupted.",
 )

@@ -145,10 +145,7 @@ def _shown(setting: Setting) -> str:
 def _table(rows: list[tuple[str, str, str, str]]) -> list[str]:
     """Rows as columns of equal width; the last one is as long as it is."""
     widths = [max((len(row[column]) for row in rows), default=0) for column in range(3)]
-    return [
-        "  ".join([*(text.ljust(width) for text, width in zip(row, widths, strict=False)), row[3]])
-        for row in rows
-    ]
+    return ["  ".join([*(text.ljust(width) for text, width in zip(row, widths, strict=False)), row[3]]) for row in rows]
 
 
 class CompletionCommand(TypedDict, total=False):

@@ -27,9 +27,7 @@ class BuildCommand(ManyLogs, Overwrite, TextOrJson, Learning, total=False):
 
     output: Annotated[str, output("FILE"), "Background table to write (Parquet)."]
     plot: Annotated[
-        str | None,
-        Option(OUTPUT, File("FIG", is_output=True), shown="none"),
-        "Also draw it: .png, .svg or .pdf.",
+        str | None, Option(OUTPUT, File("FIG", is_output=True), shown="none"), "Also draw it: .png, .svg or .pdf."
     ]
 
 
@@ -74,9 +72,7 @@ def build(say: Messages, told: BuildCommand) -> int:
     refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
     if told["dry_run"]:
         return print_reads(sources, [told["output"], figure] if figure else [told["output"]])
-    building = Building(
-        BuildOptions(*logs, distance=told["station_distance"], angle=math.radians(told["station_angle"]))
-    )
+    building = Building(BuildOptions(*logs, distance=told["station_distance"], angle=math.radians(told["station_angle"])))
     codes = []
     with progress_bar(sources, say) as report:
         for outcome in building.add_all(sources, report):
@@ -172,9 +168,7 @@ def background_lines(learned: "Learned") -> list[str]:
             lines += [
                 _line("r_e", f"{figures['r_e_min']:.2f} to {figures['r_e_max']:.2f} m", 4),
                 _line("spread", f"{figures['spread']:.3f} m (median)", 4),
-                _line(
-                    "support", f"{figures['support']:.1%} (median), least {figures['least_support']:.1%}", 4
-                ),
+                _line("support", f"{figures['support']:.1%} (median), least {figures['least_support']:.1%}", 4),
             ]
     return lines
 
@@ -225,17 +219,11 @@ def _sensor_json(sensor: "Background") -> dict[str, Any]:
 
 def _shares(figures: Mapping[str, Any]) -> str:
     total = max(figures["surface"] + figures["open"] + figures["unknown"], 1)
-    return ", ".join(
-        f"{name} {figures[name]:,} ({figures[name] / total:.1%})" for name in ("surface", "open", "unknown")
-    )
+    return ", ".join(f"{name} {figures[name]:,} ({figures[name] / total:.1%})" for name in ("surface", "open", "unknown"))
 
 
 def _quality(figures: Mapping[str, Any]) -> str:
-    return (
-        ""
-        if figures["spread"] is None
-        else f"; spread {figures['spread']:.3f} m, support {figures['support']:.1%}"
-    )
+    return "" if figures["spread"] is None else f"; spread {figures['spread']:.3f} m, support {figures['support']:.1%}"
 
 
 def _stations(sensor: "Background") -> str:

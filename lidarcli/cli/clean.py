@@ -15,9 +15,7 @@ class CleanCommand(Reported, Cleaning, total=False):
 
     log: Annotated[str, Argument("LOG", INPUT)]
     output: Annotated[
-        str,
-        output("FILE"),
-        "Log to write, in the container of LOG; beside it the table NAME.cleaned.parquet.",
+        str, output("FILE"), "Log to write, in the container of LOG; beside it the table NAME.cleaned.parquet."
     ]
 
 

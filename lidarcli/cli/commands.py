@@ -29,10 +29,7 @@ Work = Callable[[Messages, Any], int]
 
 
 def command(
-    group: type,
-    *,
-    examples: str,
-    changed: Mapping[str, Mapping[str, Any]] | None = None,
+    group: type, *, examples: str, changed: Mapping[str, Mapping[str, Any]] | None = None
 ) -> Callable[[Work], DeclaredCommand]:
     """Make a command of a function.
 
@@ -132,12 +129,7 @@ def shared_options() -> list[click.Option]:
         louder("quiet", Option(OTHER, None, False, short="-q", help="Only errors on stderr.")),
         DeclaredOption(
             "config",
-            Option(
-                OTHER,
-                File("FILE"),
-                shown="none",
-                help="Settings file (docs/settings.md), or 'none' for no file.",
-            ),
+            Option(OTHER, File("FILE"), shown="none", help="Settings file (docs/settings.md), or 'none' for no file."),
             is_eager=True,
             expose_value=False,
             callback=_configure,
@@ -215,9 +207,7 @@ class Commands(_Shared, click.Group):
         except click.NoSuchOption as err:
             raise click.UsageError(f"{err.format_message()} {self.otherwise}".rstrip(), ctx) from None
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command of that name, or raise a usage error with the nearest; `help COMMAND` is `COMMAND --help`."""
         name = args[0]
         if not ctx.resilient_parsing and name == "help":

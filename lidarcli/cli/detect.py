@@ -99,13 +99,9 @@ def find(say: Messages, told: Mapping[str, Any], *, follow: bool) -> int:
     if is_one and told["beams"]:
         raise click.UsageError("--beams writes a file: give -o DIR")
     if output != STDOUT and told["format"] not in (None, "json"):
-        raise click.UsageError(
-            "--format is for the stream of -o -, or json for the summary; tables are Parquet"
-        )
+        raise click.UsageError("--format is for the stream of -o -, or json for the summary; tables are Parquet")
     if output == STDOUT and told["format"] == "json":
-        raise click.UsageError(
-            "--format json is the summary, for -o DIR; objects as JSON are --format ndjson"
-        )
+        raise click.UsageError("--format json is the summary, for -o DIR; objects as JSON are --format ndjson")
     if is_one and (told["resume"] or told["partition"] or told["cluster"] is not None):
         raise click.UsageError("--resume, --partition and --cluster are for tables in a folder: give -o DIR")
     if told["cluster"] is not None and told["jobs"]:

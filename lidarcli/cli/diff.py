@@ -53,14 +53,7 @@ def diff(say: Messages, told: DiffCommand) -> int:
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.differing import diff_options
-    from lidarcli.pipeline.differing import (
-        diff_inputs,
-        inputs_of,
-        judged,
-        parse_checks,
-        refuse_outputs,
-        write_changes,
-    )
+    from lidarcli.pipeline.differing import diff_inputs, inputs_of, judged, parse_checks, refuse_outputs, write_changes
 
     outputs = [place(each) for each in told["output"]]
     with usage_errors():

@@ -15,15 +15,9 @@ class ExportCommand(Overwrite, Exporting, total=False):
     """Options of `export`."""
 
     tables: Annotated[tuple[str, ...], Argument("TABLE...", File("TABLE"), several=True)]
-    output: Annotated[
-        str,
-        output("FILE"),
-        "File to write: .csv, .ndjson, .arrow or .parquet; - for standard output.",
-    ]
+    output: Annotated[str, output("FILE"), "File to write: .csv, .ndjson, .arrow or .parquet; - for standard output."]
     format: Annotated[
-        str | None,
-        Option(OUTPUT, ("csv", "ndjson", "arrow", "parquet"), shown="csv"),
-        "Format of the stream of -o -.",
+        str | None, Option(OUTPUT, ("csv", "ndjson", "arrow", "parquet"), shown="csv"), "Format of the stream of -o -."
     ]
 
 

@@ -78,14 +78,7 @@ def info(say: Messages, told: InfoCommand) -> int:
     from lidarcli.logs.options import clouds_hint, no_scan_topic
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of
-    from lidarcli.pipeline.inspecting import (
-        FIXES,
-        LogInfo,
-        fix_text,
-        inspect_logs,
-        judge_checks,
-        understand_checks,
-    )
+    from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
     from lidarcli.pipeline.runs.outcomes import Failure, exit_code
 
     checks = understand_checks(told["check"], deep)
@@ -151,11 +144,7 @@ _BRIEF = 4
 """Topics with sweeps that one line shows."""
 _FRAMES = 2
 """Pairs of frames shown of one topic."""
-_CLOSURES = {
-    "open": "partial view",
-    "closed": "full turn",
-    "shared": "full turn; first and last beam point the same way",
-}
+_CLOSURES = {"open": "partial view", "closed": "full turn", "shared": "full turn; first and last beam point the same way"}
 
 
 def as_text(info: "LogInfo | Learned") -> str:
@@ -174,8 +163,7 @@ def _log_lines(info: "LogInfo") -> list[str]:
         _line("size", "unknown" if info.size is None else f"{info.size:,} bytes"),
     ]
     lines += [
-        _line("" if index else "parts", f"{part.name} ({part.size:,} bytes)")
-        for index, part in enumerate(info.parts)
+        _line("" if index else "parts", f"{part.name} ({part.size:,} bytes)") for index, part in enumerate(info.parts)
     ]
     lines += [_line("" if index else "topics", text) for index, text in enumerate(_topics(info.topics))]
     lines += _pose_lines(info)

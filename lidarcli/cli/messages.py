@@ -144,9 +144,7 @@ class Messages(Screen):
 
 
 @contextmanager
-def progress_bar(
-    sources: Sequence[Source | Nothing], say: Messages
-) -> Iterator[Callable[[Source, int], None] | None]:
+def progress_bar(sources: Sequence[Source | Nothing], say: Messages) -> Iterator[Callable[[Source, int], None] | None]:
     """A bar by bytes read: yields what the pipeline calls with a log and the position in it, None where nobody looks."""
     if not _is_seen(say):
         yield None
@@ -291,9 +289,7 @@ def _damaged(run: RunSummary) -> str:
 def _parts(head: str, counts: Mapping[str, int], total: int, always: Sequence[str]) -> list[str]:
     """Return lines on how many beams are of each kind; kinds without beams are left out, except those in `always`."""
     parts = [
-        f"{_WORDS.get(name, name)} {count:,} ({count / total:.1%})"
-        if total
-        else f"{_WORDS.get(name, name)} 0"
+        f"{_WORDS.get(name, name)} {count:,} ({count / total:.1%})" if total else f"{_WORDS.get(name, name)} 0"
         for name, count in counts.items()
         if count or name in always
     ]

@@ -124,9 +124,7 @@ class DeclaredOption(click.Option):
         name = self.variable(ctx)
         return os.environ.get(name) or None if name else None
 
-    def handle_parse_result(
-        self, ctx: click.Context, opts: Mapping[str, Any], args: list[str]
-    ) -> tuple[Any, list[str]]:
+    def handle_parse_result(self, ctx: click.Context, opts: Mapping[str, Any], args: list[str]) -> tuple[Any, list[str]]:
         """Return the value, or raise a usage error that also names the variable or file of a wrong value."""
         with self._origin_told(ctx):
             return super().handle_parse_result(ctx, opts, args)
@@ -192,9 +190,7 @@ def log_options(told: Mapping[str, Any]) -> LogOptions:
     return LogOptions(read, opening, pose_options(told))
 
 
-def refuse_finding(
-    headings: Collection[str], given: str = "--objects names some that have been found"
-) -> None:
+def refuse_finding(headings: Collection[str], given: str = "--objects names some that have been found") -> None:
     """Refuse options of finding objects, those below some headings, beside an option that leaves nothing to find."""
     ctx = click.get_current_context()
     for parameter in ctx.command.params:

@@ -63,12 +63,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
     sweep: Annotated[int | None, Option(PICTURE, SWEEP, shown="0", unless=("sweeps", "at")), "Sweep to draw."]
     sweeps: Annotated[
         tuple[int, ...] | None,
-        Option(
-            PICTURE,
-            Text("LIST", _indices),
-            shown="with --animate all, else --sweep",
-            unless=("sweep", "at"),
-        ),
+        Option(PICTURE, Text("LIST", _indices), shown="with --animate all, else --sweep", unless=("sweep", "at")),
         "Sweeps to draw, 0,50,100 or 0:100:10; each gets a file, FIG-N.png.",
     ]
     output: Annotated[
@@ -97,10 +92,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
             "sensor, with --sweep its points and boxes, with --tracks what stands and what moved.",
         },
         "max_width": {"shown": "2; paper: no limit"},
-        "dpi": {
-            "shown": f"200; with --animate {ANIMATED_DPI}",
-            "help": "Pixels per inch of PNG and of animations.",
-        },
+        "dpi": {"shown": f"200; with --animate {ANIMATED_DPI}", "help": "Pixels per inch of PNG and of animations."},
     },
     examples="""\
   lidarcli plot run.mcap
@@ -134,9 +126,7 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
     if output == STDOUT and (animate or len(wanted or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
     if not (in_world or told["zones"] or background is not None) and poses != type(poses)():
-        raise click.UsageError(
-            "--pose, --poses, --pose-delay and --no-deskew are for --view map, --background and --zones"
-        )
+        raise click.UsageError("--pose, --poses, --pose-delay and --no-deskew are for --view map, --background and --zones")
     if in_world:
         if animate or background is not None:
             raise click.UsageError("--view map is a picture of its own, without --animate and --background")
@@ -168,13 +158,7 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
     from lidarcli.errors import UnreadableError
     from lidarcli.newfiles import refuse
     from lidarcli.pipeline.api.options import parameters_of
-    from lidarcli.pipeline.plotting import (
-        PlotOptions,
-        picture_bytes,
-        take_pictures,
-        write_animation,
-        write_pictures,
-    )
+    from lidarcli.pipeline.plotting import PlotOptions, picture_bytes, take_pictures, write_animation, write_pictures
 
     overwrite = told["overwrite"]
     if output != STDOUT:

@@ -13,9 +13,7 @@ class PosesCommand(OneLog, Reported, Reading, total=False):
     """Options of `poses`."""
 
     output: Annotated[
-        str,
-        output("FILE"),
-        "File to write: .tum or .txt (lines of timestamp x y z qx qy qz qw), or .parquet.",
+        str, output("FILE"), "File to write: .tum or .txt (lines of timestamp x y z qx qy qz qw), or .parquet."
     ]
 
 

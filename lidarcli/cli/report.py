@@ -27,9 +27,7 @@ class ReportCommand(Overwrite, Reporting, total=False):
         "Format, where the suffix does not say it.",
     ]
     brief: Annotated[
-        bool,
-        Option(OUTPUT, None, False),
-        "Only the checks and a summary in a line: text, markdown or github.",
+        bool, Option(OUTPUT, None, False), "Only the checks and a summary in a line: text, markdown or github."
     ]
 
 
@@ -127,16 +125,12 @@ def _are_of_runs(tables: Sequence[str], baseline: Sequence[str], logs: Sequence[
     manifests = [name for name in tables if is_of_runs(name)]
     compared = [name for name in baseline if is_of_runs(name)]
     if compared or (manifests and baseline):
-        raise click.UsageError(
-            f"{(compared or manifests)[0]}: --baseline compares tables, not the manifests of runs"
-        )
+        raise click.UsageError(f"{(compared or manifests)[0]}: --baseline compares tables, not the manifests of runs")
     if manifests and logs:
         raise click.UsageError(f"{manifests[0]}: --log belongs to tables, not to the manifests of runs")
     if manifests and len(manifests) < len(tables):
         other = next(name for name in tables if name not in manifests)
-        raise click.UsageError(
-            f"{manifests[0]} is a manifest of runs and {other} is none; report on one or the other"
-        )
+        raise click.UsageError(f"{manifests[0]} is a manifest of runs and {other} is none; report on one or the other")
     return bool(manifests)
 
 
@@ -146,12 +140,8 @@ def _kinds(outputs: Sequence[str], kind: str | None, suffixes: dict[str, str]) -
         return [kind]
     found = [None if name == STDOUT else suffixes.get(place(name).suffix.lower()) for name in outputs]
     if kind is not None and None not in found:
-        raise click.UsageError(
-            "--format is for an output whose suffix does not say its format, and all of these do"
-        )
+        raise click.UsageError("--format is for an output whose suffix does not say its format, and all of these do")
     odd = [name for name, one in zip(outputs, found, strict=True) if one is None and name != STDOUT]
     if kind is None and odd:
-        raise click.UsageError(
-            f"{odd[0]}: the suffix names no format ({' '.join(suffixes)}); say which with --format"
-        )
+        raise click.UsageError(f"{odd[0]}: the suffix names no format ({' '.join(suffixes)}); say which with --format")
     return [one or kind or "text" for one in found]

@@ -41,14 +41,7 @@ def chosen_logs(say: Messages, told: Mapping[str, Any]) -> list[Source | Nothing
     """Return the logs that `ManyLogs` names, with notes on those in parts; see `search.choose`."""
     from lidarcli.pipeline.inputs.search import choose
 
-    return choose(
-        told["logs"],
-        told["files_from"],
-        told["base"],
-        told["shard"],
-        told["join"],
-        say.note,
-    )
+    return choose(told["logs"], told["files_from"], told["base"], told["shard"], told["join"], say.note)
 
 
 def print_reads(sources: Iterable[Source | Nothing], writes: Iterable[str] = ()) -> int:
@@ -163,11 +156,7 @@ def _begin(say: Messages, told: Mapping[str, Any], options: DetectOptions) -> li
 
 
 def _outcomes(
-    sources: Sequence[Source | Nothing],
-    folder: Place,
-    options: DetectOptions,
-    report: Report,
-    cluster: Cluster | None,
+    sources: Sequence[Source | Nothing], folder: Place, options: DetectOptions, report: Report, cluster: Cluster | None
 ) -> Iterator[Outcome]:
     """Yield the outcome of each log, here or on a cluster."""
     if cluster is None:
@@ -181,11 +170,7 @@ def _outcomes(
     # The working directory of a worker is another.
     there = folder.absolute() if isinstance(folder, Path) else folder
     file = options.poses.file
-    poses = (
-        replace(options.poses, file=str(Path(file).absolute()))
-        if file and not is_url(file)
-        else options.poses
-    )
+    poses = replace(options.poses, file=str(Path(file).absolute())) if file and not is_url(file) else options.poses
     each = replace(options, jobs=1, cores=1, poses=poses, overwrite=True)
     work = partial(detect_to_files, folder=there, options=each)
     for outcome in cluster.outcomes(sources, work):
@@ -229,9 +214,7 @@ def _print_plan(run: FolderRun, plan: Plan, options: DetectOptions) -> int:
         for output, is_there in outputs:
             refused = is_there and not options.overwrite
             code = code or (OutputError.exit_code if refused else 0)
-            state = (
-                " (exists; refused without --overwrite)" if refused else " (is replaced)" if is_there else ""
-            )
+            state = " (exists; refused without --overwrite)" if refused else " (is replaced)" if is_there else ""
             click.echo(f"write  {one_line(output)}{state}")
         codes.append(code)
     return exit_code(codes)

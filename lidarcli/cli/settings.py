@@ -138,9 +138,7 @@ def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
     shared = {key: value for key, value in settings.items() if not isinstance(value, Mapping)}
     for_all = _by_option(file, "", shared)
     for key in sorted(NOT_SHARED & for_all.keys()):
-        raise OptionError(
-            f"{file}: '{key}' is not the same in every command: set it below [detect] or another one"
-        )
+        raise OptionError(f"{file}: '{key}' is not the same in every command: set it below [detect] or another one")
     found: dict[str, dict[str, Any]] = {}
     every: set[str] = set()
     # A key such as `background = "room.parquet"` is an option, not the tables of the commands.
@@ -239,8 +237,7 @@ def _typed(file: str, command: str, option: DeclaredOption, value: Any) -> Any:
             raise OptionError(f"{place} must be true or false")
         return value
     items = [
-        item.isoformat() if isinstance(item, date) else item
-        for item in (value if isinstance(value, list) else [value])
+        item.isoformat() if isinstance(item, date) else item for item in (value if isinstance(value, list) else [value])
     ]
     if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in items):
         raise OptionError(f"{place} must be a text, a number or a list of them")

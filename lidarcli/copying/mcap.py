@@ -213,9 +213,7 @@ class _File:
                 one.write(summary)
             if summary.count > before:
                 groups.append(
-                    SummaryOffset(
-                        group_opcode=opcode, group_start=start + before, group_length=summary.count - before
-                    )
+                    SummaryOffset(group_opcode=opcode, group_start=start + before, group_length=summary.count - before)
                 )
         offsets = start + summary.count
         for group in groups:

@@ -120,12 +120,7 @@ class _Bag:
         plain = b"".join(self._chunk)
         entries, start = self._entries, self._at
         self._chunk, self._size, self._entries = [], 0, {}
-        whole = _record(
-            _PACK[self.codec](plain),
-            compression=self.codec.encode(),
-            op=_op(Op.CHUNK),
-            size=_u32(len(plain)),
-        )
+        whole = _record(_PACK[self.codec](plain), compression=self.codec.encode(), op=_op(Op.CHUNK), size=_u32(len(plain)))
         indexes = [
             _record(
                 b"".join(_time(time_ns) + _u32(offset) for time_ns, offset in mine),

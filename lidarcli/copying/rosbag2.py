@@ -131,8 +131,7 @@ def _copy_table(database: sqlite3.Connection, table: str, is_numbered: bool) -> 
     has_key = any(origin == "pk" for _, _, _, origin, _ in indexes)
     kinds = {"INTEGER": "INT"} if has_key else {}
     declared = [
-        f"{quoted(name)} {kinds.get(kind.upper(), kind) if _TYPE.fullmatch(kind) else ''}"
-        for _, name, kind, *_ in columns
+        f"{quoted(name)} {kinds.get(kind.upper(), kind) if _TYPE.fullmatch(kind) else ''}" for _, name, kind, *_ in columns
     ]
     if keys := [quoted(name) for _, name, *_, place in sorted(columns, key=itemgetter(5)) if place]:
         declared.append(f"PRIMARY KEY ({', '.join(keys)})")

@@ -116,9 +116,7 @@ def detect_row(core: Core, scans: Scans, columns: Columns, row: int) -> None:
     if core.robust:
         _settle(core)
     objects.assemble(core.description.parts, core.survey, core.points, core.segments, core.report_walls)
-    description.describe(
-        core.description, columns, core.points, core.segments, core.survey, core.bodies, core.faces
-    )
+    description.describe(core.description, columns, core.points, core.segments, core.survey, core.bodies, core.faces)
     if columns.explained and core.robust and not scans.has_within:
         _explain(core, columns)
     near = segmentation.nearest(core.points)
@@ -165,9 +163,7 @@ def _within_mask(core: Core, scans: Scans) -> None:
     for j in range(core.segments.count):
         core.faces.offset[j] = core.faces.count
         if core.survey.candidate[j]:
-            surfaces.straight(
-                core.faces, core.points, core.segments, j, core.segments.size[j], core.survey.tolerance[j]
-            )
+            surfaces.straight(core.faces, core.points, core.segments, j, core.segments.size[j], core.survey.tolerance[j])
     core.faces.offset[core.segments.count] = core.faces.count
     surfaces.measure_reach(core.survey, core.points, core.segments, core.faces)
     objects.join_fragments(core.bodies, core.survey, core.points, core.segments, core.survey.candidate)

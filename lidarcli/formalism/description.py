@@ -137,9 +137,7 @@ def _trace_part(
         columns.out.vertex_theta[v], columns.out.vertex_r[v] = theta, r
         columns.out.vertex_kind[v] = EXTREMUM if outline.extremum[at] else CORNER
         if f >= low:
-            _add_face(
-                columns, faces, f, v, math.sqrt((x - last_x) * (x - last_x) + (y - last_y) * (y - last_y))
-            )
+            _add_face(columns, faces, f, v, math.sqrt((x - last_x) * (x - last_x) + (y - last_y) * (y - last_y)))
         last_x, last_y = x, y
         outline.n += 1
         columns.vertices += 1
@@ -261,9 +259,7 @@ def describe(
         trace(description.outline, columns, points, segments, survey, faces, description.parts, k)
         shape.examine(description.look, faces, description.parts, k, False, False)
         if description.robust:
-            _drop_stray(
-                faces, description.parts, description.circle, description.look, description.outline, k
-            )
+            _drop_stray(faces, description.parts, description.circle, description.look, description.outline, k)
         _describe_shape(
             columns,
             points,
@@ -383,13 +379,7 @@ def _describe_shape(
     """Write the shape of an object of so many parts, whose outline is traced, and its box."""
     at = columns.objects
     kind = shape.classify(
-        look,
-        circle,
-        points.sigma,
-        columns.out.width[at],
-        columns.out.x[at],
-        columns.out.y[at],
-        survey.max_width,
+        look, circle, points.sigma, columns.out.width[at], columns.out.x[at], columns.out.y[at], survey.max_width
     )
     if kind == shape.ROUND:
         shape.around_circle(box, circle.centre_x, circle.centre_y, circle.radius)

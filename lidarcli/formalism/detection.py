@@ -46,9 +46,7 @@ class Detection:
     theta_f: Float64 = column("rad", "bearing of the last point P_f; may pass pi, never below theta_i")
     r_i: Float64 = column("m", "range of P_i")
     r_f: Float64 = column("m", "range of P_f")
-    s_i: Float64 = column(
-        "m", "signed difference on entering the object; null where undefined", nullable=True
-    )
+    s_i: Float64 = column("m", "signed difference on entering the object; null where undefined", nullable=True)
     s_f: Float64 = column("m", "signed difference on leaving the object; null where undefined", nullable=True)
     d_th: Float64 = column("m", THRESHOLD, nullable=True)
     theta_min: Float64 = column("rad", "bearing of the point nearest to the scanner")
@@ -68,18 +66,12 @@ class Detection:
         later=True,
     )
 
-    vertex_offsets: Int32 = column(
-        "1", "vertices of object k are vertex_offsets[k]:vertex_offsets[k + 1]", per="offset"
-    )
+    vertex_offsets: Int32 = column("1", "vertices of object k are vertex_offsets[k]:vertex_offsets[k + 1]", per="offset")
     vertex_theta: Float64 = column("rad", "bearing of the vertex", per="vertex")
     vertex_r: Float64 = column("m", "range of the vertex", per="vertex")
-    vertex_kind: UInt8 = column(
-        "", "start, end, corner or extremum", per="vertex", words=VERTEX_KINDS, kind="string"
-    )
+    vertex_kind: UInt8 = column("", "start, end, corner or extremum", per="vertex", words=VERTEX_KINDS, kind="string")
 
-    face_offsets: Int32 = column(
-        "1", "faces of object k are face_offsets[k]:face_offsets[k + 1]", per="offset"
-    )
+    face_offsets: Int32 = column("1", "faces of object k are face_offsets[k]:face_offsets[k + 1]", per="offset")
     face_theta_i: Float64 = column("rad", "bearing where the face begins", per="face")
     face_theta_f: Float64 = column("rad", "bearing where the face ends", per="face")
     face_length: Float64 = column("m", "length of the face", per="face")
@@ -107,9 +99,7 @@ class Detection:
     object_beams: Int32 = column("1", "beams on objects (set O)", per="sweep")
     agent_beams: Int32 = column("1", "beams on agents (set A)", per="sweep")
     noise_beams: Int32 = column(
-        "1",
-        "beams on walls and the rest (set S): in no object; the three sets sum to beams (Def. 4)",
-        per="sweep",
+        "1", "beams on walls and the rest (set S): in no object; the three sets sum to beams (Def. 4)", per="sweep"
     )
 
     beam_set: UInt8 | None = column("", "O, A or S (Def. 4)", per="beam", words=SETS, default=None)
@@ -118,11 +108,7 @@ class Detection:
         "1", "number of the object the beam belongs to; null in S", per="beam", nullable=True, default=None
     )
     beam_s: Float64 | None = column(
-        "m",
-        "signed difference to the beam before; null where undefined",
-        per="beam",
-        nullable=True,
-        default=None,
+        "m", "signed difference to the beam before; null where undefined", per="beam", nullable=True, default=None
     )
     beam_difference: Float32 | None = column(
         "m", "r_w - r_e; null without a background", per="beam", nullable=True, default=None

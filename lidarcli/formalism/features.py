@@ -151,13 +151,7 @@ def gather(features: Features, survey: Survey, points: Points, segments: Segment
 
 
 def measure(
-    features: Features,
-    survey: Survey,
-    points: Points,
-    segments: Segments,
-    faces: Faces,
-    bodies: Bodies,
-    scans: Scans,
+    features: Features, survey: Survey, points: Points, segments: Segments, faces: Faces, bodies: Bodies, scans: Scans
 ) -> None:
     """Fill in the features of all bodies."""
     if features.count == 0:
@@ -204,9 +198,7 @@ def measure_edges(features: Features, points: Points, segments: Segments, bodies
     values[at + NOISE], values[at + FLICKER] = points.sigma, points.flicker
 
 
-def measure_outline(
-    features: Features, survey: Survey, points: Points, segments: Segments, bodies: Bodies, k: int
-) -> None:
+def measure_outline(features: Features, survey: Survey, points: Points, segments: Segments, bodies: Bodies, k: int) -> None:
     """Fill in the features of the size and form of a body."""
     values, at, x, y = features.values, k * COUNT, points.x, points.y
     head, tail = features.head[k], features.tail[k]
@@ -360,15 +352,7 @@ def measure_support(features: Features, points: Points, segments: Segments, face
             if features.aligned[f] and faces.length[f] >= 0.5 * longest:
                 some = True
                 _add_support(
-                    features,
-                    points,
-                    faces,
-                    k,
-                    features.axis[f],
-                    features.offset[f],
-                    features.low[f],
-                    features.high[f],
-                    1.0,
+                    features, points, faces, k, features.axis[f], features.offset[f], features.low[f], features.high[f], 1.0
                 )
         if j == tail:
             break
@@ -457,9 +441,7 @@ FRONT = 0.1
 """A line is not followed where beams meet it at a lesser sine."""
 
 
-def measure_line(
-    features: Features, points: Points, segments: Segments, faces: Faces, scans: Scans, k: int
-) -> None:
+def measure_line(features: Features, points: Points, segments: Segments, faces: Faces, scans: Scans, k: int) -> None:
     """Fill in the features of the lines of the longest face of a body and of the longest one across it, past its ends."""
     values, at = features.values, k * COUNT
     for i in range(LINE, CROSS_LINE + 1):
@@ -545,14 +527,7 @@ def _share(sums: Sequence[float], beyond: float, at: int, half: int) -> float:
 
 
 def _follow(
-    features: Features,
-    points: Points,
-    scans: Scans,
-    start: int,
-    way: int,
-    normal_x: float,
-    normal_y: float,
-    c: float,
+    features: Features, points: Points, scans: Scans, start: int, way: int, normal_x: float, normal_y: float, c: float
 ) -> float:
     """Follow a line past one end of a body: how much of it [m] is met at which depth (`bins`).
 

@@ -50,9 +50,7 @@ class Protrusions:
         self.is_protrusion = native.integers(self.owner, 2 * most + 1)
 
 
-def find_protrusions(
-    protrusions: Protrusions, survey: Survey, points: Points, segments: Segments, faces: Faces
-) -> None:
+def find_protrusions(protrusions: Protrusions, survey: Survey, points: Points, segments: Segments, faces: Faces) -> None:
     """Find stretches that stand out: between corners that point away, with corners that point at the sensor."""
     protrusions.count = 0
     for j in range(segments.count):
@@ -71,14 +69,7 @@ def find_protrusions(
 
 
 def _add(
-    protrusions: Protrusions,
-    points: Points,
-    segments: Segments,
-    faces: Faces,
-    j: int,
-    begin: int,
-    end: int,
-    pointed: bool,
+    protrusions: Protrusions, points: Points, segments: Segments, faces: Faces, j: int, begin: int, end: int, pointed: bool
 ) -> None:
     """Add the faces `begin` … `end` - 1 of a segment, if they stand out.
 
@@ -165,10 +156,7 @@ def _is_small(points: Points, faces: Faces, begin: int, end: int) -> bool:
         return False
     for f in range(begin, end):
         at = faces.last[f]
-        if not (
-            segmentation.distance(points, first, at) <= WIDEST
-            and segmentation.distance(points, at, last) <= WIDEST
-        ):
+        if not (segmentation.distance(points, first, at) <= WIDEST and segmentation.distance(points, at, last) <= WIDEST):
             return False
     return True
 
@@ -198,9 +186,7 @@ def _trimmed(points: Points, faces: Faces, wall: int, at: int, other: int, way: 
     return at
 
 
-def divide(
-    protrusions: Protrusions, survey: Survey, points: Points, segments: Segments, faces: Faces
-) -> None:
+def divide(protrusions: Protrusions, survey: Survey, points: Points, segments: Segments, faces: Faces) -> None:
     """Divide the segments at the protrusions that were found, and their faces with them."""
     if protrusions.count == 0:
         return
@@ -220,13 +206,7 @@ def divide(
             if stop >= protrusions.begin[k]:
                 protrusions.stands_out[protrusions.parts.count] = protrusions.is_protrusion[k]
                 _append(
-                    protrusions.parts,
-                    points,
-                    segments,
-                    j,
-                    protrusions.begin[k],
-                    stop,
-                    protrusions.is_protrusion[k] != 0,
+                    protrusions.parts, points, segments, j, protrusions.begin[k], stop, protrusions.is_protrusion[k] != 0
                 )
     segmentation.copy_segments(protrusions.parts, segments)
     for p in range(segments.count):
@@ -249,9 +229,7 @@ def _insert_part(protrusions: Protrusions, count: int, begin: int, is_protrusion
     protrusions.begin[k], protrusions.is_protrusion[k] = begin, is_protrusion
 
 
-def _append(
-    parts: Segments, points: Points, segments: Segments, j: int, begin: int, stop: int, stands_out: bool
-) -> None:
+def _append(parts: Segments, points: Points, segments: Segments, j: int, begin: int, stop: int, stands_out: bool) -> None:
     """Append the points `begin` to `stop` of a segment as a part: at an inner edge what stands out is nearer."""
     p, r, edge = parts.count, points.r, segmentation.OWN if stands_out else segmentation.HIDDEN
     parts.first[p], parts.size[p] = begin, stop - begin + 1
@@ -329,11 +307,7 @@ def _belongs(survey: Survey, points: Points, segments: Segments, may: Any, j: in
     """Return whether the next segment belongs to the same body."""
     after = segmentation.following(segments, points, j)
     edge = segments.end_edge[j]
-    if (
-        after == j
-        or not (may[j] and may[after])
-        or not (edge == segmentation.OWN or edge == segmentation.HIDDEN)
-    ):
+    if after == j or not (may[j] and may[after]) or not (edge == segmentation.OWN or edge == segmentation.HIDDEN):
         return False
     if not (survey.reach[j] < FRAGMENT_EXTENT and survey.reach[after] < FRAGMENT_EXTENT):
         return False
@@ -342,9 +316,7 @@ def _belongs(survey: Survey, points: Points, segments: Segments, may: Any, j: in
     return gap < FRAGMENT_GAP and span < FRAGMENT_EXTENT
 
 
-def _collect(
-    bodies: Bodies, survey: Survey, points: Points, segments: Segments, first: int, ring: bool
-) -> None:
+def _collect(bodies: Bodies, survey: Survey, points: Points, segments: Segments, first: int, ring: bool) -> None:
     """Make one body of a segment and all that join it; in a ring of segments all around none comes last."""
     label, last, size, parts, reach = first, first, 0, 0, 0.0
     j = first
@@ -394,9 +366,7 @@ def pieces(survey: Survey, segments: Segments) -> None:
         wide = not survey.reach[j] <= survey.max_width and not survey.protrusion[j]
         survey.wall[j] = segments.size[j] >= survey.min_beams and wide
         survey.candidate[j] = (
-            survey.chord[j] <= survey.max_width
-            and not survey.wall[j]
-            and not segmentation.surrounds(segments, j)
+            survey.chord[j] <= survey.max_width and not survey.wall[j] and not segmentation.surrounds(segments, j)
         )
         survey.loose[j] = survey.candidate[j] and not survey.protrusion[j]
 

@@ -66,9 +66,7 @@ class Parameters:
         """Refuse values without a meaning (`OptionError`)."""
         if isinstance(self.threshold, str):
             if self.threshold not in ("adaptive", "mean"):
-                raise OptionError(
-                    f"--threshold: '{self.threshold}' is not adaptive, mean or a number of metres"
-                )
+                raise OptionError(f"--threshold: '{self.threshold}' is not adaptive, mean or a number of metres")
         elif not 0 <= self.threshold <= FARTHEST:
             raise OptionError(f"--threshold: {self.threshold} m is not a distance")
         for name, least, most in (
@@ -146,9 +144,7 @@ def _check_shapes(batch: SweepBatch, within: Bool | None, sigma: Float64 | None)
     """Refuse arrays of another shape than that of their batch."""
     shape = (len(batch), batch.ranges.shape[-1])
     columns = ("beams", "closure", "angle_min", "angle_increment")
-    arrays: list[tuple[str, Any, tuple[int, ...]]] = [
-        (name, getattr(batch, name), shape[:1]) for name in columns
-    ]
+    arrays: list[tuple[str, Any, tuple[int, ...]]] = [(name, getattr(batch, name), shape[:1]) for name in columns]
     arrays += [(name, getattr(batch, name), shape) for name in ("ranges", "status", "intensities")]
     arrays += [("within", within, shape), ("sigma", sigma, shape[:1])]
     for name, values, expected in arrays:

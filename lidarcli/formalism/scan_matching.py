@@ -194,14 +194,7 @@ class Matcher:
         self.pieces = 0
 
     def follow(
-        self,
-        ranges: Any,
-        beams: Any,
-        angle_min: Any,
-        angle_increment: Any,
-        timing: Any,
-        told: Any,
-        found: Any,
+        self, ranges: Any, beams: Any, angle_min: Any, angle_increment: Any, timing: Any, told: Any, found: Any
     ) -> None:
         """Find the poses of S sweeps.
 
@@ -231,22 +224,13 @@ class Matcher:
             for k in range(COLUMNS):
                 out[COLUMNS * row + k] = NAN
             read_outline(
-                self.points,
-                r,
-                row * width,
-                counted[row],
-                angles[row],
-                step[row],
-                times[3 * row + 1],
-                times[3 * row + 2],
+                self.points, r, row * width, counted[row], angles[row], step[row], times[3 * row + 1], times[3 * row + 2]
             )
             place_sweep(self, times[3 * row], guesses, 4 * row, out, COLUMNS * row)
         native.resume(lock)
 
 
-def read_outline(
-    points: Outline, r: Any, at: int, beams: int, first: float, step: float, begin: float, end: float
-) -> None:
+def read_outline(points: Outline, r: Any, at: int, beams: int, first: float, step: float, begin: float, end: float) -> None:
     """Take the points of a sweep, and fit lines to them."""
     points.count = 0
     points.takes_time = 1 if begin != 0.0 or end != 0.0 else 0
@@ -281,12 +265,7 @@ def read_outline(
     if points.count > MOST_POINTS:
         for i in range(MOST_POINTS):
             k = i * points.count // MOST_POINTS
-            points.x[i], points.y[i], points.r[i], points.late[i] = (
-                points.x[k],
-                points.y[k],
-                points.r[k],
-                points.late[k],
-            )
+            points.x[i], points.y[i], points.r[i], points.late[i] = (points.x[k], points.y[k], points.r[k], points.late[k])
             points.nx[i], points.ny[i], points.line[i] = points.nx[k], points.ny[k], points.line[k]
         points.count = MOST_POINTS
 
@@ -405,26 +384,20 @@ def velocity_of(x: float, y: float, yaw: float, seconds: float) -> tuple[float, 
     return (along * x + half * y) / seconds, (along * y - half * x) / seconds, yaw / seconds
 
 
-def step_between(
-    x: float, y: float, yaw: float, to_x: float, to_y: float, to_yaw: float
-) -> tuple[float, float, float]:
+def step_between(x: float, y: float, yaw: float, to_x: float, to_y: float, to_yaw: float) -> tuple[float, float, float]:
     """Return the step from one pose to another, in the frame of the first."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     dx, dy = to_x - x, to_y - y
     return cos * dx + sin * dy, cos * dy - sin * dx, math.remainder(to_yaw - yaw, TURN)
 
 
-def pose_after(
-    x: float, y: float, yaw: float, dx: float, dy: float, turn: float
-) -> tuple[float, float, float]:
+def pose_after(x: float, y: float, yaw: float, dx: float, dy: float, turn: float) -> tuple[float, float, float]:
     """Return the pose after a step in the frame of a pose."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     return x + cos * dx - sin * dy, y + sin * dx + cos * dy, math.remainder(yaw + turn, TURN)
 
 
-def nearest_surfel(
-    surfels: Surfels, x: float, y: float, nx: float, ny: float, line: int, reach: float
-) -> int:
+def nearest_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, line: int, reach: float) -> int:
     """Return the nearest surfel of the same side of a wall, -1 where there is none within `reach` [m]."""
     column, row = int(math.floor(x / CELL)), int(math.floor(y / CELL))  # noqa: RUF046
     around = int(math.ceil(reach / CELL))  # noqa: RUF046
@@ -445,9 +418,7 @@ def nearest_surfel(
                         dx, dy = surfels.x[at] - x, surfels.y[at] - y
                         d = dx * dx + dy * dy
                         if d < best and not (
-                            line
-                            and surfels.line[at]
-                            and nx * surfels.nx[at] + ny * surfels.ny[at] < SAME_SIDE
+                            line and surfels.line[at] and nx * surfels.nx[at] + ny * surfels.ny[at] < SAME_SIDE
                         ):
                             best, found = d, at
                     at = surfels.next[at] - 1
@@ -503,11 +474,7 @@ def forget_far(surfels: Surfels, x: float, y: float, reach: float) -> None:
         if dx * dx + dy * dy >= reach * reach:
             continue
         surfels.x[kept], surfels.y[kept], surfels.nx[kept] = surfels.x[at], surfels.y[at], surfels.nx[at]
-        surfels.ny[kept], surfels.hits[kept], surfels.line[kept] = (
-            surfels.ny[at],
-            surfels.hits[at],
-            surfels.line[at],
-        )
+        surfels.ny[kept], surfels.hits[kept], surfels.line[kept] = (surfels.ny[at], surfels.hits[at], surfels.line[at])
         surfels.column[kept], surfels.row[kept] = surfels.column[at], surfels.row[at]
         chain_surfel(surfels, kept)
         kept += 1
@@ -531,15 +498,7 @@ def enter_sweep(matcher: Matcher, points: Outline, vx: float, vy: float, vyaw: f
 
 
 def align(
-    matcher: Matcher,
-    x: float,
-    y: float,
-    yaw: float,
-    vx: float,
-    vy: float,
-    vyaw: float,
-    seconds: float,
-    wide: int,
+    matcher: Matcher, x: float, y: float, yaw: float, vx: float, vy: float, vyaw: float, seconds: float, wide: int
 ) -> tuple[float, float, float]:
     """Lay the sweep onto the map, from a guess; return its velocity.
 
@@ -558,9 +517,7 @@ def align(
         else:
             reach, kernel = 0.15, 0.03
             if matcher.points.takes_time:
-                return bend(
-                    matcher.points, matcher.map, matcher.found, matcher.sums, vx, vy, vyaw, reach, kernel
-                )
+                return bend(matcher.points, matcher.map, matcher.found, matcher.sums, vx, vy, vyaw, reach, kernel)
         deskew(matcher.points, vx, vy, vyaw)
         refine(matcher.points, matcher.map, matcher.found, matcher.sums, reach, kernel, 1)
         if matcher.points.takes_time and seconds > 0.0:
@@ -572,13 +529,7 @@ def align(
 
 
 def refine(
-    points: Outline,
-    surfels: Surfels,
-    found: Alignment,
-    sums: Sums,
-    reach: float,
-    kernel: float,
-    every: int,
+    points: Outline, surfels: Surfels, found: Alignment, sums: Sums, reach: float, kernel: float, every: int
 ) -> None:
     """Take Gauss-Newton steps, and do not slide along walls; one point of `every` is used."""
     number = max((points.count + every - 1) // every, 1)
@@ -782,9 +733,7 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
         if follows and matcher.moves:
             dx, dy, turn = driven(vx, vy, vyaw, seconds)
             x, y, yaw = pose_after(x, y, yaw, dx, dy, turn)
-        guided = (
-            told[at] == told[at] and matcher.told_x == matcher.told_x and told[at + 3] == matcher.told_part
-        )
+        guided = told[at] == told[at] and matcher.told_x == matcher.told_x and told[at + 3] == matcher.told_part
         if guided:
             dx, dy, turn = step_between(
                 matcher.told_x, matcher.told_y, matcher.told_yaw, told[at], told[at + 1], told[at + 2]
@@ -802,15 +751,9 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
             # Now that the motion is known, the first sweep can be deskewed as well.
             forget_far(matcher.map, 0.0, 0.0, 0.0)
             enter_sweep(matcher, matcher.first, vx, vy, vyaw)
-            vx, vy, vyaw = align(
-                matcher, matcher.found.x, matcher.found.y, matcher.found.yaw, vx, vy, vyaw, seconds, 1
-            )
+            vx, vy, vyaw = align(matcher, matcher.found.x, matcher.found.y, matcher.found.yaw, vx, vy, vyaw, seconds, 1)
         dx, dy, turn = step_between(x, y, yaw, matcher.found.x, matcher.found.y, matcher.found.yaw)
-        if (
-            matcher.found.fit < LEAST_FIT
-            or dx * dx + dy * dy >= FARTHEST_STEP * FARTHEST_STEP
-            or abs(turn) >= WIDEST_STEP
-        ):
+        if matcher.found.fit < LEAST_FIT or dx * dx + dy * dy >= FARTHEST_STEP * FARTHEST_STEP or abs(turn) >= WIDEST_STEP:
             matcher.misses += 1
             if matcher.misses < PATIENCE:
                 return
@@ -829,12 +772,7 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
                 if not matcher.points.takes_time:
                     vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
                 matcher.vx, matcher.vy, matcher.vyaw = vx, vy, vyaw
-            matcher.x, matcher.y, matcher.yaw, matcher.time = (
-                matcher.found.x,
-                matcher.found.y,
-                matcher.found.yaw,
-                time,
-            )
+            matcher.x, matcher.y, matcher.yaw, matcher.time = (matcher.found.x, matcher.found.y, matcher.found.yaw, time)
             matcher.alone, matcher.misses, matcher.passed = False, 0, 0
             enter_sweep(matcher, matcher.points, vx, vy, vyaw)
     matcher.told_x, matcher.told_y, matcher.told_yaw = told[at], told[at + 1], told[at + 2]
@@ -859,9 +797,7 @@ def start_of(matcher: Matcher, x: float, y: float, yaw: float, seconds: float) -
     return (sx, sy, syaw) if matcher.found.fit > fit else (x, y, yaw)
 
 
-def velocity_to(
-    matcher: Matcher, x: float, y: float, yaw: float, seconds: float
-) -> tuple[float, float, float]:
+def velocity_to(matcher: Matcher, x: float, y: float, yaw: float, seconds: float) -> tuple[float, float, float]:
     """Return the velocity from the last pose to another, 0 where `seconds` are."""
     if seconds <= 0.0:
         return 0.0, 0.0, 0.0

@@ -563,9 +563,7 @@ def _enter(segments: Segments, points: Points, breakpoints: Breakpoints, scans: 
         segments.start_edge[j] = OWN if points.s[at] < 0 else HIDDEN
 
 
-def _leave(
-    segments: Segments, points: Points, breakpoints: Breakpoints, scans: Scans, j: int, following: int
-) -> None:
+def _leave(segments: Segments, points: Points, breakpoints: Breakpoints, scans: Scans, j: int, following: int) -> None:
     """Return the kind of the last edge of a segment, by the breakpoint before the next segment."""
     before = following - 1 if following > 0 else points.count - 1
     if points.missing[following] > breakpoints.max_gap:

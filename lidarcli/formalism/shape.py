@@ -218,9 +218,7 @@ def examine(look: Look, faces: Faces, parts: Parts, k: int, without_first: bool,
     look.rms = math.sqrt(total / max(weight, 1.0))
 
 
-def classify(
-    look: Look, circle: Circle, sigma: float, chord: float, mean_x: float, mean_y: float, max_width: float
-) -> int:
+def classify(look: Look, circle: Circle, sigma: float, chord: float, mean_x: float, mean_y: float, max_width: float) -> int:
     """The shape of an object, whose circle is fitted where it may win.
 
     Parameters

@@ -234,9 +234,7 @@ def meeting(faces: Faces, one: int, other: int) -> tuple[bool, float, float]:
 
 def turn(faces: Faces, one: int, other: int) -> float:
     """Sine of the angle by which one face turns left from another."""
-    return (
-        faces.direction_x[one] * faces.direction_y[other] - faces.direction_y[one] * faces.direction_x[other]
-    )
+    return faces.direction_x[one] * faces.direction_y[other] - faces.direction_y[one] * faces.direction_x[other]
 
 
 def _join(faces: Faces, segments: Segments, j: int) -> None:

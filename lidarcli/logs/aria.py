@@ -12,27 +12,9 @@ from lidarcli.logs.aria_points import Points, Readings, by_bearing
 from lidarcli.logs.base import LASERSCAN, MAX_BEAMS
 from lidarcli.logs.beginnings import ARIA_TITLE
 from lidarcli.logs.blocks import TOO_MANY, as_singles, pad, split_rows
-from lidarcli.logs.lines import (
-    CUT,
-    POSE,
-    TELL_BEARINGS,
-    WITHOUT_TIMES,
-    Found,
-    Framed,
-    Grammar,
-    LineBlock,
-    LineLog,
-)
+from lidarcli.logs.lines import CUT, POSE, TELL_BEARINGS, WITHOUT_TIMES, Found, Framed, Grammar, LineBlock, LineLog
 from lidarcli.logs.numbers import not_a_number, say
-from lidarcli.logs.planar import (
-    MOUNT_TYPE,
-    MOUNTS,
-    ODOMETRY,
-    ODOMETRY_TYPE,
-    POSE_TYPE,
-    ROBOT,
-    PlanarPoses,
-)
+from lidarcli.logs.planar import MOUNT_TYPE, MOUNTS, ODOMETRY, ODOMETRY_TYPE, POSE_TYPE, ROBOT, PlanarPoses
 from lidarcli.logs.text import TextBlock
 from lidarcli.logs.times import S, to_ns
 from lidarcli.sweeps import Bool, Float32, Float64, Int64, RawSweeps
@@ -41,10 +23,7 @@ _VERSION, _CREATED = b"version:", b"#Created"
 _TIMES = (b"time:", b"logTime:")
 """Tags of seconds since the start of the log; since version 4 the second one is written."""
 _ROBOT_POSE, _GLOBAL_POSE = b"robot:", b"robotGlobal:"
-_POSES = {
-    _ROBOT_POSE: (ODOMETRY, ODOMETRY_TYPE, "odom"),
-    _GLOBAL_POSE: ("/corrected", POSE_TYPE, "map"),
-}
+_POSES = {_ROBOT_POSE: (ODOMETRY, ODOMETRY_TYPE, "odom"), _GLOBAL_POSE: ("/corrected", POSE_TYPE, "map")}
 """Tag of x, y, heading of the robot → topic, type and parent frame. Only the odometry is used unless the user asks."""
 _TAG = re.compile(rb"[A-Za-z_][\w-]{0,63}:")
 """Tag of a line; lines whose tags are not known are skipped."""
@@ -333,9 +312,7 @@ class AriaGrammar(Grammar[AriaLines]):
         pairs = values[np.repeat(points, found.count)].reshape(-1, 2) * _MILLI
         cloud = Points(pairs[:, 0], pairs[:, 1], row, place, mount)
         last = first + (beams - 1) * step
-        how = self._readings.of(
-            sensor.topic, version, cloud, first[row] + place * step[row], last[row] - place * step[row]
-        )
+        how = self._readings.of(sensor.topic, version, cloud, first[row] + place * step[row], last[row] - place * step[row])
         if how.backwards:
             first, step = np.where(points, last, first), np.where(points, -step, step)
         ranges, bearing = cloud.seen(how)
@@ -354,8 +331,7 @@ class AriaGrammar(Grammar[AriaLines]):
             flat[turned[beam_row]] = placed
             for at in np.flatnonzero(lost).tolist():
                 self.report.add_damage(
-                    f"line {lines.line + int(rows[at])}",
-                    f"{lost[at]} points are beside the view of the laser",
+                    f"line {lines.line + int(rows[at])}", f"{lost[at]} points are beside the view of the laser"
                 )
         return first, step, pad(as_singles(flat), beams, 1.0)
 
@@ -429,8 +405,6 @@ class AriaLog(LineLog):
                 elif first[0] in _POSES:
                     poses[first[0]] = poses.get(first[0], 0) + 1
         mounts = len({sensor.frame for sensor in sweeps} & mounted)
-        found: dict[tuple[str, str], int | None] = {
-            (sensor.topic, LASERSCAN): n for sensor, n in sweeps.items()
-        }
+        found: dict[tuple[str, str], int | None] = {(sensor.topic, LASERSCAN): n for sensor, n in sweeps.items()}
         found |= {_POSES[tag][:2]: n for tag, n in poses.items()}
         return found | ({(MOUNTS, MOUNT_TYPE): mounts} if mounts else {})

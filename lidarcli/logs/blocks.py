@@ -65,9 +65,7 @@ def in_degrees(beams: Int32 | Int64, angle_increment: Float32 | Float64) -> Bool
     return np.asarray((step > WIDEST_STEP) & (step > WIDEST_VIEW / np.maximum(beams - 1, 1)) & (beams > 1))
 
 
-def limits_in_metres(
-    least: Float32 | Float64, most: Float32 | Float64, scale: float
-) -> tuple[Float32, Float32]:
+def limits_in_metres(least: Float32 | Float64, most: Float32 | Float64, scale: float) -> tuple[Float32, Float32]:
     """Return range_min and range_max (S,) in metres, for ranges in a unit of `scale` metres.
 
     Many a driver has its limits in metres beside ranges in millimetres. A range_max up to `FAR` is in metres: in
@@ -80,9 +78,7 @@ def limits_in_metres(
     return as_singles(least * factor), as_singles(most * factor)
 
 
-def split_rows(
-    counts: Int32 | Int64, max_rows: int = BLOCK_ROWS, max_values: int = BLOCK_VALUES
-) -> Iterator[slice]:
+def split_rows(counts: Int32 | Int64, max_rows: int = BLOCK_ROWS, max_values: int = BLOCK_VALUES) -> Iterator[slice]:
     """Cut sweeps of `counts` beams into runs that may be padded to one width.
 
     A run has at most `max_rows` sweeps and `max_values` values, more than three quarters of them padding

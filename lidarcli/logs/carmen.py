@@ -11,38 +11,10 @@ from numpy.typing import NDArray
 
 from lidarcli.logs.base import LASERSCAN, ReadReport
 from lidarcli.logs.blocks import as_singles, limits_in_metres, pad, split_rows
-from lidarcli.logs.carmen_lines import (
-    FRONT,
-    LASERS,
-    ODOM,
-    REAR,
-    TRUEPOS,
-    CarmenLines,
-    Framing,
-    Laser,
-    has_pose,
-)
-from lidarcli.logs.lines import (
-    POSE,
-    Grammar,
-    LineBlock,
-    LineLog,
-    count_in,
-    full_steps,
-    gives_geometry,
-    is_number,
-)
+from lidarcli.logs.carmen_lines import FRONT, LASERS, ODOM, REAR, TRUEPOS, CarmenLines, Framing, Laser, has_pose
+from lidarcli.logs.lines import POSE, Grammar, LineBlock, LineLog, count_in, full_steps, gives_geometry, is_number
 from lidarcli.logs.numbers import Cells, not_a_number, pad_cells
-from lidarcli.logs.planar import (
-    MOUNT_TYPE,
-    MOUNTS,
-    ODOMETRY,
-    ODOMETRY_TYPE,
-    POSE_TYPE,
-    ROBOT,
-    PlanarPoses,
-    wrapped,
-)
+from lidarcli.logs.planar import MOUNT_TYPE, MOUNTS, ODOMETRY, ODOMETRY_TYPE, POSE_TYPE, ROBOT, PlanarPoses, wrapped
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import Bool, Float32, Float64, Int64, RawSweeps
 
@@ -282,9 +254,7 @@ def _remission_counts(cells: Cells, found: CarmenLines) -> Int64:
     return np.array([-1 if count is None else count for count in counts], np.int64)
 
 
-def _remissions(
-    cells: Cells, laser: Laser, found: CarmenLines, ranges: NDArray[np.floating]
-) -> Float32 | None:
+def _remissions(cells: Cells, laser: Laser, found: CarmenLines, ranges: NDArray[np.floating]) -> Float32 | None:
     """(S, B) Remissions of sweeps, NaN where one has fewer of them than ranges; None where none has any.
 
     They follow each of the `ranges`, or all of them with their number first.
@@ -341,10 +311,7 @@ def bearings_of(beams: Int64, fov: Float64, resolution: Float64) -> tuple[Float6
     half = np.abs(beams * resolution - 180.0) < 1e-6
     view = np.where(by_view, fov, np.where(half, 180.0, gaps * resolution))
     distinct, inverse = np.unique(beams, return_inverse=True)
-    guesses = [
-        (_STEPS.get(count, 180.0 / max(count - 1, 1)), _FIRST.get(count, -90.0))
-        for count in distinct.tolist()
-    ]
+    guesses = [(_STEPS.get(count, 180.0 / max(count - 1, 1)), _FIRST.get(count, -90.0)) for count in distinct.tolist()]
     guessed_step, guessed_first = np.array(guesses, np.float64).reshape(-1, 2)[inverse.ravel()].T
     told = by_step | by_view
     step = np.where(by_step, resolution, view / np.where(np.isin(beams, _WITHOUT_LAST), beams, gaps))
@@ -384,9 +351,7 @@ class CarmenLog(LineLog):
         found |= {(name, TYPES[name]): count for name, count in told.items() if count}
         return found | ({(MOUNTS, MOUNT_TYPE): None} if mounted else {})
 
-    def _grammar(
-        self, report: ReadReport, topics: Collection[str] | None, types: Collection[str] | None
-    ) -> CarmenGrammar:
+    def _grammar(self, report: ReadReport, topics: Collection[str] | None, types: Collection[str] | None) -> CarmenGrammar:
         if types is not None:
             # Where sweeps hold the robot's poses, other lines of odometry are skipped.
             self.topics()

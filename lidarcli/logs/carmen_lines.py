@@ -15,17 +15,7 @@ import numpy as np
 
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.blocks import TOO_MANY
-from lidarcli.logs.lines import (
-    CUT,
-    POSE,
-    WITHOUT_TIMES,
-    DistinctTimes,
-    Framed,
-    LineBlock,
-    count_in,
-    is_number,
-    left_over,
-)
+from lidarcli.logs.lines import CUT, POSE, WITHOUT_TIMES, DistinctTimes, Framed, LineBlock, count_in, is_number, left_over
 from lidarcli.logs.numbers import Cells, say
 from lidarcli.logs.times import S, to_ns
 from lidarcli.sweeps import TURN, Bool, Int64
@@ -114,9 +104,7 @@ class Framing:
     _timed: bool = False
     """True once a sweep has had a time."""
 
-    def read(
-        self, lines: LineBlock, wanted: Collection[bytes]
-    ) -> tuple[list[CarmenLines], list[tuple[int, bytes, bytes]]]:
+    def read(self, lines: LineBlock, wanted: Collection[bytes]) -> tuple[list[CarmenLines], list[tuple[int, bytes, bytes]]]:
         """Return the wanted messages of a block, and its parameters: row, name and value."""
         cells = lines.cells
         found: list[CarmenLines] = []
@@ -207,13 +195,9 @@ class Framing:
         seen = self._seen.setdefault(laser.topic, Counter())
         kinds = list(zip(found.beams.tolist(), found.behind.tolist(), strict=True))
         seen.update(kinds)
-        usual = {
-            beams: max(_POSED, key=lambda behind: (seen[beams, behind], behind)) for beams, _ in set(kinds)
-        }
+        usual = {beams: max(_POSED, key=lambda behind: (seen[beams, behind], behind)) for beams, _ in set(kinds)}
         return {
-            at: _misfit(behind - usual[beams], beams)
-            for at, (beams, behind) in enumerate(kinds)
-            if behind != usual[beams]
+            at: _misfit(behind - usual[beams], beams) for at, (beams, behind) in enumerate(kinds) if behind != usual[beams]
         }
 
 
@@ -221,9 +205,7 @@ def _misfit(more: int, beams: int) -> str:
     """Return the cause for a line with `more` fields than usual, or fewer, behind its ranges."""
     if more > 0:
         return left_over(more, beams)
-    return (
-        f"it declares {beams} ranges, but {'one field is' if more == -1 else f'{-more} fields are'} missing"
-    )
+    return f"it declares {beams} ranges, but {'one field is' if more == -1 else f'{-more} fields are'} missing"
 
 
 def _doubt_whole(cells: Cells, laser: Laser, found: CarmenLines, at: int) -> str:
@@ -276,9 +258,7 @@ def _are_poses(cells: Cells, rows: Int64, end: Int64, first: int) -> bool:
     return len(ranges) == len(poses) == 1 and ranges != poses
 
 
-def _times_at(
-    cells: Cells, rows: Int64, count: Int64, after: Int64, usual: int | None
-) -> tuple[Int64, Int64]:
+def _times_at(cells: Cells, rows: Int64, count: Int64, after: Int64, usual: int | None) -> tuple[Int64, Int64]:
     """Find the cell of each line that holds its time, and the number of cells between `after` and it.
 
     The name of the host, which is no number, follows the time: some writers leave out the time behind it, old ones also

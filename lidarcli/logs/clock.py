@@ -106,9 +106,7 @@ class ClockInfo:
                 "these are taken"
             )
             found.append(
-                sensor.finding(
-                    "clock", "warning", words, {"astray": away, "sweeps": len(self.astray)}, {"astray": LEAP}
-                )
+                sensor.finding("clock", "warning", words, {"astray": away, "sweeps": len(self.astray)}, {"astray": LEAP})
             )
         if self.recorded:
             every = self.recorded == self.sweeps
@@ -119,11 +117,7 @@ class ClockInfo:
             )
             found.append(
                 sensor.finding(
-                    "clock",
-                    "warning",
-                    words,
-                    {"zero_stamps": self.recorded, "sweeps": self.sweeps},
-                    {"zero_stamps": 1},
+                    "clock", "warning", words, {"zero_stamps": self.recorded, "sweeps": self.sweeps}, {"zero_stamps": 1}
                 )
             )
         return found
@@ -137,9 +131,8 @@ class ClockInfo:
         back = {"backward": self.backward, "largest": self.largest_backward, "sweeps": self.sweeps}
         if self.repeated > often and alike:
             option = f"--every {self.copies}" if self.copies > 1 and alone else ""
-            words = (
-                f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} have stamp and ranges of the sweep before"
-                + (f": {option} takes each once" if option else "")
+            words = f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} have stamp and ranges of the sweep before" + (
+                f": {option} takes each once" if option else ""
             )
             return sensor.finding("duplicate", "warning", words, repeats, {"repeated": often}, option)
         if self.sweeps > SOME and self.start_ns == self.end_ns:
@@ -164,15 +157,11 @@ class ClockInfo:
             )
             return sensor.finding("clock", "error", words, back, {"backward": often})
         if self.largest_backward >= SET_BACK:
-            words = (
-                f"stamps of {name} go back {self.times_back(_long(self.largest_backward))}: {self._several()}"
-            )
+            words = f"stamps of {name} go back {self.times_back(_long(self.largest_backward))}: {self._several()}"
             return sensor.finding("clock", "warning", words, back, {"largest": SET_BACK})
         if self.largest_forward > LEAP:
             words = f"stamps of {name} leap ahead by {_long(self.largest_forward)}: {self._several()}"
-            return sensor.finding(
-                "clock", "warning", words, {"largest": self.largest_forward}, {"largest": LEAP}
-            )
+            return sensor.finding("clock", "warning", words, {"largest": self.largest_forward}, {"largest": LEAP})
         return None
 
     def times_back(self, most: str) -> str:
@@ -432,9 +421,7 @@ class Clock:
             run = Run(int(part.min()), int(part.max()), len(part))
             if self._runs and first not in starts:
                 last = self._runs.pop()
-                run = Run(
-                    min(last.low_ns, run.low_ns), max(last.high_ns, run.high_ns), last.sweeps + run.sweeps
-                )
+                run = Run(min(last.low_ns, run.low_ns), max(last.high_ns, run.high_ns), last.sweeps + run.sweeps)
             self._runs.append(run)
 
     def info(self) -> ClockInfo:

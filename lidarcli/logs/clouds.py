@@ -67,12 +67,7 @@ class Layout:
 
     @classmethod
     def of(
-        cls,
-        shape: tuple[int, int],
-        steps: tuple[int, int],
-        order: str,
-        fields: Mapping[str, PointField],
-        size: int,
+        cls, shape: tuple[int, int], steps: tuple[int, int], order: str, fields: Mapping[str, PointField], size: int
     ) -> Layout:
         """Check the declared layout against `size` bytes of points, and return it.
 
@@ -247,12 +242,7 @@ def _protobuf(data: bytes) -> Cloud:
 
 
 def _cloud(
-    frame_id: str,
-    stamp_ns: int,
-    pose: list[float],
-    point_step: int,
-    named: Iterable[tuple[str, int, int]],
-    data: bytes,
+    frame_id: str, stamp_ns: int, pose: list[float], point_step: int, named: Iterable[tuple[str, int, int]], data: bytes
 ) -> Cloud:
     if not -(2**63) <= stamp_ns < 2**63:
         raise BadCloudError(STAMP)

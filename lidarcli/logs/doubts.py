@@ -184,9 +184,7 @@ class _Seen:
     causes: dict[str, int] = field(default_factory=dict)
     """Cause of a missing range → number of beams, in sweeps with hardly any range."""
     limits: tuple[float, float] = (0.0, 0.0)
-    before: tuple[Int64, Float32] = field(
-        default_factory=lambda: (np.zeros(0, np.int64), np.zeros((0, BEAMS), np.float32))
-    )
+    before: tuple[Int64, Float32] = field(default_factory=lambda: (np.zeros(0, np.int64), np.zeros((0, BEAMS), np.float32)))
     """Numbers and sampled ranges of the last three compared sweeps."""
     last: tuple[int, int] | None = None
     """Time and number in the log of the very last sweep."""
@@ -282,9 +280,7 @@ class _Seen:
         last = raw.angle_min + gaps * raw.angle_increment
         # A header may say anything; what is no number says nothing.
         with np.errstate(invalid="ignore", over="ignore"):
-            off = (
-                (np.abs(raw.angle_max - last) > 0.5 * step * 1.001) & np.isfinite(raw.angle_max) & (gaps > 0)
-            )
+            off = (np.abs(raw.angle_max - last) > 0.5 * step * 1.001) & np.isfinite(raw.angle_max) & (gaps > 0)
         if off.any():
             if not self.off:
                 row = int(off.argmax())
@@ -424,9 +420,7 @@ class _Seen:
             f"{f', {most:g} m' if cause == AT_MOST else ''}"
             for cause, count in sorted(counts.items(), key=lambda each: -each[1])
         )
-        way = WAYS.get(
-            leading, f"--range sets other limits than {least:g} to {most:g} m, --range-unit another unit"
-        )
+        way = WAYS.get(leading, f"--range sets other limits than {least:g} to {most:g} m, --range-unit another unit")
         return [
             sensor.finding(
                 {ABOVE: "limits", BELOW: "too_close"}.get(leading, "no_return"),
@@ -443,15 +437,10 @@ class _Seen:
         blind = self.blind if self.beams - self.valid < UNUSABLE * self.beams else 0
         hung = "repeat an older one bit for bit, noise and all: the sensor or its driver hung"
         found = []
-        for count, what in (
-            (blind, "have no range at all: they show nothing of what was there"),
-            (self.frozen, hung),
-        ):
+        for count, what in ((blind, "have no range at all: they show nothing of what was there"), (self.frozen, hung)):
             if count > spared(total):
                 words = f"{count:,} of {total:,} sweeps of {sensor.name} {what}"
-                found.append(
-                    sensor.finding("observed", "warning", words, {"sweeps": count}, {"sweeps": spared(total)})
-                )
+                found.append(sensor.finding("observed", "warning", words, {"sweeps": count}, {"sweeps": spared(total)}))
         return found
 
     def _of_units(self, sensor: Sensor, in_unit: bool) -> Finding:
@@ -460,11 +449,7 @@ class _Seen:
         least, unit, way = FAR, "centimetres or millimetres", "--range-unit cm or mm"
         if in_unit and 2 * self.farther > self.ranged:
             least, unit, way = CERTAINLY_MM, "millimetres", "--range-unit mm"
-        they = (
-            f"they are probably {unit} ({way})"
-            if in_unit
-            else "the points of the clouds are probably not in metres"
-        )
+        they = f"they are probably {unit} ({way})" if in_unit else "the points of the clouds are probably not in metres"
         return sensor.finding(
             "units",
             "error",

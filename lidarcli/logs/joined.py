@@ -236,9 +236,7 @@ def _refuse_mixed(formats: Mapping[str, str]) -> None:
 
     for form, name in formats.items():
         if PER_SWEEP in form:
-            raise OptionError(
-                f"{name} holds one sweep: name the folder of such files, which is one log by itself"
-            )
+            raise OptionError(f"{name} holds one sweep: name the folder of such files, which is one log by itself")
         if form in _CAT:
             raise OptionError(
                 f"{name} is a {form} log, which says at its beginning what holds for all of it: put its parts together "

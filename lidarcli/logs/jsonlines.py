@@ -8,17 +8,7 @@ from typing import Any
 
 from lidarcli.logs.base import ReadReport, Topic
 from lidarcli.logs.beginnings import JSON_LINE
-from lidarcli.logs.foxglove import (
-    NOT_JSON,
-    NOT_SCAN,
-    ROWS,
-    VALUES,
-    RefusedError,
-    Scan,
-    blocks_of,
-    scan_in,
-    scan_of,
-)
+from lidarcli.logs.foxglove import NOT_JSON, NOT_SCAN, ROWS, VALUES, RefusedError, Scan, blocks_of, scan_in, scan_of
 from lidarcli.logs.text import TextBlock, TextLog
 from lidarcli.logs.times import time_unit, to_ns
 from lidarcli.sweeps import RawSweeps

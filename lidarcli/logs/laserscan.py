@@ -163,9 +163,7 @@ def _words(rows: UInt8, big: Bool) -> NDArray[np.uint32]:
     return words
 
 
-def _read_heads(
-    topic: str, buffer: UInt8, offsets: Int64, lengths: Int64, encoding: str, report: ReadReport
-) -> _Heads:
+def _read_heads(topic: str, buffer: UInt8, offsets: Int64, lengths: Int64, encoding: str, report: ReadReport) -> _Heads:
     """Read and check all that stands before the ranges; a message that fails is refused and counted."""
 
     def check(heads: _Heads, *causes: tuple[Bool, str]) -> _Heads:
@@ -201,9 +199,7 @@ def _read_heads(
 
     words = _words(_windows(buffer, heads.start, 16), heads.big)
     name = words[:, 3].astype(np.int64)
-    seconds = (
-        words[:, 1].astype(np.int64) if encoding == "ros1" else words[:, 1].view(np.int32).astype(np.int64)
-    )
+    seconds = words[:, 1].astype(np.int64) if encoding == "ros1" else words[:, 1].view(np.int32).astype(np.int64)
     # CDR aligns what follows the name, counted from the end of its 4-byte encapsulation; ROS 1 does not.
     at = heads.start + 16 + (name if encoding == "ros1" else (name + 3) & ~3)
     heads = replace(heads, stamp_ns=seconds * 1_000_000_000 + words[:, 2], frame_length=name, at=at)
@@ -315,9 +311,7 @@ def _block(
     )
 
 
-def _echoes(
-    topic: str, buffer: UInt8, heads: _Heads, report: ReadReport, echo: str
-) -> tuple[_Heads, list[Echoes]]:
+def _echoes(topic: str, buffer: UInt8, heads: _Heads, report: ReadReport, echo: str) -> tuple[_Heads, list[Echoes]]:
     """Choose one echo of every beam, message by message."""
     echoes = []
     whole = np.ones(len(heads), np.bool_)
@@ -492,15 +486,7 @@ class Gather:
         yield from self.decode(buffer, np.cumsum(lengths) - lengths, lengths, np.array(times, np.int64))
 
 
-_SCALARS = (
-    "angle_min",
-    "angle_max",
-    "angle_increment",
-    "time_increment",
-    "scan_time",
-    "range_min",
-    "range_max",
-)
+_SCALARS = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
 EXPECTED = {LASERSCAN: ("Header", "float32[]"), MULTI_ECHO: ("Header", "LaserEcho[]")}
 # What is left open goes on to the end, and nothing is gone back over: a schema may be a megabyte of anything.
 _NO_CODE = re.compile(r'"(?:[^"\\]|\\.)*+"?|//[^\n]*+|/\*(?:[^*]|\*(?!/))*+(?:\*/)?', re.DOTALL)

@@ -425,9 +425,7 @@ class LineLog(TextLog):
     def _count(self, blocks: Iterable[TextBlock]) -> dict[tuple[str, str], int | None]:
         """Return name and type of each topic → its messages, where they can be counted."""
 
-    def _grammar(
-        self, report: ReadReport, topics: Collection[str] | None, types: Collection[str] | None
-    ) -> Grammar[Any]:
+    def _grammar(self, report: ReadReport, topics: Collection[str] | None, types: Collection[str] | None) -> Grammar[Any]:
         """Start a pass over the log."""
         return self.grammar(self._options, report, topics, types)
 
@@ -438,9 +436,7 @@ class LineLog(TextLog):
         for block in blocks:
             yield from grammar.sweeps(block)
 
-    def _poses(
-        self, blocks: Iterator[TextBlock], types: Collection[str], report: ReadReport
-    ) -> Iterator[Message]:
+    def _poses(self, blocks: Iterator[TextBlock], types: Collection[str], report: ReadReport) -> Iterator[Message]:
         grammar = self._grammar(report, None, types)
         for block in blocks:
             yield from grammar.messages(block)

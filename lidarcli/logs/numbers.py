@@ -112,10 +112,7 @@ class Cells:
             columns = slice(first, first + int(count[0]))
             shape = (len(self.count), int(self.count[0]))
             some = slice(None) if len(rows) == shape[0] else rows
-            starts, ends = (
-                self._starts.reshape(shape)[some, columns],
-                self._ends.reshape(shape)[some, columns],
-            )
+            starts, ends = (self._starts.reshape(shape)[some, columns], self._ends.reshape(shape)[some, columns])
             return starts.ravel(), ends.ravel()
         begin = self._first[rows] + first - (np.cumsum(count) - count)
         index = np.repeat(begin, count) + np.arange(int(count.sum()))
@@ -209,9 +206,7 @@ def _between(text: bytes, starts: Int32, ends: Int32, null: Bool | None, kind: A
     return pa.Array.from_buffers(kind, slots, [*map(pa.py_buffer, (valid, offsets, text))])
 
 
-def _cast(
-    text: bytes, starts: Int32, ends: Int32, dtype: type[np.floating]
-) -> tuple[NDArray[Any], Bool | None]:
+def _cast(text: bytes, starts: Int32, ends: Int32, dtype: type[np.floating]) -> tuple[NDArray[Any], Bool | None]:
     """Return the numbers of the cells between `starts` and `ends`; ValueError where one is spelled unusually."""
     import pyarrow as pa
 
@@ -243,9 +238,7 @@ def _parse_flat(text: bytes, total: int, dtype: type[np.floating]) -> tuple[NDAr
         pa.py_buffer(text),
         read_options=csv.ReadOptions(column_names=["value"], block_size=1 << 20),
         parse_options=csv.ParseOptions(delimiter="\x01", quote_char=False, ignore_empty_lines=False),
-        convert_options=csv.ConvertOptions(
-            column_types={"value": kind}, null_values=list(_NULLS), check_utf8=False
-        ),
+        convert_options=csv.ConvertOptions(column_types={"value": kind}, null_values=list(_NULLS), check_utf8=False),
     )
     column = table.column(0)
     if len(column) != total:
@@ -280,8 +273,6 @@ def _slow_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: t
 def _join(left: Numbers, right: Numbers, rows: int) -> Numbers:
     empty = None
     if left.empty is not None or right.empty is not None:
-        empty = np.concatenate(
-            [np.zeros(len(n.values), np.bool_) if n.empty is None else n.empty for n in (left, right)]
-        )
+        empty = np.concatenate([np.zeros(len(n.values), np.bool_) if n.empty is None else n.empty for n in (left, right)])
     bad = left.bad | {row + rows: cell for row, cell in right.bad.items()}
     return Numbers(np.concatenate([left.values, right.values]), empty, bad)

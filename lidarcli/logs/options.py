@@ -18,9 +18,7 @@ MOST_BINS = 100_000
 
 
 def range_rules(
-    limits: tuple[float, float] | None,
-    no_return: tuple[frozenset[str], tuple[float, ...]],
-    masks: Masks | None = None,
+    limits: tuple[float, float] | None, no_return: tuple[frozenset[str], tuple[float, ...]], masks: Masks | None = None
 ) -> RangeRules:
     """Return the rules for ranges, from limits [m], words and markers of `range_rules.parse_no_return`, and masks.
 
@@ -32,9 +30,7 @@ def range_rules(
     if limits is not None:
         least, most = map(float, limits)
         if not 0 <= least < most < math.inf:
-            raise OptionError(
-                f"--range: {least:g} to {most:g} m is no range; give the least and the greatest"
-            )
+            raise OptionError(f"--range: {least:g} to {most:g} m is no range; give the least and the greatest")
         limits = least, most
     words, markers = no_return
     return RangeRules(no_return=words, markers=markers, limits=limits, masks=masks)
@@ -77,17 +73,13 @@ def open_options(
     def radians(name: str, angle: float | None) -> float | None:
         found = math.radians(angle) if degrees and angle is not None else angle
         if found is not None and not abs(found) <= 2 * TURN:
-            unit, hint = (
-                ("degrees", "") if degrees else ("radians", "; --degrees says that angles are degrees")
-            )
+            unit, hint = ("degrees", "") if degrees else ("radians", "; --degrees says that angles are degrees")
             raise OptionError(f"{name}: {angle:g} {unit} are more than two turns{hint}")
         return found
 
     part = _slice(heights, bins, limits)
     if part is not None and range_unit != "m":
-        raise OptionError(
-            "--range-unit is for LaserScan: with --slice, points of clouds are in metres; leave one out"
-        )
+        raise OptionError("--range-unit is for LaserScan: with --slice, points of clouds are in metres; leave one out")
     told = OpenOptions(
         angle_min=radians("--angle-min", angle_min),
         angle_increment=radians("--angle-increment", angle_increment),
@@ -115,9 +107,7 @@ def _refuse_view(told: OpenOptions, bins: int) -> None:
             raise OptionError(f"--angle-increment: {bins} beams (--bins) so far apart are more than one turn")
 
 
-def _slice(
-    heights: tuple[float, float] | None, bins: int | None, limits: tuple[float, float] | None
-) -> Slice | None:
+def _slice(heights: tuple[float, float] | None, bins: int | None, limits: tuple[float, float] | None) -> Slice | None:
     if heights is None:
         if bins is not None:
             raise OptionError("--bins is for point clouds, which --slice reads as sweeps")
@@ -174,9 +164,7 @@ def clouds_hint(topics: Iterable[Topic]) -> str:
     clouds = sorted(topic.name for topic in topics if topic.type in CLOUD_TYPES)
     if not clouds:
         return ""
-    return (
-        f"; to read the point clouds of {_some(clouds)} as sweeps, add --slice ZMIN ZMAX (heights in metres)"
-    )
+    return f"; to read the point clouds of {_some(clouds)} as sweeps, add --slice ZMIN ZMAX (heights in metres)"
 
 
 class TopicChoice:

@@ -130,9 +130,7 @@ class _Topic:
         """Add a block to the window; yield what completes windows."""
         first = 0
         while first < len(block):
-            ends = self._values + np.cumsum(
-                block.beams[first : first + WINDOW - self._sweeps], dtype=np.int64
-            )
+            ends = self._values + np.cumsum(block.beams[first : first + WINDOW - self._sweeps], dtype=np.int64)
             rows = int(np.searchsorted(ends, WINDOW_VALUES, side="right"))
             # A sweep of more values is a window of its own.
             rows = rows if rows or self._waiting else 1
@@ -162,9 +160,7 @@ class _Topic:
         if self.rules.limits is None:
             self._look_beyond(window, high)
         if PILE in self.rules.no_return:
-            clean, _ = judge(
-                window.ranges, window.beams, low, bounds(window, self.rules)[1], self.rules.words
-            )
+            clean, _ = judge(window.ranges, window.beams, low, bounds(window, self.rules)[1], self.rules.words)
             if self.rules.markers or self.rules.stuck:
                 clean[is_marked(window.ranges, self.rules)] = np.nan
             self._look_for_stuck(clean)
@@ -328,15 +324,10 @@ def _pile(ranges: Float32, beams: int, steps: Float64) -> tuple[float, float] | 
     below = ~near & (values < values[at]) & (values >= values[at] - band * MILLIMETRES)
     over = ~near & (values > values[at])
     two = np.sort(counts[near])[-2:].sum()
-    if (
-        two < TWO_VALUES * counts[near].sum()
-        or max(counts[over].sum(), counts[below].max(initial=0)) * CLEAR > two
-    ):
+    if two < TWO_VALUES * counts[near].sum() or max(counts[over].sum(), counts[below].max(initial=0)) * CLEAR > two:
         return None
     kept = values[near & (counts >= RARE * counts[at])]
-    pile = ranges[
-        far & (ranges >= (kept[0] - 0.5) / MILLIMETRES) & (ranges <= (kept[-1] + 0.5) / MILLIMETRES)
-    ]
+    pile = ranges[far & (ranges >= (kept[0] - 0.5) / MILLIMETRES) & (ranges <= (kept[-1] + 0.5) / MILLIMETRES)]
     # The shortest decimals are what the sensor's driver has in mind.
     least, most = float(str(pile.min())), float(str(pile.max()))
     is_none = _is_seen_through(ranges, least, beams) or _is_round(ranges, least, most, steps)

@@ -15,11 +15,7 @@ RECORD = np.dtype([("stamp_ns", "<i8"), ("x", "<f8"), ("y", "<f8"), ("yaw", "<f8
 
 ROBOT = "base_link"
 """Frame of the robot, in which lasers are mounted."""
-ODOMETRY_TYPE, POSE_TYPE, MOUNT_TYPE = (
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseStamped",
-    "tf2_msgs/msg/TFMessage",
-)
+ODOMETRY_TYPE, POSE_TYPE, MOUNT_TYPE = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage")
 ODOMETRY, MOUNTS = "/odom", "/tf_static"
 """Topics of the robot's pose by its wheels, and of the mounts of its lasers."""
 

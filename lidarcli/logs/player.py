@@ -303,10 +303,7 @@ class PlayerGrammar(Grammar[Found[Device]]):
         unknown = np.isnan(first) | np.isnan(step)
         self.refuse(topic, _NO_GEOMETRY, int((good & unknown).sum()))
         with np.errstate(invalid="ignore"):
-            least, most = (
-                np.where(known.least > 0, known.least, 0.0),
-                np.where(known.most > 0, known.most, np.inf),
-            )
+            least, most = (np.where(known.least > 0, known.least, 0.0), np.where(known.most > 0, known.most, np.inf))
             limits = limits_in_metres(least, most, scale)
         ranges = pad(values[:: scan.width], beams, scale)
         # The intensity of a return is the last cell of its beam.
@@ -324,13 +321,7 @@ class PlayerGrammar(Grammar[Found[Device]]):
             found = found.of(good)
             world = f"{names.prefix(device.robot)}odom{device.number or ''}"
             yield PlanarPoses(
-                names.topic(device),
-                ODOMETRY_TYPE,
-                world,
-                names.base(device),
-                found.rows,
-                found.stamp_ns,
-                poses,
+                names.topic(device), ODOMETRY_TYPE, world, names.base(device), found.rows, found.stamp_ns, poses
             )
         elif device.scan is not None and (path := names.path(device)) is not None and POSE_TYPE in types:
             sweeps, _ = _framed(lines, found, device.scan)

@@ -115,27 +115,13 @@ def has_file(folder: Path, endings: Iterable[str]) -> bool:
 
 FORMATS: tuple[Format, ...] = (
     Format("MCAP", "lidarcli.logs.mcap.log", "McapLog", lambda head: head.startswith(MCAP), streams=True),
+    Format("ROS 1 bag", "lidarcli.logs.rosbag1.log", "Rosbag1Log", lambda head: head.startswith(ROS1), streams=True),
     Format(
-        "ROS 1 bag",
-        "lidarcli.logs.rosbag1.log",
-        "Rosbag1Log",
-        lambda head: head.startswith(ROS1),
-        streams=True,
+        "ROS 2 bag (folder, .db3, compressed)", "lidarcli.logs.rosbag2.log", "Rosbag2Log", _is_rosbag2, _is_rosbag2_folder
     ),
-    Format(
-        "ROS 2 bag (folder, .db3, compressed)",
-        "lidarcli.logs.rosbag2.log",
-        "Rosbag2Log",
-        _is_rosbag2,
-        _is_rosbag2_folder,
-    ),
-    Format(
-        "CARMEN log (also .gz)", "lidarcli.logs.carmen", "CarmenLog", _text_begins(is_carmen), streams=True
-    ),
+    Format("CARMEN log (also .gz)", "lidarcli.logs.carmen", "CarmenLog", _text_begins(is_carmen), streams=True),
     Format("ARIA log (.2d, also .gz)", "lidarcli.logs.aria", "AriaLog", _text_begins(is_aria), streams=True),
-    Format(
-        "Player log (also .gz)", "lidarcli.logs.player", "PlayerLog", _text_begins(is_player), streams=True
-    ),
+    Format("Player log (also .gz)", "lidarcli.logs.player", "PlayerLog", _text_begins(is_player), streams=True),
     Format(
         "JSON lines of `mcap cat` (also .gz)",
         "lidarcli.logs.jsonlines",
@@ -237,9 +223,7 @@ def _open_pattern(name: str, options: OpenOptions) -> Log:
             kinds.add(_sniffed(stream.read(HEAD), str(file)))
     known = kinds.pop()
     if kinds or not known.many:
-        raise UnreadableError(
-            f"{name}: only files of one sweep each (CSV) make one log; name other logs one by one"
-        )
+        raise UnreadableError(f"{name}: only files of one sweep each (CSV) make one log; name other logs one by one")
     log = _read_by(known, files, options)
     log.path = name
     return log
@@ -251,9 +235,7 @@ def _open_stream(stream: BinaryIO, name: str, options: OpenOptions, owned: bool 
         head = _read_start(stream)
     known = _sniffed(head, name)
     if not known.streams:
-        raise UnreadableError(
-            f"{name}: a {known.name} cannot be read from a pipe; give the name of its file instead"
-        )
+        raise UnreadableError(f"{name}: a {known.name} cannot be read from a pipe; give the name of its file instead")
     whole = cast(BinaryIO, io.BufferedReader(_Rejoined(head, stream, owned), 1 << 16))
     try:
         log = _read_by(known, whole, options)

@@ -83,9 +83,7 @@ class _Topic:
                     return False
                 self.sensors[frame] = turns or None
                 if turns:
-                    part, whole = np.degrees(
-                        abs(turns.step) * np.array([np.median(block.beams), turns.width])
-                    )
+                    part, whole = np.degrees(abs(turns.step) * np.array([np.median(block.beams), turns.width]))
                     told = f"{block.topic}: segments of {part:.0f} deg are joined to turns of {whole:.0f} deg"
                     told += "; --segments keep leaves them"
                     self.report.add(ReadReport(notes=[told], segments={block.topic}))
@@ -209,9 +207,7 @@ class _Turns:
         self.rows, self.place = rows.rows(slice(begin, None)), place[begin:]
         return places, found
 
-    def _made(
-        self, rows: RawSweeps, start: Int64, column: Int64, made: Int64, first: Int64, last: Int64
-    ) -> RawSweeps:
+    def _made(self, rows: RawSweeps, start: Int64, column: Int64, made: Int64, first: Int64, last: Int64) -> RawSweeps:
         """Return the turns `made` (S,), of beams in columns (K, B) counted through; they begin and end in messages (S,)."""
         turn, column = column // self.round, column % self.round
         there = (column < self.width) & np.isin(turn, made)

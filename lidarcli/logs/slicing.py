@@ -189,9 +189,7 @@ def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Floa
             turn, move = turn @ _matrix(cloud.pose[3:]), turn @ cloud.pose[:3] + move
         # Most points are at other heights: of these no more is looked at than what tells the height.
         height = _along(
-            turn[2],
-            move[2],
-            [cloud.column(axis) if share else None for axis, share in zip(axes, turn[2], strict=True)],
+            turn[2], move[2], [cloud.column(axis) if share else None for axis, share in zip(axes, turn[2], strict=True)]
         )
         kept = np.flatnonzero((height >= _like(part.low, height)) & (height <= _like(part.high, height)))
         x, y, z = (cloud.column(axis, kept if len(kept) < len(layout) else None) for axis in axes)
@@ -315,9 +313,7 @@ class Slicer:
             for (_, cloud), turn, move in zip(clouds, turns, moves, strict=True)
         ]
         ranges = np.stack([each.ranges for each in seen])
-        strengths = [
-            np.empty(0, np.float32) if each.intensities is None else each.intensities for each in seen
-        ]
+        strengths = [np.empty(0, np.float32) if each.intensities is None else each.intensities for each in seen]
         self._fill.add(ranges)
         if len(self._frames) < _MOST_FRAMES:
             self._frames[frame_id] = None

@@ -230,9 +230,7 @@ class TextLog(ABC):
     ) -> Iterator[RawSweeps]:
         """Decode the sweeps of one pass."""
 
-    def _poses(
-        self, blocks: Iterator[TextBlock], types: Collection[str], report: ReadReport
-    ) -> Iterator[Message]:
+    def _poses(self, blocks: Iterator[TextBlock], types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Decode the poses of one pass; logs without any are read for their damage alone."""
         for _ in blocks:
             yield from ()

@@ -61,10 +61,7 @@ _SPELLINGS = {
     rb"(?P<hour>\d\d)(?P<minute>\d\d)(?P<second>\d\d)(?:[.,_]?(?P<fraction>\d{3}|(?<=[.,_])\d+))?" + _ZONE,
     DAY_FIRST: rb"(?:[A-Z]{2,9},?\s+)?" + _DAY + _ON + _MONTH + _ON + _LAST_YEAR + _CLOCK + _ZONE,
     MONTH_FIRST: rb"(?:[A-Z]{2,9},?\s+)?" + _MONTH + _ON + _DAY + _ON + _LAST_YEAR + _CLOCK + _ZONE,
-    TIME_OF_DAY: rb"(?:(?P<days>\d+) days?,? +)?(?P<hour>\d{1,3}):(?P<minute>\d\d):"
-    + _SECOND
-    + _HALF
-    + _ZONE,
+    TIME_OF_DAY: rb"(?:(?P<days>\d+) days?,? +)?(?P<hour>\d{1,3}):(?P<minute>\d\d):" + _SECOND + _HALF + _ZONE,
     MINUTES: rb"(?P<minute>\d{1,3}):(?P<second>\d\d?)[.,](?P<fraction>\d+)",
 }
 """Spelling of times that are no plain numbers → its pattern."""
@@ -151,11 +148,7 @@ def _is_unpadded(samples: Sequence[bytes], padded: int, unpadded: int) -> bool:
     """Tell whether times rise only if the digits behind the point count nanoseconds (`{secs}.{nsecs}`)."""
     fractions = [cell.partition(b".")[2].strip() for cell in samples]
     sizes = set(map(len, fractions))
-    if (
-        len(sizes) < 2
-        or max(sizes) != 9
-        or not all(part.isdigit() and part[:1] != b"0" for part in fractions)
-    ):
+    if len(sizes) < 2 or max(sizes) != 9 or not all(part.isdigit() and part[:1] != b"0" for part in fractions):
         return False
     times, bad = to_ns(samples, padded)
     others, bad_too = to_ns(samples, unpadded)

@@ -45,9 +45,7 @@ FARTHEST = 1e9
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 _MODES = ("trinary", "scale", "raw")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_TRUTHS = dict.fromkeys(("1", "y", "yes", "true", "on"), True) | dict.fromkeys(
-    ("0", "n", "no", "false", "off"), False
-)
+_TRUTHS = dict.fromkeys(("1", "y", "yes", "true", "on"), True) | dict.fromkeys(("0", "n", "no", "false", "off"), False)
 _PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*\.(?:pgm|png|bmp)")
 _SIDE = 2048
 """Images are converted in squares of this side [pixels]."""
@@ -219,9 +217,7 @@ def _cells(path: Path, described: _Described) -> Int8:
     except UnreadableError:
         raise
     except (FileNotFoundError, NotADirectoryError) as err:
-        raise _refused(
-            path, f"{shown} is missing", "put it beside the YAML file, or name its place there"
-        ) from err
+        raise _refused(path, f"{shown} is missing", "put it beside the YAML file, or name its place there") from err
     except SyntaxError as err:
         raise _refused(path, f"{shown} cannot be read: it is damaged", _SAVE_AGAIN) from err
     # As for YAML; Pillow raises errors of any kind for damaged images.
@@ -283,9 +279,7 @@ def _levels(image: Any, with_alpha: bool) -> tuple[NDArray[Any], int, NDArray[np
     if image.mode[0] == "I":
         # 16 bits, whichever way Pillow keeps them.
         return np.clip(np.asarray(image), 0, 65535).astype(np.uint16), 65535, None
-    transparent = image.mode in ("LA", "La", "PA", "RGBA", "RGBa") or (
-        image.mode == "P" and "transparency" in image.info
-    )
+    transparent = image.mode in ("LA", "La", "PA", "RGBA", "RGBa") or (image.mode == "P" and "transparency" in image.info)
     channels = np.asarray(image.convert("RGBA" if transparent else "RGB"))
     judged = channels if with_alpha else channels[..., :3]
     levels = judged.sum(axis=2, dtype=np.uint16)

@@ -68,9 +68,7 @@ class McapFile:
         known = self._channels.get(key)
         if known is None:
             depth, latched = _offer(*key)
-            channel = add_channel(
-                self._writer, *key, ros2_definition(message.type), offered(depth, latched=latched)
-            )
+            channel = add_channel(self._writer, *key, ros2_definition(message.type), offered(depth, latched=latched))
             known = self._channels[key] = channel, [0]
         channel, count = known
         log_ns, stamp_ns = _within(message.record_ns), _within(message.stamp_ns)
@@ -101,9 +99,7 @@ class BagFile:
         key = (message.topic, message.type)
         if key not in self._connections:
             _, latched = _offer(*key)
-            self._connections[key] = self._writer.add_connection(
-                *key, typestore=ROS1, latching=1 if latched else None
-            )
+            self._connections[key] = self._writer.add_connection(*key, typestore=ROS1, latching=1 if latched else None)
         self._writer.write(self._connections[key], _within(message.record_ns), message.data)
 
     def finish(self) -> None:

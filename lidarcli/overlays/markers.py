@@ -79,9 +79,7 @@ class LayoutBuilder:
     def layout(self) -> Layout:
         """Return the layout of all members so far."""
         names, formats, offsets = zip(*self._fields, strict=True)
-        dtype = np.dtype(
-            {"names": names, "formats": formats, "offsets": offsets, "itemsize": len(self._bytes)}
-        )
+        dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(self._bytes)})
         return Layout(dtype, bytes(self._bytes))
 
     def _align(self, size: int) -> None:
@@ -284,9 +282,7 @@ def _no_texture(builder: LayoutBuilder) -> None:
     builder.number("I", 0)  # uv_coordinates
 
 
-def transforms(
-    stamp_ns: Int64, world: str, frame: str, pose: Float64, upside_down: Bool, *, cdr: bool
-) -> list[bytes]:
+def transforms(stamp_ns: Int64, world: str, frame: str, pose: Float64, upside_down: Bool, *, cdr: bool) -> list[bytes]:
     """Return S messages, each with the pose of a sensor in the world.
 
     Parameters

@@ -144,9 +144,7 @@ def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses, colours: Colo
     ]
 
 
-def paths_of(
-    trajectories: Trajectories, index: Int64, poses: Poses, hangs: bool, colours: Colours
-) -> list[Markers]:
+def paths_of(trajectories: Trajectories, index: Int64, poses: Poses, hangs: bool, colours: Colours) -> list[Markers]:
     """Return the paths of what moves in the last `TRAIL` seconds before each of S sweeps, in the sensor frame of each.
 
     Parameters
@@ -281,9 +279,7 @@ class _Objects:
             # Texts of one length lie one after the other.
             text = np.frombuffer(texts.take(plain(mine)).buffers()[2], f"S{length}", len(mine))
             size = np.full(3, TEXT)
-            yield self._markers(
-                Kind.LABEL, rows[mine], behind[mine], 0.0, size, SOLID, lift=HEIGHT + LIFT, text=text
-            )
+            yield self._markers(Kind.LABEL, rows[mine], behind[mine], 0.0, size, SOLID, lift=HEIGHT + LIFT, text=text)
 
     def arrows(self, velocity: Float64) -> Iterator[Markers]:
         """Yield an arrow for each track that moves: its way in a second."""
@@ -382,9 +378,7 @@ def _parts(message: Int64, track: Int64, is_tracked: Bool) -> Int64:
     return part
 
 
-def _vertices(
-    rows: pa.RecordBatch, place: Float64, sides: Float64, yaw: Float64
-) -> tuple[Float64, Int64, Int64]:
+def _vertices(rows: pa.RecordBatch, place: Float64, sides: Float64, yaw: Float64) -> tuple[Float64, Int64, Int64]:
     """Return the corners of all outlines (P, 2), and for each of N objects the index of its first one and their number."""
     column = rows["vertices"]
     offsets = held(column.offsets)[0].astype(np.int64)
@@ -424,10 +418,7 @@ def _in_sensor_frame(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Floa
 def is_mirrored(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Bool:
     """Return (N,) True where an object is on the other side of the sensor in the world: the sensor hangs head down."""
     yaw = poses.yaw[message]
-    east, north = (
-        _floats(rows, f"world_{axis}") - at[message]
-        for axis, at in zip("xy", (poses.x, poses.y), strict=True)
-    )
+    east, north = (_floats(rows, f"world_{axis}") - at[message] for axis, at in zip("xy", (poses.x, poses.y), strict=True))
     seen = _floats(rows, "box_y")
     aside = np.cos(yaw) * north - np.sin(yaw) * east
     with np.errstate(invalid="ignore"):

@@ -20,9 +20,7 @@ try:
     import rerun
     from rerun import blueprint
 except ImportError as err:
-    raise OptionError(
-        "an overlay as .rrd needs rerun-sdk, which is not installed: pip install 'lidarcli[rerun]'"
-    ) from err
+    raise OptionError("an overlay as .rrd needs rerun-sdk, which is not installed: pip install 'lidarcli[rerun]'") from err
 
 TIMELINE = "stamp"
 BEAMS = "beams"
@@ -39,9 +37,7 @@ class Recording:
     def __init__(self, path: Path) -> None:
         self._stream = rerun.RecordingStream("lidarcli", send_properties=False)
         if not rerun.is_enabled(self._stream):
-            raise OptionError(
-                "the variable RERUN of the environment turns rerun off; take it away to write .rrd"
-            )
+            raise OptionError("the variable RERUN of the environment turns rerun off; take it away to write .rrd")
         self._stream.save(path)
         self._drawn: set[tuple[str, Any]] = set()
         """Entities, each with what is drawn there."""
@@ -131,10 +127,7 @@ class Recording:
             eye_controls=blueprint.EyeControls3D(
                 position=(*middle, away), look_target=(*middle, 0.0), eye_up=(0.0, 1.0, 0.0)
             ),
-            overrides={
-                rerun.new_entity_path([_name(topic)]): blueprint.EntityBehavior(visible=False)
-                for topic in hidden
-            },
+            overrides={rerun.new_entity_path([_name(topic)]): blueprint.EntityBehavior(visible=False) for topic in hidden},
         )
         panel = blueprint.TimePanel(timeline=TIMELINE, state="collapsed")
         self._stream.send_blueprint(blueprint.Blueprint(view, panel, collapse_panels=True))
@@ -174,20 +167,12 @@ def _columns(kind: Kind, groups: Sequence[Markers], sweeps: int) -> Any:
         ahead = scale[:, :1] * np.column_stack([np.cos(yaw), np.sin(yaw)])
         made = rerun.Arrows3D.columns(origins=position, vectors=_raised(ahead), colors=colours)
     elif kind is Kind.CUBE:
-        made = rerun.Boxes3D.columns(
-            centers=position, half_sizes=0.5 * scale, quaternions=turns, colors=colours
-        )
+        made = rerun.Boxes3D.columns(centers=position, half_sizes=0.5 * scale, quaternions=turns, colors=colours)
     elif kind is Kind.CYLINDER:
-        made = rerun.Cylinders3D.columns(
-            centers=position, lengths=scale[:, 2], radii=0.5 * scale[:, 0], colors=colours
-        )
+        made = rerun.Cylinders3D.columns(centers=position, lengths=scale[:, 2], radii=0.5 * scale[:, 0], colors=colours)
     elif kind is Kind.LABEL:
         texts = [text.decode() for group in groups if group.text is not None for text in group.text.tolist()]
-        made = rerun.Points3D.columns(
-            positions=position,
-            labels=[texts[row] for row in order.tolist()],
-            colors=colours,
-        )
+        made = rerun.Points3D.columns(positions=position, labels=[texts[row] for row in order.tolist()], colors=colours)
     else:
         lines = [_raised(line) for group in groups if group.points is not None for line in group.points]
         made = rerun.LineStrips3D.columns(

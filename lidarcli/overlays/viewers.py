@@ -36,12 +36,7 @@ def layout_json(scene: Scene) -> bytes:
     topics: dict[str, dict[str, Any]] = {topic: {"showOutlines": False} for topic in scene.objects}
     for topic in scene.scans:
         # Without a field there is no flat colour.
-        topics[topic] = {
-            "pointSize": POINT,
-            "colorMode": "flat",
-            "flatColor": BEAMS,
-            "colorField": "intensity",
-        }
+        topics[topic] = {"pointSize": POINT, "colorMode": "flat", "flatColor": BEAMS, "colorField": "intensity"}
     if scene.map is not None:
         topics[scene.map] = {
             "colorMode": "custom",
@@ -105,9 +100,7 @@ def layout_json(scene: Scene) -> bytes:
 def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
     """Return the settings of RViz of ROS 2 or ROS 1."""
     plugins, common = ("rviz_default_plugins", "rviz_common") if is_ros2 else ("rviz", "rviz")
-    displays = [
-        f"    - Class: {plugins}/Grid\n      Name: Grid\n      Enabled: true\n      Plane Cell Count: 20\n"
-    ]
+    displays = [f"    - Class: {plugins}/Grid\n      Name: Grid\n      Enabled: true\n      Plane Cell Count: 20\n"]
     if scene.map is not None:
         displays.append(
             f"    - Class: {plugins}/Map\n      Name: Map\n      Enabled: true\n      Alpha: {MAP_ALPHA}\n"
@@ -124,9 +117,7 @@ def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
             f"    - Class: {plugins}/MarkerArray\n      Name: {_text(topic)}\n      Enabled: {_enabled(scene, topic)}\n"
             + _topic(topic, "Topic" if is_ros2 else "Marker Topic", is_ros2)
         )
-    tools = "".join(
-        f"    - Class: {plugins}/{name}\n" for name in ("Interact", "MoveCamera", "FocusCamera", "Measure")
-    )
+    tools = "".join(f"    - Class: {plugins}/{name}\n" for name in ("Interact", "MoveCamera", "FocusCamera", "Measure"))
     text = (
         # No other panel: without the state of the window, which only RViz writes, a second one takes the room of the view.
         f"Panels:\n  - Class: {common}/Displays\n    Name: Displays\n"

@@ -66,9 +66,7 @@ class Building:
             self._damage += [f"{self._described[-1]['name']}: {line}" for line in summary.damage]
         return summary
 
-    def add_all(
-        self, sources: Sequence[Source | Nothing], report: LogProgress | None = None
-    ) -> Iterator[Outcome]:
+    def add_all(self, sources: Sequence[Source | Nothing], report: LogProgress | None = None) -> Iterator[Outcome]:
         """Learn from one log after the other; a bad one does not stop the rest."""
         return over_logs(sources, self.add, report)
 
@@ -107,9 +105,7 @@ class Building:
             self._learning[key].add(mine)
 
 
-def refuse_output(
-    path: Place, sources: Sequence[Source | Nothing], overwrite: bool, others: Sequence[Place] = ()
-) -> None:
+def refuse_output(path: Place, sources: Sequence[Source | Nothing], overwrite: bool, others: Sequence[Place] = ()) -> None:
     """Refuse a background table that cannot be written, or that would replace one of the logs, before any work.
 
     Raises

@@ -385,9 +385,7 @@ def _agents_of(tracks: list[_Track], paths: _Paths, sweeps: Int64, pose: Float64
         sure = first + np.flatnonzero(paths.sd[first : mine.stop] <= MOST_SD)
         rows.append(sure)
         radius.append(np.full(len(sure), track.reach))
-    begun = np.array(
-        [sweep for sweep, some in zip(since.values(), rows[1:], strict=True) if len(some)], np.int64
-    )
+    begun = np.array([sweep for sweep, some in zip(since.values(), rows[1:], strict=True) if len(some)], np.int64)
     ends = [(some[-1], reach[-1]) for some, reach in zip(rows, radius, strict=True) if len(some)]
     last = _Reach(np.array([row for row, _ in ends], np.int64), np.array([reach for _, reach in ends]))
     at, reach = np.concatenate(rows), np.concatenate(radius)
@@ -500,9 +498,7 @@ def _sensor(pair: Pair, topic: str, frame: str) -> tuple[Int64, Float64, bool]:
 def doubted(pair: Pair) -> list[str]:
     """Return notes on agents that may be none, by topic: the robot itself, and what was hidden for most of its time."""
     names = ("box_x", "box_y", "world_x", "world_y")
-    rows = read_columns(
-        pair.objects, "objects", SCHEMAS["objects"], ("topic", "track", "set", "beams", *names)
-    )
+    rows = read_columns(pair.objects, "objects", SCHEMAS["objects"], ("topic", "track", "set", "beams", *names))
     its = ("topic", "track", "sweeps", "first_sweep", "last_sweep", "duration")
     tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], its).to_pylist()
     hidden = set()
@@ -641,13 +637,7 @@ def _stood(pair: Pair) -> dict[Key, list[_Stay]]:
             )
             shape = Polygon(tuple((float(a), float(b)) for a, b in corners))
             found.setdefault((topic, str(frames[group[0]])), []).append(
-                _Stay(
-                    int(track[group[0]]),
-                    int(sweep[group].min()),
-                    int(sweep[group].max()),
-                    in_world,
-                    samples(shape),
-                )
+                _Stay(int(track[group[0]]), int(sweep[group].min()), int(sweep[group].max()), in_world, samples(shape))
             )
     return found
 

@@ -92,9 +92,7 @@ class CleanSummary(RunSummary):
         return {**RunSummary.as_dict(self), "removed": self.removed}
 
 
-def clean_log(
-    source: Source, path: Place, options: CleanOptions, progress: Progress | None = None
-) -> CleanSummary:
+def clean_log(source: Source, path: Place, options: CleanOptions, progress: Progress | None = None) -> CleanSummary:
     """Write a log without what moves in it, and beside it the table of what was left out.
 
     Raises
@@ -197,18 +195,14 @@ def _refuse(log: Log, source: Source, path: Place, options: CleanOptions) -> Non
             f"-o {path.with_name(_stem(path))}"
         )
     if not fits:
-        raise OptionError(
-            f"{path}: a copy of {source.path} has to have the suffix {wanted}; clean changes no container"
-        )
+        raise OptionError(f"{path}: a copy of {source.path} has to have the suffix {wanted}; clean changes no container")
     if not wanted and isinstance(path, Url):
         raise OptionError(f"{path}: the folder of a ROS 2 bag is not written into a store")
     topics = log.topics()
     chosen = frozenset(TopicChoice(options.detect.read.topics, topics).chosen)
     for topic in topics or ():
         if topic.name in chosen and topic.encoding == "json":
-            raise OptionError(
-                f"{source.path}: {topic.name} is in JSON, which has no NaN, and cannot be cleaned"
-            )
+            raise OptionError(f"{source.path}: {topic.name} is in JSON, which has no NaN, and cannot be cleaned")
         if topic.name in chosen and topic.encoding == "protobuf" and options.value == ABOVE:
             raise OptionError(f"--value above: {topic.name} is a {topic.type}, which tells no range_max")
     outputs = (path, _table_path(path))
@@ -239,12 +233,7 @@ def _blind(pair: Pair) -> set[str]:
 
 
 def _refuse_motion(
-    log: Log,
-    pair: Pair,
-    described: dict[str, Any],
-    options: CleanOptions,
-    rules: RangeRules,
-    blind: Collection[str],
+    log: Log, pair: Pair, described: dict[str, Any], options: CleanOptions, rules: RangeRules, blind: Collection[str]
 ) -> None:
     """Refuse a log if it is not known where its sensor was while it moved: what stands would be taken for agents.
 
@@ -353,18 +342,11 @@ class _Editing:
 
 
 def _changed(topic: str) -> UnreadableError:
-    return UnreadableError(
-        f"the sweeps of {topic} are not those that were read before: does the log still grow?"
-    )
+    return UnreadableError(f"the sweeps of {topic} are not those that were read before: does the log still grow?")
 
 
 def _summary(
-    source: Source,
-    found: RunSummary,
-    options: CleanOptions,
-    chosen: dict[str, Chosen],
-    copy: Copy,
-    editing: _Editing,
+    source: Source, found: RunSummary, options: CleanOptions, chosen: dict[str, Chosen], copy: Copy, editing: _Editing
 ) -> CleanSummary:
     summary = CleanSummary(sweeps=sum(map(len, chosen.values())), topics=set(chosen))
     summary.missing_topics = found.missing_topics
@@ -376,9 +358,7 @@ def _summary(
     summary.by_status = found.by_status
     by_mask = ["body"] if options.detect.read.rules.masks else []
     asked = [*options.remove, *by_mask, *(["margin"] if options.margin else [])]
-    summary.removed = {
-        reason: int(count) for reason, count in zip(REASONS, totals, strict=True) if reason in asked
-    }
+    summary.removed = {reason: int(count) for reason, count in zip(REASONS, totals, strict=True) if reason in asked}
     parts = ", ".join(f"{reason} {count:,}" for reason, count in summary.removed.items())
     share = f" ({removed / beams:.1%})" if beams else ""
     say = f"say {_words(options.value)}: {parts}"

@@ -33,17 +33,12 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
 
 
-def detect_to_files(
-    source: Source, folder: Place, options: DetectOptions, progress: Progress | None = None
-) -> RunSummary:
+def detect_to_files(source: Source, folder: Place, options: DetectOptions, progress: Progress | None = None) -> RunSummary:
     """Write the tables of one log below `folder`; they appear when all of them are whole, or not at all."""
     known_before = options.layout != BY_DATE
     if known_before:
         refuse(options.outputs(source, folder).values(), options.overwrite, options.inputs([source]))
-    with (
-        read_log(source, options, options.need) as reading,
-        ExitStack() as stack,
-    ):
+    with read_log(source, options, options.need) as reading, ExitStack() as stack:
 
         def opened() -> TableFiles:
             paths = options.outputs(source, folder, reading.date)
@@ -52,9 +47,7 @@ def detect_to_files(
             return stack.enter_context(TableFiles(paths, reading.first, options.overwrite, options.stamps))
 
         files = opened() if known_before else None
-        work = stack.enter_context(
-            Splitting(reading, options.recipe(source, options.tables), options.threads)
-        )
+        work = stack.enter_context(Splitting(reading, options.recipe(source, options.tables), options.threads))
         summary = reading.summary
         for table, topic, rows in _rows(source, reading, work, options, progress, stack):
             # The day of a log is that of its first sweep.
@@ -104,12 +97,7 @@ def detect_to_sinks(
 
 
 def _rows(
-    source: Source,
-    reading: Reading,
-    work: Splitting,
-    options: DetectOptions,
-    progress: Progress | None,
-    stack: ExitStack,
+    source: Source, reading: Reading, work: Splitting, options: DetectOptions, progress: Progress | None, stack: ExitStack
 ) -> Iterator[Rows]:
     """Yield all rows of one log, those of a table and topic in their order; in the end the summary is complete."""
     summary = reading.summary
@@ -141,10 +129,7 @@ def _rows(
 
 
 def detect_files(
-    sources: Sequence[Source | Nothing],
-    folder: Place,
-    options: DetectOptions,
-    report: LogProgress | None = None,
+    sources: Sequence[Source | Nothing], folder: Place, options: DetectOptions, report: LogProgress | None = None
 ) -> Iterator[Outcome]:
     """Write the tables of every log below `folder`, one after the other or several at the same time."""
     at_once = logs_at_once(sources, options.jobs or options.cores)
@@ -191,11 +176,7 @@ def detect_stream(
 
 
 def detect_file(
-    sources: Sequence[Source | Nothing],
-    path: Place,
-    kind: str,
-    options: DetectOptions,
-    report: LogProgress | None = None,
+    sources: Sequence[Source | Nothing], path: Place, kind: str, options: DetectOptions, report: LogProgress | None = None
 ) -> Iterator[Outcome]:
     """Write the objects of all logs to one file, which appears when it is whole, and only if any log could be read."""
     refuse([path], options.overwrite, options.inputs(sources))
@@ -235,10 +216,7 @@ class TrackTables(_TrackTables):
 
 
 def of_logs(
-    sources: Sequence[Source],
-    tables: Sequence[str],
-    options: DetectOptions,
-    report: LogProgress | None = None,
+    sources: Sequence[Source], tables: Sequence[str], options: DetectOptions, report: LogProgress | None = None
 ) -> dict[str, pa.Table]:
     """Return some tables of all logs; warns of damage, and of logs that cannot be read while others can."""
     collected = {table: _Collected() for table in tables}
@@ -259,9 +237,7 @@ def of_logs(
     return {table: _table(table, rows, metadata) for table, rows in collected.items()}
 
 
-def of_batches(
-    batches: Iterable[SweepBatch], tables: Sequence[str], options: DetectOptions
-) -> dict[str, pa.Table]:
+def of_batches(batches: Iterable[SweepBatch], tables: Sequence[str], options: DetectOptions) -> dict[str, pa.Table]:
     """Return some tables of batches in memory: in their order, or, where things are followed, by log and topic."""
     parameters, background, tracking = options.parameters, options.background, options.tracking
     catalogue = options.catalogue

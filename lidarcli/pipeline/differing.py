@@ -62,14 +62,7 @@ from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.inputs.tables import (
-    Pair,
-    TracksTable,
-    find_tracks,
-    poses_of,
-    read_tracks_table,
-    world_in,
-)
+from lidarcli.pipeline.inputs.tables import Pair, TracksTable, find_tracks, poses_of, read_tracks_table, world_in
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import Cursor
@@ -185,9 +178,7 @@ class Difference:
             found.append(step.how if len(self.steps) == 1 else f"{step.before} to {step.name}: {step.how}")
             found += _told_of([row for row in rows if row["log_b"] == step.name])
         if (f1 := self.figures.get("f1")) is not None:
-            found.append(
-                f"  precision {self.figures['precision']:.4f}, recall {self.figures['recall']:.4f}, f1 {f1:.4f}"
-            )
+            found.append(f"  precision {self.figures['precision']:.4f}, recall {self.figures['recall']:.4f}, f1 {f1:.4f}")
         return found
 
     def as_dict(self) -> dict[str, Any]:
@@ -208,9 +199,7 @@ def _told_of(rows: Sequence[dict[str, Any]]) -> list[str]:
     if whys:
         words[-1] += f" ({', '.join(f'{whys[why]} {why}' for why in CHANGE_WHYS if whys[why])})"
     found = [f"  {', '.join(words)}" if words else "  nothing stands in them, and no structure differs"]
-    things = [
-        _thing(row) for row in rows if row["kind"] == CHANGE_KINDS[THING] and row["status"] in CHANGED_THINGS
-    ]
+    things = [_thing(row) for row in rows if row["kind"] == CHANGE_KINDS[THING] and row["status"] in CHANGED_THINGS]
     found += things[:MOST_TOLD]
     if len(things) > MOST_TOLD:
         found.append(f"  and {len(things) - MOST_TOLD} more")
@@ -279,9 +268,7 @@ def inputs_of(texts: Sequence[str]) -> list[Input]:
         One is not there, or is none.
     """
     if len(texts) < 2:
-        raise OptionError(
-            f"{texts[0] if texts else 'nothing'}: one run has nothing to be compared with; give two or more"
-        )
+        raise OptionError(f"{texts[0] if texts else 'nothing'}: one run has nothing to be compared with; give two or more")
     return [_input(text) for text in texts]
 
 
@@ -304,9 +291,7 @@ def _input(text: str) -> Input:
     if isinstance(source, Nothing):
         raise type(source.error)(f"{text}: {source.error}")
     if source.is_stdin:
-        raise OptionError(
-            "runs are compared by reading their logs twice; give the name of a file instead of -"
-        )
+        raise OptionError("runs are compared by reading their logs twice; give the name of a file instead of -")
     return Input(text, "log", source)
 
 
@@ -343,10 +328,7 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
 
 
 _NO_VALUE, _NO_CODE = np.empty(0), np.empty(0, np.int32)
-_NOTHING = (
-    Standing(_NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_CODE, _NO_CODE),
-    _NO_VALUE,
-)
+_NOTHING = (Standing(_NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_CODE, _NO_CODE), _NO_VALUE)
 """No things, and no direction of any."""
 
 
@@ -381,11 +363,7 @@ def _of_background(text: str) -> Seen:
         places.append(np.column_stack([x, y]))
     ground = replace(survey.ground(1, OCCUPIED_RATIO), counted=False)
     run = Run(*_NOTHING, ground, np.concatenate(places))
-    return (
-        Seen(text, run, chosen.strip(), notes=notes)
-        if not chosen.startswith(" ")
-        else Seen(text, run, "", notes=notes)
-    )
+    return Seen(text, run, chosen.strip(), notes=notes) if not chosen.startswith(" ") else Seen(text, run, "", notes=notes)
 
 
 def _key(world: str, topic: str, frame: str) -> str:
@@ -465,9 +443,7 @@ def _gone_their_ways(table: TracksTable) -> dict[str, Int64]:
     """Return the tracks of each topic that went some way: what only turned on the spot stands, for all that others know."""
     rows = table.rows.to_pydict()
     moved: dict[str, list[int]] = {}
-    for topic, track, kind, distance in zip(
-        *(rows[name] for name in ("topic", "track", "set", "distance")), strict=True
-    ):
+    for topic, track, kind, distance in zip(*(rows[name] for name in ("topic", "track", "set", "distance")), strict=True):
         moved.setdefault(topic, [])
         if kind == "A" and distance >= LEAST_WAY:
             moved[topic].append(track)
@@ -502,9 +478,7 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
     at = np.flatnonzero(chosen & (worlds == key))
     at = at[_distinct({name: values[at] for name, values in number.items()}, sweeps[at])]
     if len(at) > MOST_THINGS:
-        raise OptionError(
-            f"{name}: more than {MOST_THINGS:,} standing things cannot be compared; take a part with --end"
-        )
+        raise OptionError(f"{name}: more than {MOST_THINGS:,} standing things cannot be compared; take a part with --end")
     shapes, labels = ([_code(each) for each in rows[column]] for column in ("shape", "label"))
     things = Standing(
         **{each: number[each][at] for each in _MEASURED if each != "yaw"},
@@ -562,9 +536,7 @@ def _box(number: dict[str, Float64], k: int) -> Float64:
 # Comparing.
 
 
-def diff_inputs(
-    inputs: Sequence[Input], options: DiffOptions, report: LogProgress | None = None
-) -> Difference:
+def diff_inputs(inputs: Sequence[Input], options: DiffOptions, report: LogProgress | None = None) -> Difference:
     """Compare each run with those before it.
 
     Raises
@@ -652,9 +624,7 @@ def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions)
     )
     metadata[ALIGNMENT.encode()] = json.dumps([_alignment(step) for step in steps]).encode(errors="replace")
     metadata[CHANGE_FIGURES.encode()] = json.dumps(figures).encode()
-    return Difference(
-        _table(rows, metadata), tuple(steps), figures, tuple(dict.fromkeys(notes)), tuple(damage)
-    )
+    return Difference(_table(rows, metadata), tuple(steps), figures, tuple(dict.fromkeys(notes)), tuple(damage))
 
 
 def _laid(grid: Occupancy, motion: Motion) -> Occupancy:
@@ -735,9 +705,7 @@ def _nearest(seen: Seen) -> Nearest | None:
 
 def _lies_not(label: str, other: str, found: Fit) -> str:
     if not found.common:
-        return (
-            f"{label} and {other} do not lie on each other: they have too little of their structure in common"
-        )
+        return f"{label} and {other} do not lie on each other: they have too little of their structure in common"
     return (
         f"{label} and {other} do not lie on each other: {found.overlap:.0%} of the structure at best, "
         f"{LEAST_OVERLAP:.0%} needed"
@@ -762,9 +730,7 @@ def _way(second: Motion, best: Motion) -> str:
     """Return how a second alignment differs from the best one, for people."""
     if _degrees(second) > math.degrees(NEAR_HERE_TURN):
         return f"turned by {_degrees(second):.0f} degrees, as in a symmetric room"
-    return (
-        f"shifted by {math.hypot(second.x - best.x, second.y - best.y):.1f} m, as along a row of like pillars"
-    )
+    return f"shifted by {math.hypot(second.x - best.x, second.y - best.y):.1f} m, as along a row of like pillars"
 
 
 def _degrees(motion: Motion) -> float:
@@ -800,19 +766,13 @@ def _after(before: Seen, now: Seen, changes: Changes, motion: Motion) -> tuple[S
             np.concatenate([before.run.sensors, run.sensors]),
         ),
         before.world,
-        *(
-            [getattr(before, name)[k] for k in kept] + getattr(now, name)
-            for name in ("log", "track", "label")
-        ),
+        *([getattr(before, name)[k] for k in kept] + getattr(now, name) for name in ("log", "track", "label")),
     ), run.ground
 
 
 def _joined(one: Standing, other: Standing, kept: Sequence[int]) -> Standing:
     return Standing(
-        **{
-            name: np.concatenate([getattr(one, name)[kept], getattr(other, name)])
-            for name in Standing.__dataclass_fields__
-        }
+        **{name: np.concatenate([getattr(one, name)[kept], getattr(other, name)]) for name in Standing.__dataclass_fields__}
     )
 
 
@@ -885,10 +845,7 @@ def _line(angle: float) -> float:
 def _table(rows: Sequence[dict[str, Any]], metadata: dict[bytes, bytes]) -> pa.Table:
     for number, row in enumerate(rows, 1):
         row["thing"] = number
-    columns = [
-        pa.array([row.get(name.name) for row in rows], _plain_type(name.type)).cast(name.type)
-        for name in CHANGES
-    ]
+    columns = [pa.array([row.get(name.name) for row in rows], _plain_type(name.type)).cast(name.type) for name in CHANGES]
     return pa.Table.from_arrays(columns, schema=CHANGES.with_metadata(metadata))
 
 
@@ -906,11 +863,7 @@ def refuse_outputs(outputs: Sequence[Place], inputs: Sequence[Input], options: D
         if path.suffix.lower() not in known:
             raise OptionError(f"{path}: the suffix of an output has to be one of {', '.join(known)}")
     sources = [one.source for one in inputs if one.source is not None]
-    refuse(
-        outputs,
-        options.overwrite,
-        [*options.detect.inputs(sources), *(file for one in inputs for file in one.files)],
-    )
+    refuse(outputs, options.overwrite, [*options.detect.inputs(sources), *(file for one in inputs for file in one.files)])
 
 
 def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) -> list[str]:

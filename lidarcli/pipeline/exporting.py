@@ -42,9 +42,7 @@ class Export:
                 yield rows.cast(self.schema.remove_metadata(), safe=False)
 
 
-def chosen(
-    tables: Sequence[str | HeldTable], columns: Sequence[str] = (), stamps: str | None = None
-) -> Export:
+def chosen(tables: Sequence[str | HeldTable], columns: Sequence[str] = (), stamps: str | None = None) -> Export:
     """Choose some columns, or all, of all tables that are in memory, or that files, folders and patterns name.
 
     `stamps` is the unit of the stamps, as of `in_unit`.
@@ -70,9 +68,7 @@ def chosen(
             f"{files[0]}: has {len(names):,} columns, and at most {MOST_COLUMNS:,} are written; choose some with --columns"
         )
     if twice := [name for name, count in Counter(names).items() if count > 1]:
-        raise OptionError(
-            f"--columns: {', '.join(twice)} is named twice; every column of a table has its own name"
-        )
+        raise OptionError(f"--columns: {', '.join(twice)} is named twice; every column of a table has its own name")
     for file, schema in zip(files[1:], schemas[1:], strict=True):
         if missing := [name for name in names if name not in schema.names]:
             raise OptionError(f"{file}: no column {', '.join(missing)}, which {files[0]} has; {APART}")
@@ -83,9 +79,7 @@ def chosen(
                 kinds = [schema.field(name).type, first.field(name).type]
                 hint = "; --stamps us makes them alike" if all(map(pa.types.is_timestamp, kinds)) else ""
                 raise OptionError(f"{file}: column {name} is {kinds[0]}, in {files[0]} {kinds[1]}{hint}")
-    fields = [
-        first.field(name).with_nullable(any(each.field(name).nullable for each in schemas)) for name in names
-    ]
+    fields = [first.field(name).with_nullable(any(each.field(name).nullable for each in schemas)) for name in names]
     schema = pa.schema(fields, metadata=_common(schemas))
     return Export(tuple(files), schema, problems)
 
@@ -107,9 +101,7 @@ def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tupl
         return rows, [*notes, *new.publish()]
 
 
-def export_stream(
-    export: Export, out: Output, kind: str, name: str = "standard output"
-) -> tuple[int, list[str]]:
+def export_stream(export: Export, out: Output, kind: str, name: str = "standard output") -> tuple[int, list[str]]:
     """Write tables to a stream of `kind`; returns the number of rows and notes on them."""
     return write_stream(out, kind, name, export.schema, dict(export.schema.metadata or {}), export.pieces())
 

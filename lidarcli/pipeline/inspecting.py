@@ -218,13 +218,7 @@ def inspect_log(
             pose_topics=tuple(topic.name for topic in listed if topic.type in POSE_TYPES),
             pose_sources=pose_infos(poses) if poses is not None else (),
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
-            notes=(
-                *report.notes,
-                *masking.notes,
-                *_pose_notes(posing, found),
-                *notes,
-                *_not_shown(only_counted),
-            ),
+            notes=(*report.notes, *masking.notes, *_pose_notes(posing, found), *notes, *_not_shown(only_counted)),
             damage=tuple(damage_lines(report)),
             findings=tuple(sorted(findings, key=lambda each: (RULES.index(each.id), each.topic, each.frame))),
             learned=learned,
@@ -235,9 +229,7 @@ def inspect_log(
 def _not_shown(only_counted: Counter[str]) -> tuple[str, ...]:
     if not only_counted:
         return ()
-    return (
-        f"{only_counted.total():,} sweeps are counted and no more: there are over {MOST:,} frames and topics",
-    )
+    return (f"{only_counted.total():,} sweeps are counted and no more: there are over {MOST:,} frames and topics",)
 
 
 def _pose(poses: FoundPoses | None, topic: str, frame_id: str) -> str:
@@ -283,9 +275,7 @@ class _Scan:
 
     def __init__(self) -> None:
         self.sweeps = 0
-        self._spans = dict.fromkeys(
-            ("beams", "view", "angle_min", "increment", "range_min", "range_max"), Span()
-        )
+        self._spans = dict.fromkeys(("beams", "view", "angle_min", "increment", "range_min", "range_max"), Span())
         self._closures: set[int] = set()
         self._statuses = np.zeros(len(Status), np.int64)
 
@@ -320,11 +310,7 @@ class _Scan:
             pose=pose,
             verdict=verdict,
             made_of=made_of,
-            by_status={
-                status.name.lower(): int(self._statuses[status])
-                for status in Status
-                if status != Status.PADDING
-            },
+            by_status={status.name.lower(): int(self._statuses[status]) for status in Status if status != Status.PADDING},
             **self._spans,
         )
 
@@ -339,9 +325,7 @@ def _with_counts(
     known = {topic.name for topic in topics}
     seen = [Topic(name, LASERSCAN, "", sweeps[name]) for name in sweeps if name not in known]
     counted = [
-        replace(topic, messages=sweeps[topic.name])
-        if topic.messages is None and topic.name in sweeps
-        else topic
+        replace(topic, messages=sweeps[topic.name]) if topic.messages is None and topic.name in sweeps else topic
         for topic in topics
     ]
     return tuple(sorted([*counted, *seen], key=lambda topic: topic.name))
@@ -410,10 +394,7 @@ def _learned(source: Source) -> Learned:
     return load(source)
 
 
-FIGURES = (
-    *("findings", "findings.errors", "findings.warnings", "findings.hints"),
-    *(f"findings.{rule}" for rule in RULES),
-)
+FIGURES = (*("findings", "findings.errors", "findings.warnings", "findings.hints"), *(f"findings.{rule}" for rule in RULES))
 """Figures that a check of findings may name."""
 
 
@@ -458,9 +439,7 @@ def info_dict(info: LogInfo) -> dict[str, Any]:
         "scans": [_scan_json(scan) for scan in info.scans],
         "pose_topics": list(info.pose_topics),
         "pose_sources": [_pose_json(source) for source in info.pose_sources],
-        "dropped": [
-            {"topic": topic, "cause": cause, "messages": count} for topic, cause, count in info.dropped
-        ],
+        "dropped": [{"topic": topic, "cause": cause, "messages": count} for topic, cause, count in info.dropped],
         "findings": [each.as_dict() for each in info.findings],
         "notes": list(info.notes),
         "damage": list(info.damage),

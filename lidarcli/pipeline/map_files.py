@@ -63,12 +63,7 @@ class MapRun:
         A file is there that may not be replaced.
     """
 
-    def __init__(
-        self,
-        sources: Sequence[Source | Nothing],
-        outputs: Sequence[Place],
-        options: MapOptions,
-    ) -> None:
+    def __init__(self, sources: Sequence[Source | Nothing], outputs: Sequence[Place], options: MapOptions) -> None:
         self._sources = sources
         self._options = options
         self._outputs = tuple(outputs)

@@ -132,9 +132,7 @@ class Mapping:
             )
         self._voxels = VoxelFilter(options.voxel) if options.voxel > 0 else None
 
-    def add(
-        self, source: Source, clouds: Sequence[CloudWriter] = (), progress: Progress | None = None
-    ) -> RunSummary:
+    def add(self, source: Source, clouds: Sequence[CloudWriter] = (), progress: Progress | None = None) -> RunSummary:
         """Take one log; its points go to the clouds.
 
         Raises
@@ -262,9 +260,7 @@ class Mapping:
             ranges = np.where(nothing, np.float32(self.options.free_no_return), ranges)
         return use, ranges
 
-    def _points(
-        self, log: str, batch: SweepBatch, end: Float64, use: UInt8, sets: UInt8 | None
-    ) -> CloudPoints:
+    def _points(self, log: str, batch: SweepBatch, end: Float64, use: UInt8, sets: UInt8 | None) -> CloudPoints:
         """Return the points of some sweeps."""
         row, beam = np.nonzero(use == HIT)
         x, y = end[0][row, beam], end[1][row, beam]
@@ -285,9 +281,7 @@ class Mapping:
             set=None if sets is None else sets[row, beam].astype(np.int8),
         )
 
-    def _conclude(
-        self, source: Source, summary: RunSummary, described: dict[str, Any], taken: _Taken
-    ) -> None:
+    def _conclude(self, source: Source, summary: RunSummary, described: dict[str, Any], taken: _Taken) -> None:
         """Keep the results of a log, and add notes on it to the summary."""
         if not taken.count:
             told = [note for note in summary.notes if note not in summary.doubts]
@@ -305,8 +299,7 @@ class Mapping:
         self._matched += len(taken) if MATCH in taken.worlds else 0
         self._refuse_several_worlds()
         summary.notes += [
-            f"{topic} is {why}: left out (--topic {shlex.quote(topic)})"
-            for topic, why in taken.left_out.items()
+            f"{topic} is {why}: left out (--topic {shlex.quote(topic)})" for topic, why in taken.left_out.items()
         ]
         summary.notes.append(f"used {taken.count:,} of {summary.sweeps:,} sweeps ({self._why(taken)})")
 
@@ -376,11 +369,7 @@ class _Taken:
     def paths(self, log: str) -> list[SensorPath]:
         """Return the paths of the sensors."""
         return [
-            SensorPath(
-                log,
-                *key,
-                *(np.concatenate([getattr(part, axis) for part in parts]) for axis in ("x", "y", "yaw")),
-            )
+            SensorPath(log, *key, *(np.concatenate([getattr(part, axis) for part in parts]) for axis in ("x", "y", "yaw")))
             for key, parts in sorted(self._places.items())
             if parts
         ]

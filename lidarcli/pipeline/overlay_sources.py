@@ -212,9 +212,7 @@ class Tables:
 
     def left(self) -> int:
         """Count the sweeps of the tables that the log does not have."""
-        return sum(
-            1 for topic in self.topics for rows in self._cursor(topic)[0].rest() for _ in range(rows.num_rows)
-        )
+        return sum(1 for topic in self.topics for rows in self._cursor(topic)[0].rest() for _ in range(rows.num_rows))
 
     def _join(self, block: RawSweeps, first: int) -> Joined | None:
         sweeps, objects = (cursor.until(first + len(block)) for cursor in self._cursor(block.topic))
@@ -288,9 +286,7 @@ class Cursor:
                 continue
             sweeps = _ints(rows, "sweep")
             if sweeps[0] < last or (np.diff(sweeps) < 0).any():
-                raise UnreadableError(
-                    f"{self._path}: its rows are not in the order of topic and sweep; {AGAIN}"
-                )
+                raise UnreadableError(f"{self._path}: its rows are not in the order of topic and sweep; {AGAIN}")
             last = int(sweeps[-1])
             yield rows
 

@@ -20,16 +20,7 @@ from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.maps.mapserver import MAP_TYPE, image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import NewFiles, refuse, writing
-from lidarcli.overlays.files import (
-    BAG,
-    FRAME,
-    MAP,
-    RRD,
-    SUFFIXES,
-    overlay_file,
-    topic_name,
-    topics_of_objects,
-)
+from lidarcli.overlays.files import BAG, FRAME, MAP, RRD, SUFFIXES, overlay_file, topic_name, topics_of_objects
 from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, SECOND, Markers, marker_arrays, transforms
 from lidarcli.overlays.objects import Colours, Trajectories, is_mirrored, markers_of, paths_of, zone_of
 from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_config
@@ -105,9 +96,7 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
     if path.suffix.lower() not in SUFFIXES:
         raise OptionError(f"{path}: the suffix of an overlay has to be one of {', '.join(SUFFIXES)}")
     if source.is_stdin:
-        raise OptionError(
-            "an overlay is made by reading the log twice; give the name of its file instead of -"
-        )
+        raise OptionError("an overlay is made by reading the log twice; give the name of its file instead of -")
     if _is_rrd(path):
         _recording()
     inputs = options.detect.inputs([source])
@@ -136,9 +125,7 @@ def _recording() -> type[Recording]:
     return Recording
 
 
-def write_overlay(
-    source: Source, path: Place, options: OverlayOptions, progress: Progress | None = None
-) -> RunSummary:
+def write_overlay(source: Source, path: Place, options: OverlayOptions, progress: Progress | None = None) -> RunSummary:
     """Write the overlay of one log, and beside it the settings of viewers.
 
     Raises
@@ -209,9 +196,7 @@ class Overlay:
         # Sweeps are to be made again as they were for the tables.
         notes = file_metadata(pair.sweeps)
         told = opening_of(note_value(notes, PARAMETERS, dict))
-        self._opening = replace(
-            opening, slice=opening.slice or told.slice, echo=told.echo, segments=told.segments
-        )
+        self._opening = replace(opening, slice=opening.slice or told.slice, echo=told.echo, segments=told.segments)
         self._zones = zones
         self._showing: Showing | None = None
         described = note_value(notes, SOURCE, dict)
@@ -334,12 +319,9 @@ class Overlay:
         summary.notes += [] if self._showing is None else self._showing.notes()
         if self._placing:
             frames = ", ".join(sorted(self._placing))
-            summary.notes.append(
-                f"transforms of {frames} are written by its poses, for no transforms of ROS tell of it"
-            )
+            summary.notes.append(f"transforms of {frames} are written by its poses, for no transforms of ROS tell of it")
         summary.notes += [
-            f"{topic} is {why}, and is hidden at first; --topic takes one alone"
-            for topic, why in self._hidden().items()
+            f"{topic} is {why}, and is hidden at first; --topic takes one alone" for topic, why in self._hidden().items()
         ]
         summary.notes += self._notes
         if self._grid is not None and self._frames and not self._worlds:
@@ -358,9 +340,7 @@ class Overlay:
 
     @property
     def _world(self) -> str:
-        return next(
-            (self._worlds[told] for told in self._frames.values() if told in self._worlds), DEFAULT_WORLD
-        )
+        return next((self._worlds[told] for told in self._frames.values() if told in self._worlds), DEFAULT_WORLD)
 
     def _open(self, stack: ExitStack) -> Log:
         """Open the log, and make ready to show zones."""
@@ -388,14 +368,11 @@ class Overlay:
     def _apart(self, hidden: Collection[str]) -> list[str]:
         """Return the topics that cannot be drawn beside the first one without poses, and note what is not shown."""
         if self._grid is not None:
-            self._notes.append(
-                "the map is left out, for nothing tells where the sensor is in it; give --pose or --poses"
-            )
+            self._notes.append("the map is left out, for nothing tells where the sensor is in it; give --pose or --poses")
         first, *others = self._tables.topics or ("",)
         apart = [topic for topic in others if topic not in hidden]
         self._notes += [
-            f"nothing tells where the sensor of {topic} is beside that of {first}: it is hidden at first"
-            for topic in apart
+            f"nothing tells where the sensor of {topic} is beside that of {first}: it is hidden at first" for topic in apart
         ]
         return apart
 

@@ -110,9 +110,7 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
         topic, notes = _topic(choice)
         topics = frozenset({topic}) if topic else None
         masking = masking_of(log, options.rules, options.poses, topics)
-        read = ReadOptions(
-            topics=topics, start=options.start, end=options.end, batch_size=BATCH, rules=masking.rules
-        )
+        read = ReadOptions(topics=topics, start=options.start, end=options.end, batch_size=BATCH, rules=masking.rules)
         rows: list[SweepBatch] = []
         seen = -1
         showing = _showing(log, options.zones)
@@ -228,9 +226,7 @@ def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:
     if choice.is_listed and (error := choice.error()) is not None:
         raise error
     others = choice.chosen[1:]
-    notes = (
-        (f"drawn is {choice.first}; also available: {', '.join(others)} (--topic NAME)",) if others else ()
-    )
+    notes = (f"drawn is {choice.first}; also available: {', '.join(others)} (--topic NAME)",) if others else ()
     return choice.first, notes
 
 
@@ -249,11 +245,7 @@ def one_sweep(batch: SweepBatch, row: int) -> SweepBatch:
 
 
 def _refuse_missing(
-    source: Source,
-    rows: Sequence[SweepBatch],
-    sweeps: Sequence[int] | None,
-    topic: str,
-    damage: Sequence[str],
+    source: Source, rows: Sequence[SweepBatch], sweeps: Sequence[int] | None, topic: str, damage: Sequence[str]
 ) -> None:
     there = {int(row.sweep[0]) for row in rows}
     missing = [index for index in sweeps or () if index not in there]
@@ -371,11 +363,7 @@ def picture_bytes(picture: Picture, view: str, suffix: str, look: Look = AS_IT_C
 
 
 def write_pictures(
-    paths: Sequence[Place],
-    pictures: Sequence[Picture],
-    view: str,
-    overwrite: bool,
-    look: Look = AS_IT_COMES,
+    paths: Sequence[Place], pictures: Sequence[Picture], view: str, overwrite: bool, look: Look = AS_IT_COMES
 ) -> list[str]:
     """Write each picture to its file; notes as of `NewFiles.publish`.
 
@@ -455,9 +443,7 @@ def take_map(
     if sweeps is None:
         return DrawnMap((whole,), tuple(summary.notes), tuple(summary.damage))
     shots = _snapshots(source, options, sweeps)
-    pictures = tuple(
-        replace(whole, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps
-    )
+    pictures = tuple(replace(whole, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps)
     return DrawnMap(pictures, tuple(summary.notes), tuple(summary.damage))
 
 
@@ -539,9 +525,7 @@ def _snapshot(one: SweepBatch, poses: SweepPoses, options: MapOptions) -> Snapsh
     end = placed(one, poses, use).end
     there = np.isfinite(end[0, 0])
     objects = detect(one, options.parameters)
-    x, y, yaw = poses.to_world(
-        objects.row, objects.box_x, objects.box_y, objects.box_yaw, objects.shares(one)
-    )
+    x, y, yaw = poses.to_world(objects.row, objects.box_x, objects.box_y, objects.box_yaw, objects.shares(one))
     boxes = tuple(
         Box(
             float(x[k]),

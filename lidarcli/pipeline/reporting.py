@@ -76,19 +76,7 @@ VIEWER_POSES = ("pose_x", "pose_y", "pose_yaw")
 TRACKED_VIEW = ("vx", "vy", "moving")
 """Columns of the objects table that only the viewer reads, where there are tracks."""
 EVENT_COLUMNS = EVENTS.names
-ZONE_COLUMNS = (
-    "log",
-    "topic",
-    "sweep",
-    "stamp",
-    "zone",
-    "points",
-    "nearest",
-    "ttc",
-    "active",
-    "agents",
-    "observed",
-)
+ZONE_COLUMNS = ("log", "topic", "sweep", "stamp", "zone", "points", "nearest", "ttc", "active", "agents", "observed")
 """Columns of the tables of zones that are read."""
 NAMED = 10
 """Most tables, logs and baselines that the command of a page names."""
@@ -191,14 +179,10 @@ def _with_page(report: Report, run: Run, pairs: Sequence[Pair], options: ReportO
 
 def _is_of_zones(pair: Pair) -> bool:
     """Tell whether a log has tables of zones alone."""
-    return (pair.zones.exists() or pair.events.exists()) and not (
-        pair.objects.exists() or pair.sweeps.exists()
-    )
+    return (pair.zones.exists() or pair.events.exists()) and not (pair.objects.exists() or pair.sweeps.exists())
 
 
-def _with_zones(
-    pairs: Sequence[Pair], problems: list[UnreadableError]
-) -> tuple[list[Pair], dict[Pair, Pair]]:
+def _with_zones(pairs: Sequence[Pair], problems: list[UnreadableError]) -> tuple[list[Pair], dict[Pair, Pair]]:
     """Return the tables of objects, and for some the tables of zones of the same log that lie in another folder.
 
     `problems` gets an error for zones of which no objects are named, or those of several logs of one name.
@@ -211,9 +195,7 @@ def _with_zones(
         mine = [
             one
             for one in found
-            if one.log == pair.log
-            and one not in elsewhere
-            and not (one.zones.exists() or one.events.exists())
+            if one.log == pair.log and one not in elsewhere and not (one.zones.exists() or one.events.exists())
         ]
         if len(mine) == 1:
             elsewhere[mine[0]] = pair
@@ -253,14 +235,10 @@ def _refuse_without_objects(options: ReportOptions, kind: str) -> None:
     """Refuse options that need tables of objects, where there are only those of a kind."""
     for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
         if values:
-            raise OptionError(
-                f"{name}: these are tables of {kind} alone; name the objects table of the log as well"
-            )
+            raise OptionError(f"{name}: these are tables of {kind} alone; name the objects table of the log as well")
 
 
-def _read_changes(
-    paths: Sequence[Readable], step: Callable[[], None]
-) -> tuple[Changed | None, list[UnreadableError]]:
+def _read_changes(paths: Sequence[Readable], step: Callable[[], None]) -> tuple[Changed | None, list[UnreadableError]]:
     """Read tables of changes; returns them, None without any, with an error for each that cannot be read."""
     found: list[tuple[str, pa.Table]] = []
     problems = []
@@ -331,11 +309,7 @@ def _report_zones(
             changed,
             verdicts=verdicts,
             unread=tuple(map(str, problems)),
-            unseen=(
-                *_unseen(checks, sources),
-                *unobserved(checks, watched),
-                *_unseen_changes(checks, changed),
-            ),
+            unseen=(*_unseen(checks, sources), *unobserved(checks, watched), *_unseen_changes(checks, changed)),
         )
     )
 
@@ -553,9 +527,7 @@ def understand_runs(checks: Iterable[str]) -> list[Check]:
 
 
 def report_runs(
-    inputs: Iterable[str],
-    checks: Iterable[str] = (),
-    progress: Callable[[int, int], None] | None = None,
+    inputs: Iterable[str], checks: Iterable[str] = (), progress: Callable[[int, int], None] | None = None
 ) -> MadeRuns:
     """Read the manifests and make the report; `progress` is called with the number of those done, and of all.
 

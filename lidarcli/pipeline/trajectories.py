@@ -17,14 +17,7 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import NewFiles, refuse, writing
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.reading.one_log import (
-    Progress,
-    Reading,
-    RunSummary,
-    named_files,
-    read_log,
-    reading_as_dict,
-)
+from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, named_files, read_log, reading_as_dict
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
@@ -93,9 +86,7 @@ def read_path(source: Source, options: PathOptions, progress: Progress | None = 
         return _read(source, reading, _Written(True, options.poses.source == MATCH), options, progress)
 
 
-def write_path(
-    source: Source, path: Place, options: PathOptions, progress: Progress | None = None
-) -> PathSummary:
+def write_path(source: Source, path: Place, options: PathOptions, progress: Progress | None = None) -> PathSummary:
     """Write the pose of the sensor at each sweep of a log; sweeps without one are left out.
 
     Raises
@@ -145,9 +136,7 @@ def _read(
     parameters = reading_as_dict(options.read, options.opening, options.poses)
     metadata = table_metadata(parameters, reading.describe(source), found.damage)
     table = pa.Table.from_batches(rows, POSES).unify_dictionaries().replace_schema_metadata(metadata)
-    return PathSummary(
-        **{name: getattr(found, name) for name in RunSummary.__dataclass_fields__}, table=table
-    )
+    return PathSummary(**{name: getattr(found, name) for name in RunSummary.__dataclass_fields__}, table=table)
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,9 +200,7 @@ class _Written:
             else:
                 self._last.setdefault(key, 0)
             self._count += len(kept)
-            yield _Part(
-                mine.rows(kept), frame, world, type(motion)(motion.position[kept], motion.rotation[kept])
-            )
+            yield _Part(mine.rows(kept), frame, world, type(motion)(motion.position[kept], motion.rotation[kept]))
 
     def conclude(self, summary: RunSummary) -> None:
         """Refuse a path without a pose, and add notes on the number of poses."""

@@ -44,9 +44,7 @@ class Viewed:
     """A line for each beams table that cannot be read."""
 
 
-def viewer_of(
-    run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str], join: bool = False
-) -> Viewed:
+def viewer_of(run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str], join: bool = False) -> Viewed:
     """Return the sweeps that the viewer shows, with their beams as far as logs or beams tables have them."""
     choice = choose_sweeps(run, summary)
     wanted = _wanted(run, summary, choice)
@@ -115,10 +113,7 @@ class _Gathered:
         """Return all sweeps in one, sorted."""
         width = max(part.shape[1] for part in self.ranges)
         ranges = np.concatenate(
-            [
-                np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan)
-                for part in self.ranges
-            ]
+            [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan) for part in self.ranges]
         )
         sweep = np.concatenate(self.sweep)
         order = np.argsort(sweep, kind="stable")
@@ -132,9 +127,7 @@ class _Gathered:
         )
 
 
-def _from_log(
-    number: int, log: Source, source: Origin, topics: dict[str, Int64]
-) -> dict[tuple[int, str], Raw]:
+def _from_log(number: int, log: Source, source: Origin, topics: dict[str, Int64]) -> dict[tuple[int, str], Raw]:
     """Read the ranges as `detect` did, by the parameters in the tables."""
     gathered: dict[str, _Gathered] = {}
     with open_source(log, opening_of(source.parameters)) as opened:

@@ -35,9 +35,7 @@ from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
 from lidarcli.tabular.writing import TableFiles, table_metadata
 from lidarcli.zone import Line
 
-_MASKED = (
-    "masks of the zone file hide beams, but no objects of --objects: give --mask where these are made, too"
-)
+_MASKED = "masks of the zone file hide beams, but no objects of --objects: give --mask where these are made, too"
 _SAME = "always the same beams at the same range: the robot's own body? (info --deep)"
 
 
@@ -54,9 +52,7 @@ class ZoneTables(NamedTuple):
 class ZoneSummary(RunSummary):
     """The counts of one run over one log, and its zones."""
 
-    tables: ZoneTables = field(
-        default_factory=lambda: ZoneTables(*(SCHEMAS[name].empty_table() for name in TABLES))
-    )
+    tables: ZoneTables = field(default_factory=lambda: ZoneTables(*(SCHEMAS[name].empty_table() for name in TABLES)))
     lines: list[str] = field(default_factory=list)
     """A line for each zone."""
 
@@ -83,9 +79,7 @@ def watch(
         A file cannot be written.
     """
     if source.is_stdin:
-        raise OptionError(
-            "zones are watched by reading the log twice; give the name of its file instead of -"
-        )
+        raise OptionError("zones are watched by reading the log twice; give the name of its file instead of -")
     paths = None if folder is None else options.outputs(source, folder)
     if paths is not None:
         refuse(paths.values(), options.overwrite, options.inputs([source]))
@@ -113,9 +107,7 @@ def watch(
         summary.tables = tables
         names = _names(settled)
         longest = max(map(len, names))
-        summary.lines = [
-            f"{name:<{longest}}  {_words(each)}" for name, each in zip(names, settled, strict=True)
-        ]
+        summary.lines = [f"{name:<{longest}}  {_words(each)}" for name, each in zip(names, settled, strict=True)]
         summary.notes += [
             *options.zones.notes,
             *_stale(settled, bool(options.zones.robot)),
@@ -135,10 +127,7 @@ def watch(
 
 
 def watch_files(
-    sources: Sequence[Source | Nothing],
-    folder: Place | None,
-    options: ZoneOptions,
-    report: LogProgress | None = None,
+    sources: Sequence[Source | Nothing], folder: Place | None, options: ZoneOptions, report: LogProgress | None = None
 ) -> Iterator[Outcome]:
     """Watch the zones in every log, one after the other or several at the same time."""
     at_once = logs_at_once(sources, options.detect.jobs or options.detect.cores)
@@ -150,9 +139,7 @@ def watch_files(
     return over_logs(sources, partial(watch, options=options, folder=folder), report, at_once)
 
 
-def refuse_outputs(
-    sources: Sequence[Source | Nothing], folder: Place | None, options: ZoneOptions
-) -> list[str]:
+def refuse_outputs(sources: Sequence[Source | Nothing], folder: Place | None, options: ZoneOptions) -> list[str]:
     """Return the files that are written, after refusing those that cannot be, and two logs of one name, before any work."""
     if folder is None:
         return []
@@ -161,9 +148,7 @@ def refuse_outputs(
         if isinstance(source, Source):
             for path in options.outputs(source, folder).values():
                 if str(path) in paths:
-                    raise OptionError(
-                        f"{path} would be written for two logs; give -o another DIR for one of them"
-                    )
+                    raise OptionError(f"{path} would be written for two logs; give -o another DIR for one of them")
                 paths[str(path)] = path
     refuse(paths.values(), options.overwrite, options.inputs(sources))
     return [*paths]
@@ -203,9 +188,7 @@ def _tables(log: str, settled: Sequence[Settled], metadata: dict[bytes, bytes]) 
     zones = pa.Table.from_batches(pieces, SCHEMAS["zones"]).unify_dictionaries()
     if zones.num_rows:
         # By topic and sweep; zones of one sweep in the order of the file.
-        topics = np.concatenate(
-            [np.array([one.topic for one in each.topics])[each.topic] for each in settled]
-        )
+        topics = np.concatenate([np.array([one.topic for one in each.topics])[each.topic] for each in settled])
         zones = zones.take(pa.array(np.lexsort((np.asarray(zones["sweep"]), topics))))
     return ZoneTables(*(table.replace_schema_metadata(metadata) for table in (found, zones)))
 
@@ -232,8 +215,7 @@ def _names(settled: Sequence[Settled]) -> list[str]:
     """Return a name for each zone, with its topic, or also its frame, where several sensors see one of their own."""
     count = Counter(each.zone.name for each in settled)
     names = [
-        each.zone.name if count[each.zone.name] == 1 else f"{each.zone.name} ({each.topics[0].topic})"
-        for each in settled
+        each.zone.name if count[each.zone.name] == 1 else f"{each.zone.name} ({each.topics[0].topic})" for each in settled
     ]
     return [
         name if names.count(name) == 1 else f"{name} ({each.topics[0].frame_id})"

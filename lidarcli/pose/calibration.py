@@ -76,11 +76,7 @@ class Outlines:
         number[slots] = np.arange(len(slots))
         mine = number[self.slot] >= 0
         return Outlines(
-            self.points[mine],
-            self.normals[mine],
-            number[self.slot[mine]],
-            self.stamp_ns[slots],
-            self.share[slots],
+            self.points[mine], self.normals[mine], number[self.slot[mine]], self.stamp_ns[slots], self.share[slots]
         )
 
 
@@ -169,13 +165,7 @@ def cells_filled(outlines: Outlines, poses: Float64, stretch: Int64 | None = Non
     return round(float(np.mean(counts)))
 
 
-def settle(
-    outlines: Outlines,
-    placing: Placing,
-    start: Float64,
-    trusted: Float64,
-    stretch: Int64,
-) -> Settled:
+def settle(outlines: Outlines, placing: Placing, start: Float64, trusted: Float64, stretch: Int64) -> Settled:
     """Find the unknowns with which the points of each stretch fall together best.
 
     Parameters
@@ -214,12 +204,7 @@ class _Sums:
 
 
 def _sums(
-    outlines: Outlines,
-    placing: Placing,
-    values: Float64,
-    free: Int64,
-    stretch: Int64,
-    grid: tuple[float, float, float],
+    outlines: Outlines, placing: Placing, values: Float64, free: Int64, stretch: Int64, grid: tuple[float, float, float]
 ) -> _Sums:
     cell, shift, scale = grid
     poses, slot = placing(values), outlines.slot

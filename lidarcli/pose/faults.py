@@ -53,9 +53,7 @@ def way_findings(way: Way, links: Sequence[Track], topic: str = "") -> list[Find
     found = []
     for track in (step.track for step in way.steps):
         if track.jumps_back:
-            words = (
-                f"stamps of {track.topic} jump back {times(track.jumps_back)}: poses there may mix two runs"
-            )
+            words = f"stamps of {track.topic} jump back {times(track.jumps_back)}: poses there may mix two runs"
             back = {"backward": track.jumps_back}
             found.append(Finding("clock", "warning", topic, way.frame, words, back, {"backward": 1}))
         if not track.static and track.seems_w_first:
@@ -69,9 +67,7 @@ def way_findings(way: Way, links: Sequence[Track], topic: str = "") -> list[Find
     return found + [each for each in contradictions(links) if each.frame in children]
 
 
-def pose_findings(
-    sources: PoseSources | GivenPaths, keys: Iterable[Key], jumping: Collection[Key]
-) -> list[Finding]:
+def pose_findings(sources: PoseSources | GivenPaths, keys: Iterable[Key], jumping: Collection[Key]) -> list[Finding]:
     """Return all findings on the poses of the sensors of a log.
 
     Parameters
@@ -80,9 +76,7 @@ def pose_findings(
     jumping : those of them whose poses are known to jump
     """
     found: list[Finding] = []
-    links = {
-        frame_name(name) for track in sources.tracks if track.is_link for name in (track.parent, track.child)
-    }
+    links = {frame_name(name) for track in sources.tracks if track.is_link for name in (track.parent, track.child)}
     for topic, frame in sorted(keys):
         way = sources.way(frame, topic)
         is_missing = frame and links and frame_name(frame) not in links and not sources.alike(frame, topic)
@@ -132,11 +126,7 @@ def _corrections(track: Track, topic: str, frame: str) -> Iterator[Finding]:
     shift = np.hypot(x, y)
     far = shift + LEVER * turn > APART
     if far.any():
-        most = {
-            "corrections": int(np.count_nonzero(far)),
-            "largest": float(shift.max()),
-            "turn": float(turn.max()),
-        }
+        most = {"corrections": int(np.count_nonzero(far)), "largest": float(shift.max()), "turn": float(turn.max())}
         words = (
             f"{track.parent} > {track.child} is corrected {times(int(most['corrections']))}, by up to "
             f"{most['largest']:.2f} m and {np.degrees(most['turn']):.0f} degrees: what stands may seem to move then; "

@@ -208,9 +208,7 @@ def judge_poses(
         clean = share * (1.0 - jumps.share)
         rejected = PoseFit("rejected", clean, len(begin), ratio=ratio, turn_ratio=turn_ratio)
         # Steps that are all too long by one factor do not jump.
-        return (
-            rejected if _is_scaled(step, as_told) else replace(rejected, jumps=(float(jumps.lengths.max()),))
-        )
+        return rejected if _is_scaled(step, as_told) else replace(rejected, jumps=(float(jumps.lengths.max()),))
     if share >= ACCEPTED:
         accepted = PoseFit("accepted", share, len(begin), cuts=cuts, jumps=sizes)
         return _sharper(accepted, stamp_ns, begin, end, step, told_at)
@@ -223,9 +221,7 @@ def judge_poses(
     turn_told = _ratios(step, as_told)[1]
     fit = PoseFit("rejected", share, len(begin), cuts=cuts, jumps=sizes, ratio=ratio, turn_ratio=turn_told)
     if found and fits:
-        return replace(
-            fit, verdict="corrected", share=better, delay=delay, mount=mount, turn_ratio=turn_ratio
-        )
+        return replace(fit, verdict="corrected", share=better, delay=delay, mount=mount, turn_ratio=turn_ratio)
     parts = np.array_split(np.arange(len(begin)), max(1, len(begin) // STRETCH))
     good = [part for part in parts if agree[part].mean() >= STRETCH_FIT]
     if fits and len(good) >= STRETCHES * len(parts):
@@ -264,9 +260,7 @@ def _off(step: Steps, other: Steps) -> tuple[Float64, Float64]:
     length = np.hypot(step[:, 0], step[:, 1])
     off = np.hypot(step[:, 0] - other[:, 0], step[:, 1] - other[:, 1])
     turn = np.abs(wrapped(step[:, 2] - other[:, 2]))
-    return off / (OFF_LENGTH + OFF_LENGTH_GROWS * length), turn / (
-        OFF_TURN + OFF_TURN_GROWS * np.abs(step[:, 2])
-    )
+    return off / (OFF_LENGTH + OFF_LENGTH_GROWS * length), turn / (OFF_TURN + OFF_TURN_GROWS * np.abs(step[:, 2]))
 
 
 def _agree(step: Steps, other: Steps) -> Bool:
@@ -348,14 +342,10 @@ def _corrected(
 
 def mount_between(step: Steps, told: Steps) -> tuple[float, float, float]:
     """Find where a sensor that makes `step` is mounted on what makes `told`: robust hand-eye calibration in the plane."""
-    straight = (
-        (np.abs(step[:, 2]) < 0.1) & (np.hypot(*step[:, :2].T) > 0.1) & (np.hypot(*told[:, :2].T) > 0.1)
-    )
+    straight = (np.abs(step[:, 2]) < 0.1) & (np.hypot(*step[:, :2].T) > 0.1) & (np.hypot(*told[:, :2].T) > 0.1)
     yaws = [0.0]
     if np.count_nonzero(straight) >= 5:
-        apart = np.arctan2(told[straight, 1], told[straight, 0]) - np.arctan2(
-            step[straight, 1], step[straight, 0]
-        )
+        apart = np.arctan2(told[straight, 1], told[straight, 0]) - np.arctan2(step[straight, 1], step[straight, 0])
         yaws = [float(np.arctan2(np.median(np.sin(apart)), np.median(np.cos(apart)))), 0.0]
         yaws += [0.5 * np.pi, -0.5 * np.pi, np.pi]
     best, most = (0.0, 0.0, 0.0), -1.0
@@ -381,13 +371,8 @@ def mount_between(step: Steps, told: Steps) -> tuple[float, float, float]:
 def _ratios(step: Steps, told: Steps) -> tuple[float, float]:
     """Return told lengths and told turns as a share of those seen, by medians; NaN where there are too few."""
     length, far = np.hypot(step[:, 0], step[:, 1]), np.hypot(told[:, 0], told[:, 1])
-    long, turns = (
-        (length > LONG_STEP) & np.isfinite(far),
-        (np.abs(step[:, 2]) > LARGE_TURN) & np.isfinite(far),
-    )
-    ratio = (
-        float(np.median(far[long] / length[long])) if np.count_nonzero(long) > LEAST_LONG else float("nan")
-    )
+    long, turns = ((length > LONG_STEP) & np.isfinite(far), (np.abs(step[:, 2]) > LARGE_TURN) & np.isfinite(far))
+    ratio = float(np.median(far[long] / length[long])) if np.count_nonzero(long) > LEAST_LONG else float("nan")
     turned = wrapped(told[turns, 2]) / step[turns, 2]
     return ratio, float(np.median(turned)) if len(turned) > LEAST_LONG else float("nan")
 

@@ -181,9 +181,7 @@ class MatchedPath:
         half, flat = 0.5 * poses[there, 2], np.zeros(len(there))
         numbers = np.column_stack([poses[there, :2], flat, flat, flat, np.sin(half), np.cos(half)])
         record_ns = _one(self._record_ns)
-        return gathered(
-            (topic, TYPE, MATCH, frame), self.stamp_ns[there], numbers, record_ns[there], Counter()
-        )
+        return gathered((topic, TYPE, MATCH, frame), self.stamp_ns[there], numbers, record_ns[there], Counter())
 
     @property
     def gaps(self) -> Int64:
@@ -241,9 +239,7 @@ def order_of(paths: Mapping[str, MatchedPath], duration: float) -> str:
     def betters(one: str, other: str) -> float:
         """Return by how many standard deviations one order is better than the other."""
         apart = sharp[one] - sharp[other]
-        means = np.array(
-            [np.nanmean(block) for block in np.array_split(apart, BLOCKS) if np.isfinite(block).any()]
-        )
+        means = np.array([np.nanmean(block) for block in np.array_split(apart, BLOCKS) if np.isfinite(block).any()])
         if len(means) < 2:
             return 0.0
         spread = float(np.std(means, ddof=1) / np.sqrt(len(means)))

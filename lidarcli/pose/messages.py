@@ -135,9 +135,7 @@ class _Walker:
         return text
 
 
-def decode_ros(
-    kind: str, encoding: str, messages: Sequence[bytes], refused: Counter[str]
-) -> Iterator[PoseRows]:
+def decode_ros(kind: str, encoding: str, messages: Sequence[bytes], refused: Counter[str]) -> Iterator[PoseRows]:
     """Decode ROS messages of one type; causes of refused ones are counted in `refused`.
 
     Parameters
@@ -194,9 +192,7 @@ NOT_POSE = "not what its type says"
 _Pose = tuple[str, str, int, list[float]]
 
 
-def decode_foxglove(
-    kind: str, encoding: str, messages: Sequence[bytes], refused: Counter[str]
-) -> Iterator[PoseRows]:
+def decode_foxglove(kind: str, encoding: str, messages: Sequence[bytes], refused: Counter[str]) -> Iterator[PoseRows]:
     """Decode foxglove messages of one type; causes of refused ones are counted in `refused`.
 
     Parameters
@@ -250,9 +246,7 @@ def _json(kind: str, data: bytes) -> _Pose:
             place, turn = fields["pose"]["position"], fields["pose"]["orientation"]
             names = str(fields.get("frame_id", "")), ""
         # A missing number is 0, as in protobuf.
-        numbers = [float(place.get(axis, 0.0)) for axis in "xyz"] + [
-            float(turn.get(axis, 0.0)) for axis in "xyzw"
-        ]
+        numbers = [float(place.get(axis, 0.0)) for axis in "xyz"] + [float(turn.get(axis, 0.0)) for axis in "xyzw"]
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
         raise BadPoseError(NOT_POSE) from None
     return *names, _checked(stamp_ns), numbers

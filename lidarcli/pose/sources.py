@@ -172,9 +172,7 @@ class PoseSources:
     taken unasked: they may be those of several robots. Poses in the namespace of the sweeps come first.
     """
 
-    def __init__(
-        self, tracks: Sequence[Track], wanted: str | None = None, scans: Collection[str] = ()
-    ) -> None:
+    def __init__(self, tracks: Sequence[Track], wanted: str | None = None, scans: Collection[str] = ()) -> None:
         """`wanted`: topic of the poses that the user chose; `scans`: all topics of the log with sweeps."""
         self.tracks = tuple(tracks)
         self._wanted = wanted

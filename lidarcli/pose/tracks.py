@@ -36,9 +36,7 @@ class Motion(NamedTuple):
 
 def compose(outer: Motion, inner: Motion) -> Motion:
     """Return the pose of c in a from that of b in a and that of c in b."""
-    return Motion(
-        outer.position + rotate(outer.rotation, inner.position), multiply(outer.rotation, inner.rotation)
-    )
+    return Motion(outer.position + rotate(outer.rotation, inner.position), multiply(outer.rotation, inner.rotation))
 
 
 def inverse(motion: Motion) -> Motion:
@@ -108,9 +106,7 @@ def planar(motion: Motion) -> SweepPoses:
     x, y, z, w = motion.rotation.T
     up = 1.0 - 2.0 * (x * x + y * y)
     yaw = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-    return SweepPoses(
-        x=motion.position[:, 0].copy(), y=motion.position[:, 1].copy(), yaw=yaw, upside_down=up < 0.0
-    )
+    return SweepPoses(x=motion.position[:, 0].copy(), y=motion.position[:, 1].copy(), yaw=yaw, upside_down=up < 0.0)
 
 
 def tilt(motion: Motion) -> float:
@@ -248,10 +244,7 @@ class _Growing:
         numbers, off = _with_units(numbers)
         self.stretched = max(self.stretched, off)
         self.messages += len(stamp_ns)
-        self.record_ns = (
-            min(self.record_ns[0], int(record_ns.min())),
-            max(self.record_ns[1], int(record_ns.max())),
-        )
+        self.record_ns = (min(self.record_ns[0], int(record_ns.min())), max(self.record_ns[1], int(record_ns.max())))
         latest = np.maximum.accumulate(np.concatenate([[self.latest], stamp_ns]))
         before = np.maximum(np.concatenate([[self.before], stamp_ns[:-1]]), -(1 << 62))
         self.jumps_back += int(np.count_nonzero(stamp_ns <= before - SECOND_NS))
@@ -352,11 +345,7 @@ class Tracks:
             self.refused[(topic, cause)] += count
 
     def _take(
-        self,
-        key: tuple[str, str, str, str],
-        parts: Sequence[PoseRows],
-        record_ns: Int64,
-        refused: Counter[str],
+        self, key: tuple[str, str, str, str], parts: Sequence[PoseRows], record_ns: Int64, refused: Counter[str]
     ) -> None:
         row = np.concatenate([part.row for part in parts])
         stamps = np.concatenate([part.stamp_ns for part in parts])
@@ -509,14 +498,9 @@ def trajectory_lines(stamp_ns: Int64, motion: Motion) -> str:
     """Return N poses as TUM lines, without unknown ones."""
     known = ~np.isnan(motion.position).any(axis=1)
     rows = zip(
-        stamp_ns[known].tolist(),
-        motion.position[known].tolist(),
-        upright(motion.rotation[known]).tolist(),
-        strict=True,
+        stamp_ns[known].tolist(), motion.position[known].tolist(), upright(motion.rotation[known]).tolist(), strict=True
     )
-    return "".join(
-        f"{_seconds(stamp)} {_numbers(position, 6)} {_numbers(turn, 9)}\n" for stamp, position, turn in rows
-    )
+    return "".join(f"{_seconds(stamp)} {_numbers(position, 6)} {_numbers(turn, 9)}\n" for stamp, position, turn in rows)
 
 
 def _seconds(stamp_ns: int) -> str:

@@ -278,9 +278,7 @@ class TreeLevels:
         if _is_world(frame):
             return f"above the origin of frame {name}, which is no sensor's: sweeps are seen from there"
         if _is_optical(frame):
-            return (
-                f"above the camera of frame {name}, which is taken for level: no transform leads to the robot"
-            )
+            return f"above the camera of frame {name}, which is taken for level: no transform leads to the robot"
         return f"along z of frame {name}, which is taken for level: no transform leads to the robot"
 
     def _level(self, frame: str, stamp_ns: Int64) -> _Level | None:
@@ -292,9 +290,7 @@ class TreeLevels:
         here = inward[-1].target if inward else frame
         world = self._tree.to_world(here)
         topics = dict.fromkeys(step.track.topic for step in (*base, *(world or ())))
-        return _Level(
-            here, inward, base[len(inward) :], world, f"above {robot}, level by {' and '.join(topics)}"
-        )
+        return _Level(here, inward, base[len(inward) :], world, f"above {robot}, level by {' and '.join(topics)}")
 
     def _inward(self, frame: str, base: tuple[Step, ...], stamp_ns: Int64) -> int:
         """Return the number of steps to a frame whose z axis stands up; a camera frame looks ahead."""

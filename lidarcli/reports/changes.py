@@ -164,8 +164,7 @@ def changed_of(tables: Sequence[tuple[str, pa.Table]]) -> Changed:
             )
         )
     values: dict[str, float | None] = {
-        status: None if status in unknown else sum(pair.counts[status] for pair in pairs)
-        for status in CHANGE_STATUSES
+        status: None if status in unknown else sum(pair.counts[status] for pair in pairs) for status in CHANGE_STATUSES
     }
     overlaps = [pair.overlap for pair in pairs if pair.overlap is not None]
     values["overlap"] = min(overlaps) if overlaps else None

@@ -18,15 +18,7 @@ from lidarcli.reports import palette
 from lidarcli.reports.changes import FIRST, Change, RunPair
 from lidarcli.reports.drawing import Entries, draw_legend, file_bytes, fit_height, new_figure, project_style
 from lidarcli.reports.labels import Label, add_labels, along
-from lidarcli.reports.map_picture import (
-    MOST_NUMBERS,
-    Box,
-    Limits,
-    MapPicture,
-    corners_of,
-    limits_of,
-    map_panel,
-)
+from lidarcli.reports.map_picture import MOST_NUMBERS, Box, Limits, MapPicture, corners_of, limits_of, map_panel
 from lidarcli.reports.picture import printable
 from lidarcli.sweeps import Float64
 

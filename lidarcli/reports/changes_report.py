@@ -9,18 +9,7 @@ from dataclasses import dataclass
 from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.display import counted
 from lidarcli.reports.changes import FIRST, Change, Changed, RunPair
-from lidarcli.reports.document import (
-    MARKDOWN,
-    PAGE,
-    TEXT,
-    Block,
-    Card,
-    Document,
-    FromAbove,
-    Notes,
-    Section,
-    Table,
-)
+from lidarcli.reports.document import MARKDOWN, PAGE, TEXT, Block, Card, Document, FromAbove, Notes, Section, Table
 from lidarcli.reports.wording import percent
 
 CHANGES, CHANGES_OF_PAGE = 12, 500
@@ -37,10 +26,7 @@ def change_sections(changed: Changed) -> Iterator[tuple[str, Section]]:
     """Yield the sections on changes by name."""
     pairs = changed.pairs
     head = ("from", "to", *CHANGE_STATUSES, "overlap")
-    rows = [
-        (one.before, one.name, *(f"{count:,}" for count in one.counts.values()), _share(one.overlap))
-        for one in pairs
-    ]
+    rows = [(one.before, one.name, *(f"{count:,}" for count in one.counts.values()), _share(one.overlap)) for one in pairs]
     yield "changed", Section("Changes from run to run", [Table(head, rows, range(2, len(head)))])
     drawn = [FromAbove(number, one) for number, one in enumerate(pairs[:DRAWN], 1)]
     left = [Notes([(f"and {counted(len(pairs) - DRAWN, 'more run')}",)])] if len(pairs) > DRAWN else []
@@ -134,11 +120,7 @@ class ChangesReport(Document):
     def title(self) -> str:
         """Subject of the report in a few words."""
         pairs = self.changed.pairs
-        return (
-            f"changes from {pairs[0].title}"
-            if len(pairs) == 1
-            else f"changes of {counted(len(pairs), 'run')}"
-        )
+        return f"changes from {pairs[0].title}" if len(pairs) == 1 else f"changes of {counted(len(pairs), 'run')}"
 
     @property
     def figures(self) -> Mapping[str, float | None]:

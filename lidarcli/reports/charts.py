@@ -125,11 +125,7 @@ def charts(report: Report, walls: Mapping[str, Walls] | None = None) -> Iterator
             yield _chart(title, partial(kind_bars, counts=counts))
     for found in summary.densities:
         below = (walls or {}).get(found.frame)
-        yield _chart(
-            f"Where objects were, {found.frame} frame",
-            partial(object_map, found=found, walls=below),
-            wide=True,
-        )
+        yield _chart(f"Where objects were, {found.frame} frame", partial(object_map, found=found, walls=below), wide=True)
 
 
 def constants(report: Report) -> list[Constant]:
@@ -257,22 +253,13 @@ def agents_over_time(axes: Axes, streams: tuple[Stream, ...]) -> None:
     _finish(axes, "agents in view")
 
 
-def _band(
-    axes: Axes, x: Float64, low: Float64, high: Float64, colour: str, label: str, alpha: float = 0.4
-) -> None:
+def _band(axes: Axes, x: Float64, low: Float64, high: Float64, colour: str, label: str, alpha: float = 0.4) -> None:
     axes.fill_between(x, low, high, step="post", color=colour, alpha=alpha, lw=0, label=label)
 
 
-def _steps(
-    axes: Axes, streams: tuple[Stream, ...], k: int, values: Float64, colour: str | None = None
-) -> None:
+def _steps(axes: Axes, streams: tuple[Stream, ...], k: int, values: Float64, colour: str | None = None) -> None:
     label = "mean" if len(streams) == 1 else printable(streams[k].name)
-    style: dict[str, Any] = {
-        "color": colour or CYCLE[k],
-        "ls": DASHES[k],
-        "lw": 1.2,
-        "drawstyle": "steps-post",
-    }
+    style: dict[str, Any] = {"color": colour or CYCLE[k], "ls": DASHES[k], "lw": 1.2, "drawstyle": "steps-post"}
     axes.plot(streams[k].course.seconds, values, label=label, **style)
 
 
@@ -286,9 +273,7 @@ def course_over_time(axes: Axes, streams: tuple[Stream, ...], name: str) -> None
     """Draw `d_th` or `noise` over time [m]."""
     for k, stream in enumerate(streams):
         values = stream.course.d_th if name == "d_th" else stream.course.noise
-        axes.plot(
-            stream.course.seconds, values, color=CYCLE[k], ls=DASHES[k], lw=1.2, label=printable(stream.name)
-        )
+        axes.plot(stream.course.seconds, values, color=CYCLE[k], ls=DASHES[k], lw=1.2, label=printable(stream.name))
     axes.set(xlabel="time [s]", ylabel="[m]", ylim=(0, None))
     if len(streams) > 1:
         axes.legend(frameon=False, loc="best", fontsize=6.5)
@@ -300,9 +285,7 @@ def beam_bars(axes: Axes, summary: Summary) -> None:
     sets = beams_by_set(summary)
     colours = [palette.SET_STYLES[name][0] for name in beams_on(has_agents(summary))]
     for place, rows, paints in ((1.0, status, STATUS_COLOURS), (0.0, sets, colours)):
-        there = [
-            (name, count, paint) for (name, count), paint in zip(rows.items(), paints, strict=True) if count
-        ]
+        there = [(name, count, paint) for (name, count), paint in zip(rows.items(), paints, strict=True) if count]
         total, left = sum(rows.values()) or 1, 0.0
         handles: list[Artist] = []
         for _, count, paint in there:
@@ -331,9 +314,7 @@ def beam_bars(axes: Axes, summary: Summary) -> None:
 def kind_bars(axes: Axes, counts: dict[str, int]) -> None:
     """Draw a bar for each kind."""
     colours = [palette.SHAPE_COLOURS.get(name, palette.BLUE) for name in counts]
-    _horizontal(
-        axes, {name.replace("_", " "): count for name, count in counts.items()}, colours, sum(counts.values())
-    )
+    _horizontal(axes, {name.replace("_", " "): count for name, count in counts.items()}, colours, sum(counts.values()))
 
 
 def _horizontal(axes: Axes, rows: dict[str, int], colours: list[str], total: int) -> None:

@@ -184,9 +184,7 @@ def parse_check(
 def judge(check: Check, values: Mapping[str, float | None], run: Run) -> Verdict:
     """Hold a check against the figures of a run, or against its rows."""
     # Tracks tables that could not be read leave nothing to measure.
-    return verdict_of(
-        check, values.get(check.name) if check.condition is None else _count(check, check.condition, run)
-    )
+    return verdict_of(check, values.get(check.name) if check.condition is None else _count(check, check.condition, run))
 
 
 def verdict_of(check: Check, found: float | None) -> Verdict:
@@ -226,9 +224,7 @@ def columns_needed(checks: Sequence[Check], table: str) -> frozenset[str]:
     """Return the columns of a table that the checks need, for conditions or for figures of the same name."""
     conditions = [check.condition for check in checks if check.name == table and check.condition is not None]
     figures_of = {check.figure.split(".")[0] for check in checks if check.condition is None}
-    return frozenset(figures_of & {*column_names(table)}).union(
-        *(condition.columns for condition in conditions)
-    )
+    return frozenset(figures_of & {*column_names(table)}).union(*(condition.columns for condition in conditions))
 
 
 def accepts(checks: Sequence[Check], *names: str) -> bool:
@@ -240,10 +236,7 @@ def _known_of_zone(tokens: Tokens, token: Token, compared: bool, zones: Collecti
     """Refuse a figure that no zone has, or that is of none of the `zones`."""
     zone, rest = figures.zone_of(token.text) or ("", "")
     if zones is not None and zone not in zones:
-        hint = (
-            nearest(zone, zones, OFFERED)
-            or f"; there {'is' if len(zones) == 1 else 'are'} {', '.join(zones)};"
-        )
+        hint = nearest(zone, zones, OFFERED) or f"; there {'is' if len(zones) == 1 else 'are'} {', '.join(zones)};"
         raise tokens.error(f"unknown zone '{zone}'{hint}", token)
     start = f"{figures.ZONES}{zone}."
     names = [name.removeprefix(start) for name in figures.zone_names(zone)]
@@ -289,11 +282,7 @@ def _refuse_of_objects(tokens: Tokens, token: Token) -> None:
 
 
 def _unknown(
-    tokens: Tokens,
-    token: Token,
-    known: Collection[str],
-    page: str = "docs/reports.md",
-    zones: Collection[str] | None = (),
+    tokens: Tokens, token: Token, known: Collection[str], page: str = "docs/reports.md", zones: Collection[str] | None = ()
 ) -> OptionError:
     """Return the error of an unknown figure; `zones` as of `parse_check`."""
     hint = nearest(token.text, known, OFFERED) or ";"

@@ -48,10 +48,7 @@ def as_junit(report: Document) -> str:
 
 def _checks(report: Document) -> list[Case]:
     return [
-        Case(
-            verdict.expression,
-            failure=None if verdict.holds else f"expected {verdict.expected}, found {verdict.words}",
-        )
+        Case(verdict.expression, failure=None if verdict.holds else f"expected {verdict.expected}, found {verdict.words}")
         for verdict in report.verdicts
     ]
 

@@ -156,9 +156,7 @@ def least_observed(sights: Iterable[Sight]) -> Sight | None:
     if not lacking:
         return None
     least = min(lacking, key=lambda one: one.share)
-    return (
-        least._replace(log=f"{least.log} and {len(lacking) - 1:,} more logs") if len(lacking) > 1 else least
-    )
+    return least._replace(log=f"{least.log} and {len(lacking) - 1:,} more logs") if len(lacking) > 1 else least
 
 
 @dataclass(frozen=True, slots=True)

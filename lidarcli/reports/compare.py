@@ -53,8 +53,7 @@ class Comparison:
     def words(self) -> str:
         """Number of sweeps in which the two runs differ, in words."""
         compared, changed, added, removed = (
-            self.figures[name]
-            for name in ("compared_sweeps", "changed_sweeps", "added_sweeps", "removed_sweeps")
+            self.figures[name] for name in ("compared_sweeps", "changed_sweeps", "added_sweeps", "removed_sweeps")
         )
         return (
             f"Sweeps in both runs: {number(compared)}, {number(changed)} of them ({share(changed or 0, compared or 0)}) "
@@ -116,8 +115,7 @@ def _refuse_others(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> None:
     unlike = beams[mine] != beams_before[theirs]
     source = run.sweeps.source[mine]
     times, others, compared = (
-        np.bincount(source[chosen], minlength=len(run.sources))
-        for chosen in (later, later | unlike, slice(None))
+        np.bincount(source[chosen], minlength=len(run.sources)) for chosen in (later, later | unlike, slice(None))
     )
     for at in np.flatnonzero(2 * others > compared).tolist():
         log = run.sources[at]
@@ -134,9 +132,7 @@ def _refuse_others(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> None:
 
 def _different(here: Origin, there: Origin, why: str) -> OptionError:
     """Return the error on tables of which no report can compare the figures."""
-    return OptionError(
-        f"--baseline: {here.label} and {there.label} are of different recordings: use lidarcli diff ({why})"
-    )
+    return OptionError(f"--baseline: {here.label} and {there.label} are of different recordings: use lidarcli diff ({why})")
 
 
 def _identities(run: Run, base_run: Run) -> tuple[Int64, Int64]:

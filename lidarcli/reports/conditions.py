@@ -39,9 +39,7 @@ COMPARE: dict[str, Callable[[Any, Any], Any]] = {
     "<": operator.lt,
     ">": operator.gt,
 }
-COUNTED = {
-    name: {one.name: one for one in TABLES[name]} for name in ("objects", "sweeps", "tracks", "events")
-}
+COUNTED = {name: {one.name: one for one in TABLES[name]} for name in ("objects", "sweeps", "tracks", "events")}
 """The tables whose rows can be counted, and their columns by name."""
 ALIASES = {
     "objects": {"range_min": "r_min", "range": "r_min", "bearing": "theta_min"},
@@ -117,11 +115,7 @@ class Tokens:
         """Return the error of this check at the next word, or at the one given."""
         at = token or self.next
         where = "at the end" if at.kind == "end" else f"at '{at.text}', column {at.place + 1}"
-        shown = (
-            self.expression
-            if len(self.expression) <= SHOWN_OF_CHECK
-            else f"{self.expression[:SHOWN_OF_CHECK]}..."
-        )
+        shown = self.expression if len(self.expression) <= SHOWN_OF_CHECK else f"{self.expression[:SHOWN_OF_CHECK]}..."
         return OptionError(f"--check '{shown}': {problem} {where}")
 
     def _split(self) -> list[Token]:
@@ -132,9 +126,7 @@ class Tokens:
                 start = place + len(text[place:]) - len(text[place:].lstrip())
                 raise self.error("cannot be read", Token("unknown", text[start], start))
             kind = str(match.lastgroup)
-            found.append(
-                Token("text" if kind in ("double", "single") else kind, match[kind], match.start(kind))
-            )
+            found.append(Token("text" if kind in ("double", "single") else kind, match[kind], match.start(kind)))
             place = match.end()
         return [*found, Token("end", "", len(self.expression))]
 

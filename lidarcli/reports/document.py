@@ -211,10 +211,7 @@ class Document(ABC):
     @property
     def named_problems(self) -> tuple[tuple[str, str], ...]:
         """(kind, line) of each problem, for people."""
-        return (
-            *(("not read", line) for line in self.unread),
-            *(("incomplete", line) for line in self.unseen),
-        )
+        return (*(("not read", line) for line in self.unread), *(("incomplete", line) for line in self.unseen))
 
     @property
     def judgement(self) -> str:

@@ -102,9 +102,7 @@ def places_of(picture: Picture, view: str, limits: Limits, look: Look) -> list[P
     if view == "polar":
         return [Place(partial(panels.polar, vertices=look.vertices), (0, 1), 0, 0.8 * width, polar=True)]
     if view != "all":
-        curves = (
-            (compared or [panels.difference]) if view == "difference" else [panels.sweep, panels.difference]
-        )
+        curves = (compared or [panels.difference]) if view == "difference" else [panels.sweep, panels.difference]
         return _column(curves, 0, CURVE if len(curves) > 1 else 2.0 * CURVE)
     if is_stacked(limits, width):
         curves = [panels.sweep, panels.difference, *compared]
@@ -119,10 +117,7 @@ def places_of(picture: Picture, view: str, limits: Limits, look: Look) -> list[P
 
 def _column(curves: Sequence[Panel], first: int, height: float) -> list[Place]:
     last = len(curves) - 1
-    return [
-        Place(panel, (first + row, first + row + 1), 0, height, shares=row < last)
-        for row, panel in enumerate(curves)
-    ]
+    return [Place(panel, (first + row, first + row + 1), 0, height, shares=row < last) for row, panel in enumerate(curves)]
 
 
 def add_axes(figure: Figure, places: Sequence[Place], limits: Limits) -> list[Axes]:
@@ -134,9 +129,7 @@ def add_axes(figure: Figure, places: Sequence[Place], limits: Limits) -> list[Ax
     ratios = [share, 1.0 - share] if columns == 2 else [1.0]
     grid = figure.add_gridspec(rows, columns, width_ratios=ratios)
     return [
-        figure.add_subplot(
-            grid[place.rows[0] : place.rows[1], place.column], projection="polar" if place.polar else None
-        )
+        figure.add_subplot(grid[place.rows[0] : place.rows[1], place.column], projection="polar" if place.polar else None)
         for place in places
     ]
 
@@ -464,9 +457,7 @@ class _Shown(Figure):
         return out.getvalue()
 
 
-def figure_of(
-    picture: Picture, view: str, axes: Sequence[Axes] | None = None, look: Look = AS_IT_COMES
-) -> Figure:
+def figure_of(picture: Picture, view: str, axes: Sequence[Axes] | None = None, look: Look = AS_IT_COMES) -> Figure:
     """Return the picture as a figure; or draw it on `axes`, one for each panel, and return their figure.
 
     Raises
@@ -487,9 +478,7 @@ def _on(axes: Sequence[Axes], picture: Picture, view: str, look: Look) -> Figure
     limits = limits_of([picture])
     places = places_of(picture, view, limits, look)
     if len(axes) != len(places):
-        raise OptionError(
-            f"view {view} has {counted(len(places), 'panel')}, and there are {len(axes)} axes for it"
-        )
+        raise OptionError(f"view {view} has {counted(len(places), 'panel')}, and there are {len(axes)} axes for it")
     for mine, place in zip(axes, places, strict=True):
         if place.polar and mine.name != "polar":
             raise OptionError(f"view {view} needs polar axes: plt.subplot(projection='polar')")
@@ -509,15 +498,7 @@ def write_gif(path: Path, frames: Iterable[Pixels], fps: float, colours: Iterabl
     table = _table(colours)
     codes = np.full(1 << 24, -1, np.int16)
     first, *rest = (_reduced(pixels, table, codes) for pixels in frames)
-    first.save(
-        path,
-        format="GIF",
-        save_all=True,
-        append_images=rest,
-        duration=round(1000.0 / fps),
-        loop=0,
-        optimize=False,
-    )
+    first.save(path, format="GIF", save_all=True, append_images=rest, duration=round(1000.0 / fps), loop=0, optimize=False)
 
 
 def _table(colours: Iterable[str]) -> NDArray[np.int64]:

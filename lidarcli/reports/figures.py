@@ -55,9 +55,7 @@ COUNTS: dict[str, Figure] = {
     "backward": Figure("1", "stamps before their predecessor's"),
     "repeated": Figure("1", "stamps equal to their predecessor's"),
     "damage": Figure("1", "parts of the logs that could not be read"),
-    "observed": Figure(
-        "1", "share of the sweeps that show anything (column `observed`); of several logs the least"
-    ),
+    "observed": Figure("1", "share of the sweeps that show anything (column `observed`); of several logs the least"),
 }
 """Figures of one number."""
 
@@ -76,9 +74,7 @@ SPREADS: dict[str, Figure] = {
     "box_length": _of("objects", "box_length", "longer side of an object's box"),
     "box_width": _of("objects", "box_width", "shorter side of an object's box"),
     "beams_per_object": _of("objects", "beams", "valid beams of an object"),
-    "intensity": _of(
-        "objects", "intensity", "median intensity of an object's beams, in the sensor's own unit"
-    ),
+    "intensity": _of("objects", "intensity", "median intensity of an object's beams, in the sensor's own unit"),
     "difference": _of("objects", "difference", "median of r_w - r_e over an object's beams"),
 }
 """Figures with a value per sweep or per object: `.mean`, `.std`, `.min`, `.p05`, `.p50`, `.p95`, `.max`."""
@@ -124,8 +120,7 @@ ZONE_COUNTS: dict[str, Figure] = {
     "in": Figure("1", "crossings of the line to the left of the way from its first point to its second"),
     "out": Figure("1", "crossings to the right of it"),
     "observed": Figure(
-        "1",
-        "share of the sweeps in which something in it could have made an event; of several logs the least",
+        "1", "share of the sweeps in which something in it could have made an event; of several logs the least"
     ),
 }
 """Figures of one number for each zone."""
@@ -148,9 +143,7 @@ OF_CHANGES: dict[str, Figure] = {
 """Figures that need tables of changes."""
 
 OF_MAPS: dict[str, Figure] = {
-    "precision": Figure(
-        "1", "share of the occupied cells of the second map that are within one cell of one of the first"
-    ),
+    "precision": Figure("1", "share of the occupied cells of the second map that are within one cell of one of the first"),
     "recall": Figure("1", "share of those of the first that are within one cell of one of the second"),
     "f1": Figure("1", "harmonic mean of both"),
 }

@@ -68,10 +68,7 @@ class Ground:
     def from_sensor(self, sweep: Int64, x: Float64, y: Float64) -> tuple[Float64, Float64]:
         """Return points of the sensor frames of sweeps over ground [m]; NaN without a pose."""
         cos, sin = np.cos(self.pose_yaw[sweep]), np.sin(self.pose_yaw[sweep])
-        return (
-            self.pose_x[sweep] + cos * x - self.side * sin * y,
-            self.pose_y[sweep] + sin * x + self.side * cos * y,
-        )
+        return (self.pose_x[sweep] + cos * x - self.side * sin * y, self.pose_y[sweep] + sin * x + self.side * cos * y)
 
     def turned(self, sweep: int, x: Float64, y: Float64) -> tuple[Float64, Float64]:
         """Return directions over ground, such as velocities, in the sensor frame of a sweep."""
@@ -103,14 +100,7 @@ def ground_of(sweeps: Rows, rows: Int64, objects: Rows, members: Int64, sweep: I
     left = np.cos(turn) * (world_y - pose_y[sweep]) - np.sin(turn) * (world_x - pose_x[sweep])
     upright = np.nansum(np.abs(left - y)) <= np.nansum(np.abs(left + y))
     return Ground(
-        world_x,
-        world_y,
-        pose_x,
-        pose_y,
-        pose_yaw,
-        1.0 if upright else -1.0,
-        posed=True,
-        origin=(float(x0), float(y0)),
+        world_x, world_y, pose_x, pose_y, pose_yaw, 1.0 if upright else -1.0, posed=True, origin=(float(x0), float(y0))
     )
 
 
@@ -140,9 +130,7 @@ class Raw:
 
     def bearings(self) -> Float64:
         """Return (K, B) the bearing of each beam [rad]."""
-        found: Float64 = self.angle_min[:, None] + self.angle_increment[:, None] * np.arange(
-            self.ranges.shape[1]
-        )
+        found: Float64 = self.angle_min[:, None] + self.angle_increment[:, None] * np.arange(self.ranges.shape[1])
         return found
 
 
@@ -290,11 +278,7 @@ def map_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> Occupancy | None:
     from lidarcli.reports.figures import round_up
 
     ends = np.concatenate([part.end.reshape(2, -1) for part in parts], axis=1)
-    side = (
-        float(np.nanmax(np.nanmax(ends, axis=1) - np.nanmin(ends, axis=1)))
-        if np.isfinite(ends).any()
-        else 0.0
-    )
+    side = float(np.nanmax(np.nanmax(ends, axis=1) - np.nanmin(ends, axis=1))) if np.isfinite(ends).any() else 0.0
     counts = Counts(max(round_up(max(side, 1e-3) / MAP_CELLS), MAP_RESOLUTION), MAP_CELLS**2)
     try:
         for part in parts:
@@ -420,9 +404,7 @@ class Paths:
         self._table, self._rows = trajectories, rows_of(trajectories, topic, self._sweeps)
         self._at = np.searchsorted(self._sweeps, trajectories.integers("sweep")[self._rows])
         self._track, self._seconds = (self._column(name) for name in ("track", "t"))
-        self._x, self._y = (
-            self._column(name) - origin for name, origin in zip("xy", self._ground.origin, strict=True)
-        )
+        self._x, self._y = (self._column(name) - origin for name, origin in zip("xy", self._ground.origin, strict=True))
 
     def _column(self, name: str) -> Float64:
         return self._table.numbers(name)[self._rows]

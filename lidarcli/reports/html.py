@@ -264,17 +264,7 @@ class _Objects:
         self.sweep = rows.integers("sweep")
         self.columns = {
             name: rows.numbers(name)
-            for name in (
-                "object",
-                "theta_i",
-                "theta_f",
-                "box_x",
-                "box_y",
-                "box_length",
-                "box_width",
-                "box_yaw",
-                "r_min",
-            )
+            for name in ("object", "theta_i", "theta_f", "box_x", "box_y", "box_length", "box_width", "box_yaw", "r_min")
         }
         self.shape = _codes(rows.words("shape"), SHAPES)
         self.set = _codes(rows.words("set"), SETS)
@@ -293,9 +283,7 @@ class _Objects:
         return offsets, mine[order[np.repeat(low, size) + inside]]
 
 
-def _stream(
-    run: Run, stream: Stream, rows: NDArray[np.intp], objects: _Objects, raw: Raw | None
-) -> dict[str, Any]:
+def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], objects: _Objects, raw: Raw | None) -> dict[str, Any]:
     sweeps = run.sweeps.integers("sweep")[rows]
     stamp = run.sweeps.integers("stamp")[rows]
     offsets, members = objects.of(stream, sweeps)
@@ -352,9 +340,7 @@ def _stream(
     return packed | limits_of(shown, ground, *corners, np.tile(of_sweep, 4))
 
 
-def _corners(
-    x: Float64, y: Float64, length: Float64, width: Float64, yaw: Float64
-) -> tuple[Float64, Float64]:
+def _corners(x: Float64, y: Float64, length: Float64, width: Float64, yaw: Float64) -> tuple[Float64, Float64]:
     """Return (4 K,) x and y of the corners of K boxes [m]."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     ends = [(u * length / 2, v * width / 2) for u in (-1, 1) for v in (-1, 1)]
@@ -394,9 +380,7 @@ def _tracks(run: Run, members: Int64) -> dict[str, Any]:
     moves = run.objects.numbers("moving")[members] == 1
     packed: dict[str, Any] = {
         # Numbers beyond are no track's of a log that a page can show.
-        "track": _packed(
-            np.nan_to_num(np.minimum(run.objects.numbers("track")[members], 2**31 - 1)), np.int32
-        ),
+        "track": _packed(np.nan_to_num(np.minimum(run.objects.numbers("track")[members], 2**31 - 1)), np.int32),
         "speed": SPEED,
     }
     for name in ("vx", "vy"):
@@ -429,9 +413,7 @@ def _speeds(values: Float64) -> dict[str, str]:
 
 def _shares(values: Float64) -> UInt8:
     """Return shares as bytes."""
-    found: UInt8 = np.where(np.isnan(values), NOT_KNOWN, np.clip(np.round(values * SURE), 0, SURE)).astype(
-        np.uint8
-    )
+    found: UInt8 = np.where(np.isnan(values), NOT_KNOWN, np.clip(np.round(values * SURE), 0, SURE)).astype(np.uint8)
     return found
 
 
@@ -468,9 +450,7 @@ def _raw(raw: Raw) -> dict[str, Any]:
 def _codes(words: tuple[NDArray[Any], list[str]], known: Sequence[str]) -> UInt8:
     """Return the codes of a column in another list of names; unknown names are the last one."""
     codes, names = words
-    table = np.array(
-        [known.index(name) if name in known else len(known) - 1 for name in names] or [0], np.uint8
-    )
+    table = np.array([known.index(name) if name in known else len(known) - 1 for name in names] or [0], np.uint8)
     found: UInt8 = table[codes]
     return found
 

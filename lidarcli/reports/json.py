@@ -77,9 +77,7 @@ def _summary(summary: Summary) -> dict[str, Any]:
         "sources": _sources(summary.sources),
         "figures": _numbers(summary.figures),
         "beams": {"status": summary.status, "set": summary.sets},
-        "objects": {
-            name: {**dict.fromkeys(summary.kinds[name], 0), **summary.kinds[name]} for name in summary.kinds
-        },
+        "objects": {name: {**dict.fromkeys(summary.kinds[name], 0), **summary.kinds[name]} for name in summary.kinds},
         "histograms": {name: _histogram(one) for name, one in summary.histograms.items()},
         "maps": [_fields(one, "frame", "x0", "y0", "cell", "counts") for one in summary.densities],
         "streams": [_stream(one) for one in summary.streams.all],
@@ -118,32 +116,14 @@ def _tracks(summary: Summary) -> dict[str, Any]:
 
 def _zones(zoned: Zoned) -> dict[str, Any]:
     """Return the zones, and the events to look at first."""
-    names = (
-        "log",
-        "topic",
-        "zone",
-        "kind",
-        "action",
-        "sweep",
-        "t",
-        "duration",
-        "cut",
-        "points",
-        "nearest",
-        "ttc",
-    )
+    names = ("log", "topic", "zone", "kind", "action", "sweep", "t", "duration", "cut", "points", "nearest", "ttc")
     return {
         "zones": [
             {**_fields(one, "name", "action"), "line": one.is_line, **_fields(one, "active", "by", "visits")}
             for one in zoned.zones
         ],
         "events": [
-            {
-                **_fields(one, *names),
-                "set": one.set or None,
-                "track": plain_number(one.track),
-                "label": one.label or None,
-            }
+            {**_fields(one, *names), "set": one.set or None, "track": plain_number(one.track), "label": one.label or None}
             for one in zoned.events
         ],
     }
@@ -166,11 +146,7 @@ def _with_changes(figures: dict[str, float | None], changed: Changed | None) -> 
     return {
         "figures": _numbers(figures | changed.figures),
         "alignments": [
-            {
-                "log_a": one.before,
-                "log_b": one.name,
-                **_fields(one, "dx", "dy", "dyaw", "overlap", "rms"),
-            }
+            {"log_a": one.before, "log_b": one.name, **_fields(one, "dx", "dy", "dyaw", "overlap", "rms")}
             for one in changed.pairs
         ],
         "changes": [
@@ -190,9 +166,7 @@ def _comparison(comparison: Comparison) -> dict[str, Any]:
             "histograms": {name: _histogram(one) for name, one in baseline.histograms.items()},
         },
         "figures": _numbers(comparison.figures),
-        "parameters": [
-            {"name": name, "here": here, "baseline": there} for name, here, there in comparison.parameters
-        ],
+        "parameters": [{"name": name, "here": here, "baseline": there} for name, here, there in comparison.parameters],
         "changes": [asdict(change) for change in comparison.changes],
     }
 

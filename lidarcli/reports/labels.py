@@ -55,12 +55,7 @@ class Rectangle(NamedTuple):
 
     def meets(self, other: Rectangle) -> bool:
         """Return True if the two rectangles overlap."""
-        return (
-            self.left < other.right
-            and other.left < self.right
-            and self.low < other.high
-            and other.low < self.high
-        )
+        return self.left < other.right and other.left < self.right and self.low < other.high and other.low < self.high
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -83,9 +78,7 @@ class Wanted(NamedTuple):
     """Unit vector from the object to the best side for the label."""
 
 
-def set_labels(
-    wanted: Sequence[Wanted], points: Float64, ground: Rectangle, unit: float
-) -> tuple[Rectangle, ...]:
+def set_labels(wanted: Sequence[Wanted], points: Float64, ground: Rectangle, unit: float) -> tuple[Rectangle, ...]:
     """Return a place for each label in `ground`; no two of them overlap while there is room.
 
     Parameters
@@ -153,13 +146,7 @@ class _Tried:
     """The places that are tried for one label, and the cost of each."""
 
     def __init__(
-        self,
-        wanted: Sequence[Wanted],
-        k: int,
-        things: Float64,
-        counts: _Counts,
-        ground: Rectangle,
-        unit: float,
+        self, wanted: Sequence[Wanted], k: int, things: Float64, counts: _Counts, ground: Rectangle, unit: float
     ) -> None:
         mine = wanted[k]
         self._thing = mine.thing
@@ -226,10 +213,7 @@ class _Tried:
         """Return (C, R) True where a rectangle lies on the line from a place to the thing."""
         way = (end - start)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            low, high = (
-                (others[None, :, :2] - start[:, None]) / way,
-                (others[None, :, 2:] - start[:, None]) / way,
-            )
+            low, high = ((others[None, :, :2] - start[:, None]) / way, (others[None, :, 2:] - start[:, None]) / way)
         enters = np.minimum(low, high).max(axis=2)
         leaves = np.maximum(low, high).min(axis=2)
         crossed: NDArray[np.bool_] = (enters < leaves) & (enters < 1.0) & (leaves > 0.0)

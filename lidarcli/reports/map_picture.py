@@ -19,14 +19,7 @@ from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
 from lidarcli.reports import palette
 from lidarcli.reports.columns import Rows
-from lidarcli.reports.drawing import (
-    draw_legend,
-    entries_of,
-    file_bytes,
-    fit_height,
-    new_figure,
-    project_style,
-)
+from lidarcli.reports.drawing import draw_legend, entries_of, file_bytes, fit_height, new_figure, project_style
 from lidarcli.reports.ground import Walls
 from lidarcli.reports.labels import Label, add_labels, along
 from lidarcli.reports.panels import draw_sensor
@@ -131,9 +124,7 @@ def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> byte
         return file_bytes(map_figure(picture, look=look), suffix, look.dpi)
 
 
-def map_figure(
-    picture: MapPicture, longest: float = LONG, look: Look = AS_IT_COMES, greys: Greys | None = None
-) -> Figure:
+def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_COMES, greys: Greys | None = None) -> Figure:
     """Return a figure whose map is `longest` [inch] at its longest side; call it within `project_style`.
 
     Without `greys` they are those of a map by itself.
@@ -190,9 +181,7 @@ def limits_of(picture: MapPicture) -> Limits:
     flat_x, flat_y = flat_x[np.isfinite(flat_x)], flat_y[np.isfinite(flat_y)]
     if not len(flat_x) or not len(flat_y):
         return -1.0, 1.0, -1.0, 1.0
-    left, right, low, high = (
-        float(value) for value in (flat_x.min(), flat_x.max(), flat_y.min(), flat_y.max())
-    )
+    left, right, low, high = (float(value) for value in (flat_x.min(), flat_x.max(), flat_y.min(), flat_y.max()))
     air = max(AIR * max(right - left, high - low), 0.5)
     # The bar of the scale has its place below.
     return left - air, right + air, low - 2.0 * air, high + air
@@ -232,29 +221,16 @@ def _marks(axes: Axes, picture: MapPicture) -> None:
     for x, y in picture.paths:
         axes.plot(x, y, color=palette.GREEN, lw=1.0, zorder=3, label="path of the sensor")
         if len(x) and picture.snapshot is None:
-            axes.plot(
-                x[:1], y[:1], "o", color=palette.GREEN, ms=3.5, zorder=4, label="path of the sensor: start"
-            )
+            axes.plot(x[:1], y[:1], "o", color=palette.GREEN, ms=3.5, zorder=4, label="path of the sensor: start")
     for _, x, y in picture.agents:
         axes.plot(x, y, color=palette.VERMILION, lw=0.9, zorder=5, label="what moved")
-        axes.plot(
-            x[-1:],
-            y[-1:],
-            "^",
-            color=palette.VERMILION,
-            ms=3.0,
-            mew=0,
-            zorder=6,
-            label="what moved: last place",
-        )
+        axes.plot(x[-1:], y[-1:], "^", color=palette.VERMILION, ms=3.0, mew=0, zorder=6, label="what moved: last place")
     _boxes(axes, picture.boxes, "what stands")
     _labels(axes, picture)
     shot = picture.snapshot
     if shot is None:
         return
-    axes.plot(
-        *shot.points, ".", color=palette.VERMILION, ms=2.6, mew=0, zorder=4, label=f"sweep {shot.sweep}"
-    )
+    axes.plot(*shot.points, ".", color=palette.VERMILION, ms=2.6, mew=0, zorder=4, label=f"sweep {shot.sweep}")
     _boxes(axes, shot.boxes, "objects of the sweep")
     draw_sensor(axes, shot.x, shot.y, shot.yaw, 7.0)
 
@@ -340,9 +316,7 @@ def paths_of(sweeps: Rows) -> list[tuple[Float64, Float64]]:
     return found
 
 
-def overview(
-    sweeps: Rows, tracks: Rows | None, trajectories: Rows | None, stands: bool = False
-) -> MapPicture | None:
+def overview(sweeps: Rows, tracks: Rows | None, trajectories: Rows | None, stands: bool = False) -> MapPicture | None:
     """Return the run from above, what moved by its trajectories; None where no sweep has a pose.
 
     Without poses the frame of a sensor that `stands` is the world.
@@ -506,8 +480,6 @@ def _open_beams(axes: Axes, sensor: Background, direction: np.ndarray[Any, np.dt
     reach = float(known.max()) if len(known) else 1.0
     way = direction[np.isinf(r_e)]
     ends = np.array([1.0 + OPEN_RAY, 1.0 + 2 * OPEN_RAY]) * reach
-    axes.plot(
-        np.cos(way) * ends[:, None], np.sin(way) * ends[:, None], color=palette.LIGHT, linewidth=0.6, zorder=0
-    )
+    axes.plot(np.cos(way) * ends[:, None], np.sin(way) * ends[:, None], color=palette.LIGHT, linewidth=0.6, zorder=0)
     if len(way):
         axes.plot([], [], color=palette.LIGHT, linewidth=1.2, label="open: nothing returns")

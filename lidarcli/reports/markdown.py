@@ -7,19 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 
 from lidarcli.display import visible
-from lidarcli.reports.document import (
-    MARKDOWN,
-    Bands,
-    Block,
-    Code,
-    Document,
-    Drawing,
-    Facts,
-    Listing,
-    Notes,
-    Shares,
-    Table,
-)
+from lidarcli.reports.document import MARKDOWN, Bands, Block, Code, Document, Drawing, Facts, Listing, Notes, Shares, Table
 from lidarcli.reports.terminal import band_lines
 from lidarcli.reports.wording import share
 
@@ -55,8 +43,7 @@ def _beginning(report: Document) -> Iterator[str]:
         yield f"**Warning:** {_text(warning)}\n"
     if report.verdicts:
         rows = [
-            ["passed" if one.holds else "**failed**", _text(Code(one.expression)), one.words]
-            for one in report.verdicts
+            ["passed" if one.holds else "**failed**", _text(Code(one.expression)), one.words] for one in report.verdicts
         ]
         yield from (f"**{report.judgement}.**", "", *_table(["", "check", "found"], rows, (2,)))
 
@@ -68,9 +55,7 @@ def _lines(block: Block) -> Iterator[str]:
         case Facts():
             yield from _table([name for name, _ in block.rows], [[_text(value) for _, value in block.rows]])
         case Shares():
-            rows = [
-                [_text(kind), f"{count:,}", share(count, block.total)] for kind, count in block.counts.items()
-            ]
+            rows = [[_text(kind), f"{count:,}", share(count, block.total)] for kind, count in block.counts.items()]
             yield from _table([block.kind, block.unit, "share"], rows, (1, 2))
         case Bands():
             yield from _fenced(band_lines(block))

@@ -30,14 +30,7 @@ SET_STYLES = {"S": (GREY, "o", 0.7), "O": (BLUE, "o", 1.0), "A": (VERMILION, "^"
 """Set (Def. 4) → colour, mark, share of the size of a dot."""
 SET_LEGENDS = {name: words if name == "S" else f"beams on {words}" for name, words in SET_WORDS.items()}
 """Set (Def. 4) → how legends call its beams."""
-SHAPE_COLOURS = {
-    "prismatic": SKY,
-    "round": ORANGE,
-    "legged": GREEN,
-    "irregular": PURPLE,
-    "unknown": DARK,
-    "wall": YELLOW,
-}
+SHAPE_COLOURS = {"prismatic": SKY, "round": ORANGE, "legged": GREEN, "irregular": PURPLE, "unknown": DARK, "wall": YELLOW}
 SHAPE_DOTS = {"irregular": (0.0, (1.2, 0.7))}
 """Shape → dots of its outline: in print its colour is as grey as that of another box."""
 SHAPE_WORDS = {
@@ -51,13 +44,7 @@ SHAPE_WORDS = {
 """Shape → how legends call what has it."""
 VERTICES = {"start": (">", BLACK), "end": ("<", BLACK), "corner": ("s", VERMILION), "extremum": ("D", GREEN)}
 
-ZONE_COLOURS = {
-    "stop": VERMILION,
-    "approach": BLUE,
-    "slowdown": YELLOW,
-    "limit": ORANGE,
-    "none": PURPLE,
-}
+ZONE_COLOURS = {"stop": VERMILION, "approach": BLUE, "slowdown": YELLOW, "limit": ORANGE, "none": PURPLE}
 """Action of a zone, the worst first → its colour; `none` is that of zones without an action."""
 
 STYLE: dict[str, Any] = {
@@ -135,9 +122,7 @@ def on_dark(colour: str) -> str:
 
 def page_style() -> str:
     """Return the colours as CSS properties; on paper, and in `.paper`, they are those for light ground."""
-    light, dark = (
-        "".join(f" --{name}: {pair[k]};" for name, pair in COLOURS.items()) + _kinds(k) for k in (0, 1)
-    )
+    light, dark = ("".join(f" --{name}: {pair[k]};" for name, pair in COLOURS.items()) + _kinds(k) for k in (0, 1))
     return (
         f":root, .paper {{ color-scheme: light;{light} }}\n"
         f"@media screen and (prefers-color-scheme: dark) {{ :root {{ color-scheme: dark;{dark} }} }}"

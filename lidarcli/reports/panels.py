@@ -109,12 +109,7 @@ def _signed(value: float) -> str:
 
 
 def scene(
-    axes: Axes,
-    picture: Picture,
-    limits: Limits | None = None,
-    had: Frame | None = None,
-    *,
-    vertices: bool = False,
+    axes: Axes, picture: Picture, limits: Limits | None = None, had: Frame | None = None, *, vertices: bool = False
 ) -> Frame:
     """Draw one sweep in its sensor frame [m], x to the right: beams, objects with their numbers, tracks.
 
@@ -147,17 +142,7 @@ def scene(
 def draw_sensor(axes: Axes, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, size: float = 6.0) -> None:
     """Draw the sensor as a triangle that points along its x axis [m, rad]."""
     turn = float(np.degrees(yaw)) - 90.0
-    axes.plot(
-        [x],
-        [y],
-        marker=(3, 0, turn),
-        color=palette.BLACK,
-        ms=size,
-        mew=0,
-        ls="none",
-        zorder=8,
-        label="sensor",
-    )
+    axes.plot([x], [y], marker=(3, 0, turn), color=palette.BLACK, ms=size, mew=0, ls="none", zorder=8, label="sensor")
 
 
 def scatter_beams(axes: Axes, picture: Picture, x: Float64, y: Float64, dot: float) -> None:
@@ -347,9 +332,7 @@ def sweep(axes: Axes, picture: Picture, limits: Limits, had: Frame | None = None
     axes.plot(*_broken(theta, ranges), color=palette.LIGHT, lw=0.6, zorder=2)
     scatter_beams(axes, picture, theta, ranges, CURVE_DOT)
     low = float(np.degrees(picture.view[0]))
-    mark_vertices(
-        axes, picture, lambda angle, r: (low + np.degrees(unwound(angle - np.radians(low))), r), True
-    )
+    mark_vertices(axes, picture, lambda angle, r: (low + np.degrees(unwound(angle - np.radians(low))), r), True)
     return _curve(picture, (0.0, limits.r), r"range $r(\theta)$ [m]").on(axes, had)
 
 
@@ -367,9 +350,7 @@ def difference(axes: Axes, picture: Picture, limits: Limits, had: Frame | None =
     _stems(axes, theta[below], s[below], color=palette.GREY, lw=0.6, zorder=3)
     if beyond.any():
         _stems(axes, theta[beyond], s[beyond], color=palette.VERMILION, lw=0.9, zorder=4)
-        axes.plot(
-            theta[beyond], s[beyond], ".", color=palette.VERMILION, ms=3, zorder=4, label=r"$|s| > d_{th}$"
-        )
+        axes.plot(theta[beyond], s[beyond], ".", color=palette.VERMILION, ms=3, zorder=4, label=r"$|s| > d_{th}$")
     axes.axhline(0, color=palette.BLACK, lw=0.5, zorder=2)
     for sign in (1, -1):
         axes.axhline(sign * d_th, color=palette.BLUE, lw=0.8, ls=(0, (4, 2)), zorder=5)
@@ -386,12 +367,8 @@ def backgrounds(axes: Axes, picture: Picture, limits: Limits, had: Frame | None 
     assert picture.background is not None  # the panel is drawn only with one
     _shade(axes, picture)
     theta = np.degrees(picture.theta)
-    axes.plot(
-        *_broken(theta, picture.background), color=palette.ORANGE, lw=1.6, zorder=3, label="$r_e$, background"
-    )
-    axes.plot(
-        *_broken(theta, picture.ranges), color=palette.BLUE, lw=0.8, zorder=4, label="$r_w$, this sweep"
-    )
+    axes.plot(*_broken(theta, picture.background), color=palette.ORANGE, lw=1.6, zorder=3, label="$r_e$, background")
+    axes.plot(*_broken(theta, picture.ranges), color=palette.BLUE, lw=0.8, zorder=4, label="$r_w$, this sweep")
     return _curve(picture, (0.0, limits.r), "$r_w$, $r_e$ [m]").on(axes, had)
 
 
@@ -412,9 +389,7 @@ def subtraction(axes: Axes, picture: Picture, _: Limits, had: Frame | None = Non
     return _curve(picture, (-reach, reach), "$r_w - r_e$ [m]").on(axes, had)
 
 
-def polar(
-    axes: Axes, picture: Picture, limits: Limits, had: Frame | None = None, *, vertices: bool = False
-) -> Frame:
+def polar(axes: Axes, picture: Picture, limits: Limits, had: Frame | None = None, *, vertices: bool = False) -> Frame:
     """Draw r(θ) in polar coordinates, the sensor in the middle, x to the right; `vertices` as for the scene."""
     found = picture.detection
     labels = []
@@ -437,9 +412,7 @@ def polar(
         add_labels(axes, [Label(str(number), around) for number, around in labels], [points])
     radii = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0, limits.r)
     shown = tuple(float(radius) for radius in radii if 0 < radius <= limits.r)
-    return Frame((-np.pi, np.pi), (0.0, limits.r), y_ticks=shown, radii_at=_free_bearing(picture)).on(
-        axes, had
-    )
+    return Frame((-np.pi, np.pi), (0.0, limits.r), y_ticks=shown, radii_at=_free_bearing(picture)).on(axes, had)
 
 
 def _free_bearing(picture: Picture) -> float:
@@ -491,15 +464,7 @@ def _edges(axes: Axes, picture: Picture) -> None:
         # Beside lost beams the edge has a difference, though its beam has none.
         _stems(axes, at, values[there], color=palette.BLACK, lw=0.5, ls=":", zorder=2)
         axes.plot(
-            at,
-            values[there],
-            "o",
-            mfc="none",
-            mec=palette.BLACK,
-            ms=4.0,
-            mew=0.6,
-            zorder=6,
-            label="edge of an object",
+            at, values[there], "o", mfc="none", mec=palette.BLACK, ms=4.0, mew=0.6, zorder=6, label="edge of an object"
         )
 
 

@@ -53,9 +53,7 @@ class ZoneInSight:
         """Name, and what it asks for; whether it is occupied is told by the number of its points."""
         asked = "" if self.zone.action in ("none", self.zone.name) else f" ({self.zone.action})"
         count = int(np.count_nonzero(self.beams))
-        return f"{printable(self.zone.name)}{asked}" + (
-            f": {counted(count, 'point')}" if self.is_occupied else ""
-        )
+        return f"{printable(self.zone.name)}{asked}" + (f": {counted(count, 'point')}" if self.is_occupied else "")
 
 
 @dataclass(frozen=True)
@@ -166,9 +164,7 @@ class Picture:
         if not self.is_round(k):
             return self.corners(k)
         found = self.detection
-        outline: Float64 = 0.5 * float(found.box_length[k]) * CIRCLE + np.array(
-            [found.box_x[k], found.box_y[k]]
-        )
+        outline: Float64 = 0.5 * float(found.box_length[k]) * CIRCLE + np.array([found.box_x[k], found.box_y[k]])
         return outline
 
     @property

@@ -123,18 +123,8 @@ def cards_of(summary: Summary) -> list[Card]:
     cards = [
         _card("sweeps", number(figures["sweeps"]), logs, "sweep"),
         Card("duration", quantity("duration", figures["duration"]), rate(summary)),
-        _card(
-            "objects",
-            number(figures["objects"]),
-            f"{number(per.mean)} per sweep, at most {number(per.max)}",
-            "object",
-        ),
-        _card(
-            "beams with a range",
-            share(summary.status["valid"], beams),
-            f"of {beams:,}; {lost} no return",
-            "beam",
-        ),
+        _card("objects", number(figures["objects"]), f"{number(per.mean)} per sweep, at most {number(per.max)}", "object"),
+        _card("beams with a range", share(summary.status["valid"], beams), f"of {beams:,}; {lost} no return", "beam"),
     ]
     tracked = summary.tracked
     if tracked is not None:
@@ -155,12 +145,7 @@ def cards_of(summary: Summary) -> list[Card]:
         faults = f"{number(figures['backward'])} backward, {number(figures['repeated'])} repeated"
     cards += [
         _card("gaps", number(figures["gaps"]), missing, "gap"),
-        _card(
-            "clock faults",
-            number((figures["backward"] or 0) + (figures["repeated"] or 0)),
-            faults,
-            "clock fault",
-        ),
+        _card("clock faults", number((figures["backward"] or 0) + (figures["repeated"] or 0)), faults, "clock fault"),
     ]
     return cards
 
@@ -226,9 +211,7 @@ def _logs(summary: Summary) -> Section:
 
 def _overview(summary: Summary) -> Facts:
     figures, total = summary.figures, sum(summary.status.values())
-    objects = (
-        f"{number(figures['objects'])}, on average {number(figures['objects_per_sweep.mean'])} per sweep"
-    )
+    objects = f"{number(figures['objects'])}, on average {number(figures['objects_per_sweep.mean'])} per sweep"
     rows: list[tuple[str, str | Share]] = [
         ("sweeps", f"{number(figures['sweeps'])} in {quantity('duration', figures['duration'])}"),
         ("objects", objects),
@@ -356,10 +339,7 @@ def _track_facts(tracked: Tracked) -> dict[str, str]:
 
 def track_cells(tracks: Sequence[Track]) -> dict[str, list[str]]:
     """Return heading → cells of a table of tracks, where a column has the same number of decimals."""
-    sizes = [
-        " x ".join(f"{value:.2f}" for value in (one.length, one.width) if math.isfinite(value))
-        for one in tracks
-    ]
+    sizes = [" x ".join(f"{value:.2f}" for value in (one.length, one.width) if math.isfinite(value)) for one in tracks]
     return {
         "track": [str(one.number) for one in tracks],
         "kind": ["agent" if one.is_agent else "object" for one in tracks],
@@ -431,9 +411,7 @@ def _standing(summary: Summary) -> Iterator[tuple[str, Section]]:
         if len(summary.streams.all) > 1:
             blocks.append(Notes([(name,)]))
         date, times = _times([one.stamp_ns for one in group])
-        rows = [
-            (KINDS[one.kind], one.words, str(one.sweep), time) for one, time in zip(group, times, strict=True)
-        ]
+        rows = [(KINDS[one.kind], one.words, str(one.sweep), time) for one, time in zip(group, times, strict=True)]
         blocks.append(Table(("", "value", "sweep", date), rows, (1, 2)))
     blocks.append(Notes([("To see one: ", Code("lidarcli plot LOG --topic TOPIC --sweep N -o sweep.png"))]))
     yield "standing", Section("Sweeps that stand out", blocks, (TEXT, MARKDOWN))
@@ -487,14 +465,11 @@ STREAM_COLUMNS: dict[str, Callable[[Sequence[Stream]], list[str]]] = {
 """... and those whose cells have the same number of decimals."""
 
 
-def _table_of_streams(
-    streams: Sequence[Stream], cells: Sequence[str], right: int, most: int, more: str
-) -> Table:
+def _table_of_streams(streams: Sequence[Stream], cells: Sequence[str], right: int, most: int, more: str) -> Table:
     """Return a table of the first `most` streams; columns from `right` on are flush right."""
     shown = streams[:most]
     columns = [
-        STREAM_COLUMNS[name](shown) if name in STREAM_COLUMNS else [*map(STREAM_CELLS[name], shown)]
-        for name in cells
+        STREAM_COLUMNS[name](shown) if name in STREAM_COLUMNS else [*map(STREAM_CELLS[name], shown)] for name in cells
     ]
     left = f"and {len(streams) - most:,} {more}" if len(streams) > most else ""
     return Table(cells, [*zip(*columns, strict=True)], range(right, len(cells)), left)
@@ -506,9 +481,7 @@ def _most(values: Float64) -> float | None:
 
 def _words(summary: Summary) -> tuple[str, Section]:
     """Return the words of the page that not everybody knows."""
-    rows = [
-        (name, words) for name, words in WORDS.items() if summary.tracked is not None or name not in OF_TRACKS
-    ]
+    rows = [(name, words) for name, words in WORDS.items() if summary.tracked is not None or name not in OF_TRACKS]
     rows += [] if summary.zoned is None else ZONE_WORDS.items()
     return "words", Section("Words", [Facts(rows)], (PAGE,))
 
@@ -517,10 +490,7 @@ def _sources(summary: Summary) -> Iterator[tuple[str, Section]]:
     sources = summary.sources
     lines = [(f"damage in {one.log}: {line}",) for one in sources for line in one.damage]
     damage = [Notes(lines, alarming=True)] if lines else []
-    for name, most, formats in (
-        ("sources", STREAMS, (MARKDOWN,)),
-        ("page of sources", STREAMS_OF_PAGE, (PAGE,)),
-    ):
+    for name, most, formats in (("sources", STREAMS, (MARKDOWN,)), ("page of sources", STREAMS_OF_PAGE, (PAGE,))):
         rows = [(one.log, _origin(one), _settings(one)) for one in sources[:most]]
         more = f"and {len(sources) - most:,} more logs" if len(sources) > most else ""
         blocks: list[Block] = [Table(("log", "format", "parameters of detect"), rows, (), more), *damage]
@@ -595,12 +565,7 @@ class Report(Document):
     def cards(self) -> list[Card]:
         """Return the key figures, those of checks and damage last."""
         of_changes = [] if self.changed is None else change_cards(self.changed)
-        return [
-            *cards_of(self.summary),
-            *of_changes,
-            *self.check_cards(),
-            *damage_cards(self.summary),
-        ]
+        return [*cards_of(self.summary), *of_changes, *self.check_cards(), *damage_cards(self.summary)]
 
     @property
     def lines(self) -> tuple[str, ...]:

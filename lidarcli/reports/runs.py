@@ -7,19 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from lidarcli.display import stamp
-from lidarcli.reports.document import (
-    MARKDOWN,
-    PAGE,
-    TEXT,
-    Card,
-    Case,
-    Document,
-    Facts,
-    Listing,
-    Section,
-    Share,
-    Table,
-)
+from lidarcli.reports.document import MARKDOWN, PAGE, TEXT, Card, Case, Document, Facts, Listing, Section, Share, Table
 from lidarcli.reports.figures import Figure
 from lidarcli.reports.wording import counted, number, share
 from lidarcli.tabular.runs import DAMAGED, FAILED, OUTCOMES, Entry, newest
@@ -105,10 +93,7 @@ class RunsReport(Document):
     @property
     def cases(self) -> tuple[Case, ...]:
         """One case per log; a log that failed or is damaged is a failure."""
-        return tuple(
-            Case(log.url, "lidarcli.runs", _failure(log), log.outcome, log.seconds)
-            for log in self.summary.logs
-        )
+        return tuple(Case(log.url, "lidarcli.runs", _failure(log), log.outcome, log.seconds) for log in self.summary.logs)
 
     def sections(self) -> dict[str, Section]:
         """Return the sections by name, in their order."""

@@ -135,9 +135,7 @@ class _Columns:
         self.lost = np.divide(lost, self.beams, out=np.zeros(len(rows)), where=self.beams > 0)
 
 
-def _stream(
-    run: Run, columns: _Columns, mine: Int64, names: tuple[str, str], step: Float64, gap: Bool
-) -> Stream:
+def _stream(run: Run, columns: _Columns, mine: Int64, names: tuple[str, str], step: Float64, gap: Bool) -> Stream:
     stamp, index = columns.stamp[mine], columns.sweep[mine]
     steps = np.diff(stamp)
     # Where only every n-th sweep was taken, a step of n sweeps is none too many.
@@ -216,9 +214,7 @@ def unlike_of(streams: Sequence[Stream]) -> Unlike:
     rates = tuple(one.rate for one in streams if one.rate is not None)
     beams = tuple(float(one.beams) for one in streams)
     frames = tuple(dict.fromkeys(one.frame_id for one in streams))
-    return Unlike(
-        rates if _differ(rates) else (), beams if _differ(beams) else (), frames if len(frames) > 1 else ()
-    )
+    return Unlike(rates if _differ(rates) else (), beams if _differ(beams) else (), frames if len(frames) > 1 else ())
 
 
 def _differ(values: Sequence[float]) -> bool:

@@ -43,22 +43,10 @@ SET_COLUMNS = {"object": "O", "agent": "A", "noise": "S"}
 DRAWN = ("range", "bearing", "width", "objects_per_sweep")
 """Figures with a histogram."""
 OF_OBJECTS, OF_SWEEPS = (
-    {name: figure.column for name, figure in SPREADS.items() if figure.table == table}
-    for table in ("objects", "sweeps")
+    {name: figure.column for name, figure in SPREADS.items() if figure.table == table} for table in ("objects", "sweeps")
 )
 """Figure → column of the objects table, and of the sweeps table."""
-OBJECT_COLUMNS = (
-    "set",
-    "shape",
-    "visibility",
-    "change",
-    "x",
-    "y",
-    "world_x",
-    "world_y",
-    "label",
-    *OF_OBJECTS.values(),
-)
+OBJECT_COLUMNS = ("set", "shape", "visibility", "change", "x", "y", "world_x", "world_y", "label", *OF_OBJECTS.values())
 """Columns of the objects table that a summary reads."""
 TRACKED_COLUMNS = ("topic", "sweep", "track")
 """Further columns of the objects table that a summary reads where there are tracks."""
@@ -156,10 +144,7 @@ def tracked_of(run: Run, streams: Streams) -> Tracked | None:
     values["agents_at_once"] = run.agents_at_once
     spreads = {name: Spread.of(values[name]) for name in TRACK_SPREADS}
     shapes, ends = rows.counts("shape"), rows.counts("end")
-    kinds = {
-        "tracks.shape": shapes,
-        "tracks.end": {name.replace(" ", "_"): count for name, count in ends.items()},
-    }
+    kinds = {"tracks.shape": shapes, "tracks.end": {name.replace(" ", "_"): count for name, count in ends.items()}}
     is_agent = rows.are("set", "A")
     figures: dict[str, float | None] = {"tracks": len(rows), "tracks.agents": int(is_agent.sum())}
     for name, spread in spreads.items():
@@ -196,9 +181,7 @@ def _kept(run: Run, rows: Rows, is_agent: Bool, streams: Streams) -> tuple[Track
     best = np.lexsort((-rows.numbers("sweeps"), ~is_agent))[:KEPT]
     # The table is in order of topic and track.
     order = np.sort(best)
-    words = {
-        name: _texts(rows, name, order) for name in ("topic", "frame_id", "set", "shape", "label", "end")
-    }
+    words = {name: _texts(rows, name, order) for name in ("topic", "frame_id", "set", "shape", "label", "end")}
     numbers = {name: rows.numbers(name)[order].tolist() for name in _NUMBERS}
     whole = {name: rows.integers(name)[order].tolist() for name in _WHOLE}
     found = []
@@ -270,14 +253,8 @@ def values_of(run: Run, streams: Streams) -> dict[str, Float64]:
     """Return the values of every figure that has one per sweep or per object."""
     sweeps = run.sweeps
     beams = sweeps.numbers("beams")
-    lost = np.divide(
-        beams - sweeps.numbers("valid"), beams, out=np.full(len(sweeps), np.nan), where=beams > 0
-    )
-    values = {
-        "objects_per_sweep": run.objects_per_sweep,
-        "lost_share": lost,
-        "step": streams.step,
-    }
+    lost = np.divide(beams - sweeps.numbers("valid"), beams, out=np.full(len(sweeps), np.nan), where=beams > 0)
+    values = {"objects_per_sweep": run.objects_per_sweep, "lost_share": lost, "step": streams.step}
     values |= {name: sweeps.numbers(column) for name, column in OF_SWEEPS.items()}
     mine = run.is_object
     all_mine = bool(mine.all())

@@ -10,19 +10,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from lidarcli.display import no_command, visible
-from lidarcli.reports.document import (
-    TEXT,
-    Bands,
-    Block,
-    Document,
-    Drawing,
-    Facts,
-    Listing,
-    Notes,
-    Share,
-    Shares,
-    Table,
-)
+from lidarcli.reports.document import TEXT, Bands, Block, Document, Drawing, Facts, Listing, Notes, Share, Shares, Table
 from lidarcli.reports.wording import bar, course, number, share
 
 WIDTH = 80
@@ -98,9 +86,7 @@ def _parts(block: Block) -> Iterator[RenderableType]:
                 ]
             )
         case Shares():
-            yield _grid(
-                [[f"{kind:<11}", _share_bar(count, block.total)] for kind, count in block.counts.items()]
-            )
+            yield _grid([[f"{kind:<11}", _share_bar(count, block.total)] for kind, count in block.counts.items()])
         case Bands():
             yield from (_text(f"  {line}", no_wrap=True) for line in band_lines(block))
         case Drawing():
@@ -130,9 +116,7 @@ def _heading(text: str) -> Text:
 
 def _grid(rows: Sequence[Sequence[str]], right: Sequence[int] = (), head: Sequence[str] = ()) -> RichTable:
     """Return a table without lines; columns in `right` are flush right, the last one wraps."""
-    table = RichTable(
-        box=None, show_header=bool(head), pad_edge=False, padding=(0, 2, 0, 0), header_style="dim"
-    )
+    table = RichTable(box=None, show_header=bool(head), pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     columns = len(head or rows[0])
     for index in range(columns):
         last = index == columns - 1

@@ -40,8 +40,7 @@ WORDS = {
     "cut: by the edge of the view",
     "track": "an object followed from sweep to sweep, also while it is hidden, with one number",
     "agent": "a track that was seen to move by itself: a person, a robot",
-    "end": "why a track ends: left view; free: its place was seen empty; lost: nothing tells what became of it; "
-    "end of log",
+    "end": "why a track ends: left view; free: its place was seen empty; lost: nothing tells what became of it; end of log",
     "scene": "structured: at most 0.1 % of the beams are on agents; semi-structured: at most 25 %; unstructured: more",
     "sensor frame": "x is forward, y left, and the sensor the origin",
     "world frame": "the frame in which the path of the sensor is known",
@@ -87,10 +86,7 @@ def column(values: Sequence[float | None], unit: str = "") -> list[str]:
     decimals = 0
     if not is_whole:
         decimals = 2 if 0.1 <= greatest < 10.0 else max(2 - math.floor(math.log10(greatest)), 1)
-    return [
-        NONE if value is None or not math.isfinite(value) else f"{value:,.{decimals}f}{unit}"
-        for value in values
-    ]
+    return [NONE if value is None or not math.isfinite(value) else f"{value:,.{decimals}f}{unit}" for value in values]
 
 
 def quantity(name: str, value: float | None) -> str:
@@ -193,8 +189,7 @@ def has_agents(summary: Summary) -> bool:
 def beams_by_set(summary: Summary) -> dict[str, int]:
     """Return the beams by set; without agents where they were not looked for."""
     return {
-        words if name == "S" else f"on {words}": summary.sets[name]
-        for name, words in beams_on(has_agents(summary)).items()
+        words if name == "S" else f"on {words}": summary.sets[name] for name, words in beams_on(has_agents(summary)).items()
     }
 
 
@@ -234,8 +229,7 @@ def spark(values: Sequence[float] | NDArray[Any], low: float = 0.0) -> str:
     scale = 8 / (top - low) if top - low > LEAST else 0.0
     heights = np.clip(np.nan_to_num(np.ceil((numbers - low) * scale)), 1, 8).astype(int)
     return "".join(
-        " " if not np.isfinite(value) else EIGHTHS[height]
-        for value, height in zip(numbers, heights, strict=True)
+        " " if not np.isfinite(value) else EIGHTHS[height] for value, height in zip(numbers, heights, strict=True)
     )
 
 

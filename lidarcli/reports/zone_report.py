@@ -9,20 +9,7 @@ from dataclasses import dataclass
 from lidarcli.reports.changes import Changed
 from lidarcli.reports.changes_report import change_cards, change_sections
 from lidarcli.reports.columns import Origin
-from lidarcli.reports.document import (
-    MARKDOWN,
-    PAGE,
-    TEXT,
-    Band,
-    Bands,
-    Block,
-    Card,
-    Document,
-    Facts,
-    Notes,
-    Section,
-    Table,
-)
+from lidarcli.reports.document import MARKDOWN, PAGE, TEXT, Band, Bands, Block, Card, Document, Facts, Notes, Section, Table
 from lidarcli.reports.wording import column, counted, number, percent
 from lidarcli.reports.zones import Course, Zoned, ZoneEvent, ZoneSummary
 
@@ -69,10 +56,7 @@ def zone_sections(zoned: Zoned, logs: Sequence[str]) -> Iterator[tuple[str, Sect
         blocks.append(Notes([(f"and {counted(len(zoned.courses) - LOGS, 'more log')}",)]))
     blocks += [_table(ways, WAY_CELLS)] if ways else []
     yield "zones", Section("Zones", blocks)
-    for name, most, formats in (
-        ("events", EVENTS, (TEXT, MARKDOWN)),
-        ("page of events", len(zoned.events), (PAGE,)),
-    ):
+    for name, most, formats in (("events", EVENTS, (TEXT, MARKDOWN)), ("page of events", len(zoned.events), (PAGE,))):
         if shown := zoned.events[:most]:
             rows = event_cells(shown, several=len(logs) > 1)
             left = zoned.listed - len(shown)
@@ -89,11 +73,7 @@ def zone_cells(one: ZoneSummary) -> dict[str, str]:
     by = [f"{WHO[name]} {one.by[name]}" for name in WHO if one.by.get(name)]
     cells = {"zone": one.name}
     if not one.is_line:
-        cells |= {
-            "events": number(values["events"]),
-            "active": _seconds(one.active),
-            "nearest": _metres(values["nearest"]),
-        }
+        cells |= {"events": number(values["events"]), "active": _seconds(one.active), "nearest": _metres(values["nearest"])}
     if one.visits:
         cells |= {"visits": number(one.visits), "dwell": _seconds(values["dwell.mean"])}
     if one.is_line or values["in"] or values["out"]:
@@ -184,12 +164,7 @@ class ZonesReport(Document):
         """Return the key figures, those of checks last."""
         time = _seconds(sum(self.zoned.seconds.values()))
         of_changes = [] if self.changed is None else change_cards(self.changed)
-        return [
-            Card("sweeps", number(self.zoned.sweeps), time),
-            *zone_cards(self.zoned),
-            *of_changes,
-            *self.check_cards(),
-        ]
+        return [Card("sweeps", number(self.zoned.sweeps), time), *zone_cards(self.zoned), *of_changes, *self.check_cards()]
 
     @property
     def lines(self) -> tuple[str, ...]:

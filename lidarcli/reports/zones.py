@@ -99,17 +99,10 @@ def _values(watched: Watched, zone: str, columns: Mapping[str, Float64]) -> dict
         "points.max": of["points"].max,
         "ttc.min": of["ttc"].min,
         # Without tracks nobody knows who went across.
-        **{
-            way: int((crossings & events.are("direction", way)).sum()) if agents.count else None
-            for way in OF_LINES
-        },
+        **{way: int((crossings & events.are("direction", way)).sum()) if agents.count else None for way in OF_LINES},
         "observed": observed,
     }
-    spreads = {
-        "duration": Spread.of(duration[alarms]),
-        "agents_at_once": agents,
-        "dwell": Spread.of(duration[visits]),
-    }
+    spreads = {"duration": Spread.of(duration[alarms]), "agents_at_once": agents, "dwell": Spread.of(duration[visits])}
     for name, spread in spreads.items():
         values |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}
     return values
@@ -324,12 +317,8 @@ def _gravest(watched: Watched, logs: Sequence[str]) -> tuple[ZoneEvent, ...]:
     """Return the events to look at first: by action, then the nearest, then the longest."""
     rows = watched.events
     mine = np.flatnonzero(np.any([rows.are("kind", kind) for kind in LISTED], axis=0))
-    action = np.array(
-        [GRAVEST.index(word) if word in GRAVEST else len(GRAVEST) for word in _texts(rows, "action")]
-    )
-    numbers = {
-        name: rows.numbers(name) for name in ("t", "duration", "points", "nearest", "ttc", "track", "cut")
-    }
+    action = np.array([GRAVEST.index(word) if word in GRAVEST else len(GRAVEST) for word in _texts(rows, "action")])
+    numbers = {name: rows.numbers(name) for name in ("t", "duration", "points", "nearest", "ttc", "track", "cut")}
     is_stale = rows.are("kind", "stale")
     nearest, longest = np.nan_to_num(numbers["nearest"], nan=np.inf), -numbers["duration"]
     order = mine[np.lexsort((longest[mine], nearest[mine], action[mine], is_stale[mine]))][:KEPT]
@@ -366,15 +355,11 @@ def _texts(rows: Rows, name: str) -> list[str]:
     return ["" if code < 0 else names[code] for code in codes.tolist()]
 
 
-def _courses(
-    watched: Watched, source: int, span: tuple[int, int], actions: Mapping[str, str]
-) -> Iterator[Course]:
+def _courses(watched: Watched, source: int, span: tuple[int, int], actions: Mapping[str, str]) -> Iterator[Course]:
     """Yield the course of each zone in a source."""
     first, last = span
     events, rows = watched.events, watched.zones
-    begin, end = (
-        np.clip((events.integers(name) - first) / max(last - first, 1), 0.0, 1.0) for name in ("start", "end")
-    )
+    begin, end = (np.clip((events.integers(name) - first) / max(last - first, 1), 0.0, 1.0) for name in ("start", "end"))
     here = events.source == source
     for name in watched.names:
         if not (of_zone(rows, name) & (rows.source == source)).any():

@@ -12,10 +12,7 @@ ALL = 0
 
 
 def start(
-    file: BinaryIO,
-    profile: str,
-    compression: CompressionType = CompressionType.ZSTD,
-    chunk_size: int = 1 << 20,
+    file: BinaryIO, profile: str, compression: CompressionType = CompressionType.ZSTD, chunk_size: int = 1 << 20
 ) -> Writer:
     """Return a writer whose bytes depend on what is written alone."""
     # The library would write summary offsets of groups without any record, too, which are none; files need no offsets.

@@ -34,15 +34,7 @@ def ros1_definition(name: str) -> str:
     return ROS1.generate_msgdef(name, ros_version=1)[0]
 
 
-_GEOMETRY = (
-    "angle_min",
-    "angle_max",
-    "angle_increment",
-    "time_increment",
-    "scan_time",
-    "range_min",
-    "range_max",
-)
+_GEOMETRY = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
 
 
 def cdr_scans(raw: RawSweeps) -> list[bytes]:
@@ -78,9 +70,7 @@ def _set(message: np.ndarray[Any, Any], **values: object) -> None:
 
 
 def _bulk(
-    raw: RawSweeps,
-    layout: Callable[[bytes], list[tuple[str, str]]],
-    finish: Callable[[np.ndarray[Any, Any], bytes], None],
+    raw: RawSweeps, layout: Callable[[bytes], list[tuple[str, str]]], finish: Callable[[np.ndarray[Any, Any], bytes], None]
 ) -> list[bytes]:
     """Build all messages of one frame and beam count at once, and return them in the order of the sweeps."""
     out: list[bytes] = [b""] * len(raw)
@@ -125,11 +115,7 @@ class Outgoing(NamedTuple):
     data: bytes
 
 
-BAG_COMPRESSIONS = {
-    "none": None,
-    "bz2": rosbag1.Writer.CompressionFormat.BZ2,
-    "lz4": rosbag1.Writer.CompressionFormat.LZ4,
-}
+BAG_COMPRESSIONS = {"none": None, "bz2": rosbag1.Writer.CompressionFormat.BZ2, "lz4": rosbag1.Writer.CompressionFormat.LZ4}
 
 
 def bag_writer(path: Path, compression: str) -> rosbag1.Writer:
@@ -144,7 +130,5 @@ def bag_writer(path: Path, compression: str) -> rosbag1.Writer:
 
 def lz4_frame(data: bytes) -> bytes:
     """Return a frame of independent blocks, a checksum at its end and no size at its start: roslz4 reads no other."""
-    frame: bytes = compress(
-        data, compression_level=0, block_linked=False, content_checksum=True, store_size=False
-    )
+    frame: bytes = compress(data, compression_level=0, block_linked=False, content_checksum=True, store_size=False)
     return frame

@@ -9,27 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from lidarcli.errors import OptionError
-from lidarcli.simulation.text_logs import (
-    intensity_texts,
-    number_or_word,
-    only_topic,
-    seconds,
-    shortest,
-    texts,
-    write_lines,
-)
+from lidarcli.simulation.text_logs import intensity_texts, number_or_word, only_topic, seconds, shortest, texts, write_lines
 from lidarcli.sweeps import RawSweeps
 
 _S = 1_000_000_000
-_GEOMETRY = (
-    "angle_min",
-    "angle_max",
-    "angle_increment",
-    "time_increment",
-    "scan_time",
-    "range_min",
-    "range_max",
-)
+_GEOMETRY = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
 
 
 def write_csv(path: Path, blocks: Iterable[RawSweeps], layout: str = "rostopic") -> None:
@@ -83,9 +67,7 @@ def _plotjuggler(blocks: Iterable[RawSweeps]) -> Iterator[str]:
         names += [f"{topic}/{name}" for name in _GEOMETRY] + [f"{topic}/header/stamp"]
         names += [f"{topic}/{name}[{i}]" for name in _arrays(topic in bright) for i in range(width)]
     yield ",".join(names)
-    sizes = {
-        topic: len(_GEOMETRY) + 1 + width * len(_arrays(topic in bright)) for topic, width in widths.items()
-    }
+    sizes = {topic: len(_GEOMETRY) + 1 + width * len(_arrays(topic in bright)) for topic, width in widths.items()}
     for _, block, row, ranges in _sweeps(kept):
         own = [*_geometry(block, row), seconds(int(block.stamp_ns[row]))]
         if block.topic in bright:
@@ -122,9 +104,7 @@ def _mcap(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     kept = list(blocks)
     width = max((block.ranges.shape[1] for block in kept), default=0)
     arrays = _arrays(any(block.intensities is not None for block in kept))
-    sorted_names = sorted(
-        ("header.frame_id", "header.stamp.nanosec", "header.stamp.sec", *_GEOMETRY, *arrays)
-    )
+    sorted_names = sorted(("header.frame_id", "header.stamp.nanosec", "header.stamp.sec", *_GEOMETRY, *arrays))
     names = ["log_time", "publish_time", "sequence"]
     for name in sorted_names:
         names += [f"{name}.{i}" for i in range(width)] if name in arrays else [name]

@@ -31,9 +31,7 @@ def wall(points: Sequence[Sequence[float]] | Float64) -> Entity:
     local = corners - centre
     length, width = high - low
     sides: Float64 = np.hstack([local[:-1], local[1:]])
-    return Entity(
-        "wall", float(centre[0]), float(centre[1]), 0.0, float(length), float(width), segments=sides
-    )
+    return Entity("wall", float(centre[0]), float(centre[1]), 0.0, float(length), float(width), segments=sides)
 
 
 def box(x: float, y: float, length: float, width: float, yaw: float = 0.0, motion: Motion = STILL) -> Entity:
@@ -43,20 +41,11 @@ def box(x: float, y: float, length: float, width: float, yaw: float = 0.0, motio
 
 def cylinder(x: float, y: float, radius: float, motion: Motion = STILL) -> Entity:
     """Return a round thing: a pillar, a bin, a pole."""
-    return Entity(
-        "cylinder", x, y, 0.0, 2 * radius, 2 * radius, circles=np.array([[0, 0, radius]]), motion=motion
-    )
+    return Entity("cylinder", x, y, 0.0, 2 * radius, 2 * radius, circles=np.array([[0, 0, radius]]), motion=motion)
 
 
 def legged(
-    kind: str,
-    x: float,
-    y: float,
-    length: float,
-    width: float,
-    leg: float,
-    yaw: float = 0.0,
-    motion: Motion = STILL,
+    kind: str, x: float, y: float, length: float, width: float, leg: float, yaw: float = 0.0, motion: Motion = STILL
 ) -> Entity:
     """Return a thing on four legs of the thickness `leg`, in the corners of length × width.
 
@@ -72,9 +61,7 @@ def legged(
     return Entity(kind, x, y, yaw, length, width, segments=segments, motion=motion)
 
 
-def person(
-    x: float, y: float, yaw: float = 0.0, gap: float = 0.25, leg: float = 0.12, motion: Motion = STILL
-) -> Entity:
+def person(x: float, y: float, yaw: float = 0.0, gap: float = 0.25, leg: float = 0.12, motion: Motion = STILL) -> Entity:
     """Return two round legs of the diameter `leg`, their axes `gap` apart, facing `yaw`.
 
     A stride swings them; on a route they step.
@@ -85,9 +72,7 @@ def person(
     return Entity("person", x, y, yaw, motion.stride + leg, gap + leg, circles=circles, motion=motion)
 
 
-def plant(
-    x: float, y: float, radius: float, seed: int = 0, yaw: float = 0.0, motion: Motion = STILL
-) -> Entity:
+def plant(x: float, y: float, radius: float, seed: int = 0, yaw: float = 0.0, motion: Motion = STILL) -> Entity:
     """Return a plant: a ragged star polygon whose tips lie between half and all of the radius."""
     rng = np.random.Generator(np.random.PCG64(seed))
     leaves = int(rng.integers(9, 16))

@@ -40,9 +40,7 @@ def place(entities: tuple[Entity, ...], sensor_poses: Float64, seconds: Float64)
         pose[~entity.present(seconds)] = np.nan
         cos, sin = np.cos(pose[:, 2:]), np.sin(pose[:, 2:])
 
-        def moved(
-            x: Float64, y: Float64, pose: Float64 = pose, cos: Float64 = cos, sin: Float64 = sin
-        ) -> list[Float64]:
+        def moved(x: Float64, y: Float64, pose: Float64 = pose, cos: Float64 = cos, sin: Float64 = sin) -> list[Float64]:
             return [pose[:, :1] + cos * x - sin * y, pose[:, 1:2] + sin * x + cos * y]
 
         sides, rings = entity.segments, entity.circles
@@ -51,9 +49,7 @@ def place(entities: tuple[Entity, ...], sensor_poses: Float64, seconds: Float64)
         feet = entity.feet(seconds)
         if feet is None and entity.motion.stride:
             phase = np.pi * 2 * entity.motion.cadence * seconds
-            swing = (entity.motion.stride / 2 * np.sin(phase))[:, None] * (
-                1 - 2 * (np.arange(len(rings)) % 2)
-            )
+            swing = (entity.motion.stride / 2 * np.sin(phase))[:, None] * (1 - 2 * (np.arange(len(rings)) % 2))
         radius = np.broadcast_to(rings[:, 2], swing.shape)
         centres = moved(rings[:, 0] + swing, rings[:, 1])
         if feet is not None:
@@ -205,9 +201,7 @@ class Faults:
             measured = np.rint(measured / sensor.resolution) * sensor.resolution
         return self._limit(measured.astype(np.float32), entity, hit, padding, bearings)
 
-    def _limit(
-        self, measured: Float32, entity: Int32, hit: Int32, padding: Bool, bearings: Float64
-    ) -> Float32:
+    def _limit(self, measured: Float32, entity: Int32, hit: Int32, padding: Bool, bearings: Float64) -> Float32:
         """Return the ranges with those out of limits, lost, and padding replaced."""
         sensor = self.sensor
         nothing = ~(measured <= np.float32(sensor.range_max))
@@ -327,9 +321,7 @@ def simulate_blocks(scene: Scene, sweeps: int, seed: int = 0, size: int = 512) -
         yield SimulatedBlock(raw, first, seconds, poses, entity)
 
 
-def simulate_sweep_arrays(
-    scene: Scene, n_sweeps: int, seed: int = 0
-) -> tuple[RawSweeps, Int32, tuple[Entity, ...]]:
+def simulate_sweep_arrays(scene: Scene, n_sweeps: int, seed: int = 0) -> tuple[RawSweeps, Int32, tuple[Entity, ...]]:
     """Return all sweeps, the (S, B) entity of every beam (-1: none), and the entities."""
     blocks = list(simulate_blocks(scene, n_sweeps, seed))
     raw = concatenate([block.raw for block in blocks])
@@ -352,9 +344,7 @@ def _time_increments(sensor: Sensor, beams: Int32) -> Float64:
     return exact
 
 
-def _cast_in_turn(
-    scene: Scene, seconds: Float64, increment: Float64, bearings: Float64
-) -> tuple[Float64, Int32]:
+def _cast_in_turn(scene: Scene, seconds: Float64, increment: Float64, bearings: Float64) -> tuple[Float64, Int32]:
     """Cast beams at their own times: world and sensor move during a sweep."""
     sweeps, beams = bearings.shape
     shapes = sum(len(entity.segments) + len(entity.circles) for entity in scene.entities)

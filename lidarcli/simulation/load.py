@@ -12,18 +12,7 @@ import numpy as np
 from lidarcli.errors import OptionError
 from lidarcli.simulation.entities import box, cylinder, legged, person, plant, wall
 from lidarcli.simulation.route import CORNERS, Corner, Route, Waypoint, plan_route
-from lidarcli.simulation.scene import (
-    LOST_AS,
-    Course,
-    Entity,
-    LostAs,
-    Motion,
-    Mount,
-    Odometry,
-    Scene,
-    Sensor,
-    super_ellipse,
-)
+from lidarcli.simulation.scene import LOST_AS, Course, Entity, LostAs, Motion, Mount, Odometry, Scene, Sensor, super_ellipse
 from lidarcli.tomlfiles import Fields, read_toml
 
 MAX_WAYPOINTS = 1_000
@@ -125,15 +114,12 @@ def load_route(table: Fields) -> Route:
         named = point.text("corner", corner, CORNERS)
         corner = next(name for name in CORNERS if name == named)
         x, y = point.number("x"), point.number("y")
-        found.append(
-            Waypoint(x, y, point.number("speed", speed, low=LEAST), point.number("wait", 0.0, low=0), corner)
-        )
+        found.append(Waypoint(x, y, point.number("speed", speed, low=LEAST), point.number("wait", 0.0, low=0), corner))
         point.done()
     ends = zip(found, found[1:] + found[: int(loop)], strict=False)
     if any(hypot(b.x - a.x, b.y - a.y) < LEAST for a, b in ends):
         table.fail(
-            "waypoints",
-            f"must be {LEAST:g} m apart at least, one from the next" + " and the last from the first" * loop,
+            "waypoints", f"must be {LEAST:g} m apart at least, one from the next" + " and the last from the first" * loop
         )
     route = plan_route(
         found,
@@ -180,9 +166,7 @@ def load_scene(path: str | Path) -> Scene:
             fields.done()
     shapes = sum(len(entity.segments) + len(entity.circles) for entity in found)
     if shapes > MAX_SHAPES:
-        raise OptionError(
-            f"{file}: {shapes:,} sides and circles are more than a scene may have ({MAX_SHAPES:,})"
-        )
+        raise OptionError(f"{file}: {shapes:,} sides and circles are more than a scene may have ({MAX_SHAPES:,})")
     scene = Scene(
         name=head.text("name", Path(path).stem),
         sensor=sensor,
@@ -213,9 +197,7 @@ def _sensor(fields: Fields) -> Sensor:
         first = fields.number("angle_min", -180.0, low=-720, high=720)
         last = fields.number("angle_max", 180.0, low=-720, high=720)
         if last <= first:
-            fields.fail(
-                "angle_max", "must be above angle_min; for a sensor turning clockwise set clockwise = true"
-            )
+            fields.fail("angle_max", "must be above angle_min; for a sensor turning clockwise set clockwise = true")
         step = (last - first) / max(beams - 1, 1)
     if beams > 1 and step < LEAST_STEP:
         fields.fail("beams", f"leaves {step:g} degrees from beam to beam; the least is {LEAST_STEP:g}")

@@ -134,8 +134,7 @@ class Route:
             y=points[:, 1],
             heading=heading + before + turn * smooth(share),
             speed=speed,
-            yaw_rate=self.pieces.curvature[piece] * speed
-            + turn * 6 * share * (1 - share) / phases.length[phase],
+            yaw_rate=self.pieces.curvature[piece] * speed + turn * 6 * share * (1 - share) / phases.length[phase],
             phase=phase,
             since=since,
             way=self.pieces.way[piece] + along,
@@ -225,9 +224,7 @@ def _pieces(waypoints: list[Waypoint], radius: float, acceleration: float, loop:
             cut = min(radius * np.tan(abs(turn) / 2), room)
             bend = cut / np.tan(abs(turn) / 2)
         ahead = np.array([np.cos(heading[number]), np.sin(heading[number])])
-        straight = _Piece(
-            points[number] + begin * ahead, heading[number], 0.0, length[number] - begin - cut, point.speed
-        )
+        straight = _Piece(points[number] + begin * ahead, heading[number], 0.0, length[number] - begin - cut, point.speed)
         found.append(straight)
         if standing:
             straight.pause = (0.0 if last else after.wait, turn)
@@ -239,9 +236,7 @@ def _pieces(waypoints: list[Waypoint], radius: float, acceleration: float, loop:
     return found
 
 
-def _phases(
-    pieces: list[_Piece], first_wait: float, acceleration: float, turn_rate: float
-) -> tuple[Phases, float]:
+def _phases(pieces: list[_Piece], first_wait: float, acceleration: float, turn_rate: float) -> tuple[Phases, float]:
     """Return the journey over the pieces, as fast as the limits let it be."""
     # Squared speeds at the ends of the pieces, first what the pieces allow, then what can be reached and left again.
     squared = [0.0] * (len(pieces) + 1)

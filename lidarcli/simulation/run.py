@@ -74,9 +74,7 @@ def simulate(
     if sweeps is not None and not 0 <= sweeps <= MAX_SWEEPS:
         raise OptionError(f"--sweeps must be at least 0 and at most {MAX_SWEEPS:,}, not {sweeps}")
     if duration is not None and not 0 <= duration <= MAX_SECONDS:
-        raise OptionError(
-            f"--duration must be at least 0 and at most {MAX_SECONDS:,} seconds, not {duration:g}"
-        )
+        raise OptionError(f"--duration must be at least 0 and at most {MAX_SECONDS:,} seconds, not {duration:g}")
     if not 0 <= seed <= MAX_SEED:
         raise OptionError(f"--seed must be at least 0 and at most {MAX_SEED}, not {seed}")
     resolution = MAP_RESOLUTION if map_resolution is None else map_resolution
@@ -116,10 +114,7 @@ def simulate(
         for file, data in zip(map_files, map_data, strict=True):
             with writing(file):
                 new.part(file).write_bytes(data)
-        with (
-            writing(log),
-            TruthWriter(new.part(result.truth), new.part(result.truth_beams), scene, seed) as truth,
-        ):
+        with writing(log), TruthWriter(new.part(result.truth), new.part(result.truth_beams), scene, seed) as truth:
 
             def raw() -> Iterator[RawSweeps]:
                 for block in simulate_blocks(scene, count, seed):

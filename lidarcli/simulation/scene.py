@@ -118,11 +118,7 @@ class Entity:
             poses[:, 2] = self.yaw + (poses[:, 2] if self.motion.ahead else own)
             return poses
         return np.column_stack(
-            [
-                self.x + velocity[0] * seconds,
-                self.y + velocity[1] * seconds,
-                self.yaw + self.motion.yaw_rate * seconds,
-            ]
+            [self.x + velocity[0] * seconds, self.y + velocity[1] * seconds, self.yaw + self.motion.yaw_rate * seconds]
         )
 
     def velocities(self, seconds: Float64) -> Float64:

@@ -305,9 +305,7 @@ def _player(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None) -> Iterat
                 pose += 1
             scan += 1
             strengths = intensity_texts(block, row, "0")
-            measured = "".join(
-                f"{number} {strength} " for number, strength in zip(ranges, strengths, strict=True)
-            )
+            measured = "".join(f"{number} {strength} " for number, strength in zip(ranges, strengths, strict=True))
             yield f"{_player_head(int(block.stamp_ns[row]), 'laser')} {scan:04d} {_player_geometry(block, row)} {measured}"
 
 
@@ -317,11 +315,7 @@ def _player_head(stamp: int, interface: str) -> str:
 
 def _player_geometry(block: RawSweeps, row: int) -> str:
     """Return first and last bearing, step, greatest range, and the number of ranges."""
-    first, step, beams = (
-        float(block.angle_min[row]),
-        float(block.angle_increment[row]),
-        int(block.beams[row]),
-    )
+    first, step, beams = (float(block.angle_min[row]), float(block.angle_increment[row]), int(block.beams[row]))
     most = shortest(block.range_max[row : row + 1])[0]
     return f"{first!r} {first + (beams - 1) * step!r} {step!r} {most} {beams:04d}"
 
@@ -387,10 +381,7 @@ def _message(block: RawSweeps, row: int) -> dict[str, Any]:
     first, step = float(block.angle_min[row]), float(block.angle_increment[row])
     times = [0.0 if each is None else float(each[row]) for each in (block.time_increment, block.scan_time)]
     return {
-        "header": {
-            "stamp": {"sec": whole, "nanosec": rest},
-            "frame_id": block.frame_ids[int(block.frame[row])],
-        },
+        "header": {"stamp": {"sec": whole, "nanosec": rest}, "frame_id": block.frame_ids[int(block.frame[row])]},
         "angle_min": first,
         "angle_max": first + (beams - 1) * step,
         "angle_increment": step,

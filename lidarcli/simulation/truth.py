@@ -46,42 +46,21 @@ TRUTH = _schema(
     Column("kind", pa.dictionary(pa.int8(), pa.string()), "", "box, cylinder, ladder, plant, wall, ..."),
     Column("wall", "bool", "", "true for what is part of the building"),
     Column("beams", "int32", "", "beams of the sweep that hit it"),
-    Column(
-        "theta_i",
-        "float32",
-        "rad",
-        "bearing of the first of them, counter-clockwise; null for walls",
-        nullable=True,
-    ),
-    Column(
-        "theta_f",
-        "float32",
-        "rad",
-        "bearing of the last of them, above theta_i; null for walls",
-        nullable=True,
-    ),
+    Column("theta_i", "float32", "rad", "bearing of the first of them, counter-clockwise; null for walls", nullable=True),
+    Column("theta_f", "float32", "rad", "bearing of the last of them, above theta_i; null for walls", nullable=True),
     *(Column(axis, "float64", "m", "centre in the sensor frame") for axis in "xy"),
     Column("yaw", "float64", "rad", "orientation in the sensor frame"),
     Column("length", "float64", "m", "extent along its own x axis"),
     Column("width", "float64", "m", "extent along its own y axis"),
     *(Column(f"world_{axis}", "float64", "m", "centre in the world") for axis in "xy"),
     Column("world_yaw", "float64", "rad", "orientation in the world"),
-    Column(
-        "vx", "float64", "m/s", "velocity of the centre over ground, world frame; of a person, of the body"
-    ),
+    Column("vx", "float64", "m/s", "velocity of the centre over ground, world frame; of a person, of the body"),
     Column("vy", "float64", "m/s", "velocity of the centre over ground, world frame"),
     Column("yaw_rate", "float64", "rad/s", "how fast it turns, counter-clockwise"),
-    Column(
-        "moving",
-        "bool",
-        "",
-        "whether it moves by itself in this sweep: its centre goes somewhere or it turns",
-    ),
+    Column("moving", "bool", "", "whether it moves by itself in this sweep: its centre goes somewhere or it turns"),
 )
 TRUTH_BEAMS = _schema(
-    _SWEEP,
-    BEAM_OF_SENSOR._replace(unit=""),
-    Column("entity", "int32", "", "index of the entity it hit, -1 for none"),
+    _SWEEP, BEAM_OF_SENSOR._replace(unit=""), Column("entity", "int32", "", "index of the entity it hit, -1 for none")
 )
 
 
@@ -116,9 +95,7 @@ class TruthWriter:
     def __enter__(self) -> TruthWriter:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if kind is None:
             self._flush()
         self.truth.close()

@@ -19,31 +19,14 @@ from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS, TEXT_CONTAINERS
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.foxglove import descriptors, json_schema
 from lidarcli.ros.mcap_file import start
-from lidarcli.ros.messages import (
-    BAG_COMPRESSIONS,
-    ROS1,
-    ROS2,
-    SCAN,
-    Outgoing,
-    bag_writer,
-    ros1_definition,
-    ros2_definition,
-)
+from lidarcli.ros.messages import BAG_COMPRESSIONS, ROS1, ROS2, SCAN, Outgoing, bag_writer, ros1_definition, ros2_definition
 from lidarcli.simulation.generate import SimulatedPoses
 from lidarcli.simulation.messages import CDR, JSON, LASERSCAN_IDL, PROTOBUF, ROS1_BYTES, Encoding, as_clouds
-from lidarcli.simulation.text_logs import (
-    write_aria,
-    write_carmen,
-    write_jsonlines,
-    write_player,
-    write_rplidar,
-)
+from lidarcli.simulation.text_logs import write_aria, write_carmen, write_jsonlines, write_player, write_rplidar
 from lidarcli.sweeps import RawSweeps
 
 
-def outgoing(
-    blocks: Iterable[RawSweeps], poses: SimulatedPoses | None, encoding: Encoding
-) -> Iterator[Outgoing]:
+def outgoing(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None, encoding: Encoding) -> Iterator[Outgoing]:
     """Encode sweeps block by block, merging in the poses."""
     pose = 0
     if poses is not None and len(poses) and poses.odometry.tf:
@@ -125,13 +108,9 @@ def write_mcap(
                 if message.type not in schemas:
                     name, kind, text = schema_of(message.type)
                     schemas[message.type] = writer.register_schema(name, kind, text)
-                channels[message.topic] = writer.register_channel(
-                    message.topic, channel_encoding, schemas[message.type]
-                )
+                channels[message.topic] = writer.register_channel(message.topic, channel_encoding, schemas[message.type])
             number = counts[message.topic] = counts.get(message.topic, -1) + 1
-            writer.add_message(
-                channels[message.topic], message.record_ns, message.data, message.stamp_ns, number
-            )
+            writer.add_message(channels[message.topic], message.record_ns, message.data, message.stamp_ns, number)
         writer.finish()  # type: ignore[no-untyped-call]
 
 
@@ -143,11 +122,7 @@ except ImportError:  # older releases of rosbags write through the standard libr
 else:
     DATABASE_ERRORS += (apsw.Error,)
 
-FOLDER_COMPRESSIONS = {
-    "none": CompressionMode.NONE,
-    "zstd": CompressionMode.FILE,
-    "zstd-message": CompressionMode.MESSAGE,
-}
+FOLDER_COMPRESSIONS = {"none": CompressionMode.NONE, "zstd": CompressionMode.FILE, "zstd-message": CompressionMode.MESSAGE}
 
 
 def write_bag(
@@ -164,15 +139,11 @@ def write_bag(
         _write_messages(writer, ROS1, outgoing(blocks, poses, encode))
 
 
-def _write_messages(
-    writer: rosbag1.Writer | rosbag2.Writer, definitions: Typestore, messages: Iterable[Outgoing]
-) -> None:
+def _write_messages(writer: rosbag1.Writer | rosbag2.Writer, definitions: Typestore, messages: Iterable[Outgoing]) -> None:
     channels: dict[str, Connection] = {}
     for message in messages:
         if message.topic not in channels:
-            channels[message.topic] = writer.add_connection(
-                message.topic, message.type, typestore=definitions
-            )
+            channels[message.topic] = writer.add_connection(message.topic, message.type, typestore=definitions)
         writer.write(channels[message.topic], message.record_ns, message.data)
 
 
@@ -310,9 +281,7 @@ def _writer(
     compressions, default = _COMPRESSIONS.get(container, (("none",), "none"))
     packed = one_of("compression", compression, tuple(compressions), default)
     if container == "mcap":
-        return partial(
-            write_mcap, encoding=encode, compression=packed, chunk_size=chunk_size, poses=poses, clouds=clouds
-        )
+        return partial(write_mcap, encoding=encode, compression=packed, chunk_size=chunk_size, poses=poses, clouds=clouds)
     if container == "bag":
         return partial(write_bag, compression=packed, poses=poses, clouds=clouds)
     if container in BAG_FOLDERS:

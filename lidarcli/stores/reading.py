@@ -110,9 +110,7 @@ class StoreFile(io.RawIOBase):
     def _fetch(self, number: int) -> bytes:
         data = bytes(self._object.read_at(PIECE, number * PIECE))
         if len(data) < min(PIECE, self.size - number * PIECE):
-            raise OSError(
-                f"the object ends at byte {number * PIECE + len(data):,}: it was replaced meanwhile"
-            )
+            raise OSError(f"the object ends at byte {number * PIECE + len(data):,}: it was replaced meanwhile")
         return data
 
     def _fetch_ahead(self, number: int) -> None:

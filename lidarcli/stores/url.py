@@ -190,9 +190,7 @@ def place(text: str | PathLike[str] | Url) -> Place:
         raise OptionError(f"{scheme}://{bucket}/...: an endpoint is named without credentials")
     key = key.strip("/") if not key.startswith("/") else key
     if key.startswith("/") or "//" in key:
-        raise OptionError(
-            f"{scheme}://{bucket}/{key}: names with an empty part (//) cannot be read or written"
-        )
+        raise OptionError(f"{scheme}://{bucket}/{key}: names with an empty part (//) cannot be read or written")
     return Url(scheme, bucket, key, asked)
 
 
@@ -383,10 +381,7 @@ def _gcs(bucket: str, asked: dict[str, str]) -> Any:
     endpoint = asked.get("endpoint_override") or emulator
     if endpoint:
         scheme, mark, host = endpoint.rpartition("://")
-        settings |= {
-            "endpoint_override": host.rstrip("/"),
-            "scheme": asked.get("scheme") or (scheme if mark else "http"),
-        }
+        settings |= {"endpoint_override": host.rstrip("/"), "scheme": asked.get("scheme") or (scheme if mark else "http")}
     return GcsFileSystem(**settings)
 
 
@@ -395,16 +390,10 @@ def _azure(bucket: str) -> Any:
         from pyarrow.fs import AzureFileSystem
     except ImportError as err:
         raise OptionError(f"az://{bucket}: this build of pyarrow has no Azure storage") from err
-    told = dict(
-        part.split("=", 1)
-        for part in (_env("AZURE_STORAGE_CONNECTION_STRING") or "").split(";")
-        if "=" in part
-    )
+    told = dict(part.split("=", 1) for part in (_env("AZURE_STORAGE_CONNECTION_STRING") or "").split(";") if "=" in part)
     host = bucket.partition("@")[2]
     account = (
-        host.partition(".")[0]
-        or told.get("AccountName")
-        or _env("AZURE_STORAGE_ACCOUNT", "AZURE_STORAGE_ACCOUNT_NAME")
+        host.partition(".")[0] or told.get("AccountName") or _env("AZURE_STORAGE_ACCOUNT", "AZURE_STORAGE_ACCOUNT_NAME")
     )
     if not account:
         raise OptionError(

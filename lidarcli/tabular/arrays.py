@@ -125,9 +125,7 @@ def any_nan(values: NDArray[np.floating[Any]]) -> bool:
     return math.isnan(np.minimum.reduce(values, initial=0.0))
 
 
-def spelled(
-    codes: NDArray[np.uint8], names: tuple[bytes, ...]
-) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+def spelled(codes: NDArray[np.uint8], names: tuple[bytes, ...]) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
     """Return the offsets of the names of (K,) codes, (K + 1,), and their letters."""
     offsets = np.zeros(len(codes) + 1, np.int32)
     np.cumsum(np.array([*map(len, names)], np.int32)[codes], out=offsets[1:])

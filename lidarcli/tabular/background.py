@@ -174,8 +174,7 @@ def _sensors(table: pa.Table, geometries: list[dict[str, Any]]) -> list[Backgrou
         raise ValueError("rows are missing")
     starts = np.cumsum([0, *rows]).tolist()
     return [
-        _sensor(table.slice(start, count), entry)
-        for start, count, entry in zip(starts, rows, geometries, strict=False)
+        _sensor(table.slice(start, count), entry) for start, count, entry in zip(starts, rows, geometries, strict=False)
     ]
 
 
@@ -211,10 +210,7 @@ def _sensor(table: pa.Table, entry: dict[str, Any]) -> Background:
         **{name: values(name) for name in _PER_BEAM},
         sweeps=of_station("sweeps").astype(np.int64),
         poses=SweepPoses(
-            of_station("pose_x"),
-            of_station("pose_y"),
-            of_station("pose_yaw"),
-            of_station("upside_down").astype(bool),
+            of_station("pose_x"), of_station("pose_y"), of_station("pose_yaw"), of_station("upside_down").astype(bool)
         ),
         distance=entry["station_distance"],
         angle=entry["station_angle"],

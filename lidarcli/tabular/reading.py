@@ -29,12 +29,9 @@ DEEPEST_METADATA = 20
 """Levels of lists and objects in a value of the metadata; what lidarcli writes has four."""
 ANY = "any"
 """Kind of a table whose columns are not checked."""
-MAKERS = {
-    "background": "background build",
-    "tracks": "track",
-    "trajectories": "track",
-    "changes": "diff",
-} | dict.fromkeys(("events", "zones"), "zones")
+MAKERS = {"background": "background build", "tracks": "track", "trajectories": "track", "changes": "diff"} | dict.fromkeys(
+    ("events", "zones"), "zones"
+)
 """Kind of table → the command that writes it, where that is not `detect`."""
 KINDS = {**SCHEMAS, "background": BACKGROUND, "changes": CHANGES}
 """Kind of table → the columns by which it is recognised."""
@@ -77,9 +74,7 @@ Readable = Place | HeldTable
 """A table that can be read: a file, or one in memory."""
 
 
-def read_columns(
-    path: Readable, kind: str, schema: pa.Schema, names: Iterable[str] | None = None
-) -> pa.Table:
+def read_columns(path: Readable, kind: str, schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Table:
     """Read columns of a table in their declared types, with its metadata; columns that earlier versions lack are null.
 
     Parameters
@@ -108,9 +103,7 @@ def read_columns(
         return pa.Table.from_arrays(columns, schema=wanted.with_metadata(file.schema_arrow.metadata))
 
 
-def read_pieces(
-    path: Readable, kind: str, schema: pa.Schema, names: Iterable[str]
-) -> Iterator[pa.RecordBatch]:
+def read_pieces(path: Readable, kind: str, schema: pa.Schema, names: Iterable[str]) -> Iterator[pa.RecordBatch]:
     """Yield columns as `read_columns` does, piece by piece, for a table that may be large."""
     wanted = read_schema(schema, names)
     with _opened(path, kind) as file:
@@ -216,9 +209,7 @@ def _opened(path: Readable, kind: str) -> Iterator[pq.ParquetFile | HeldTable]:
             yield file
     except (OSError, pa.ArrowException, UnicodeDecodeError) as err:
         if kind == "background" and not _begins_as_parquet(path):
-            raise UnreadableError(
-                f"{path}: no Parquet file; give the table of lidarcli background build"
-            ) from err
+            raise UnreadableError(f"{path}: no Parquet file; give the table of lidarcli background build") from err
         raise UnreadableError(f"{path}: {refused}: {_first_line(err)}") from err
 
 
@@ -259,14 +250,10 @@ def _columns_there(path: Readable, kind: str, there: list[str], wanted: pa.Schem
     """Return the wanted columns that a file has; refuse one that is missing, but for `LATER`, or there twice."""
     missing = sorted(name for name in wanted.names if name not in {*there, *LATER.get(kind, ())})
     if missing and isinstance(path, HeldTable):
-        raise UnreadableError(
-            f"{path} (in memory): no column {', '.join(missing)}; leave the table all of its columns"
-        )
+        raise UnreadableError(f"{path} (in memory): no column {', '.join(missing)}; leave the table all of its columns")
     if missing:
         maker = MAKERS.get(kind, "detect")
-        other = next(
-            (name for name, schema in KINDS.items() if name != kind and {*schema.names} <= {*there}), None
-        )
+        other = next((name for name, schema in KINDS.items() if name != kind and {*schema.names} <= {*there}), None)
         if other is not None:
             raise UnreadableError(
                 f"{path}: this is the {other} table of lidarcli {MAKERS.get(other, 'detect')}; "
@@ -290,9 +277,7 @@ def _fitted(path: Readable, kind: str, field: pa.Field, column: pa.ChunkedArray)
         column.validate(full=True)
         fitted = _cast(column, checked)
     except pa.ArrowException as err:
-        raise UnreadableError(
-            f"{place} holds a value that is no {_words(field.type)}: {_first_line(err)}"
-        ) from err
+        raise UnreadableError(f"{place} holds a value that is no {_words(field.type)}: {_first_line(err)}") from err
     empty = fitted.null_count
     if empty and not pa.types.is_floating(field.type) and field.name not in NULLABLE[kind]:
         raise UnreadableError(f"{place} is empty (null) in {empty:,} of {len(fitted):,} rows")
@@ -314,10 +299,7 @@ def _castable(found: pa.DataType, wanted: pa.DataType) -> bool:
         return _is_list(found) and _castable(found.value_type, wanted.value_type)
     if pa.types.is_struct(wanted) and pa.types.is_struct(found):
         names = [part.name for part in found]
-        return all(
-            names.count(part.name) == 1 and _castable(found.field(part.name).type, part.type)
-            for part in wanted
-        )
+        return all(names.count(part.name) == 1 and _castable(found.field(part.name).type, part.type) for part in wanted)
     return False
 
 

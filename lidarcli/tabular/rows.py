@@ -25,9 +25,7 @@ class Form:
         self.schema = schema_of(TABLES[table])
         self._columns = [(one, field.type) for one, field in zip(TABLES[table], self.schema, strict=True)]
 
-    def fill(
-        self, columns: dict[str, Any], found: Detection | Tracks | Trajectories | None, count: int
-    ) -> pa.RecordBatch:
+    def fill(self, columns: dict[str, Any], found: Detection | Tracks | Trajectories | None, count: int) -> pa.RecordBatch:
         """Return rows: of `columns`, of the arrays that `found` has, and of nulls for what is not known."""
         arrays = []
         for one, kind in self._columns:
@@ -54,9 +52,7 @@ FORMS = {table: Form(table) for table in SCHEMAS}
 """Table of a log → its form."""
 
 
-def objects_rows(
-    log: str, batch: SweepBatch, detection: Detection, labels: Sequence[str] = ()
-) -> pa.RecordBatch:
+def objects_rows(log: str, batch: SweepBatch, detection: Detection, labels: Sequence[str] = ()) -> pa.RecordBatch:
     """Return rows of the objects table: one per object, in the order of the detection (sweep, object).
 
     `labels` are the names that the labels of the detection, if any, are indices of.

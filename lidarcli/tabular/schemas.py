@@ -51,9 +51,7 @@ def _between(columns: Mapping[str, Column], first: str, last: str) -> list[Colum
     return [columns[name] for name in names[names.index(first) : names.index(last) + 1]]
 
 
-VERTICES, FACES = (
-    _list(pa.struct([field_of(COLUMNS[name]) for name in fields_per(each)])) for each in ("vertex", "face")
-)
+VERTICES, FACES = (_list(pa.struct([field_of(COLUMNS[name]) for name in fields_per(each)])) for each in ("vertex", "face"))
 
 _FOLLOWED, _TRACKS, _TRAJECTORIES = map(columns_of, (Followed, Tracks, Trajectories))
 
@@ -68,13 +66,7 @@ BEAM_OF_SENSOR = Column("beam", "int32", "1", "index of the beam, from 0")
 _THETA = Column("theta", "float32", "rad", "bearing of the beam")
 _POSE = (
     *(
-        Column(
-            f"pose_{axis}",
-            "float64",
-            "m",
-            "sensor position in the world frame; null without a pose",
-            nullable=True,
-        )
+        Column(f"pose_{axis}", "float64", "m", "sensor position in the world frame; null without a pose", nullable=True)
         for axis in "xy"
     ),
     Column("pose_yaw", "float64", "rad", "sensor yaw in the world frame; null without a pose", nullable=True),
@@ -104,18 +96,10 @@ TABLES: dict[str, tuple[Column, ...]] = {
         *_between(_FOLLOWED, "track", "moving"),
         *(COLUMNS["thing"], _LABEL, _LABEL_SCORE),
         *(
-            Column(
-                f"world_{axis}",
-                "float64",
-                "m",
-                "box centre in the world frame; null without a pose",
-                nullable=True,
-            )
+            Column(f"world_{axis}", "float64", "m", "box centre in the world frame; null without a pose", nullable=True)
             for axis in "xy"
         ),
-        Column(
-            "world_yaw", "float64", "rad", "box yaw in the world frame; null without a pose", nullable=True
-        ),
+        Column("world_yaw", "float64", "rad", "box yaw in the world frame; null without a pose", nullable=True),
         Column(
             "why",
             "string",
@@ -147,10 +131,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         *(one._replace(later=False) for one in (_LABEL, _LABEL_SCORE)),
         *_between(_TRACKS, "first_sweep", "end"),
     ),
-    "trajectories": (
-        *(_LOG, _TOPIC, _SWEEP, _STAMP, _SECONDS._replace(later=False)),
-        *_TRAJECTORIES.values(),
-    ),
+    "trajectories": (*(_LOG, _TOPIC, _SWEEP, _STAMP, _SECONDS._replace(later=False)), *_TRAJECTORIES.values()),
     "beams": (
         *(_LOG, _TOPIC, _SWEEP, _BEAM, _THETA),
         Column("r", "float32", "m", "range; null where the beam has none", nullable=True),
@@ -167,16 +148,8 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("sweeps", "int64", "1", "sweeps with enough points from its begin to its end"),
         _ZONE,
         Column("kind", "text", "", "occupied, approach, visit, crossing or stale", words=EVENT_KINDS),
-        Column(
-            "action",
-            "text",
-            "",
-            "what the zone asks for: stop, slowdown, limit, approach or none",
-            words=ACTIONS,
-        ),
-        Column(
-            "polygon", "text", "", "part of a velocity_polygon that counted; null elsewhere", nullable=True
-        ),
+        Column("action", "text", "", "what the zone asks for: stop, slowdown, limit, approach or none", words=ACTIONS),
+        Column("polygon", "text", "", "part of a velocity_polygon that counted; null elsewhere", nullable=True),
         Column("start", "stamp", "ns", "stamp with which it begins"),
         Column("end", "stamp", "ns", "last stamp that belongs to it"),
         Column("t", "float64", "s", "begin, in seconds since the first sweep of the log's zones"),
@@ -184,28 +157,10 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("cut", "bool", "", "true where it goes on at an end of the log"),
         Column("points", "int32", "1", "most points at once; null where none are counted", nullable=True),
         Column("agents", "int32", "1", "most agents at once; null without tracks", nullable=True),
-        Column(
-            "nearest",
-            "float64",
-            "m",
-            "least distance from the sensor; null where nothing is measured",
-            nullable=True,
-        ),
-        Column(
-            "bearing",
-            "float64",
-            "rad",
-            "bearing there, seen from the sensor; null like `nearest`",
-            nullable=True,
-        ),
+        Column("nearest", "float64", "m", "least distance from the sensor; null where nothing is measured", nullable=True),
+        Column("bearing", "float64", "rad", "bearing there, seen from the sensor; null like `nearest`", nullable=True),
         *(
-            Column(
-                axis,
-                "float64",
-                "m",
-                "nearest point in the frame of the zone; null like `nearest`",
-                nullable=True,
-            )
+            Column(axis, "float64", "m", "nearest point in the frame of the zone; null like `nearest`", nullable=True)
             for axis in "xy"
         ),
         Column(
@@ -218,21 +173,10 @@ TABLES: dict[str, tuple[Column, ...]] = {
         ),
         Column("track", "int64", "1", "track of most points at that moment; null without one", nullable=True),
         _NAME,
-        Column(
-            "direction",
-            "text",
-            "",
-            "of a crossing: in or out; null elsewhere",
-            words=DIRECTIONS,
-            nullable=True,
-        ),
+        Column("direction", "text", "", "of a crossing: in or out; null elsewhere", words=DIRECTIONS, nullable=True),
         Column("ttc", "float64", "s", "least time to collision; null where none was found", nullable=True),
         Column(
-            "speed",
-            "float64",
-            "m/s",
-            "greatest speed of the robot meanwhile; null where it is not known",
-            nullable=True,
+            "speed", "float64", "m/s", "greatest speed of the robot meanwhile; null where it is not known", nullable=True
         ),
     ),
     "zones": (
@@ -240,11 +184,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         _ZONE,
         Column("points", "int32", "1", "points in the zone, with the newest ones of other sensors"),
         Column(
-            "nearest",
-            "float64",
-            "m",
-            "least distance of such a point from its sensor; null without one",
-            nullable=True,
+            "nearest", "float64", "m", "least distance of such a point from its sensor; null without one", nullable=True
         ),
         Column("ttc", "float64", "s", "time to collision; null where none is near", nullable=True),
         Column("active", "bool", "", "whether an event of the zone goes on"),
@@ -320,9 +260,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
             words=CHANGE_WHYS,
             nullable=True,
         ),
-        Column(
-            "score", "float64", "1", "probability of the status, 0 to 1; 0 where nothing tells", nullable=True
-        ),
+        Column("score", "float64", "1", "probability of the status, 0 to 1; 0 where nothing tells", nullable=True),
         *(
             column
             for run, words in (("a", "where it was in log_a"), ("b", "where it is in log_b"))
@@ -337,28 +275,14 @@ TABLES: dict[str, tuple[Column, ...]] = {
                     )
                     for axis in "xy"
                 ),
-                Column(
-                    f"yaw_{run}",
-                    "float64",
-                    "rad",
-                    f"direction of its longer side in log_{run}",
-                    nullable=True,
-                ),
+                Column(f"yaw_{run}", "float64", "rad", f"direction of its longer side in log_{run}", nullable=True),
             )
         ),
         Column("moved", "float64", "m", "distance between both places; null without both", nullable=True),
-        Column(
-            "turned", "float64", "rad", "turn between both, -π/2 to π/2; null without both", nullable=True
-        ),
+        Column("turned", "float64", "rad", "turn between both, -π/2 to π/2; null without both", nullable=True),
         Column("length", "float64", "m", "longer side; null where unknown", nullable=True),
         Column("width", "float64", "m", "shorter side; null where unknown", nullable=True),
-        Column(
-            "area",
-            "float64",
-            "m²",
-            "its area, of structure that of its cells; null where unknown",
-            nullable=True,
-        ),
+        Column("area", "float64", "m²", "its area, of structure that of its cells; null where unknown", nullable=True),
         *(
             Column(
                 f"track_{run}",
@@ -381,13 +305,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
             for run in "ab"
         ),
         *(
-            Column(
-                f"free_{run}",
-                "float64",
-                "1",
-                f"share of it that log_{run} saw free; null where unknown",
-                nullable=True,
-            )
+            Column(f"free_{run}", "float64", "1", f"share of it that log_{run} saw free; null where unknown", nullable=True)
             for run in "ab"
         ),
     ),
@@ -414,9 +332,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("log", "string", "", "name of the log, which its tables carry"),
         Column("url", "string", "", "where it is: an absolute path, or the URL of an object"),
         Column("size", "int64", "byte", "its size; null where unknown", nullable=True),
-        Column(
-            "etag", "string", "", "the store's mark of its content; null outside of stores", nullable=True
-        ),
+        Column("etag", "string", "", "the store's mark of its content; null outside of stores", nullable=True),
         Column("mtime", "stamp", "ns", "its last change; null where unknown", nullable=True),
         Column("parameters", "string", "", "hash of all that the tables depend on beside the log"),
         Column("version", "string", "", "version of lidarcli"),
@@ -433,21 +349,9 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 """Table → its columns, in order."""
 
-(
-    OBJECTS,
-    SWEEPS,
-    TRACKS,
-    TRAJECTORIES,
-    BEAMS,
-    EVENTS,
-    ZONES,
-    CLEANED,
-    BACKGROUND,
-    CHANGES,
-    CLOUD,
-    POSES,
-    RUNS,
-) = map(schema_of, TABLES.values())
+(OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, CLEANED, BACKGROUND, CHANGES, CLOUD, POSES, RUNS) = map(
+    schema_of, TABLES.values()
+)
 SCHEMAS = {
     "objects": OBJECTS,
     "sweeps": SWEEPS,

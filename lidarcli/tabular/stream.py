@@ -148,12 +148,7 @@ FORMATS: dict[str, Callable[[Output, pa.Schema, dict[bytes, bytes]], RowStream]]
 
 
 def write_stream(
-    out: Output,
-    kind: str,
-    name: str,
-    schema: pa.Schema,
-    metadata: dict[bytes, bytes],
-    pieces: Iterable[pa.RecordBatch],
+    out: Output, kind: str, name: str, schema: pa.Schema, metadata: dict[bytes, bytes], pieces: Iterable[pa.RecordBatch]
 ) -> tuple[int, list[str]]:
     """Write a whole table to a stream.
 

@@ -29,11 +29,7 @@ def tracked_objects(
     tracks : whether the columns on tracks are filled
     """
     sets = followed.set
-    columns: dict[str, Any] = {
-        "object": followed.object,
-        "shape": followed.shape,
-        "thing": followed.thing,
-    }
+    columns: dict[str, Any] = {"object": followed.object, "shape": followed.shape, "thing": followed.thing}
     if tracks:
         columns |= {
             "track": masked(followed.track, followed.track == 0),
@@ -69,10 +65,7 @@ def tracked_sweeps(rows: pa.RecordBatch, followed: Followed, *, tracks: bool) ->
     if not tracks:
         counts["objects"] = counts["objects"] + counts["agents"]
         counts["object_beams"] = counts["object_beams"] + counts["agent_beams"]
-        counts["agents"], counts["agent_beams"] = (
-            np.zeros_like(counts["agents"]),
-            np.zeros_like(counts["agents"]),
-        )
+        counts["agents"], counts["agent_beams"] = (np.zeros_like(counts["agents"]), np.zeros_like(counts["agents"]))
     return FORMS["sweeps"].replaced(rows, counts)
 
 
@@ -86,9 +79,7 @@ def tracked_beams(
     return FORMS["beams"].replaced(rows, {"set": sets[row, beam], "object": masked(owner, owner == 0)})
 
 
-def beam_sets(
-    batch: SweepBatch, detection: Detection, followed: Followed, *, tracks: bool = True
-) -> tuple[UInt8, Int32]:
+def beam_sets(batch: SweepBatch, detection: Detection, followed: Followed, *, tracks: bool = True) -> tuple[UInt8, Int32]:
     """Return the set of each beam and the number of its object, 0 for none, (S, B) each, by the tracking.
 
     `tracks`: tell agents from objects. The detection was made with `per_beam`.
@@ -105,9 +96,7 @@ def beam_sets(
     return sets[row, detection.beam_object], number[row, detection.beam_object]
 
 
-def tracks_rows(
-    log: str, topic: str, tracks: Tracks, frames: Sequence[str], labels: Sequence[str] = ()
-) -> pa.RecordBatch:
+def tracks_rows(log: str, topic: str, tracks: Tracks, frames: Sequence[str], labels: Sequence[str] = ()) -> pa.RecordBatch:
     """Return rows of the tracks table: one per track of a topic, by its number; `frames` are names of sensor frames."""
     count = len(tracks)
     columns = {

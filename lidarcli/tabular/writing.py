@@ -26,12 +26,7 @@ from lidarcli.tabular.stamps import in_unit, restamped
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-VERSION, PARAMETERS, SOURCE, DAMAGE = (
-    "lidarcli.version",
-    "lidarcli.parameters",
-    "lidarcli.source",
-    "lidarcli.damage",
-)
+VERSION, PARAMETERS, SOURCE, DAMAGE = ("lidarcli.version", "lidarcli.parameters", "lidarcli.source", "lidarcli.damage")
 """Keys of the schema metadata."""
 ALIGNMENT, CHANGE_FIGURES = "lidarcli.alignment", "lidarcli.figures"
 """Keys of the table of changes: how runs lie on each other, and what was counted, as JSON."""
@@ -108,9 +103,7 @@ class ParquetSink:
     shown : name of the file in an `OutputError`, by default its path; errors of a stream pass as they are
     """
 
-    def __init__(
-        self, out: Output | pa.NativeFile | Path, schema: pa.Schema, shown: Place | None = None
-    ) -> None:
+    def __init__(self, out: Output | pa.NativeFile | Path, schema: pa.Schema, shown: Place | None = None) -> None:
         self._out = out
         self._schema = schema
         self._shown = out if shown is None and isinstance(out, Path) else shown
@@ -349,9 +342,7 @@ def table_suffix(table: str) -> str:
     return f".{table}.parquet"
 
 
-def table_path(
-    folder: Place, log: str, table: str, layout: str | None = None, date: str | None = None
-) -> Place:
+def table_path(folder: Place, log: str, table: str, layout: str | None = None, date: str | None = None) -> Place:
     """Return `DIR/<log>.<table>.parquet`; `log` may hold the folders below the one that was given.
 
     >>> table_path(Path("out"), "trip/run", "objects", BY_DATE, "2026-11-22").as_posix()
@@ -417,7 +408,5 @@ class TableFiles:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._stack.__exit__(kind, error, trace)

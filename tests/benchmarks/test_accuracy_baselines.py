@@ -41,10 +41,7 @@ def groups(batch: SweepBatch, threshold: Threshold) -> list[int]:
         (dietmayer, [0.3 + 2 * np.sin(DEGREE / 2) * 2.0, 0.3 + 2 * np.sin(DEGREE / 2) * 4.0]),
         (
             borges_aldon,
-            [
-                3.0 * np.sin(DEGREE) / np.sin(9 * DEGREE) + 0.09,
-                4.0 * np.sin(DEGREE) / np.sin(9 * DEGREE) + 0.09,
-            ],
+            [3.0 * np.sin(DEGREE) / np.sin(9 * DEGREE) + 0.09, 4.0 * np.sin(DEGREE) / np.sin(9 * DEGREE) + 0.09],
         ),
     ],
     ids=["fixed", "proportional", "dietmayer", "borges_aldon"],

@@ -23,9 +23,7 @@ def test_drawn_boxes_show_two_faces() -> None:
     bearing = np.unwrap(np.arctan2(drawn.corners[..., 1], drawn.corners[..., 0]), axis=1)
     assert (np.diff(bearing, axis=1) >= 5 * np.deg2rad(0.5) - 1e-12).all()
     sides = np.hypot(*np.moveaxis(np.diff(drawn.corners, axis=1), 2, 0))
-    assert np.sort(sides, axis=1) == pytest.approx(
-        np.sort(np.column_stack([drawn.length, drawn.width]), axis=1)
-    )
+    assert np.sort(sides, axis=1) == pytest.approx(np.sort(np.column_stack([drawn.length, drawn.width]), axis=1))
     assert drawn.corners[:, [0, 2]].mean(axis=1) == pytest.approx(np.column_stack([drawn.x, drawn.y]))
 
 
@@ -55,9 +53,7 @@ def test_distance_to_boxes() -> None:
     centre = np.array([[0.0, 0.0], [0.0, 0.0], [2.0, 1.2], [0.0, 0.0]])
     size = np.array([[2.0, 1.0], [1.0, 2.0], [1.0, 1.0], [2.0, 1.0]])
     yaw = np.array([0.0, np.pi / 2, 0.3, np.pi / 2])
-    assert real.to_boxes(point, centre, size, yaw) == pytest.approx(
-        [np.hypot(1, 0.5), np.hypot(1, 0.5), 0, 1.5]
-    )
+    assert real.to_boxes(point, centre, size, yaw) == pytest.approx([np.hypot(1, 0.5), np.hypot(1, 0.5), 0, 1.5])
 
 
 def test_positions_in_a_moving_frame() -> None:

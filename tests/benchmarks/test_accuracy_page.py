@@ -20,9 +20,7 @@ pytestmark = pytest.mark.whole
 def accuracy(*arguments: str, folder: str | None = None) -> subprocess.CompletedProcess[str]:
     environment = {"LIDARCLI_REAL_LOGS": folder} if folder else {}
     command = [sys.executable, "-m", "benchmarks.accuracy", *arguments]
-    return subprocess.run(
-        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=HANG, check=False
-    )
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=HANG, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -30,9 +28,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of a tiny run, written over a page that holds figures of real recordings."""
     folder = tmp_path_factory.mktemp("page")
     target = folder / "accuracy.md"
-    target.write_text(
-        f"outdated\n{BEGIN}\n\nfigures of real recordings\n\n{END}\noutdated\n", encoding="utf-8"
-    )
+    target.write_text(f"outdated\n{BEGIN}\n\nfigures of real recordings\n\n{END}\noutdated\n", encoding="utf-8")
     options = ["--seeds", "7", "--scenes", "1", "--jobs", "1"]
     done = accuracy(*options, "--page", str(target), "--json", str(folder / "figures.json"))
     assert done.returncode == 0, done.stderr

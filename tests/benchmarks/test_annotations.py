@@ -47,11 +47,7 @@ def board_before_a_wall() -> SweepBatch:
 
 def test_pieces_end_at_steps_and_not_at_few_lost_beams() -> None:
     found = pieces(board_before_a_wall(), 0)
-    assert [(piece.first, piece.last, len(piece.beams)) for piece in found] == [
-        (0, 49, 48),
-        (50, 69, 20),
-        (70, 120, 51),
-    ]
+    assert [(piece.first, piece.last, len(piece.beams)) for piece in found] == [(0, 49, 48), (50, 69, 20), (70, 120, 51)]
 
 
 def test_pieces_end_at_corners_and_may_lie_across_the_seam() -> None:
@@ -106,9 +102,7 @@ def test_a_stray_beam_has_no_verdict_of_its_neighbours(tmp_path: Path) -> None:
     assert stretches == [(0, 19), (21, 39), (42, 58), (61, 120)]
 
 
-@pytest.mark.parametrize(
-    "text", ["place hall\n", "thing 9\nplace lab\n", "chair 1\nplace lab\n", "thing 1\n"]
-)
+@pytest.mark.parametrize("text", ["place hall\n", "thing 9\nplace lab\n", "chair 1\nplace lab\n", "thing 1\n"])
 def test_answers_that_say_nothing_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match="no "):
         answered(text, pieces(board_before_a_wall(), 0), np.ones(121, bool))

@@ -123,11 +123,7 @@ def test_a_case_comes_after_those_that_it_needs() -> None:
 
 
 def test_chosen_cases_bring_those_that_they_need() -> None:
-    assert [case.name for case in chosen(CASES, "report")] == [
-        "short, figure",
-        "short, track",
-        "short, report",
-    ]
+    assert [case.name for case in chosen(CASES, "report")] == ["short, figure", "short, track", "short, report"]
     assert chosen(CASES, "nothing of the kind") == []
 
 
@@ -135,10 +131,7 @@ def test_a_row_says_what_is_wanted() -> None:
     case = Case(ROOM, "detect", "room, iterate", {"x": 2.0, "cpu_x": (1.5, "room, iterate")})
     results = {"room, iterate": {"cpu_x": 2.0}, "room, detect": {"x": 2.5, "cpu_x": 2.5, "objects": 6.0}}
     assert wanted(case, results) == {"x": 2.0, "cpu_x": 3.0}
-    assert (
-        row(case, results)
-        == "| room, detect |  |  |  |  |  | **2.50 > 2** | 2.50 ≤ 3 |  | 6.0 |  | room, iterate |"
-    )
+    assert row(case, results) == "| room, detect |  |  |  |  |  | **2.50 > 2** | 2.50 ≤ 3 |  | 6.0 |  | room, iterate |"
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="needs a system that can pin")

@@ -67,26 +67,8 @@ def some(f1: float, ghosts: int = 0) -> Score:
 
 def some_path(log: str, **others: float) -> PathError:
     """Errors of a path of 72 m with these figures."""
-    told: dict[str, float] = {
-        "rms": float("nan"),
-        "median": 0.002,
-        "slides": 0.0,
-        "unplaced": 0.0,
-        "lost": 2,
-        **others,
-    }
-    return PathError(
-        log,
-        361,
-        360.0,
-        72.4,
-        5.0,
-        p95=0.004,
-        length=0.9876,
-        heading=0.01,
-        milliseconds=0.234,
-        **told,
-    )
+    told: dict[str, float] = {"rms": float("nan"), "median": 0.002, "slides": 0.0, "unplaced": 0.0, "lost": 2, **others}
+    return PathError(log, 361, 360.0, 72.4, 5.0, p95=0.004, length=0.9876, heading=0.01, milliseconds=0.234, **told)
 
 
 def figures(**others: object) -> Figures:
@@ -120,9 +102,7 @@ RECORDED = Recorded("some/log", 100, 20, 5.0, 10.0, 7.5, 1234, 5678)
 def lines(text: str, begin: str) -> list[list[str]]:
     """The cells of the rows of tables that begin with this."""
     return [
-        [cell.strip() for cell in line.strip("|").split("|")]
-        for line in text.splitlines()
-        if line.startswith(f"| {begin}")
+        [cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith(f"| {begin}")
     ]
 
 
@@ -263,11 +243,7 @@ def test_errors_are_those_over_a_stretch_of_the_true_way() -> None:
     true[4] = np.nan
     assert way_of(true)[[0, 3, 5, 20]] == pytest.approx([0.0, 1.5, 2.5, 10.0])
     turn = 0.02
-    found = (
-        1.1
-        * true
-        @ np.array([[np.cos(turn), np.sin(turn), 0.0], [-np.sin(turn), np.cos(turn), 0.0], [0, 0, 1]])
-    )
+    found = 1.1 * true @ np.array([[np.cos(turn), np.sin(turn), 0.0], [-np.sin(turn), np.cos(turn), 0.0], [0, 0, 1]])
     found[:, 2] = turn + 0.01 * true[:, 0]
     found[7] = np.nan
     off, turned, length = errors_over(true, found, 5.0)

@@ -91,9 +91,7 @@ def test_rays_cross_what_a_dense_row_of_points_on_them_touches() -> None:
 
 
 @pytest.mark.parametrize(
-    ("passed", "there"),
-    [(2, [5, 3]), (3, [5])],
-    ids=["1 of 3 visits is more than a quarter", "1 of 4 is not"],
+    ("passed", "there"), [(2, [5, 3]), (3, [5])], ids=["1 of 3 visits is more than a quarter", "1 of 4 is not"]
 )
 def test_gmapping_counts_hits_of_visits(passed: int, there: list[int]) -> None:
     rule = PerBeam()

@@ -56,9 +56,7 @@ def test_equal_tables_have_no_difference() -> None:
         ({"more": [1, 2, 3]}, ("more", 3, 0, 0.0)),
     ],
 )  # fmt: skip
-def test_a_difference_of_one_column(
-    columns: dict[str, object], expected: tuple[str, int, int, float]
-) -> None:
+def test_a_difference_of_one_column(columns: dict[str, object], expected: tuple[str, int, int, float]) -> None:
     (found,) = differences(**columns)
     assert (found.column, found.other, found.beyond, found.greatest) == expected
     assert found.matters == (found.greatest != 2**-40)

@@ -36,16 +36,7 @@ def log(hota: float, *, cell: int, standing: Share) -> Log:
     agreement = Agreement(hota, 1.0, 1.0, 1.0, 1.0, switches=1, entities=4, tracks=5)
     errors = np.array([hota])
     one = Score(
-        agreement,
-        agreement,
-        errors,
-        errors,
-        errors,
-        Share(1, 2),
-        standing,
-        sweeps=10,
-        seconds=1e-3,
-        bodies=Bodies(),
+        agreement, agreement, errors, errors, errors, Share(1, 2), standing, sweeps=10, seconds=1e-3, bodies=Bodies()
     )
     return Log(QUICK[cell], 0, {"some": one}, 1e-4)
 

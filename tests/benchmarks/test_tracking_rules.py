@@ -69,8 +69,7 @@ def test_how_long_a_track_lives_unseen(make: Callable[[], Rules], missed: int, a
 
 
 @pytest.mark.parametrize(
-    ("make", "near", "far"),
-    [(Datmo, 0.24, 0.26), (DynamicObstacleDetector, 0.54, 0.56), (ObstacleDetector, 0.29, 0.31)],
+    ("make", "near", "far"), [(Datmo, 0.24, 0.26), (DynamicObstacleDetector, 0.54, 0.56), (ObstacleDetector, 0.29, 0.31)]
 )
 def test_the_gate(make: Callable[[], Rules], near: float, far: float) -> None:
     for away, same in ((near, True), (far, False)):

@@ -16,14 +16,6 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     folder = tmp_path_factory.mktemp("walk")
     (folder / "walk.toml").write_text(WALK)
-    words = (
-        "-q",
-        "simulate",
-        folder / "walk.toml",
-        "-o",
-        folder / "walk.mcap",
-        "--map",
-        folder / "truth.yaml",
-    )
+    words = ("-q", "simulate", folder / "walk.toml", "-o", folder / "walk.mcap", "--map", folder / "truth.yaml")
     assert run([str(word) for word in words]) == 0
     return folder

@@ -86,9 +86,7 @@ def ply(path: Path) -> Any:
     return points
 
 
-def mapped(
-    logs: Sequence[Path], outputs: Sequence[Path], read: ReadOptions | None = None, **options: Any
-) -> Mapped:
+def mapped(logs: Sequence[Path], outputs: Sequence[Path], read: ReadOptions | None = None, **options: Any) -> Mapped:
     """A map by the pipeline."""
     told = MapOptions(read=read or ReadOptions(), **options)
     with MapRun(find_logs([str(log) for log in logs]), outputs, told) as run:

@@ -30,9 +30,7 @@ def empty_room(count: int = 20, beams: int = 360, frame: str = "laser", first: f
     """The round room of `room_sweeps` before anybody put a box into it."""
     ranges = round_room(count, beams)
     ranges[:, 10] = np.inf
-    return raw_sweeps(
-        ranges, frame_ids=(frame,), angle_min=first, angle_increment=np.float32(2 * np.pi / 360)
-    )
+    return raw_sweeps(ranges, frame_ids=(frame,), angle_min=first, angle_increment=np.float32(2 * np.pi / 360))
 
 
 @pytest.fixture(scope="module")
@@ -86,18 +84,13 @@ def test_pictures(scene: Path, tmp_path: Path, lidarcli: Run, suffix: str, magic
     figures = [tmp_path / f"{name}{suffix}" for name in "ab"]
     for figure in figures:
         output = figure.with_suffix(".parquet")
-        assert (
-            lidarcli("-q", "background", "build", scene / "empty.mcap", "-o", output, "--plot", figure).code
-            == 0
-        )
+        assert lidarcli("-q", "background", "build", scene / "empty.mcap", "-o", output, "--plot", figure).code == 0
     assert figures[0].read_bytes().startswith(magic)
     assert figures[0].read_bytes() == figures[1].read_bytes()
 
 
 def test_a_picture_of_an_unknown_kind_is_a_usage_error(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli(
-        "background", "build", scene / "empty.mcap", "-o", tmp_path / "b.parquet", "--plot", "b.txt"
-    )
+    ran = lidarcli("background", "build", scene / "empty.mcap", "-o", tmp_path / "b.parquet", "--plot", "b.txt")
     assert ran.code == 2
     assert "Invalid value for '--plot': 'b.txt' is none of .png, .svg, .pdf." in ran.err
 
@@ -164,10 +157,7 @@ def test_weak_support_is_told(tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "crowd.mcap", [crowd()])
     file = tmp_path / "b.parquet"
     ran = lidarcli("background", "build", tmp_path / "crowd.mcap", "-o", file, "--pose", "none")
-    told = (
-        "support below 50%: 40 of 360 beams of /scan (laser): most sweeps saw something else there (--plot "
-        "shows where)"
-    )
+    told = "support below 50%: 40 of 360 beams of /scan (laser): most sweeps saw something else there (--plot shows where)"
     assert ran.code == 0
     assert ran.err.splitlines()[1] == f"note: {told}"
     r_e = np.array(pq.read_table(file)["r_e"].to_pylist())
@@ -184,9 +174,7 @@ def test_a_sensor_that_moved_without_poses_is_told(tmp_path: Path, lidarcli: Run
     ran = lidarcli("background", "build", tmp_path / "moved.mcap", "-o", file, "--pose", "none")
     (note,) = [line for line in ran.err.splitlines() if line.startswith("note: ")]
     assert ran.code == 0
-    assert note.startswith(
-        "note: the sensor of /scan (laser) seems to have moved, or to have stood in several places: "
-    )
+    assert note.startswith("note: the sensor of /scan (laser) seems to have moved, or to have stood in several places: ")
     assert note.endswith(
         " of 360 beams do not see the same range in 80% of the sweeps; poses are needed (--pose TOPIC, docs/poses.md), "
         "or logs of a sensor parked in one place (--start, --end)"
@@ -219,10 +207,7 @@ def test_one_background_of_two_places_is_told(x: float, turned: float, tmp_path:
     file = tmp_path / "bg.parquet"
     ran = lidarcli("background", "build", tmp_path / "a.mcap", tmp_path / "b.mcap", "-o", file)
     assert ran.code == 0
-    assert (
-        "note: the sensor of /scan (laser) seems to have moved, or to have stood in several places: "
-        in ran.err
-    )
+    assert "note: the sensor of /scan (laser) seems to have moved, or to have stood in several places: " in ran.err
     alone = lidarcli("background", "build", tmp_path / "a.mcap", "-o", tmp_path / "alone.parquet")
     assert alone.code == 0
     assert "seems to have moved" not in alone.err
@@ -334,10 +319,7 @@ def test_info_knows_a_background_by_its_content(scene: Path, tmp_path: Path, lid
     # One that is cut off, and another table.
     (tmp_path / "cut.parquet").write_bytes((scene / "empty.parquet").read_bytes()[:500])
     pq.write_table(pq.read_table(scene / "empty.parquet", columns=["r_e"]), tmp_path / "part.parquet")
-    for name, cause in (
-        ("cut", "no background: "),
-        ("part", "not a table of lidarcli background build: no column "),
-    ):
+    for name, cause in (("cut", "no background: "), ("part", "not a table of lidarcli background build: no column ")):
         ran = lidarcli("info", tmp_path / f"{name}.parquet", scene / "empty.parquet")
         assert (ran.code, len(ran.err.splitlines())) == (3, 1)
         assert ran.err.startswith(f"lidarcli: {tmp_path / name}.parquet: {cause}")
@@ -401,10 +383,7 @@ def test_subtract_writes_the_bytes_of_detect(
     scene: Path, logs: Path, tmp_path: Path, lidarcli: Run, options: tuple[str, ...]
 ) -> None:
     asked = (logs / "run.mcap", "--background", scene / "empty.parquet", *options)
-    said = [
-        lidarcli("detect", *asked, "-o", tmp_path),
-        {path.name: path.read_bytes() for path in tmp_path.iterdir()},
-    ]
+    said = [lidarcli("detect", *asked, "-o", tmp_path), {path.name: path.read_bytes() for path in tmp_path.iterdir()}]
     again = [
         lidarcli("background", "subtract", *asked, "-o", tmp_path, "--overwrite"),
         {path.name: path.read_bytes() for path in tmp_path.iterdir()},
@@ -424,15 +403,7 @@ def test_subtract_has_the_options_of_detect(lidarcli: Run) -> None:
 
 
 def test_detect_finds_what_is_new(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli(
-        "detect",
-        logs / "run.mcap",
-        "--background",
-        scene / "empty.parquet",
-        "-o",
-        tmp_path,
-        "--beams",
-    )
+    ran = lidarcli("detect", logs / "run.mcap", "--background", scene / "empty.parquet", "-o", tmp_path, "--beams")
     assert ran.code == 0
     assert notes(ran.err) == ["compared with empty.parquet: 30 appeared"]
     objects = pq.read_table(tmp_path / "run.objects.parquet")
@@ -455,15 +426,7 @@ def test_what_has_gone_is_there_when_it_is_asked_for(logs: Path, tmp_path: Path,
     """The background of the first second, in which the second box had not left."""
     early = tmp_path / "early.parquet"
     assert lidarcli("-q", "background", "build", logs / "run.mcap", "-o", early, "--end", "0.95").code == 0
-    common = (
-        "detect",
-        logs / "run.mcap",
-        "--background",
-        early,
-        "-o",
-        tmp_path,
-        "--overwrite",
-    )
+    common = ("detect", logs / "run.mcap", "--background", early, "-o", tmp_path, "--overwrite")
     assert notes(lidarcli(*common).err) == ["compared with early.parquet: 0 appeared"]
     ran = lidarcli(*common, "--removed", "--beams")
     assert ran.err.splitlines()[0] == f"{logs / 'run.mcap'}: 20 sweeps, 0 objects"
@@ -497,10 +460,7 @@ def test_a_stream(scene: Path, logs: Path, lidarcli: Run) -> None:
     options = ("--background", scene / "empty.parquet", "-o", "-", "--end", "0.05")
     ran = lidarcli("-q", "detect", logs / "run.mcap", *options)
     rows = [json.loads(line) for line in ran.out.splitlines()]
-    assert [(row["change"], round(row["difference"], 3)) for row in rows] == [
-        ("appeared", -2.0),
-        ("appeared", -2.5),
-    ]
+    assert [(row["change"], round(row["difference"], 3)) for row in rows] == [("appeared", -2.0), ("appeared", -2.5)]
 
 
 def test_a_threshold_in_metres_is_one_of_the_difference(scene: Path, logs: Path, lidarcli: Run) -> None:
@@ -524,9 +484,7 @@ def test_walls_may_be_asked_for(scene: Path, logs: Path, lidarcli: Run) -> None:
         (("--station-distance", "1"), "--removed, --any-frame and --station-... are for --background FILE"),
     ],
 )
-def test_options_of_a_background_need_one(
-    logs: Path, lidarcli: Run, options: tuple[str, ...], message: str
-) -> None:
+def test_options_of_a_background_need_one(logs: Path, lidarcli: Run, options: tuple[str, ...], message: str) -> None:
     ran = lidarcli("detect", logs / "run.mcap", "-o", "-", *options)
     assert ran.code == 2
     assert message in ran.err
@@ -581,10 +539,7 @@ def test_a_log_with_several_sensors(logs: Path, tmp_path: Path, lidarcli: Run) -
     # The frame is that of both, and the topic of neither.
     ran = lidarcli("detect", logs / "run.mcap", "--background", both, "-o", tmp_path)
     assert ran.code == 2
-    assert (
-        "two.parquet holds several sensors that may be frame laser of /scan: laser (/front), laser (/rear)"
-        in ran.err
-    )
+    assert "two.parquet holds several sensors that may be frame laser of /scan: laser (/front), laser (/rear)" in ran.err
 
 
 def lap(folder: Path, name: str, shift: float = 0.0) -> Path:
@@ -612,9 +567,7 @@ closed = true
 
 def test_a_moving_sensor_has_stations(tmp_path: Path, lidarcli: Run) -> None:
     log, route = lap(tmp_path, "lap"), tmp_path / "route.parquet"
-    ran = lidarcli(
-        "background", "build", log, "-o", route, "--station-distance", "0.35", "--station-angle", "10"
-    )
+    ran = lidarcli("background", "build", log, "-o", route, "--station-distance", "0.35", "--station-angle", "10")
     assert ran.code == 0
     table = pq.read_table(route).to_pandas()
     stations = table.groupby("station").first()
@@ -646,12 +599,8 @@ def test_sweeps_without_a_station_are_counted(tmp_path: Path, lidarcli: Run) -> 
     assert swept.objects.sum() == 0
     assert (swept.noise_beams == swept.beams).all()
     ran = lidarcli("detect", away, "--background", route, "-o", "-", "--pose", "none")
-    assert notes(ran.err)[-1].endswith(
-        "40 of 40 sweeps of frame laser, not compared; 40 of them have no pose"
-    )
-    ran = lidarcli(
-        "detect", away, "--background", route, "-o", "-", "--station-distance", "9", "--station-angle", "30"
-    )
+    assert notes(ran.err)[-1].endswith("40 of 40 sweeps of frame laser, not compared; 40 of them have no pose")
+    ran = lidarcli("detect", away, "--background", route, "-o", "-", "--station-distance", "9", "--station-angle", "30")
     assert not any("without a station" in note for note in notes(ran.err))
 
 

@@ -31,9 +31,7 @@ def log(tmp_path: Path) -> Path:
 
 @pytest.mark.slow
 def test_what_is_told_and_written(log: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli(
-        "clean", log, "-o", tmp_path / "out.clean.mcap", "--remove", "agents,temporary", "--value", "inf"
-    )
+    ran = lidarcli("clean", log, "-o", tmp_path / "out.clean.mcap", "--remove", "agents,temporary", "--value", "inf")
     assert ran.code == 0
     assert ran.err.splitlines() == [
         f"{log}: 80 sweeps; 1,280 of 28,800 beams (4.4%) say inf: agents 0, temporary 1,200, margin 80",
@@ -48,11 +46,7 @@ def test_what_is_told_and_written(log: Path, tmp_path: Path, lidarcli: Run) -> N
     assert table["temporary"].to_pylist() == [BOX] * 40 + [0] * 40
     assert table["log"].unique().to_pylist() == ["run"]
     parameters = json.loads(table.schema.metadata[b"lidarcli.parameters"])
-    assert (parameters["remove"], parameters["value"], parameters["margin"]) == (
-        ["agents", "temporary"],
-        "inf",
-        1,
-    )
+    assert (parameters["remove"], parameters["value"], parameters["margin"]) == (["agents", "temporary"], "inf", 1)
 
 
 @pytest.mark.slow
@@ -74,10 +68,7 @@ def test_clouds_and_other_scans_may_show_the_same(tmp_path: Path, lidarcli: Run)
         writer.finish()  # type: ignore[no-untyped-call]
     ran = lidarcli("clean", first, "-o", second, "--topic", "/scan")
     assert ran.code == 0
-    assert (
-        "copied   90 messages of 3 topics; /points (PointCloud2), /rear (LaserScan) may show the same"
-        in ran.err
-    )
+    assert "copied   90 messages of 3 topics; /points (PointCloud2), /rear (LaserScan) may show the same" in ran.err
 
 
 def refused(lidarcli: Run, code: int, words: str, *command: object) -> None:
@@ -108,9 +99,7 @@ def test_what_cannot_be_cleaned_is_refused_before_any_work(log: Path, tmp_path: 
     refused(lidarcli, 4, "no LaserScan topic /other", log, "-o", out, "--topic", "/other")
     refused(lidarcli, 3, "no such file", tmp_path / "none.mcap", "-o", out)
     refused(lidarcli, 5, "exists; use --overwrite", bag, "-o", _touched(tmp_path / "there.bag"))
-    refused(
-        lidarcli, 5, "exists; use --overwrite", bag, "-o", _touched(tmp_path / "x.cleaned.parquet", "x.bag")
-    )
+    refused(lidarcli, 5, "exists; use --overwrite", bag, "-o", _touched(tmp_path / "x.cleaned.parquet", "x.bag"))
     left = {each.name for each in tmp_path.iterdir()} - {"there.bag", "x.cleaned.parquet"}
     assert sorted(left) == before
 

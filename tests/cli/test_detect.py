@@ -63,9 +63,7 @@ def test_default_folder_is_the_current_one(
 
 
 def test_options_reach_the_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    options = (
-        "--profile paper --threshold 0.5 --min-beams 2 --max-width 3 --max-gap 1 --group-gap 0.1 --walls"
-    )
+    options = "--profile paper --threshold 0.5 --min-beams 2 --max-width 3 --max-gap 1 --group-gap 0.1 --walls"
     options += " --topic /scan --start 0.5 --end 1.5 --every 2 --range 0.5 10 --no-return zero,50"
     assert lidarcli("-q", "detect", logs / "run.mcap", "-o", tmp_path, *options.split()).code == 0
     table = pq.read_table(tmp_path / "run.sweeps.parquet")
@@ -92,9 +90,7 @@ def test_options_reach_the_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> 
 
 def test_same_input_same_bytes(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     for jobs, folder in (("1", "one"), ("2", "two"), ("1", "three")):
-        ran = lidarcli(
-            "-q", "detect", logs / "run.mcap", logs / "two.mcap", "-o", tmp_path / folder, "--jobs", jobs
-        )
+        ran = lidarcli("-q", "detect", logs / "run.mcap", logs / "two.mcap", "-o", tmp_path / folder, "--jobs", jobs)
         assert ran.code == 0
     names = sorted(path.name for path in (tmp_path / "one").iterdir())
     assert names == [f"{log}.{table}.parquet" for log in ("run", "two") for table in ("objects", "sweeps")]
@@ -131,9 +127,7 @@ def expected_rows(logs: Path, tmp_path: Path, lidarcli: Run, log: str) -> list[d
 @pytest.mark.slow
 @pytest.mark.parametrize("log", ["run.mcap", "two.mcap"])
 @pytest.mark.parametrize("kind", ["arrow", "parquet", "ndjson", "csv"])
-def test_streams_equal_the_table(
-    logs: Path, tmp_path: Path, lidarcli: Run, process: Run, log: str, kind: str
-) -> None:
+def test_streams_equal_the_table(logs: Path, tmp_path: Path, lidarcli: Run, process: Run, log: str, kind: str) -> None:
     expected = expected_rows(logs, tmp_path, lidarcli, log)
     files = pq.read_table(next(tmp_path.glob("*.objects.parquet")))
     ran = process("-q", "detect", logs / log, "-o", "-", "--format", kind)
@@ -165,9 +159,7 @@ def test_standard_input_equals_the_file(logs: Path, tmp_path: Path, lidarcli: Ru
 
 
 def test_several_logs_on_one_stream(logs: Path, process: Run) -> None:
-    ran = process(
-        "detect", logs / "run.mcap", logs / "cut.mcap", logs / "two.mcap", "-o", "-", "--format", "parquet"
-    )
+    ran = process("detect", logs / "run.mcap", logs / "cut.mcap", logs / "two.mcap", "-o", "-", "--format", "parquet")
     assert ran.returncode == 3
     table = pq.read_table(io.BytesIO(ran.stdout))
     names = table["log"].to_pylist()
@@ -208,18 +200,7 @@ def test_empty_log_gives_empty_tables(tmp_path: Path, logs: Path, lidarcli: Run)
 
 def test_objects_are_named_by_a_catalogue(lidarcli: Run, tmp_path: Path) -> None:
     catalogue = SAMPLES / "room.catalogue.toml"
-    ran = lidarcli(
-        "detect",
-        SAMPLES / "room.mcap",
-        "--catalogue",
-        catalogue,
-        "-o",
-        "-",
-        "--format",
-        "csv",
-        "--end",
-        "0.05",
-    )
+    ran = lidarcli("detect", SAMPLES / "room.mcap", "--catalogue", catalogue, "-o", "-", "--format", "csv", "--end", "0.05")
     assert ran.code == 0
     head, *rows = [line.split(",") for line in ran.out.splitlines()]
     assert [row[-6] for row in rows] == ["smaller brown box", "brown box", "brown box", "", ""]
@@ -231,9 +212,7 @@ def test_a_bad_catalogue_is_a_usage_error(lidarcli: Run, tmp_path: Path) -> None
     path.write_text('[[thing]]\nname = "a"\nlenght = 1.0\n', encoding="utf-8")
     ran = lidarcli("detect", SAMPLES / "room.mcap", "--catalogue", path, "-o", tmp_path / "out")
     assert ran.code == 2
-    assert ran.err == (
-        f"lidarcli: {path}: [[thing]] number 1: unknown key 'lenght'; did you mean 'length'?\n"
-    )
+    assert ran.err == (f"lidarcli: {path}: [[thing]] number 1: unknown key 'lenght'; did you mean 'length'?\n")
     assert lidarcli("detect", SAMPLES / "room.mcap", "--catalogue", tmp_path / "none.toml").code == 3
 
 

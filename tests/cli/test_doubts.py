@@ -45,9 +45,7 @@ def test_every_command_tells_it(lidarcli: Callable[..., Any], millimetres: Path,
     ran = lidarcli(*COMMANDS[command], "run.mcap")
     assert ran.code == 0
     assert f"{ran.out}{ran.err}".count(NOTE) == 1
-    again = lidarcli(
-        *COMMANDS[command], "run.mcap", "--range-unit", "mm", *(("--overwrite",) * (command != "info"))
-    )
+    again = lidarcli(*COMMANDS[command], "run.mcap", "--range-unit", "mm", *(("--overwrite",) * (command != "info")))
     assert again.code == 0
     assert "--range-unit" not in f"{again.out}{again.err}"
 

@@ -186,11 +186,7 @@ def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Pat
         ("--fov", "1e9", "1e9 is above 1e+06."),
         ("--fov", "12.6", "12.6 radians are more than two turns; --degrees says that angles are degrees."),
         ("--angle-increment", "1e300", "1e300 is above 1e+06."),
-        (
-            "--angle-min",
-            "-13",
-            "-13 radians are more than two turns; --degrees says that angles are degrees.",
-        ),
+        ("--angle-min", "-13", "-13 radians are more than two turns; --degrees says that angles are degrees."),
         ("--angle-min", "-1e300", "-1e300 is below -1e+06."),
         (
             "--no-return",
@@ -215,17 +211,11 @@ def test_unknown_option_value(lidarcli: Run, option: str, value: str, message: s
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            ("--range", "5", "1"),
-            "Invalid value for '--range': 5 to 1 m is no range; give the least and the greatest.",
-        ),
+        (("--range", "5", "1"), "Invalid value for '--range': 5 to 1 m is no range; give the least and the greatest."),
         (("--range", "0", "1e308"), "Invalid value for '--range': 1e308 is above 1e+06."),
         (("--fov", "721", "--degrees"), "Invalid value for '--fov': 721 degrees are more than two turns."),
         (("-o", "-", "--beams"), "--beams writes a file: give -o DIR"),
-        (
-            ("--format", "csv"),
-            "--format is for the stream of -o -, or json for the summary; tables are Parquet",
-        ),
+        (("--format", "csv"), "--format is for the stream of -o -, or json for the summary; tables are Parquet"),
         (("--start", "5", "--end", "5"), "--start 5 is not before --end 5"),
         (("--fov", "3", "--angle-increment", "1"), "--angle-increment and --fov exclude each other"),
     ],
@@ -238,12 +228,8 @@ def test_options_that_do_not_fit(lidarcli: Run, arguments: tuple[str, ...], mess
 def test_no_input_and_no_command(lidarcli: Run) -> None:
     assert lidarcli("detect").err.splitlines()[-1] == "Error: Missing argument 'LOG...'."
     assert lidarcli("detect").code == 2
-    assert (
-        lidarcli("explode").err.splitlines()[-1] == "Error: No such command 'explode'. Did you mean 'export'?"
-    )
-    assert lidarcli("-v", "-q", "info", "x").err.splitlines()[-1] == (
-        "Error: --verbose and --quiet exclude each other"
-    )
+    assert lidarcli("explode").err.splitlines()[-1] == "Error: No such command 'explode'. Did you mean 'export'?"
+    assert lidarcli("-v", "-q", "info", "x").err.splitlines()[-1] == ("Error: --verbose and --quiet exclude each other")
 
 
 def test_bug_in_one_log_is_reported_and_the_rest_done(
@@ -272,10 +258,7 @@ def test_bug_outside_of_any_log(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("lidarcli.pipeline.inputs.search.find_logs", lambda names: 1 / 0)
     ran = lidarcli("info", "x")
     assert ran.code == 70
-    assert (
-        ran.err.splitlines()[-1]
-        == "lidarcli: this is a bug in lidarcli; please report it with the lines above"
-    )
+    assert ran.err.splitlines()[-1] == "lidarcli: this is a bug in lidarcli; please report it with the lines above"
 
 
 def test_interrupt(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -294,17 +277,7 @@ def test_interrupt_in_the_middle_leaves_no_file(large: bytes, tmp_path: Path, jo
     (tmp_path / "large.mcap").write_bytes(large)
     pipes = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
     out = tmp_path / "out"
-    command = [
-        sys.executable,
-        "-m",
-        "lidarcli",
-        "detect",
-        *map(str, pipes),
-        "-o",
-        str(out),
-        "--jobs",
-        str(jobs),
-    ]
+    command = [sys.executable, "-m", "lidarcli", "detect", *map(str, pipes), "-o", str(out), "--jobs", str(jobs)]
     with endless(tmp_path / "large.mcap", *pipes):
         running = subprocess.Popen(command, stderr=subprocess.PIPE)
         wait_until(lambda: len(list(out.glob(".*.part/*"))) == 2 * jobs, running)
@@ -316,19 +289,8 @@ def test_interrupt_in_the_middle_leaves_no_file(large: bytes, tmp_path: Path, jo
 
 def test_full_disk_is_one_line_and_leaves_no_file(logs: Path, tmp_path: Path) -> None:
     """A limit on the size of files stands in for a full disk."""
-    command = [
-        sys.executable,
-        "-m",
-        "lidarcli",
-        "detect",
-        str(logs / "run.mcap"),
-        "--beams",
-        "-o",
-        str(tmp_path / "out"),
-    ]
-    ran = subprocess.run(
-        ["sh", "-c", 'ulimit -f 8; exec "$@"', "sh", *command], capture_output=True, check=False
-    )
+    command = [sys.executable, "-m", "lidarcli", "detect", str(logs / "run.mcap"), "--beams", "-o", str(tmp_path / "out")]
+    ran = subprocess.run(["sh", "-c", 'ulimit -f 8; exec "$@"', "sh", *command], capture_output=True, check=False)
     path = tmp_path / "out" / "run.objects.parquet"
     line = f"lidarcli: {logs / 'run.mcap'}: cannot write {path}: File too large\n"
     assert (ran.returncode, ran.stderr.decode()) == (5, line)
@@ -343,12 +305,8 @@ def test_full_disk_is_one_line_and_leaves_no_file(logs: Path, tmp_path: Path) ->
         (["--nothing"], 2, "", None),
     ],
 )
-def test_the_process_says_all_and_exits_with_the_code(
-    arguments: list[str], code: int, out: str, err: str | None
-) -> None:
-    ran = subprocess.run(
-        [sys.executable, "-m", "lidarcli", *arguments], capture_output=True, text=True, check=False
-    )
+def test_the_process_says_all_and_exits_with_the_code(arguments: list[str], code: int, out: str, err: str | None) -> None:
+    ran = subprocess.run([sys.executable, "-m", "lidarcli", *arguments], capture_output=True, text=True, check=False)
     assert (ran.returncode, ran.stdout) == (code, out)
     assert err is None or ran.stderr == err
 
@@ -360,12 +318,7 @@ def test_the_process_says_all_and_exits_with_the_code(
         ("--help >&-", 0, "", ""),
         ("--version >/dev/full", 5, "", "lidarcli: cannot write standard output: No space left on device\n"),
         ("info run.mcap >&-", 0, "", ""),
-        (
-            "info run.mcap >/dev/full",
-            5,
-            "",
-            "lidarcli: cannot write standard output: No space left on device\n",
-        ),
+        ("info run.mcap >/dev/full", 5, "", "lidarcli: cannot write standard output: No space left on device\n"),
         ("-q detect run.mcap -o DIR --overwrite >&- 2>&-", 0, "", ""),
         ("detect run.mcap -o - >&-", 5, "", "lidarcli: cannot write standard output: it is closed\n"),
         ("plot run.mcap --sweep 1 -o - >&-", 5, "", "lidarcli: cannot write standard output: it is closed\n"),
@@ -380,9 +333,7 @@ def test_standard_streams_that_are_closed_or_full(
     assert (ran.returncode, ran.stdout, ran.stderr) == (code, out, err)
 
 
-def test_odd_names_of_files_neither_break_lines_nor_the_run(
-    logs: Path, tmp_path: Path, lidarcli: Run
-) -> None:
+def test_odd_names_of_files_neither_break_lines_nor_the_run(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     folder = tmp_path / "odd"
     folder.mkdir()
     names = [b"a\nb\x1b[2J.mcap", b"latin-\xff.mcap"]
@@ -391,9 +342,7 @@ def test_odd_names_of_files_neither_break_lines_nor_the_run(
     assert lidarcli("detect", folder, "-o", tmp_path / "out").code == 0
     written = sorted(os.listdir(os.fsencode(tmp_path / "out")))  # noqa: PTH208 (names as bytes)
     assert written == [
-        name.removesuffix(b".mcap") + ending
-        for name in names
-        for ending in (b".objects.parquet", b".sweeps.parquet")
+        name.removesuffix(b".mcap") + ending for name in names for ending in (b".objects.parquet", b".sweeps.parquet")
     ]
     assert lidarcli("-q", "detect", folder, "-o", "-").code == 0
     ran = lidarcli("info", folder)
@@ -418,9 +367,7 @@ def test_names_in_a_log_do_not_steer_the_terminal(logs: Path, tmp_path: Path, li
         assert "\x1b" not in ran.out + ran.err
 
 
-@pytest.mark.parametrize(
-    "error", [MemoryError(), ImportError("libarrow.so: failed to map segment from shared object")]
-)
+@pytest.mark.parametrize("error", [MemoryError(), ImportError("libarrow.so: failed to map segment from shared object")])
 @pytest.mark.parametrize("place", ["open_source", "keep_freed_memory"])
 def test_too_little_memory_is_no_bug(
     error: Exception, place: str, lidarcli: Run, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -435,7 +382,5 @@ def test_too_little_memory_is_no_bug(
     log = f"{logs / 'run.mcap'}: " if inside else ""
     advice = "allow more, take --jobs 1, or read a part of the log with --start and --end or --every"
     assert ran.err == f"lidarcli: {log}not enough memory; {advice}\n"
-    assert lidarcli("info", "x?aws_secret_access_key=K").err.startswith(
-        "lidarcli: x?aws_secret_access_key=...: no"
-    )
+    assert lidarcli("info", "x?aws_secret_access_key=K").err.startswith("lidarcli: x?aws_secret_access_key=...: no")
     assert "pass" not in lidarcli("detect", "x", "-o", "https://me:pass@host/x.txt").err

@@ -48,9 +48,7 @@ def test_every_format_holds_the_rows_of_the_table(lidarcli: Run, tables: Path, t
     assert pq.read_schema(tmp_path / "x.parquet").metadata == pq.read_schema(source).metadata
 
 
-def test_the_stream_of_detect_and_an_export_of_its_table_are_the_same(
-    lidarcli: Run, tables: Path, logs: Path
-) -> None:
+def test_the_stream_of_detect_and_an_export_of_its_table_are_the_same(lidarcli: Run, tables: Path, logs: Path) -> None:
     streamed = lidarcli("-q", "detect", str(logs / "run.mcap"), "-o", "-", "--format", "csv")
     assert lidarcli("export", str(tables / "run.objects.parquet"), "-o", "-").out == streamed.out
 
@@ -67,9 +65,7 @@ def test_several_tables_of_one_kind(lidarcli: Run, tables: Path) -> None:
     source = tables / "run.sweeps.parquet"
     one = lidarcli("export", str(source), "-o", "-").out.splitlines()
     # A table that is named twice is one.
-    assert (
-        lidarcli("export", str(source), str(tables / "*.sweeps.parquet"), "-o", "-").out.splitlines() == one
-    )
+    assert lidarcli("export", str(source), str(tables / "*.sweeps.parquet"), "-o", "-").out.splitlines() == one
     table = pq.read_table(source)
     other = {**table.schema.metadata, b"lidarcli.source": b'{"name": "other.mcap"}'}
     pq.write_table(table.replace_schema_metadata(other), tables / "other.sweeps.parquet")
@@ -88,8 +84,7 @@ def test_several_tables_of_one_kind(lidarcli: Run, tables: Path) -> None:
 def test_what_is_refused(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     source = str(tables / "run.sweeps.parquet")
     assert (
-        "x.xlsx: the suffix of a table has to be one of .parquet, .csv, "
-        in lidarcli("export", source, "-o", "x.xlsx").err
+        "x.xlsx: the suffix of a table has to be one of .parquet, .csv, " in lidarcli("export", source, "-o", "x.xlsx").err
     )
     assert "--format is for the stream" in lidarcli("export", source, "-o", "x.csv", "--format", "csv").err
     (tmp_path / "there.csv").write_text("mine")
@@ -118,17 +113,13 @@ def test_a_url_that_is_not_supported_makes_no_folder_of_its_name(
     ran = lidarcli("export", str(tables / "run.sweeps.parquet"), "-o", name)
     scheme = name.partition(":")[0]
     assert ran.code == 2
-    assert ran.err.startswith(
-        f"lidarcli: {name}: {scheme}:// is not supported; give a path, or a URL of s3://"
-    )
+    assert ran.err.startswith(f"lidarcli: {name}: {scheme}:// is not supported; give a path, or a URL of s3://")
     assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_text_that_a_spreadsheet_would_run_is_told(lidarcli: Run, tmp_path: Path) -> None:
     """The data stay as the log has them, for pandas and joins by name; people are warned."""
-    table = pa.table(
-        {"log": ["a", "-b"], "topic": pa.array(["=cmd|x", "/scan"]).dictionary_encode(), "x": [-1.0, 2.0]}
-    )
+    table = pa.table({"log": ["a", "-b"], "topic": pa.array(["=cmd|x", "/scan"]).dictionary_encode(), "x": [-1.0, 2.0]})
     pq.write_table(table, tmp_path / "odd.parquet")
     ran = lidarcli("export", tmp_path / "odd.parquet", "-o", tmp_path / "odd.csv")
     assert ran.code == 0
@@ -161,7 +152,5 @@ def test_a_table_of_very_many_columns_is_refused(lidarcli: Run, tmp_path: Path) 
     pq.write_table(pa.table({f"c{k}": [1] for k in range(1001)}), wide)
     ran = lidarcli("export", wide, "-o", tmp_path / "wide.csv")
     assert (ran.code, (tmp_path / "wide.csv").exists()) == (2, False)
-    assert ran.err == (
-        f"lidarcli: {wide}: has 1,001 columns, and at most 1,000 are written; choose some with --columns\n"
-    )
+    assert ran.err == (f"lidarcli: {wide}: has 1,001 columns, and at most 1,000 are written; choose some with --columns\n")
     assert lidarcli("export", wide, "-o", "-", "--columns", "c7,c3").out == "c7,c3\n1,1\n"

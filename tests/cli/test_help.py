@@ -29,16 +29,7 @@ from tools.reference import commands
 Run = Callable[..., Any]
 
 CONTRACT = (
-    *(
-        "--topic",
-        "--profile",
-        "--threshold",
-        "--min-beams",
-        "--max-width",
-        "--max-gap",
-        "--range",
-        "--no-return",
-    ),
+    *("--topic", "--profile", "--threshold", "--min-beams", "--max-width", "--max-gap", "--range", "--no-return"),
     *("--start", "--end", "--every", "--walls", "--jobs", "--overwrite", "--beams", "--format", "--output"),
     *("--angle-min", "--angle-increment", "--fov", "--range-max", "--degrees", "--range-unit", "--group-gap"),
 )
@@ -66,9 +57,7 @@ def test_help_fits_and_shows_defaults(lidarcli: Run, name: str) -> None:
     assert max(map(len, ran.out.splitlines())) <= 80
     assert "Examples:" in ran.out or "Commands:" in ran.out
     for option in options(name).values():
-        documented = (
-            option.is_flag or option.required or option.show_default or "default" in (option.help or "")
-        )
+        documented = option.is_flag or option.required or option.show_default or "default" in (option.help or "")
         # What is off unless it is given has no default to show.
         optional = ("fov", "angle_increment", "limits", "background")
         assert option.help, option.name
@@ -88,9 +77,7 @@ def test_defaults_in_help_are_those_of_the_profiles() -> None:
 
 def test_commands_and_version(lidarcli: Run) -> None:
     ran = lidarcli("--help")
-    assert [line.split()[0] for line in ran.out.split("Commands:\n")[1].split("\n\n")[0].splitlines()] == [
-        *COMMANDS
-    ]
+    assert [line.split()[0] for line in ran.out.split("Commands:\n")[1].split("\n\n")[0].splitlines()] == [*COMMANDS]
     # The summary of each command fits whole.
     assert max(map(len, ran.out.splitlines())) <= 80
     assert "...\n" not in ran.out.split("Commands:\n")[1]
@@ -123,9 +110,7 @@ IMPORTED = f"import sys; print(*[name for name in {HEAVY!r} if name in sys.modul
     ],
 )
 def test_nothing_heavy_is_imported(code: str) -> None:
-    ran = subprocess.run(
-        [sys.executable, "-c", f"{code}; {IMPORTED}"], capture_output=True, text=True, check=True
-    )
+    ran = subprocess.run([sys.executable, "-c", f"{code}; {IMPORTED}"], capture_output=True, text=True, check=True)
     assert ran.stdout.splitlines()[-1] == ""
 
 
@@ -159,9 +144,7 @@ def test_a_command_imports_nothing_that_it_does_not_use(
         f"from lidarcli.cli import run; code = run(['-q', *{words!r}.split()]); "
         f"import sys; print(code, [name for name in {NEVER + others!r} if name in sys.modules])"
     )
-    ran = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
+    ran = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert ran.stdout.splitlines()[-1] == "0 []"
 
 
@@ -187,9 +170,7 @@ def test_jobs_have_a_short_form_everywhere() -> None:
 def test_help_leaves_out_what_only_some_logs_need(lidarcli: Run) -> None:
     some, all_of_them = lidarcli("detect", "--help").out, lidarcli("detect", "--help-all").out
     rare = {
-        name
-        for name, option in options("detect").items()
-        if getattr(option, "declared", None) and option.declared.rare
+        name for name, option in options("detect").items() if getattr(option, "declared", None) and option.declared.rare
     }
     assert rare == {
         *("--angle-min", "--angle-increment", "--fov", "--range-max", "--degrees", "--range-unit"),

@@ -67,9 +67,7 @@ def test_json(logs: Path, lidarcli: Run) -> None:
         "notes",
         "damage",
     ]
-    assert info["topics"] == [
-        {"name": "/scan", "type": "sensor_msgs/msg/LaserScan", "encoding": "cdr", "messages": 20}
-    ]
+    assert info["topics"] == [{"name": "/scan", "type": "sensor_msgs/msg/LaserScan", "encoding": "cdr", "messages": 20}]
     (scan,) = info["scans"]
     assert scan.pop("field_of_view") == [pytest.approx(2 * math.pi)] * 2
     assert scan.pop("angle_min") == [pytest.approx(-math.pi)] * 2
@@ -109,13 +107,7 @@ def test_json(logs: Path, lidarcli: Run) -> None:
 def test_range_options_change_the_status(logs: Path, lidarcli: Run) -> None:
     ran = lidarcli("info", logs / "run.mcap", "--range", "1.8", "3", "--no-return", "inf", "--format", "json")
     (scan,) = json.loads(ran.out)[0]["scans"]
-    assert scan["beams_by_status"] == {
-        "valid": 400,
-        "no_return": 20,
-        "too_close": 300,
-        "invalid": 6480,
-        "masked": 0,
-    }
+    assert scan["beams_by_status"] == {"valid": 400, "no_return": 20, "too_close": 300, "invalid": 6480, "masked": 0}
 
 
 def test_brief_is_a_line_per_log(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
@@ -188,9 +180,7 @@ def test_json_of_a_bad_and_a_good_log(logs: Path, tmp_path: Path, lidarcli: Run)
 
 def test_two_topics(logs: Path, lidarcli: Run) -> None:
     ran = lidarcli("info", logs / "two.mcap")
-    assert (
-        "  topics      /front  sensor_msgs/msg/LaserScan  20\n              /rear  sensor_msgs/msg" in ran.out
-    )
+    assert "  topics      /front  sensor_msgs/msg/LaserScan  20\n              /rear  sensor_msgs/msg" in ran.out
     assert [line for line in ran.out.splitlines() if "(frame" in line] == [
         "  /front (frame laser)",
         "  /rear (frame laser)",
@@ -241,11 +231,7 @@ def test_hundreds_of_topics_do_not_hide_the_scans(tmp_path: Path, lidarcli: Run)
     ran = lidarcli("info", path)
     assert (ran.code, ran.err) == (0, "")
     lines = [line[14:] for line in ran.out.splitlines()[3:]]
-    assert [line.split()[0] for line in lines] == [
-        *(f"/t{index:03}" for index in (*range(11), 157, 250)),
-        "and",
-        "/t250",
-    ]
+    assert [line.split()[0] for line in lines] == [*(f"/t{index:03}" for index in (*range(11), 157, 250)), "and", "/t250"]
     assert lines[13] == "and 287 other topics (--format json lists all)"
     (info,) = json.loads(lidarcli("info", path, "--format", "json").out)
     assert len(info["topics"]) == 300

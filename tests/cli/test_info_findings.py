@@ -75,9 +75,7 @@ def test_checks_count_the_findings_of_all_logs(lidarcli: Run, check: str, code: 
 
 @pytest.mark.usefixtures("folder")
 def test_every_check_that_fails_is_told(lidarcli: Run) -> None:
-    ran = lidarcli(
-        "info", "odd.mcap", "--check", "findings == 0", "--check", "findings >= 0", "--check", "findings > 9"
-    )
+    ran = lidarcli("info", "odd.mcap", "--check", "findings == 0", "--check", "findings >= 0", "--check", "findings > 9")
     assert ran.code == 1
     assert ran.err.splitlines() == [
         "lidarcli: check failed: findings is 2, expected == 0",
@@ -153,16 +151,12 @@ def test_refusals(lidarcli: Run, words: list[str], says: str) -> None:
     assert says in ran.err
 
 
-def test_what_a_closer_look_mends_is_written(
-    lidarcli: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_closer_look_mends_is_written(lidarcli: Run, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = transform_lines("base_link", "laser", -0.13, 0.0, 0.0)
     looked = deep.DeepFindings(
         (
             Finding("body", "warning", "/scan", "laser", "/scan: 6 beams never change", fix=Fix("mask", "")),
-            Finding(
-                "mount", "warning", "/scan", "laser", "laser sits 0.13 m behind", fix=Fix("transform", text)
-            ),
+            Finding("mount", "warning", "/scan", "laser", "laser sits 0.13 m behind", fix=Fix("transform", text)),
             Finding("units", "hint", "/scan", "laser", "a closer look counts"),
         ),
         Masks((Mask(Sector(-0.1, 0.1, 0.2, 0.3), "/scan"),)),
@@ -227,20 +221,7 @@ def test_both_commands_tell_one_transform(pose: tuple[float, float, float], name
 
 def test_whatever_a_frame_is_called_a_finding_is_a_line() -> None:
     info = LogInfo(
-        *(
-            "run",
-            "mcap",
-            "none",
-            1,
-            (),
-            (Topic("/scan", "sensor_msgs/msg/LaserScan", "cdr", 0),),
-            (),
-            (),
-            (),
-            (),
-            (),
-            (),
-        ),
+        *("run", "mcap", "none", 1, (), (Topic("/scan", "sensor_msgs/msg/LaserScan", "cdr", 0),), (), (), (), (), (), ()),
         findings=(Finding("frames", "hint", "/scan", "a\n::error", "frame a\n::error\x1b[31m"),),
     )
     assert as_text(info).splitlines()[-1].startswith("  hint     frames     frame a")

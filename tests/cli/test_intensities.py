@@ -39,9 +39,7 @@ def test_checks_of_a_report(check: str, code: int, tables: Path, capfd: pytest.C
     assert "intensity " in capfd.readouterr().out
 
 
-def test_tables_of_earlier_versions_have_none(
-    tables: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_tables_of_earlier_versions_have_none(tables: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """They are read by all that read tables; a check of what is not there cannot be made."""
     path = tables / "reflectors.objects.parquet"
     pq.write_table(pq.read_table(path).drop_columns(["intensity"]), path)
@@ -82,12 +80,7 @@ def test_an_overlay_takes_the_echo_of_its_tables(tmp_path: Path) -> None:
         "range_max": 9.0,
         "ranges": [{"echoes": [1.5, 2.5]}] * 5,
     }
-    told = {
-        "topic": "/scan",
-        "sequence": 0,
-        "log_time": "2023-11-14T22:13:20Z",
-        "publish_time": "2023-11-14T22:13:20Z",
-    }
+    told = {"topic": "/scan", "sequence": 0, "log_time": "2023-11-14T22:13:20Z", "publish_time": "2023-11-14T22:13:20Z"}
     log.write_text(json.dumps(told | {"data": data}) + "\n")
     assert run(["-q", "detect", str(log), "-o", str(tmp_path), "--echo", "last"]) == 0
     tables = str(tmp_path / "run.objects.parquet")

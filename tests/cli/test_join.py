@@ -53,9 +53,7 @@ def source_of(table: Path) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1)])
-def test_tables_are_those_of_the_whole_log(
-    order: tuple[int, ...], drive: Path, lidarcli: Run, tmp_path: Path
-) -> None:
+def test_tables_are_those_of_the_whole_log(order: tuple[int, ...], drive: Path, lidarcli: Run, tmp_path: Path) -> None:
     lidarcli("-q", "track", drive / "drive.mcap", "-o", tmp_path / "whole")
     ran = lidarcli("track", "--join", *parts(drive, *order), "-o", tmp_path / "joined")
     assert ran.code == 0
@@ -83,9 +81,7 @@ def test_a_folder_holds_the_parts_of_one_log(drive: Path, lidarcli: Run, tmp_pat
 
 def test_one_part_is_read_as_ever(drive: Path, lidarcli: Run, tmp_path: Path) -> None:
     (one,) = parts(drive, 0)
-    said = [
-        lidarcli("track", one, "-o", tmp_path / name, *join) for name, join in (("a", ()), ("b", ("--join",)))
-    ]
+    said = [lidarcli("track", one, "-o", tmp_path / name, *join) for name, join in (("a", ()), ("b", ("--join",)))]
     assert said[0].err.replace("/a/", "/b/") == said[1].err
     for table in TABLES:
         name = f"drive_0.{table}.parquet"
@@ -99,9 +95,7 @@ def test_parts_in_several_containers(drive: Path, lidarcli: Run, tmp_path: Path)
     bag.mkdir()
     shutil.copy(parts(drive, 2)[0], bag / "x_0.mcap")
     (bag / "metadata.yaml").write_text("relative_file_paths:\n  - x_0.mcap\n")
-    ran = lidarcli(
-        "-q", "detect", "--join", *parts(drive, 0, 1), bag, "-o", tmp_path / "joined", "--pose", "none"
-    )
+    ran = lidarcli("-q", "detect", "--join", *parts(drive, 0, 1), bag, "-o", tmp_path / "joined", "--pose", "none")
     assert (ran.code, ran.err) == (0, "")
     assert_same_tables(tmp_path / "whole", tmp_path / "joined", ("objects", "sweeps"))
     told = source_of(tmp_path / "joined" / "drive.objects.parquet")
@@ -190,8 +184,7 @@ def test_info_tells_the_parts_in_their_order(drive: Path, lidarcli: Run) -> None
     text = lidarcli("info", "--join", drive / "parts").out.splitlines()
     assert text[0] == f"{drive}/parts/drive_0.mcap and 2 more"
     assert text[3:6] == [
-        f"  {'parts' if not number else '':10}  drive_{number}.mcap ({size:,} bytes)"
-        for number, size in enumerate(sizes)
+        f"  {'parts' if not number else '':10}  drive_{number}.mcap ({size:,} bytes)" for number, size in enumerate(sizes)
     ]
 
 

@@ -26,18 +26,7 @@ from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.pipeline.runs import over_logs
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLOUD
-from tests.cli.maps import (
-    COUNTED,
-    DRIVE,
-    FITS_NOTE,
-    POSES_NOTE,
-    Run,
-    mapped,
-    names,
-    occupied,
-    ply,
-    still,
-)
+from tests.cli.maps import COUNTED, DRIVE, FITS_NOTE, POSES_NOTE, Run, mapped, names, occupied, ply, still
 from tests.pose.pose_messages import accepted
 from tests.sweeping import START, STEP, raw_sweeps, round_room
 
@@ -74,8 +63,7 @@ def test_png(lidarcli: Run, tmp_path: Path) -> None:
     with Image.open(tmp_path / "plain.png") as plain, Image.open(tmp_path / "path.png") as path:
         assert plain.size[0] > plain.size[1] > 600
         green = [
-            np.asarray(image.convert("RGB")).astype(int)[..., 1]
-            - np.asarray(image.convert("RGB")).astype(int)[..., 0]
+            np.asarray(image.convert("RGB")).astype(int)[..., 1] - np.asarray(image.convert("RGB")).astype(int)[..., 0]
             for image in (plain, path)
         ]
     assert [(part > 80).any() for part in green] == [False, True]
@@ -95,9 +83,7 @@ def test_mcap(lidarcli: Run, tmp_path: Path) -> None:
 
 
 def test_clouds(lidarcli: Run, tmp_path: Path) -> None:
-    outputs = [
-        word for suffix in ("ply", "pcd", "parquet", "yaml") for word in ("-o", tmp_path / f"c.{suffix}")
-    ]
+    outputs = [word for suffix in ("ply", "pcd", "parquet", "yaml") for word in ("-o", tmp_path / f"c.{suffix}")]
     ran = lidarcli("map", DRIVE, *outputs)
     assert ran.code == 0
     table = pq.read_table(tmp_path / "c.parquet")
@@ -131,9 +117,7 @@ def test_clouds(lidarcli: Run, tmp_path: Path) -> None:
 def test_everything_at_once_twice_and_quietly(lidarcli: Run, tmp_path: Path) -> None:
     for folder in ("a", "b"):
         outputs = [
-            word
-            for name in ("m.yaml", "m.png", "m.mcap", "m.ply", "m.pcd")
-            for word in ("-o", tmp_path / folder / name)
+            word for name in ("m.yaml", "m.png", "m.mcap", "m.ply", "m.pcd") for word in ("-o", tmp_path / folder / name)
         ]
         ran = lidarcli("-q", "map", DRIVE, *outputs)
         assert (ran.code, ran.out, ran.err) == (0, "", "")
@@ -163,12 +147,7 @@ def test_batches_do_not_matter(tmp_path: Path, size: int) -> None:
 
 def test_agents_are_left_out_whatever_the_batches(walk: Path, tmp_path: Path) -> None:
     for size in (768, 11):
-        mapped(
-            [walk / "walk.mcap"],
-            [tmp_path / f"{size}.yaml"],
-            ReadOptions(batch_size=size),
-            without="agents",
-        )
+        mapped([walk / "walk.mcap"], [tmp_path / f"{size}.yaml"], ReadOptions(batch_size=size), without="agents")
     assert (tmp_path / "768.pgm").read_bytes() == (tmp_path / "11.pgm").read_bytes()
 
 
@@ -227,8 +206,7 @@ def test_two_topics_of_one_frame_count_once(lidarcli: Run, logs: Path, tmp_path:
     (first,) = set(topics)
     other = {"/front": "/rear", "/rear": "/front"}[first]
     assert (
-        f"  note     {other} is of the same frame as {first}, most likely the same sweeps again: left out "
-        f"(--topic {other})"
+        f"  note     {other} is of the same frame as {first}, most likely the same sweeps again: left out (--topic {other})"
     ) in ran.err.splitlines()
     ran = lidarcli(*words, tmp_path / "n.parquet", "--topic", "/rear", "--topic", "/front")
     assert Counter(pq.read_table(tmp_path / "n.parquet")["topic"].to_pylist()) == {

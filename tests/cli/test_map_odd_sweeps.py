@@ -16,16 +16,7 @@ from lidarcli.formalism.mapping.occupancy import OCCUPIED
 from lidarcli.maps.mapserver import read_map
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
-from tests.cli.maps import (
-    COUNTED,
-    DRIVE,
-    Run,
-    fields,
-    names,
-    occupied,
-    ply,
-    still,
-)
+from tests.cli.maps import COUNTED, DRIVE, Run, fields, names, occupied, ply, still
 from tests.places import ROOT, SAMPLES
 from tests.sweeping import raw_sweeps
 
@@ -167,17 +158,7 @@ def test_deskewing_sharpens(lidarcli: Run, tmp_path: Path) -> None:
     spread = {}
     for name, options in {"sharp": (), "skewed": ("--no-deskew",)}.items():
         out = tmp_path / f"{name}.ply"
-        words = (
-            "-q",
-            "map",
-            tmp_path / "run.mcap",
-            "--poses",
-            tmp_path / "p.tum",
-            "--pose-delay",
-            0,
-            "-o",
-            out,
-        )
+        words = ("-q", "map", tmp_path / "run.mcap", "--poses", tmp_path / "p.tum", "--pose-delay", 0, "-o", out)
         assert lidarcli(*words, *options).code == 0
         x = ply(out)[:, 0]
         spread[name] = float(np.abs(x[x > 5] - 9.52).max())

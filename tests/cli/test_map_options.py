@@ -14,15 +14,7 @@ from lidarcli.formalism.mapping.occupancy import OCCUPIED
 from lidarcli.maps.mapserver import read_map
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
-from tests.cli.maps import (
-    DRIVE,
-    GHOST,
-    Run,
-    fields,
-    near,
-    occupied,
-    ply,
-)
+from tests.cli.maps import DRIVE, GHOST, Run, fields, near, occupied, ply
 from tests.sweeping import room_sweeps
 
 
@@ -98,17 +90,7 @@ def test_free_no_return(lidarcli: Run, tmp_path: Path) -> None:
     free = {}
     for name, options in {"none": (), "two": ("--free-no-return", 2)}.items():
         ran = lidarcli(
-            *(
-                "map",
-                log,
-                "--poses",
-                tmp_path / "p.tum",
-                "-o",
-                tmp_path / f"{name}.yaml",
-                "--min-move",
-                0,
-                *options,
-            )
+            *("map", log, "--poses", tmp_path / "p.tum", "-o", tmp_path / f"{name}.yaml", "--min-move", 0, *options)
         )
         assert ran.code == 0
         free[name] = read_map(tmp_path / f"{name}.yaml").free
@@ -132,10 +114,7 @@ def test_agents(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
     """Who came and stays is a ghost in the map, unless agents are left out; what has always stood stays."""
     words = ("-q", "map", walk / "walk.mcap", "--min-move", 0, "-o")
     assert lidarcli(*words, tmp_path / "with.yaml", "-o", tmp_path / "with.parquet").code == 0
-    assert (
-        lidarcli(*words, tmp_path / "out.yaml", "-o", tmp_path / "out.parquet", "--without", "agents").code
-        == 0
-    )
+    assert lidarcli(*words, tmp_path / "out.yaml", "-o", tmp_path / "out.parquet", "--without", "agents").code == 0
     ghost, gone = occupied(tmp_path / "with.yaml"), occupied(tmp_path / "out.yaml")
     assert (near(ghost, *GHOST) > 8, near(gone, *GHOST)) == (True, 0)
     assert near(ghost, -2, -1.5, 0.5) == near(gone, -2, -1.5, 0.5) > 20

@@ -6,11 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.maps import (
-    DRIVE,
-    Run,
-    names,
-)
+from tests.cli.maps import DRIVE, Run, names
 
 
 @pytest.mark.parametrize(
@@ -40,10 +36,7 @@ from tests.cli.maps import (
         (("-o", "{}/m.yaml", "--max-size", "0"), "Invalid value for '--max-size'"),
         (("-o", "{}/m.yaml", "--min-move", "-1"), "Invalid value for '--min-move'"),
         (("-o", "{}/m.yaml", "--voxel", "inf"), "Invalid value for '--voxel'"),
-        (
-            ("-o", "{}/m.ply", "--voxel", "1e-12"),
-            "--voxel: 1e-12 m is less than the least cell of 0.001 m; 0 keeps",
-        ),
+        (("-o", "{}/m.ply", "--voxel", "1e-12"), "--voxel: 1e-12 m is less than the least cell of 0.001 m; 0 keeps"),
         (
             ("-o", "{}/m.yaml", "-o", "{}/m.ply", "--max-size", "0.00001"),
             f"lidarcli: {DRIVE}: the map would reach over 9 x 7 m, more than 1e-05 km²: a pose or a range may be far off; "
@@ -86,10 +79,7 @@ def test_an_output_that_is_an_input(lidarcli: Run, logs: Path, walk: Path, tmp_p
     log.write_bytes((walk / "walk.mcap").read_bytes())
     before = log.read_bytes()
     ran = lidarcli("map", log, "-o", log, "--overwrite")
-    assert (ran.code, ran.err) == (
-        5,
-        f"lidarcli: {log} is an input of this run ({log}); write elsewhere with -o\n",
-    )
+    assert (ran.code, ran.err) == (5, f"lidarcli: {log} is an input of this run ({log}); write elsewhere with -o\n")
     assert log.read_bytes() == before
 
 
@@ -101,10 +91,7 @@ def test_an_output_that_is_an_input(lidarcli: Run, logs: Path, walk: Path, tmp_p
             ("--without", "temporary", "-o", "m.png"),
             "Invalid value for '--without': 'temporary' is not agents, which is all that a map leaves out.",
         ),
-        (
-            ("--voxel", "0.1", "-o", "m.png"),
-            "--voxel is for a point cloud: give -o with .ply, .pcd, .parquet",
-        ),
+        (("--voxel", "0.1", "-o", "m.png"), "--voxel is for a point cloud: give -o with .ply, .pcd, .parquet"),
     ],
 )
 def test_an_option_without_its_output(lidarcli: Run, words: tuple[str, ...], cause: str) -> None:

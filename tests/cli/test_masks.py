@@ -55,31 +55,13 @@ def test_a_file_is_not_replaced_unasked(lidarcli: Run, parked: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        (
-            ["run.mcap", "-o", "new.toml"],
-            2,
-            "-o writes what is learned from a log: add --mask auto or --deep",
-        ),
-        (
-            ["run.mcap", "run.mcap", "--mask", "auto", "-o", "new.toml"],
-            2,
-            "-o is for one log, and these are 2",
-        ),
-        (
-            ["run.mcap", "--mask", "nowhere.toml"],
-            3,
-            "nowhere.toml: cannot read the mask: No such file or directory",
-        ),
+        (["run.mcap", "-o", "new.toml"], 2, "-o writes what is learned from a log: add --mask auto or --deep"),
+        (["run.mcap", "run.mcap", "--mask", "auto", "-o", "new.toml"], 2, "-o is for one log, and these are 2"),
+        (["run.mcap", "--mask", "nowhere.toml"], 3, "nowhere.toml: cannot read the mask: No such file or directory"),
     ],
 )
 def test_refusals(
-    lidarcli: Run,
-    logs: Path,
-    words: list[str],
-    code: int,
-    says: str,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
+    lidarcli: Run, logs: Path, words: list[str], code: int, says: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
     ran = lidarcli("info", *(logs / word if word == "run.mcap" else word for word in words))

@@ -89,13 +89,10 @@ def test_there_is_a_message_for_every_sweep_at_its_time(made: Path, log: Path, s
     assert {each.type for each in found} == {MARKERS}
     expected = [(record, stamp, frame) for _, record, stamp, frame in sweeps_of(log)]
     assert [
-        (each.record_ns, stamp_ns(each.message.markers[0]), each.message.markers[0].header.frame_id)
-        for each in found
+        (each.record_ns, stamp_ns(each.message.markers[0]), each.message.markers[0].header.frame_id) for each in found
     ] == expected
     for each, (_, stamp, frame) in zip(found, expected, strict=True):
-        assert {(stamp_ns(marker), marker.header.frame_id) for marker in each.message.markers} == {
-            (stamp, frame)
-        }
+        assert {(stamp_ns(marker), marker.header.frame_id) for marker in each.message.markers} == {(stamp, frame)}
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".bag"])
@@ -137,36 +134,21 @@ def test_what_is_drawn_is_what_the_tables_say(made: Path, name: str) -> None:
     table = pq.read_table(made / f"{name}.objects.parquet").to_pylist()
     found = read_back(made / f"{name}.mcap", OBJECTS)
     bodies = {
-        (
-            number,
-            number_of(marker),
-            round(marker.pose.position.x, 6),
-            round(marker.pose.position.y, 6),
-        ): marker
+        (number, number_of(marker), round(marker.pose.position.x, 6), round(marker.pose.position.y, 6)): marker
         for number, each in enumerate(found)
         for marker in each.message.markers
         if marker.ns == "body"
     }
     expected = {
-        (row["sweep"], row["track"] or -row["object"], round(row["box_x"], 6), round(row["box_y"], 6)): row
-        for row in table
+        (row["sweep"], row["track"] or -row["object"], round(row["box_x"], 6), round(row["box_y"], 6)): row for row in table
     }
     assert bodies.keys() == expected.keys()
     for key, marker in bodies.items():
         assert (marker.type == 3) == (expected[key]["shape"] == "round")
     seen = [(row["sweep"], row["track"] or -row["object"]) for row in table]
     assert len(markers(found, "label")) == len(set(seen))
-    moving = {
-        (row["sweep"], row["track"])
-        for row in table
-        if row["moving"] and np.hypot(row["vx"], row["vy"]) > 0.05
-    }
-    arrows = {
-        (number, m.id)
-        for number, each in enumerate(found)
-        for m in each.message.markers
-        if m.ns == "velocity"
-    }
+    moving = {(row["sweep"], row["track"]) for row in table if row["moving"] and np.hypot(row["vx"], row["vy"]) > 0.05}
+    arrows = {(number, m.id) for number, each in enumerate(found) for m in each.message.markers if m.ns == "velocity"}
     assert arrows <= moving
     assert len(arrows) > 100 if name == "people" else not arrows
 
@@ -190,27 +172,15 @@ def test_agents_are_vermilion_and_what_stands_is_blue(made: Path) -> None:
     assert compared["path", "A"] > 100
 
 
-def test_without_tracks_an_object_has_the_colour_of_its_shape(
-    lidarcli: Run, made: Path, tmp_path: Path
-) -> None:
+def test_without_tracks_an_object_has_the_colour_of_its_shape(lidarcli: Run, made: Path, tmp_path: Path) -> None:
     assert lidarcli("-q", "detect", str(PEOPLE), "-o", str(tmp_path)).code == 0
     out = tmp_path / "o.mcap"
     assert (
-        lidarcli(
-            "-q",
-            "overlay",
-            str(PEOPLE),
-            "-o",
-            str(out),
-            "--objects",
-            str(tmp_path / "people.objects.parquet"),
-        ).code
+        lidarcli("-q", "overlay", str(PEOPLE), "-o", str(out), "--objects", str(tmp_path / "people.objects.parquet")).code
         == 0
     )
     found = read_back(out, OBJECTS)
-    rows = pq.read_table(
-        tmp_path / "people.objects.parquet", columns=["sweep", "object", "shape"]
-    ).to_pylist()
+    rows = pq.read_table(tmp_path / "people.objects.parquet", columns=["sweep", "object", "shape"]).to_pylist()
     shapes = {(row["sweep"], row["object"]): row["shape"] for row in rows}
     colours: dict[str, set[tuple[float, ...]]] = {}
     for number, each in enumerate(found):
@@ -233,16 +203,13 @@ def test_the_log_is_copied_as_it_is(lidarcli: Run, tmp_path: Path, log: Path, su
         there = list(opened.messages(SCAN_TYPES | POSE_TYPES, ReadReport()))
     found = [each for each in read_back(out) if each.type != MARKERS]
     assert Counter((one.topic, one.type) for one in there) == Counter((one.topic, one.type) for one in found)
-    assert sorted((one.topic, one.record_ns) for one in there) == sorted(
-        (one.topic, one.record_ns) for one in found
-    )
+    assert sorted((one.topic, one.record_ns) for one in there) == sorted((one.topic, one.record_ns) for one in found)
     if (log is DRIVE) == (suffix == ".mcap"):
         assert sorted(one.data for one in there) == sorted(one.data for one in found)
     else:
         store = get_typestore(Stores.ROS2_HUMBLE)
         turned = [
-            bytes((store.cdr_to_ros1 if suffix == ".bag" else store.ros1_to_cdr)(one.data, one.type))
-            for one in there
+            bytes((store.cdr_to_ros1 if suffix == ".bag" else store.ros1_to_cdr)(one.data, one.type)) for one in there
         ]
         assert sorted(turned) == sorted(one.data for one in found)
     before, after = scans_of(log), scans_of(out)
@@ -277,9 +244,7 @@ def test_an_mcap_is_as_rosbag2_wants_it(made: Path) -> None:
     offered = {}
     for channel in summary.channels.values():
         (offered[channel.topic],) = parse_qos(channel.metadata["offered_qos_profiles"])
-    assert {topic for topic, qos in offered.items() if qos.durability is QosDurability.TRANSIENT_LOCAL} == {
-        "/tf_static"
-    }
+    assert {topic for topic, qos in offered.items() if qos.durability is QosDurability.TRANSIENT_LOCAL} == {"/tf_static"}
     assert offered["/tf_static"].history is QosHistory.KEEP_ALL
 
 
@@ -333,10 +298,7 @@ def test_each_sensor_has_a_topic_of_its_own(lidarcli: Run, logs: Path, tmp_path:
     chosen = tmp_path / "one.mcap"
     told = ("overlay", str(logs / "two.mcap"), "-o", str(chosen), "--with-log", "--topic", "/rear")
     assert lidarcli("-q", *told).code == 0
-    assert Counter(each.topic for each in read_back(chosen)) == {
-        "/rear": counts["/rear"],
-        OBJECTS: counts["/rear"],
-    }
+    assert Counter(each.topic for each in read_back(chosen)) == {"/rear": counts["/rear"], OBJECTS: counts["/rear"]}
 
 
 def test_of_two_topics_of_one_frame_the_second_is_hidden_at_first(lidarcli: Run, tmp_path: Path) -> None:
@@ -401,10 +363,7 @@ def test_a_log_that_is_not_ros_is_written_anew(lidarcli: Run, tmp_path: Path, en
                 placed.append((number, *world))
     # Places in the sensor frame are of single precision.
     assert np.array(sorted(placed)) == pytest.approx(np.array(sorted(expected)), abs=2e-6)
-    assert (
-        json.loads((tmp_path / "o.layout.json").read_text())["configById"]["3D!lidarcli"]["followTf"]
-        == "odom"
-    )
+    assert json.loads((tmp_path / "o.layout.json").read_text())["configById"]["3D!lidarcli"]["followTf"] == "odom"
 
 
 def test_the_same_input_gives_the_same_bytes(lidarcli: Run, made: Path, tmp_path: Path) -> None:
@@ -448,12 +407,7 @@ def test_tables_that_know_more_than_the_log_are_told_of(lidarcli: Run, tmp_path:
     write_log(tmp_path / "short.mcap", [sweeps.rows(slice(0, 40))])
     out = tmp_path / "o.mcap"
     ran = lidarcli(
-        "overlay",
-        str(tmp_path / "short.mcap"),
-        "-o",
-        str(out),
-        "--objects",
-        str(tmp_path / "run.objects.parquet"),
+        "overlay", str(tmp_path / "short.mcap"), "-o", str(out), "--objects", str(tmp_path / "run.objects.parquet")
     )
     assert ran.code == 3
     assert "20 sweeps of the tables are not in the log" in ran.err
@@ -476,24 +430,14 @@ def test_tables_of_another_log_are_refused(lidarcli: Run, made: Path, logs: Path
         (("-o", "o.mcap", "--objects", "none.objects.parquet"), 3, "no such file"),
         (("-o", "o.mcap", "--map", "none.yaml"), 3, "none.yaml"),
         (("-o", "o.mcap", "--topic", "/none"), 4, "/none"),
-        (
-            ("-o", "o.mcap", "--objects", "x.objects.parquet", "--max-width", "3"),
-            2,
-            "--max-width is for finding",
-        ),
+        (("-o", "o.mcap", "--objects", "x.objects.parquet", "--max-width", "3"), 2, "--max-width is for finding"),
         (("-o", "o.mcap", "--objects", "x.objects.parquet", "--pose", "none"), 2, "--pose is for finding"),
         (("-o", "o.mcap", "--objects", "x.objects.parquet", "--every", "2"), 2, "--every is for finding"),
         (("-o", "o.mcap", "--objects", "x.objects.parquet", "--echo", "last"), 2, "--echo is for finding"),
     ],
 )
 def test_what_cannot_be_is_refused(
-    lidarcli: Run,
-    logs: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    told: tuple[str, ...],
-    code: int,
-    says: str,
+    lidarcli: Run, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: tuple[str, ...], code: int, says: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     ran = lidarcli("overlay", str(logs / "run.mcap"), *told)
@@ -523,19 +467,14 @@ def test_no_file_is_replaced_unasked(lidarcli: Run, logs: Path, tmp_path: Path) 
 
 def test_a_log_without_objects_still_deletes(lidarcli: Run, tmp_path: Path) -> None:
     out = tmp_path / "o.mcap"
-    assert (
-        lidarcli("-q", "overlay", str(SAMPLES / "room_empty.mcap"), "-o", str(out), "--min-thing", "1").code
-        == 0
-    )
+    assert lidarcli("-q", "overlay", str(SAMPLES / "room_empty.mcap"), "-o", str(out), "--min-thing", "1").code == 0
     found = read_back(out, OBJECTS)
     assert len(found) == len(sweeps_of(SAMPLES / "room_empty.mcap"))
     assert any(len(each.message.markers) == 1 for each in found)
 
 
 def test_a_topic_of_two_frames_is_drawn_in_both(lidarcli: Run, tmp_path: Path) -> None:
-    sweeps = replace(
-        room_sweeps(count=50), frame_ids=("left", "right"), frame=(np.arange(50) % 2).astype(np.int32)
-    )
+    sweeps = replace(room_sweeps(count=50), frame_ids=("left", "right"), frame=(np.arange(50) % 2).astype(np.int32))
     write_log(tmp_path / "run.mcap", [sweeps])
     out = tmp_path / "o.mcap"
     assert lidarcli("-q", "overlay", str(tmp_path / "run.mcap"), "-o", str(out)).code == 0
@@ -592,18 +531,14 @@ def test_real_logs(lidarcli: Run, tmp_path: Path, name: str, frame: str, suffix:
     sweeps = sweeps_of(log)
     found = [each for each in read_back(out) if each.type == MARKERS]
     assert sorted(each.record_ns for each in found) == sorted(record for _, record, _, _ in sweeps)
-    assert sorted(stamp_ns(each.message.markers[0]) for each in found) == sorted(
-        stamp for _, _, stamp, _ in sweeps
-    )
+    assert sorted(stamp_ns(each.message.markers[0]) for each in found) == sorted(stamp for _, _, stamp, _ in sweeps)
     layout = json.loads((tmp_path / "o.layout.json").read_text())
     assert layout["configById"]["3D!lidarcli"]["followTf"] == frame
 
 
 def test_a_map_that_nothing_places_leaves_the_frame_of_the_sensor(lidarcli: Run, tmp_path: Path) -> None:
     assert lidarcli("-q", "map", DRIVE, "-o", tmp_path / "room.yaml").code == 0
-    ran = lidarcli(
-        "overlay", DRIVE, "-o", tmp_path / "x.mcap", "--map", tmp_path / "room.yaml", "--pose", "none"
-    )
+    ran = lidarcli("overlay", DRIVE, "-o", tmp_path / "x.mcap", "--map", tmp_path / "room.yaml", "--pose", "none")
     assert ran.code == 0
     assert (
         "  note     the map is in frame map, and nothing tells where the sensor is in it: a viewer shows one of the two; "

@@ -65,9 +65,7 @@ def test_a_sweep_without_beams_is_an_empty_picture(lidarcli: Run, tmp_path: Path
 @pytest.mark.slow
 def test_several_sweeps(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     log = logs / "run.mcap"
-    assert (
-        lidarcli("plot", log, "--sweeps", "3,0:10:4", "--view", "scene", "-o", tmp_path / "s.svg").code == 0
-    )
+    assert lidarcli("plot", log, "--sweeps", "3,0:10:4", "--view", "scene", "-o", tmp_path / "s.svg").code == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s-0.svg", "s-3.svg", "s-4.svg", "s-8.svg"]
 
 
@@ -142,12 +140,7 @@ def test_without_a_name_the_picture_is_named_after_the_log(
     words = ("--sweeps", "3,4", "--view", "scene", "--animate", "--width", 60, "--dpi", 50)
     ran = lidarcli("plot", logs / "run.mcap", *words)
     assert ran.err == "  wrote    run.gif\n"
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "run-0.png",
-        "run-3.png",
-        "run-4.png",
-        "run.gif",
-    ]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run-0.png", "run-3.png", "run-4.png", "run.gif"]
 
 
 def test_size_title_and_legend(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
@@ -226,9 +219,7 @@ def test_what_stands_and_is_hidden_is_not_drawn(
         row["set"] = kind if row["track"] == 3 else row["set"]
     pq.write_table(pa.Table.from_pylist(rows, schema=pq.read_schema(tracked)), tracked)
     path = tracked.with_name("run.trajectories.parquet")
-    places = [
-        row | {"seen": "hidden" if row["sweep"] == 5 else "seen"} for row in pq.read_table(path).to_pylist()
-    ]
+    places = [row | {"seen": "hidden" if row["sweep"] == 5 else "seen"} for row in pq.read_table(path).to_pylist()]
     pq.write_table(pa.Table.from_pylist(places, schema=TRAJECTORIES), path)
     for number, seen in ((4, True), (5, False)):
         words = ("plot", logs / "run.mcap", "--sweep", number, "--view", "scene", "--tracks", tracked)
@@ -269,10 +260,7 @@ def test_tracks_that_cannot_be_drawn(lidarcli: Run, logs: Path, tracked: Path, t
     paths = tracked.with_name("run.trajectories.parquet")
     pq.write_table(pq.read_table(paths).slice(0, 0), paths)
     ran = lidarcli(*words)
-    assert (ran.code, ran.err) == (
-        2,
-        f"lidarcli: {tracked}: no tracks of /scan in it; lidarcli track LOG writes them\n",
-    )
+    assert (ran.code, ran.err) == (2, f"lidarcli: {tracked}: no tracks of /scan in it; lidarcli track LOG writes them\n")
     paths.unlink()
     ran = lidarcli(*words)
     assert (ran.code, ran.err.endswith(f"{paths}: not there; lidarcli track writes it\n")) == (3, True)
@@ -295,10 +283,7 @@ def test_an_animation(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
     if shutil.which("ffmpeg") is None:
         ran = lidarcli("plot", logs / "run.mcap", "--sweeps", "0,1", "--animate", "-o", tmp_path / "a.mp4")
-        assert (ran.code, ran.err) == (
-            2,
-            "lidarcli: .mp4 needs ffmpeg, which is not there; write .gif instead\n",
-        )
+        assert (ran.code, ran.err) == (2, "lidarcli: .mp4 needs ffmpeg, which is not there; write .gif instead\n")
 
 
 @pytest.mark.slow
@@ -346,11 +331,7 @@ def test_an_animation_of_a_time(lidarcli: Run, logs: Path, tmp_path: Path) -> No
             "--tracks are drawn in the scene; give --view all or scene",
         ),
         (("--trail", 5, "-o", "a.png"), 2, "--trail is for the paths of --tracks in the scene"),
-        (
-            ("--tracks", "none.tracks.parquet", "-o", "a.png"),
-            3,
-            "none.tracks.parquet: no such file or folder",
-        ),
+        (("--tracks", "none.tracks.parquet", "-o", "a.png"), 3, "none.tracks.parquet: no such file or folder"),
         (
             ("--topic", "/no", "-o", "a.png"),
             4,
@@ -382,9 +363,7 @@ def test_a_damaged_log(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     assert " in the part that could be read; " in ran.err
 
 
-def test_the_log_is_read_only_up_to_the_sweep(
-    large: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_log_is_read_only_up_to_the_sweep(large: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "large.mcap").write_bytes(large)
     seen: list[int] = []
 
@@ -414,9 +393,7 @@ def test_the_log_is_read_only_up_to_the_sweep(
         ("4.5s", 79),
     ],
 )
-def test_the_sweep_at_a_time(
-    lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, time: str, sweep: int
-) -> None:
+def test_the_sweep_at_a_time(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, time: str, sweep: int) -> None:
     monkeypatch.chdir(tmp_path)
     ran = lidarcli("plot", SAMPLES / "people.csv.gz", "--at", time, "--view", "sweep", "--dpi", 30)
     assert (ran.code, ran.err.splitlines()[-1]) == (0, f"  wrote    people-{sweep}.png")

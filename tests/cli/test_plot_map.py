@@ -91,9 +91,7 @@ def test_points_of_a_sweep_lie_on_the_map() -> None:
         assert shot is not None
         column = np.floor((shot.points[0] - grid.x) / grid.resolution).astype(int)
         row = np.floor((shot.points[1] - grid.y) / grid.resolution).astype(int)
-        near = [
-            (grid.cells[j - 1 : j + 2, i - 1 : i + 2] == 100).any() for i, j in zip(column, row, strict=True)
-        ]
+        near = [(grid.cells[j - 1 : j + 2, i - 1 : i + 2] == 100).any() for i, j in zip(column, row, strict=True)]
         assert len(near) > 300
         assert np.mean(near) > 0.94
         assert len(shot.boxes) >= 2
@@ -161,9 +159,7 @@ def test_the_world_of_a_sensor_that_stands_without_poses_is_its_frame(lidarcli: 
     stand = {(row["x"], row["y"]) for row in tracks if row["set"] == "O"}
     assert {(box.x, box.y) for box in picture.boxes} <= stand
     assert len(picture.boxes) >= 2
-    assert [number for number, _, _ in picture.agents] == [
-        row["track"] for row in tracks if row["set"] == "A"
-    ]
+    assert [number for number, _, _ in picture.agents] == [row["track"] for row in tracks if row["set"] == "A"]
     ways = pq.read_table(tmp_path / "people.trajectories.parquet").to_pylist()
     for number, x, y in picture.agents:
         mine = [(row["x"], row["y"]) for row in ways if row["track"] == number]
@@ -185,9 +181,7 @@ def test_tracks_of_other_topics_are_left_out(lidarcli: Run, tmp_path: Path) -> N
         sweeps=60,
     )
     log = write_bag(
-        tmp_path / "a.bag",
-        scans(sweeps_of(scene), odometry_of(scene)),
-        scans(sweeps_of(scene, topic="/again")),
+        tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)), scans(sweeps_of(scene, topic="/again"))
     )
     assert lidarcli("-q", "track", log, "-o", tmp_path).code == 0
     tracks = pq.read_table(tmp_path / "a.tracks.parquet").to_pylist()
@@ -198,9 +192,7 @@ def test_tracks_of_other_topics_are_left_out(lidarcli: Run, tmp_path: Path) -> N
         read = ReadOptions(topics=frozenset({topic}))
         (picture,) = take_map(found, MapOptions(read), tracks=str(tmp_path)).pictures
         mine = [row for row in tracks if row["topic"] == topic]
-        assert [number for number, _, _ in picture.agents] == [
-            row["track"] for row in mine if row["set"] == "A"
-        ]
+        assert [number for number, _, _ in picture.agents] == [row["track"] for row in mine if row["set"] == "A"]
         assert [box.name for box in picture.boxes] == [str(row["track"]) for row in mine if row["set"] == "O"]
         assert len(picture.paths) == 1
     assert lidarcli("-q", "track", log, "-o", tmp_path / "one", "--topic", "/scan").code == 0
@@ -225,10 +217,7 @@ def test_tables_of_another_log(lidarcli: Run, tables: Path, tmp_path: Path) -> N
     [
         (("--sweep", 150), f"{DRIVE}: no sweep 150 with a pose in this log"),
         (("--sweeps", "3,400"), f"{DRIVE}: no sweep 400 with a pose in this log"),
-        (
-            ("--background", "x.parquet"),
-            "--view map is a picture of its own, without --animate and --background",
-        ),
+        (("--background", "x.parquet"), "--view map is a picture of its own, without --animate and --background"),
         (("--animate",), "the suffix has to be one of .gif, .mp4"),
         (("--sweep", 1, "--sweeps", "2"), "--sweep and --sweeps exclude each other"),
         (("--pose", "match", "--poses", "x.tum"), "exclude each other"),

@@ -33,9 +33,7 @@ def lines_of(path: Path) -> Any:
     words = [line.split(" ") for line in path.read_text("ascii").splitlines()]
     whole = [word[0].partition(".") for word in words]
     assert all(len(after) == 9 for _, _, after in whole)
-    return np.array([int(one + after) for one, _, after in whole]), np.array(
-        [word[1:] for word in words], float
-    )
+    return np.array([int(one + after) for one, _, after in whole]), np.array([word[1:] for word in words], float)
 
 
 def columns(path: Path, *wanted: str) -> Any:
@@ -90,8 +88,7 @@ def test_parquet(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     assert table["sweep"].to_pylist() == list(range(150))
     assert table["stamp"].cast("int64").to_pylist() == [START + 200_000_000 * k for k in range(150)]
     assert np.array_equal(
-        columns(out, "x", "y", "yaw"),
-        columns(tables / "drive.sweeps.parquet", "pose_x", "pose_y", "pose_yaw"),
+        columns(out, "x", "y", "yaw"), columns(tables / "drive.sweeps.parquet", "pose_x", "pose_y", "pose_yaw")
     )
     assert lidarcli("-q", "poses", DRIVE, "-o", tmp_path / "run.tum").code == 0
     _, numbers = lines_of(tmp_path / "run.tum")
@@ -117,12 +114,9 @@ def test_options_choose_sweeps_and_source(lidarcli: Run, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("source", "options"),
-    [(DRIVE, ()), pytest.param(DRIVE, ("--no-deskew",), marks=pytest.mark.slow)],
+    ("source", "options"), [(DRIVE, ()), pytest.param(DRIVE, ("--no-deskew",), marks=pytest.mark.slow)]
 )
-def test_and_back(
-    lidarcli: Run, tables: Path, tmp_path: Path, source: Path, options: tuple[str, ...]
-) -> None:
+def test_and_back(lidarcli: Run, tables: Path, tmp_path: Path, source: Path, options: tuple[str, ...]) -> None:
     path = tmp_path / "run.tum"
     assert lidarcli("-q", "poses", source, "-o", path).code == 0
     ran = lidarcli("detect", source, "-o", tmp_path / "back", "--poses", path, *options)
@@ -132,9 +126,7 @@ def test_and_back(
         "objects": ("world_x", "world_y", "world_yaw"),
         "sweeps": ("pose_x", "pose_y", "pose_yaw"),
     }.items():
-        here, back = (
-            columns(folder / f"drive.{table}.parquet", *wanted) for folder in (tables, tmp_path / "back")
-        )
+        here, back = (columns(folder / f"drive.{table}.parquet", *wanted) for folder in (tables, tmp_path / "back"))
         apart = here - back
         turn = np.pi if table == "objects" else 2 * np.pi
         apart[:, 2] = (apart[:, 2] + turn / 2) % turn - turn / 2
@@ -144,9 +136,7 @@ def test_and_back(
     assert json.loads(metadata[b"lidarcli.source"])["poses"] == {"laser": accepted("run.tum", "world")}
 
 
-@pytest.mark.parametrize(
-    "command", ["info", "map", "poses", "track", pytest.param("plot", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("command", ["info", "map", "poses", "track", pytest.param("plot", marks=pytest.mark.slow)])
 def test_every_command_takes_a_path(lidarcli: Run, tmp_path: Path, command: str) -> None:
     path = tmp_path / "run.tum"
     assert lidarcli("-q", "poses", DRIVE, "-o", path).code == 0
@@ -163,9 +153,7 @@ def test_every_command_takes_a_path(lidarcli: Run, tmp_path: Path, command: str)
         f"lidarcli: --pose /odom and --poses {path} exclude each other: leave one out\n",
     )
     (tmp_path / "bad.tum").write_text("nothing\n")
-    ran = lidarcli(
-        command, DRIVE, "--poses", tmp_path / "bad.tum", *words, *(["--overwrite"] if words else [])
-    )
+    ran = lidarcli(command, DRIVE, "--poses", tmp_path / "bad.tum", *words, *(["--overwrite"] if words else []))
     assert ran.code == 3
     assert ran.err == (
         f"lidarcli: {DRIVE}: {tmp_path / 'bad.tum'}: line 1: 'nothing' is no pose; lines are timestamp x y z qx qy qz qw\n"
@@ -175,9 +163,7 @@ def test_every_command_takes_a_path(lidarcli: Run, tmp_path: Path, command: str)
 @pytest.mark.parametrize(
     "words", [("--poses", "/nowhere.tum"), ("--pose", "/odom"), ("--pose-delay", 0.1), ("--no-deskew",)]
 )
-def test_a_picture_that_needs_no_poses_takes_none(
-    lidarcli: Run, tmp_path: Path, words: tuple[object, ...]
-) -> None:
+def test_a_picture_that_needs_no_poses_takes_none(lidarcli: Run, tmp_path: Path, words: tuple[object, ...]) -> None:
     ran = lidarcli("plot", DRIVE, *words, "-o", tmp_path / "p.png")
     assert (ran.code, (tmp_path / "p.png").exists()) == (2, False)
     assert "are for --view map, --background and --zones" in ran.err
@@ -212,9 +198,7 @@ def test_evo_reads_it(lidarcli: Run, tmp_path: Path) -> None:
 def two(folder: Path) -> tuple[Path, Path]:
     """A log of two sensors, and a path that is right for any."""
     log, path = folder / "two.mcap", folder / "in.tum"
-    write_log(
-        log, [raw_sweeps(round_room(4), topic=f"/{name}", frame_ids=(name,)) for name in ("front", "rear")]
-    )
+    write_log(log, [raw_sweeps(round_room(4), topic=f"/{name}", frame_ids=(name,)) for name in ("front", "rear")])
     path.write_text("1700000000 0 0 0 0 0 0 1\n1700000001 1 0 0 0 0 0 1\n")
     return log, path
 
@@ -344,10 +328,7 @@ def test_a_path_of_another_time(lidarcli: Run, logs: Path, tmp_path: Path, far: 
     )
     objects = pq.read_table(tmp_path / "tables" / "run.objects.parquet")
     sweeps = pq.read_table(tmp_path / "tables" / "run.sweeps.parquet")
-    for table, wanted in (
-        (objects, ("world_x", "world_y", "world_yaw")),
-        (sweeps, ("pose_x", "pose_y", "pose_yaw")),
-    ):
+    for table, wanted in ((objects, ("world_x", "world_y", "world_yaw")), (sweeps, ("pose_x", "pose_y", "pose_yaw"))):
         for name in wanted:
             assert table[name].null_count == table.num_rows > 0
     ran = lidarcli("poses", logs / "run.mcap", "--poses", path, "-o", tmp_path / "out.tum")

@@ -96,10 +96,7 @@ def test_a_counted_bar() -> None:
 
 
 def test_the_total_may_come_later_and_names_may_be_long() -> None:
-    with (
-        terminal() as screen,
-        counted_bar("folder/of/a/long/name/room.toml", None, "sweeps", Messages()) as count,
-    ):
+    with terminal() as screen, counted_bar("folder/of/a/long/name/room.toml", None, "sweeps", Messages()) as count:
         assert count is not None
         count(50_000, 200_000)
     assert re.search(r"^\.\.\./name/room\.toml [━╸╺]+ +25% ", screen.plain)

@@ -101,11 +101,7 @@ def test_junit_is_well_formed_whatever_the_texts(lidarcli: Run, tmp_path: Path, 
     check = f"objects where topic == '{odd}' > 0"
     ran = lidarcli("report", run, f"{odd}.sweeps.parquet", "--check", check, "--format", "junit")
     assert ran.code == 3
-    shown = (
-        odd
-        if odd in ("]]>", "\t")
-        else odd.translate({ord(c): repr(c)[1:-1] for c in "\x01\udcff\x1b\ufffe"})
-    )
+    shown = odd if odd in ("]]>", "\t") else odd.translate({ord(c): repr(c)[1:-1] for c in "\x01\udcff\x1b\ufffe"})
     suite = ET.fromstring(ran.out.encode()).find("testsuite")
     assert suite is not None
     cases = suite.findall("testcase")
@@ -126,9 +122,7 @@ def test_several_outputs_at_once(lidarcli: Run, run: Path, tmp_path: Path) -> No
     assert [line.split()[1] for line in ran.err.splitlines()] == [str(tmp_path / name) for name in names]
     again = lidarcli("report", run, *words)
     assert again.code == 5
-    assert again.err == (
-        f"lidarcli: {tmp_path / 'a.md'} exists; use --overwrite to replace it, or -o to write elsewhere\n"
-    )
+    assert again.err == (f"lidarcli: {tmp_path / 'a.md'} exists; use --overwrite to replace it, or -o to write elsewhere\n")
     assert lidarcli("report", run, *words, "--overwrite").code == 0
 
 
@@ -170,17 +164,10 @@ def test_a_baseline(lidarcli: Run, run: Path, tmp_path: Path) -> None:
     assert [check["found"] for check in found["checks"]] == [-0.5, 8, 2]
     assert ran.code == 0
     assert found["comparison"]["baseline"]["figures"]["sweeps"] == 18
-    assert found["comparison"]["changes"][0] == {
-        "log": "run",
-        "topic": "/scan",
-        "sweep": 10,
-        "before": 2,
-        "now": 1,
-    }
+    assert found["comparison"]["changes"][0] == {"log": "run", "topic": "/scan", "sweep": 10, "before": 2, "now": 1}
     text = lidarcli("report", run, "--baseline", base).out
     words = (
-        "Sweeps in both runs: 18, 8 of them (44.4 %) with another number of objects; only here: 2; "
-        "only in the baseline: 0"
+        "Sweeps in both runs: 18, 8 of them (44.4 %) with another number of objects; only here: 2; only in the baseline: 0"
     )
     assert words in " ".join(text.split())
     assert text.startswith("Compared with the baseline\n")
@@ -206,9 +193,7 @@ def test_an_empty_run_has_a_report_in_every_format(lidarcli: Run, tmp_path: Path
 def test_a_run_in_which_nothing_could_be_followed(lidarcli: Run, tmp_path: Path) -> None:
     run = write_run(tmp_path, [sweep(0)], tracks=[])
     for kind in FORMATS:
-        ran = lidarcli(
-            "report", run, "--format", kind, "--check", "tracks == 0", "--check", "agents_at_once.max == 0"
-        )
+        ran = lidarcli("report", run, "--format", kind, "--check", "tracks == 0", "--check", "agents_at_once.max == 0")
         assert (ran.code, ran.err) == (0, "")
     assert "tracks          0, 0 of them agents" in lidarcli("report", run).out
     assert lidarcli("report", run, "--check", "tracks.duration.p50 > 0").code == 1
@@ -228,12 +213,7 @@ def test_a_run_in_which_nothing_could_be_followed(lidarcli: Run, tmp_path: Path)
     ],
 )
 def test_colour(
-    lidarcli: Run,
-    run: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    environment: dict[str, str],
-    terminal: bool,
-    coloured: bool,
+    lidarcli: Run, run: Path, monkeypatch: pytest.MonkeyPatch, environment: dict[str, str], terminal: bool, coloured: bool
 ) -> None:
     for name in ("NO_COLOR", "FORCE_COLOR"):
         monkeypatch.delenv(name, raising=False)
@@ -248,21 +228,11 @@ def test_colour(
 
 
 @pytest.mark.parametrize(("form", "count"), [("text", 3), ("markdown", 2), ("github", 3)])
-def test_names_of_a_log_do_not_steer_the_terminal(
-    lidarcli: Run, tmp_path: Path, form: str, count: int
-) -> None:
+def test_names_of_a_log_do_not_steer_the_terminal(lidarcli: Run, tmp_path: Path, form: str, count: int) -> None:
     odd = {"topic": "/a\x1b[2J\x07\u202e", "log": "l\x1b]0;x\x07", "frame_id": "f\x9b2J"}
     sweeps = [sweep(0, 1, **odd), sweep(1, 2, **odd), sweep(0, 1, topic="/b")]
     run = write_run(tmp_path, sweeps, [thing(0, 1)], damage=["\x1bc"])
-    ran = lidarcli(
-        "report",
-        run,
-        f"{tmp_path}/\x1b[2J",
-        "--format",
-        form,
-        "--check",
-        "objects where topic == '\x1bc' > 0",
-    )
+    ran = lidarcli("report", run, f"{tmp_path}/\x1b[2J", "--format", form, "--check", "objects where topic == '\x1bc' > 0")
     assert ran.code == 3
     assert all(line.isprintable() for line in ran.out.splitlines())
     assert ran.out.replace("\\\\", "\\").replace("\\[", "[").count("/a\\x1b[2J\\x07\\u202e") == count
@@ -293,9 +263,7 @@ def test_tracks_in_text(lidarcli: Run, tracked: Path) -> None:
 
 def test_tracks_of_several_logs_in_text(lidarcli: Run, tracked: Path) -> None:
     other = crossing("other")
-    other["tracks"][0]["label"] = (
-        "one label that is longer than the terminal is wide, by far, and far from useful"
-    )
+    other["tracks"][0]["label"] = "one label that is longer than the terminal is wide, by far, and far from useful"
     for row in other["objects"]:
         row["label"] = None
     write_run(tracked.parent, **other, name="other")
@@ -304,19 +272,13 @@ def test_tracks_of_several_logs_in_text(lidarcli: Run, tracked: Path) -> None:
     lines = ran.out.splitlines()
     start = lines.index("Track by track")
     assert lines[start + 1 : start + 8 : 5] == ["other /scan", "run /scan"]
-    assert (
-        lines[start + 3] == "    1  object  prismatic  one labe...    0.90 s    0.00 m   0.00 m/s  end of log"
-    )
+    assert lines[start + 3] == "    1  object  prismatic  one labe...    0.90 s    0.00 m   0.00 m/s  end of log"
     assert len(lines[start + 3]) == 80
 
 
 def test_any_table_names_the_log_and_the_tracks_lie_beside(lidarcli: Run, tracked: Path) -> None:
     wanted = lidarcli("report", tracked, "--format", "json").out
-    for inputs in (
-        [tracked.with_name("run.tracks.parquet")],
-        [tracked.parent],
-        [f"{tracked.parent}/*.parquet"],
-    ):
+    for inputs in ([tracked.with_name("run.tracks.parquet")], [tracked.parent], [f"{tracked.parent}/*.parquet"]):
         assert lidarcli("report", *inputs, "--format", "json").out == wanted
     found = json.loads(wanted)
     assert found["figures"]["agents_at_once.max"] == 2
@@ -335,9 +297,7 @@ def test_checks_of_tracks(lidarcli: Run, tracked: Path) -> None:
     words = [word for check in checks for word in ("--check", check)]
     ran = lidarcli("report", tracked, "--format", "junit", *words)
     assert ran.code == 1
-    assert ran.err == (
-        "lidarcli: check failed: tracks where shape == legged and distance > 1 is 0, expected == 1\n"
-    )
+    assert ran.err == ("lidarcli: check failed: tracks where shape == legged and distance > 1 is 0, expected == 1\n")
     suite = ET.fromstring(ran.out.encode())[0]
     properties = {item.get("name"): item.get("value") for item in suite.iter("property")}
     assert (properties["tracks"], properties["tracks.duration.p50"]) == ("3", "0.7")
@@ -426,9 +386,7 @@ def test_objects_are_the_same_rows_after_detect_and_after_track(lidarcli: Run, t
         assert told["figures"]["range.min"] == pytest.approx(objects["r_min"].to_numpy().min())
         assert told["figures"]["objects_per_sweep.max"] == per_sweep.max()
         assert told["figures"]["agents"] == objects["set"].to_pylist().count("A")
-        assert (
-            sum(told["figures"][f"shape.{shape}"] for shape in SHAPES if shape != "wall") == objects.num_rows
-        )
+        assert sum(told["figures"][f"shape.{shape}"] for shape in SHAPES if shape != "wall") == objects.num_rows
         near = (objects["r_min"].to_numpy() < 2.3).sum()
         assert told["checks"][0]["found"] == near > 0
     # Tracking tells agents apart; it takes away nothing that detection has found near.
@@ -491,9 +449,7 @@ def test_the_nearest_beam(lidarcli: Run, tmp_path: Path) -> None:
 
 
 def test_checks_of_a_damaged_log_are_not_passed_in_silence(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    cut = write_run(
-        tmp_path / "cut", [sweep(0, log="cut")], damage=["byte 99: cut", "byte 200: cut"], name="cut"
-    )
+    cut = write_run(tmp_path / "cut", [sweep(0, log="cut")], damage=["byte 99: cut", "byte 200: cut"], name="cut")
     line = "cut: damaged when its tables were made (byte 99: cut); --check 'damage <= 2' accepts that"
     ran = lidarcli("report", cut, run, "--check", "sweeps >= 1")
     assert (ran.code, ran.err) == (3, f"lidarcli: incomplete: {line}\n")
@@ -501,9 +457,7 @@ def test_checks_of_a_damaged_log_are_not_passed_in_silence(lidarcli: Run, run: P
     assert " ".join(ran.out.split()).startswith(start)
     told = json.loads(lidarcli("report", cut, "--check", "sweeps >= 1", "--format", "json").out)
     assert (told["holds"], told["checks"][0]["holds"], told["problems"]) == (False, True, [line])
-    told = lidarcli(
-        "report", cut, "--check", "sweeps >= 9", "--check", "sweeps >= 1", "--format", "markdown"
-    ).out
+    told = lidarcli("report", cut, "--check", "sweeps >= 9", "--check", "sweeps >= 1", "--format", "markdown").out
     assert f"**Incomplete:** {line.replace('<', '&lt;')}" in told
     assert "**Checks: 1 of 2 failed, on part of the data.**" in told
     page = lidarcli("report", cut, "--check", "sweeps >= 1", "--format", "html").out
@@ -540,9 +494,7 @@ def test_what_both_streams_would_show_is_shown_once(
 
 
 @pytest.mark.parametrize("table", ["objects", "sweeps"])
-def test_a_log_without_one_of_its_tables_is_not_passed_over(
-    lidarcli: Run, run: Path, tmp_path: Path, table: str
-) -> None:
+def test_a_log_without_one_of_its_tables_is_not_passed_over(lidarcli: Run, run: Path, tmp_path: Path, table: str) -> None:
     missing = run.with_name(f"b.{table}.parquet")
     write_run(run.parent, [sweep(0, 1, log="b")], [thing(0, 1, log="b")], name="b")
     missing.unlink()
@@ -571,9 +523,7 @@ def test_a_report_into_a_device(lidarcli: Run, run: Path) -> None:
     assert Path("/dev/null").is_char_device()
 
 
-def test_clouds_in_other_numbers_of_beams_are_no_other_recording(
-    lidarcli: Run, run: Path, tmp_path: Path
-) -> None:
+def test_clouds_in_other_numbers_of_beams_are_no_other_recording(lidarcli: Run, run: Path, tmp_path: Path) -> None:
     def clouds(name: str, bins: int) -> Path:
         sweeps = [sweep(k, 1, beams=bins) for k in range(20)]
         return write_run(tmp_path / name, sweeps, parameters={"slice": [0.1, 1.0], "bins": bins})
@@ -592,9 +542,7 @@ def test_a_baseline_of_another_recording_is_refused(lidarcli: Run, run: Path, tm
     other = write_run(tmp_path / "other", later, [thing(k, 1) for k in range(20)])
     ran = lidarcli("report", run, "--baseline", other)
     assert (ran.code, ran.out) == (2, "")
-    assert ran.err == (
-        f"lidarcli: --baseline: {run} and {other} {way_out} (19 of 20 sweeps have other stamps or beams)\n"
-    )
+    assert ran.err == (f"lidarcli: --baseline: {run} and {other} {way_out} (19 of 20 sweeps have other stamps or beams)\n")
     beams = write_run(tmp_path / "beams", [sweep(k, 1, beams=200, noise_beams=195) for k in range(20)])
     assert "20 of 20 sweeps have other stamps or beams" in lidarcli("report", run, "--baseline", beams).err
     topic = write_run(tmp_path / "topic", [sweep(k, 1, topic="/front") for k in range(20)])

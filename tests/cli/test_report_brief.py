@@ -42,9 +42,7 @@ def unlike(tmp_path: Path) -> Path:
         ("usual", 1, {"beams": 360, "valid": 359, "noise_beams": 355}),
         ("fast", 0.5, {"frame_id": "front"}),
     ):
-        sweeps = [
-            sweep(k, 1, log=name, stamp=START + int(stride * TENTH) * k, **other) for k in range(len(name))
-        ]
+        sweeps = [sweep(k, 1, log=name, stamp=START + int(stride * TENTH) * k, **other) for k in range(len(name))]
         write_run(tmp_path / "unlike", sweeps, [thing(k, 1, log=name) for k in range(len(name))], name=name)
     return tmp_path / "unlike"
 
@@ -69,9 +67,7 @@ def test_brief_text(lidarcli: Run, run: Path, baseline: Path) -> None:
         "Sweeps in both runs: 18, 3 of them (16.7 %) with another number of objects; only\n"
         "here: 2; only in the baseline: 0\n"
     )
-    assert (
-        lidarcli("report", run, "--brief").out == "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
-    )
+    assert lidarcli("report", run, "--brief").out == "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
 
 
 def test_brief_markdown_in_a_file(lidarcli: Run, run: Path, tmp_path: Path) -> None:
@@ -105,19 +101,14 @@ def test_brief_is_not_for_programs(lidarcli: Run, run: Path, tmp_path: Path, kin
 
 def test_files_for_later_and_annotations_in_one_call(lidarcli: Run, run: Path, tmp_path: Path) -> None:
     page, note = tmp_path / "a.json", tmp_path / "a.md"
-    ran = lidarcli(
-        "-q", "report", run, "--brief", "-o", page, "-o", note, "-o", "-", "--format", "github", *CHECKS
-    )
+    ran = lidarcli("-q", "report", run, "--brief", "-o", page, "-o", note, "-o", "-", "--format", "github", *CHECKS)
     assert ran.out == lidarcli("report", run, "--brief", "--format", "github", *CHECKS).out
     assert page.read_text() == lidarcli("report", run, "--format", "json", *CHECKS).out
     assert note.read_text() == lidarcli("report", run, "--format", "markdown", "--brief", *CHECKS).out
     ran = lidarcli("report", run, "-o", page, "-o", note, "--format", "github", "--overwrite")
     assert ran.code == 2
     assert "--format is for an output whose suffix does not say its format, and all of these do" in ran.err
-    assert (
-        "b.log: the suffix names no format (.txt .md"
-        in lidarcli("report", run, "-o", page, "-o", "b.log").err
-    )
+    assert "b.log: the suffix names no format (.txt .md" in lidarcli("report", run, "-o", page, "-o", "b.log").err
 
 
 def test_github(lidarcli: Run, run: Path, tmp_path: Path) -> None:
@@ -225,8 +216,7 @@ def test_like_sensors_are_pooled(lidarcli: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sweeps", "words"),
-    [(0, "run: 0 sweeps in 0 s, 0 objects"), (1, "run: 1 sweep in 0 s, 1 object (1 per sweep)")],
+    ("sweeps", "words"), [(0, "run: 0 sweeps in 0 s, 0 objects"), (1, "run: 1 sweep in 0 s, 1 object (1 per sweep)")]
 )
 def test_too_little_to_tell(lidarcli: Run, tmp_path: Path, sweeps: int, words: str) -> None:
     run = write_run(tmp_path, [sweep(0, 1)] * sweeps, [thing(0, 1)] * sweeps)

@@ -53,12 +53,7 @@ def fleet(tmp_path: Path) -> Path:
     write_manifest(
         tmp_path,
         "1",
-        [
-            row("a"),
-            row("b", "failed", "no such topic"),
-            row("c", "failed", "cut"),
-            row("d", "damaged", "byte 9"),
-        ],
+        [row("a"), row("b", "failed", "no such topic"), row("c", "failed", "cut"), row("d", "damaged", "byte 9")],
     )
     later = {"version": "0.2.0", "ended": START + 1_000_000_000}
     write_manifest(tmp_path, "2", [row("b", **later), row("e", size=None, **later)])
@@ -191,9 +186,7 @@ def test_checks_that_have_seen_some_of_the_logs_alone_say_so(lidarcli: Run, flee
         ("delta.logs == 0", "unknown figure 'delta.logs'"),
     ],
 )
-def test_a_check_that_makes_no_sense_is_a_usage_error(
-    lidarcli: Run, fleet: Path, expression: str, why: str
-) -> None:
+def test_a_check_that_makes_no_sense_is_a_usage_error(lidarcli: Run, fleet: Path, expression: str, why: str) -> None:
     ran = lidarcli("report", fleet, "--check", expression)
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.startswith(f"lidarcli: --check '{expression}': {why}")
@@ -313,9 +306,7 @@ def test_outputs(lidarcli: Run, fleet: Path, tmp_path: Path) -> None:
 
 def test_the_manifest_of_a_run(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     (tmp_path / "bad.mcap").write_text("nothing\n")
-    ran = lidarcli(
-        "detect", logs / "run.mcap", logs / "cut.mcap", tmp_path / "bad.mcap", "-o", tmp_path, "--resume"
-    )
+    ran = lidarcli("detect", logs / "run.mcap", logs / "cut.mcap", tmp_path / "bad.mcap", "-o", tmp_path, "--resume")
     assert ran.code == 3
     found = json.loads(lidarcli("report", tmp_path / "_lidarcli", "--format", "json").out)
     outcomes = {log["log"]: log["outcome"] for log in found["logs"]}

@@ -31,10 +31,7 @@ def room(count: int = 30) -> RawSweeps:
         ranges[row, 165 + row : 181 + row] = 2.0
     return replace(
         raw_sweeps(
-            ranges,
-            angle_min=-135 * DEGREE,
-            angle_increment=np.float32(DEGREE),
-            stamp_ns=START + TURN_NS * np.arange(count),
+            ranges, angle_min=-135 * DEGREE, angle_increment=np.float32(DEGREE), stamp_ns=START + TURN_NS * np.arange(count)
         ),
         time_increment=np.full(count, TURN_NS / 360e9, np.float32),
     )
@@ -69,8 +66,7 @@ def test_turns_of_segments_are_the_sweeps_of_the_full_log(
     assert capsys.readouterr().err.count(NOTE) == 1
     assert run(["detect", str(full), str(segments), "-o", str(tmp_path)]) == 0
     one, other = (
-        pq.read_table(tmp_path / f"{name}.objects.parquet").drop_columns(["log"])
-        for name in ("full", "segments")
+        pq.read_table(tmp_path / f"{name}.objects.parquet").drop_columns(["log"]) for name in ("full", "segments")
     )
     assert one.num_rows == 30
     columns = ["sweep", "stamp", "x", "y"]
@@ -91,9 +87,7 @@ def test_info_judges_turns(logs: tuple[Path, Path], capsys: pytest.CaptureFixtur
     assert (kept["scans"][0]["sweeps"], kept["notes"]) == (270, [])
 
 
-def test_clean_names_the_way_out(
-    logs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_clean_names_the_way_out(logs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "clean.mcap"
     assert run(["clean", str(logs[1]), "-o", str(out)]) == 2
     assert (

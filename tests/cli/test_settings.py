@@ -146,10 +146,7 @@ def test_words_that_stand_in_place_of_a_path_are_none(lidarcli: Run, lab: Path, 
             "[background]: no option 'station-distance': options stand below [background.build] or [background.subtract]",
         ),
         ("[background.build]\njobs = 1\n", "[background.build]: no option 'jobs'"),
-        (
-            "[background.subtract]\njbos = 1\n",
-            "[background.subtract]: no option 'jbos'; did you mean 'jobs'?",
-        ),
+        ("[background.subtract]\njbos = 1\n", "[background.subtract]: no option 'jbos'; did you mean 'jobs'?"),
         ("[background.build.x]\n", "[background.build.x]: no such command"),
         ("[detect.x]\n", "[detect.x]: no such command"),
         ("detect = 3\n", "'detect' is a command: its options stand below a line [detect]"),
@@ -162,10 +159,7 @@ def test_words_that_stand_in_place_of_a_path_are_none(lidarcli: Run, lab: Path, 
         ("[detect]\njobs = true\n", "[detect]: 'jobs' must be a text, a number or a list of them"),
         ("[detect]\nconfig = 'x'\n", "[detect]: no option 'config'"),
         ("jobs 2\n", "not valid TOML"),
-        (
-            "format = 'json'\n",
-            "'format' is not the same in every command: set it below [detect] or another one",
-        ),
+        ("format = 'json'\n", "'format' is not the same in every command: set it below [detect] or another one"),
     ],
 )
 def test_whatever_is_wrong_with_a_file_is_one_line(
@@ -195,15 +189,10 @@ def test_a_wrong_value_says_where_it_comes_from(
 
 def test_a_named_file_that_is_not_there_is_refused(lidarcli: Run, lab: Path) -> None:
     ran = lidarcli("--config", "nothing.toml", "info", "run.mcap")
-    assert (ran.code, ran.err) == (
-        3,
-        "lidarcli: nothing.toml: cannot read the settings file: No such file or directory\n",
-    )
+    assert (ran.code, ran.err) == (3, "lidarcli: nothing.toml: cannot read the settings file: No such file or directory\n")
 
 
-def test_variables_that_do_nothing_are_told(
-    lidarcli: Run, lab: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_variables_that_do_nothing_are_told(lidarcli: Run, lab: Path, logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LIDARCLI_DETECT_TOPICS", "/scan")
     monkeypatch.setenv("LIDARCLI_DETCT_JOBS", "2")
     monkeypatch.setenv("LIDARCLI_HELP", "1")
@@ -220,11 +209,7 @@ def test_lists_in_the_environment(lidarcli: Run, lab: Path, monkeypatch: pytest.
     monkeypatch.setenv("LIDARCLI_DETECT_TOPIC", "/front /rear")
     monkeypatch.setenv("LIDARCLI_REPORT_CHECK", "sweeps >= 10\nobjects == 0")
     found = {name: value for name, (value, _) in origins(lidarcli).items()}
-    assert found == {
-        "detect range": "0.1 20",
-        "detect topic": "/front /rear",
-        "report check": "sweeps >= 10 objects == 0",
-    }
+    assert found == {"detect range": "0.1 20", "detect topic": "/front /rear", "report check": "sweeps >= 10 objects == 0"}
 
 
 def test_config_of_a_command_shows_every_option_of_it(lidarcli: Run, lab: Path) -> None:
@@ -305,13 +290,7 @@ def test_a_mistyped_command_has_a_suggestion(lidarcli: Run) -> None:
     ],
 )
 def test_the_command_line_goes_before_what_excludes_it(
-    lidarcli: Run,
-    lab: Path,
-    settings: Settings,
-    logs: Path,
-    table: str,
-    arguments: tuple[str, ...],
-    wrote: list[str],
+    lidarcli: Run, lab: Path, settings: Settings, logs: Path, table: str, arguments: tuple[str, ...], wrote: list[str]
 ) -> None:
     settings(f"[plot]\nview = 'sweep'\ndpi = 30\n{table}\n")
     ran = lidarcli("plot", str(logs / "run.mcap"), *arguments)

@@ -77,10 +77,7 @@ def test_only_the_stamps_differ(tables: Path) -> None:
         (("detect", "-o", "out", "--partition", "table"), ("out/objects/run.parquet",)),
         (("detect", "-o", "one.parquet"), ("one.parquet",)),
         (("background", "subtract", "--background", "b.parquet", "-o", "out"), ("out/run.sweeps.parquet",)),
-        (
-            ("zones", "--zones", "zones.toml", "-o", "out"),
-            ("out/run.events.parquet", "out/run.zones.parquet"),
-        ),
+        (("zones", "--zones", "zones.toml", "-o", "out"), ("out/run.events.parquet", "out/run.zones.parquet")),
         (("clean", "--pose", "none", "-o", "c.mcap"), ("c.cleaned.parquet",)),
         (("poses", "--pose", "match", "-o", "poses.parquet"), ("poses.parquet",)),
         (("map", "--pose", "match", "-o", "cloud.parquet"), ("cloud.parquet",)),
@@ -142,8 +139,7 @@ def test_our_commands_read_them(tables: Path, tmp_path: Path, lidarcli: Run) -> 
         return found
 
     one, other = (
-        re.sub(r'\s+"stamps": "us",', "", each)
-        for each in read_by("report", "@run.objects.parquet", "--format", "json")
+        re.sub(r'\s+"stamps": "us",', "", each) for each in read_by("report", "@run.objects.parquet", "--format", "json")
     )
     assert '"objects":' in one
     assert other == re.sub(r"00789(?=Z|,)", "00000", one)

@@ -34,9 +34,7 @@ def test_a_speed_is_told_where_it_is_not_that_of_starting(seconds: float, speed:
 
 
 def test_what_does_not_occur_is_left_out_and_lines_fit_the_terminal() -> None:
-    lines = said(
-        run_of(0.1, valid=71_962_000, no_return=136_000, too_close=100_000, invalid=102_000),
-    )
+    lines = said(run_of(0.1, valid=71_962_000, no_return=136_000, too_close=100_000, invalid=102_000))
     assert lines[1:] == [
         "  beams    72,300,000: valid 71,962,000 (99.5%), no return 136,000 (0.2%),",
         "           too close 100,000 (0.1%), invalid 102,000 (0.1%)",

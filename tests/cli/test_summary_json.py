@@ -83,9 +83,7 @@ def test_background_tells_what_it_learned_and_found(folder: Path, lidarcli: Run)
 def test_zones_tell_figures_and_checks(folder: Path, lidarcli: Run) -> None:
     words = ("zones", "run.mcap", "--zones", "zones.toml", "--check", "zones.near.events == 0")
     document = told(lidarcli, *words, code=1)
-    assert document["checks"] == [
-        {"check": "zones.near.events == 0", "holds": False, "expected": "== 0", "found": 1}
-    ]
+    assert document["checks"] == [{"check": "zones.near.events == 0", "holds": False, "expected": "== 0", "found": 1}]
     (run,) = document["logs"]
     events = package.zones("run.mcap", zones="zones.toml").events
     assert run["figures"]["zones.near.events"] == events["kind"].to_pylist().count("occupied") == 1
@@ -98,9 +96,7 @@ def test_zones_tell_figures_and_checks(folder: Path, lidarcli: Run) -> None:
 def test_map_poses_clean_and_overlay(folder: Path, lidarcli: Run) -> None:
     document = told(lidarcli, "map", "run.mcap", "--pose", "match", "-o", "room.yaml")
     assert [*document["map"]] == ["sweeps", "worlds", "resolution", "width", "height", "occupied", "free"]
-    pixels = np.frombuffer(
-        Path("room.pgm").read_bytes()[-document["map"]["width"] * document["map"]["height"] :], np.uint8
-    )
+    pixels = np.frombuffer(Path("room.pgm").read_bytes()[-document["map"]["width"] * document["map"]["height"] :], np.uint8)
     assert np.count_nonzero(pixels == 0) == document["map"]["occupied"] > 100
     assert document["written"] == ["room.yaml", "room.pgm"]
     document = told(lidarcli, "poses", "run.mcap", "--pose", "match", "-o", "run.tum")
@@ -134,9 +130,7 @@ def test_the_text_stays_and_the_document_is_plain_text(folder: Path, lidarcli: R
         (("--dry-run",), "--dry-run prints a plan and no summary: leave out --format json"),
     ],
 )
-def test_what_has_no_summary_refuses(
-    folder: Path, lidarcli: Run, words: tuple[str, ...], message: str
-) -> None:
+def test_what_has_no_summary_refuses(folder: Path, lidarcli: Run, words: tuple[str, ...], message: str) -> None:
     ran = lidarcli("detect", "run.mcap", *words, "--format", "json")
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.splitlines()[-1] == f"Error: {message}"

@@ -47,9 +47,7 @@ def test_tables_and_summary(logs: Path, tmp_path: Path, lidarcli: Run, patient: 
     ran = lidarcli("track", logs / "run.mcap", "-o", tmp_path, "--beams")
     assert (ran.code, ran.out) == (0, "")
     lines = ran.err.splitlines()
-    assert lines[0].startswith(
-        f"{logs / 'run.mcap'}: 20 sweeps, 30 objects (10 on moving things), 2 tracks (1 moving)"
-    )
+    assert lines[0].startswith(f"{logs / 'run.mcap'}: 20 sweeps, 30 objects (10 on moving things), 2 tracks (1 moving)")
     assert lines[2:4] == [
         "  on       agents 300 (4.2%), other objects 400 (5.6%),",
         "           walls and rest 6,500 (90.3%)",
@@ -148,9 +146,7 @@ def test_an_output_that_exists_is_refused(logs: Path, tmp_path: Path, lidarcli: 
 
 def test_topics_are_followed_apart(logs: Path, tmp_path: Path, lidarcli: Run, patient: None) -> None:
     ran = lidarcli("track", logs / "two.mcap", "-o", tmp_path)
-    assert ran.err.startswith(
-        f"{logs / 'two.mcap'}: 40 sweeps, 60 objects (20 on moving things), 4 tracks (2 moving)"
-    )
+    assert ran.err.startswith(f"{logs / 'two.mcap'}: 40 sweeps, 60 objects (20 on moving things), 4 tracks (2 moving)")
     tracks = pq.read_table(tmp_path / "two.tracks.parquet")
     assert list(zip(tracks["topic"].to_pylist(), tracks["track"].to_pylist(), strict=True)) == [
         (topic, number) for topic in ("/front", "/rear") for number in (1, 2)
@@ -163,9 +159,7 @@ def test_several_logs_by_processes_give_the_same_bytes(
     for jobs in ("1", "2"):
         if jobs == "2":
             monkeypatch.setattr(over_logs, "WORTH_A_PROCESS", 1)
-        ran = lidarcli(
-            "track", logs / "run.mcap", logs / "two.mcap", "-o", tmp_path / jobs, "--jobs", jobs, "--beams"
-        )
+        ran = lidarcli("track", logs / "run.mcap", logs / "two.mcap", "-o", tmp_path / jobs, "--jobs", jobs, "--beams")
         assert ran.code == 0
         assert ran.err.splitlines()[-1].startswith("2 logs: 60 sweeps, 90 objects (0 on moving things), ")
     assert len(names(tmp_path / "1")) == 2 * (len(TABLES) + 1)
@@ -190,9 +184,7 @@ def test_damage_in_the_middle_costs_what_is_damaged(logs: Path, tmp_path: Path, 
 
 def test_what_cannot_be_read_leaves_no_table(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     (tmp_path / "bad.bag").write_bytes(b"\0\1\2" * 99)
-    ran = lidarcli(
-        "track", tmp_path / "bad.bag", logs / "run.mcap", "-o", tmp_path / "out", "--topic", "/none"
-    )
+    ran = lidarcli("track", tmp_path / "bad.bag", logs / "run.mcap", "-o", tmp_path / "out", "--topic", "/none")
     assert ran.code == 3
     assert names(tmp_path) == []
 
@@ -200,9 +192,7 @@ def test_what_cannot_be_read_leaves_no_table(logs: Path, tmp_path: Path, lidarcl
 def test_a_background_leaves_what_differs(tmp_path: Path, lidarcli: Run, patient: None) -> None:
     background = tmp_path / "b.parquet"
     assert lidarcli("-q", "background", "build", SAMPLES / "room_empty.mcap", "-o", background).code == 0
-    ran = lidarcli(
-        "track", SAMPLES / "room.mcap", "--background", background, "--walls", "--end", "0.5", "-o", tmp_path
-    )
+    ran = lidarcli("track", SAMPLES / "room.mcap", "--background", background, "--walls", "--end", "0.5", "-o", tmp_path)
     assert ran.code == 0
     assert "  note     compared with b.parquet: 25 appeared" in ran.err.splitlines()
     rows = pq.read_table(tmp_path / "room.objects.parquet").to_pylist()
@@ -226,10 +216,7 @@ def test_what_has_gone_is_no_thing(tmp_path: Path, lidarcli: Run) -> None:
 def test_an_empty_selection_gives_empty_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     ran = lidarcli("track", logs / "run.mcap", "--start", "1000", "-o", tmp_path)
     assert ran.code == 0
-    assert (
-        ran.err.splitlines()[0]
-        == f"{logs / 'run.mcap'}: 0 sweeps, 0 objects (0 on moving things), 0 tracks (0 moving)"
-    )
+    assert ran.err.splitlines()[0] == f"{logs / 'run.mcap'}: 0 sweeps, 0 objects (0 on moving things), 0 tracks (0 moving)"
     for table in TABLES:
         found = pq.read_table(tmp_path / f"run.{table}.parquet")
         assert (found.num_rows, found.schema.equals(SCHEMAS[table])) == (0, True)

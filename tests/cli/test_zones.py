@@ -101,11 +101,7 @@ def test_existing_tables_are_kept(lidarcli: Run, log: Path, tmp_path: Path) -> N
         ("zones.stop.events == 0", 1, "check failed: zones.stop.events is 1, expected == 0"),
         ("zones.stop.nearest > 1.5", 1, "check failed: zones.stop.nearest is 1"),
         ("events where kind == occupied and zone == stop == 1", 0, ""),
-        (
-            "events where kind == occupied and action == stop == 1",
-            3,
-            "incomplete: run: zone behind was never observed",
-        ),
+        ("events where kind == occupied and action == stop == 1", 3, "incomplete: run: zone behind was never observed"),
         ("zones.behind.observed == 0", 0, ""),
         ("zones.stop.observed > 0.9", 0, ""),
         ("events where kind == occupied == 0", 1, "expected == 0"),
@@ -167,9 +163,7 @@ def test_batches_and_processes_change_no_byte(lidarcli: Run, tmp_path: Path) -> 
 @pytest.mark.slow
 def test_batches_of_any_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     path = Course(np.array([[-2.0, 0.0], [2.0, 0.0], [2.0, 2.0], [-2.0, 2.0]]), speed=1.0)
-    scene = scene_of(
-        make.box(1.0, 1.0, 0.5, 0.5), make.box(3.0, 0.0, 0.5, 1.0), path=path, odometry=Odometry(), sweeps=60
-    )
+    scene = scene_of(make.box(1.0, 1.0, 0.5, 0.5), make.box(3.0, 0.0, 0.5, 1.0), path=path, odometry=Odometry(), sweeps=60)
     log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)))
     zones = zone_file(
         tmp_path,
@@ -189,17 +183,7 @@ def test_several_logs(lidarcli: Run, log: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.bag"
     other.write_bytes(log.read_bytes())
     zones = zones_of(tmp_path, STOP)
-    ran = lidarcli(
-        "zones",
-        log,
-        other,
-        *zones,
-        "--no-objects",
-        "-o",
-        tmp_path / "out",
-        "--check",
-        "zones.stop.events == 2",
-    )
+    ran = lidarcli("zones", log, other, *zones, "--no-objects", "-o", tmp_path / "out", "--check", "zones.stop.events == 2")
     assert ran.code == 0, ran.err
     assert names(tmp_path / "out") == [
         f"{log}.{table}.parquet" for log in ("other", "run") for table in ("events", "zones")
@@ -216,14 +200,7 @@ def test_a_log_that_is_cut(lidarcli: Run, log: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.bag"
     cut.write_bytes(data[: len(data) // 2])
     ran = lidarcli(
-        "zones",
-        cut,
-        *zones_of(tmp_path, STOP),
-        "--no-objects",
-        "-o",
-        tmp_path / "out",
-        "--check",
-        "zones.stop.events == 1",
+        "zones", cut, *zones_of(tmp_path, STOP), "--no-objects", "-o", tmp_path / "out", "--check", "zones.stop.events == 1"
     )
     assert ran.code == 3, ran.err
     assert names(tmp_path / "out") == ["cut.events.parquet", "cut.zones.parquet"]
@@ -247,9 +224,7 @@ def test_a_log_that_is_cut(lidarcli: Run, log: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("moment", MOMENTS)
 @pytest.mark.parametrize("options", [("--no-objects",), ()])
-def test_a_run_that_is_ended_leaves_nothing(
-    log: Path, tmp_path: Path, moment: str, options: tuple[str, ...]
-) -> None:
+def test_a_run_that_is_ended_leaves_nothing(log: Path, tmp_path: Path, moment: str, options: tuple[str, ...]) -> None:
     words = ("zones", log, *zones_of(tmp_path, STOP), "-o", tmp_path / "out", *options)
     ran = ended(moment, signal.SIGTERM, *words)
     assert (ran.returncode, ran.stderr) == (-signal.SIGTERM, "lidarcli: terminated\n")
@@ -269,16 +244,10 @@ def test_nothing_leads_to_a_frame(lidarcli: Run, log: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("options", [("--no-objects",), ()])
-def test_a_zone_in_the_world_without_poses(
-    lidarcli: Run, log: Path, tmp_path: Path, options: tuple[str, ...]
-) -> None:
-    ran = lidarcli(
-        "zones", log, *zones_of(tmp_path, STOP + 'frame = "world"\n'), *options, "-o", tmp_path / "out"
-    )
+def test_a_zone_in_the_world_without_poses(lidarcli: Run, log: Path, tmp_path: Path, options: tuple[str, ...]) -> None:
+    ran = lidarcli("zones", log, *zones_of(tmp_path, STOP + 'frame = "world"\n'), *options, "-o", tmp_path / "out")
     assert ran.code == 4
-    assert (
-        "zone 'stop' is in the world, and nothing tells where the sensor of /scan is: give --pose" in ran.err
-    )
+    assert "zone 'stop' is in the world, and nothing tells where the sensor of /scan is: give --pose" in ran.err
     assert not (tmp_path / "out").exists() or names(tmp_path / "out") == []
 
 
@@ -301,37 +270,19 @@ def test_poses_that_contradict_the_sweeps(lidarcli: Run, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("zone", "options", "cause"),
     [
-        (
-            "line = [[0, 0], [1, 0]]",
-            ("--no-objects",),
-            "is a line, and crossings need tracks: leave out --no-objects",
-        ),
-        (
-            'circle = { x = 1, y = 0, radius = 1 }\ncount = "agents"',
-            ("--no-objects",),
-            "counts agents, which need",
-        ),
+        ("line = [[0, 0], [1, 0]]", ("--no-objects",), "is a line, and crossings need tracks: leave out --no-objects"),
+        ('circle = { x = 1, y = 0, radius = 1 }\ncount = "agents"', ("--no-objects",), "counts agents, which need"),
         ("circle = { x = 1, y = 0, radius = 1 }", ("--footprint", "[[1, 2]]"), "--footprint"),
-        (
-            "circle = { x = 1, y = 0, radius = 1 }",
-            ("--footprint", "[[1, 2], [nan, 1], [2, 2]]"),
-            "--footprint",
-        ),
+        ("circle = { x = 1, y = 0, radius = 1 }", ("--footprint", "[[1, 2], [nan, 1], [2, 2]]"), "--footprint"),
         ("circle = { x = 1, y = 0, radius = 1 }", ("--footprint", "[[0, 0], [1, 0], [2, 0]]"), "--footprint"),
-        (
-            "circle = { x = 1, y = 0, radius = 1 }",
-            ("--footprint", "[[0, 0], [1, 1], [1, 0], [0, 1]]"),
-            "--footprint",
-        ),
+        ("circle = { x = 1, y = 0, radius = 1 }", ("--footprint", "[[0, 0], [1, 1], [1, 0], [0, 1]]"), "--footprint"),
         ("circle = { x = 1, y = 0, radius = 1 }", ("--no-objects", "--objects", "x"), "exclude each other"),
         ("circle = { x = 1, y = 0, radius = 1 }", ("--no-objects", "--min-size", "0.1"), "--min-size"),
         ("circle = { x = 1, y = 0, radius = 1 }", ("--check", "zones.other.events == 0"), "other"),
         ("circle = { x = 1, y = 0, radius = 1 }", ("--check", "objects == 0"), "objects"),
     ],
 )
-def test_what_is_refused(
-    lidarcli: Run, log: Path, tmp_path: Path, zone: str, options: tuple[str, ...], cause: str
-) -> None:
+def test_what_is_refused(lidarcli: Run, log: Path, tmp_path: Path, zone: str, options: tuple[str, ...], cause: str) -> None:
     zones = zones_of(tmp_path, f'[[zone]]\nname = "z"\n{zone}\n')
     ran = lidarcli("zones", log, *zones, *options, "-o", tmp_path / "out")
     assert ran.code == 2, ran.err
@@ -339,9 +290,7 @@ def test_what_is_refused(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_is_no_standard_output(
-    lidarcli: Run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_is_no_standard_output(lidarcli: Run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     zones = zones_of(tmp_path, '[[zone]]\nname = "z"\ncircle = { x = 1, y = 0, radius = 1 }\n')
     monkeypatch.chdir(tmp_path)
     ran = lidarcli("zones", log, *zones, "-o", "-")
@@ -382,9 +331,7 @@ def test_a_log_without_sweeps(lidarcli: Run, tmp_path: Path) -> None:
 # Lines.
 
 
-def placed_route(
-    rng: np.random.Generator, x: float
-) -> tuple[list[list[float]], list[tuple[float, float]], int, int]:
+def placed_route(rng: np.random.Generator, x: float) -> tuple[list[list[float]], list[tuple[float, float]], int, int]:
     """A line and a route as `drawn_route` has them, about (x, 0) and on that side of the sensor."""
     while True:
         line, route, into, out = drawn_route(rng, margin=0.1)
@@ -409,9 +356,7 @@ def test_drawn_routes_through_the_whole_command(tmp_path: Path) -> None:
         moves = [np.flatnonzero(np.diff(where(person, scene), axis=0).any(axis=1))[-1] for person in people]
         scene = replace(scene, sweeps=int(max(moves)) + 5)
         log = write_bag(tmp_path / f"{number}.bag", scans(sweeps_of(scene, number)))
-        zones = "".join(
-            f'[[zone]]\nname = "{side}"\nline = {line}\n' for side, (line, *_) in enumerate(drawn)
-        )
+        zones = "".join(f'[[zone]]\nname = "{side}"\nline = {line}\n' for side, (line, *_) in enumerate(drawn))
         events = package.zones(log, zones=str(zone_file(tmp_path, zones))).events
         for side, (_, _, into, out) in enumerate(drawn):
             ways = column(events, "direction", zone=str(side), kind="crossing")

@@ -109,8 +109,7 @@ def _database(path: Path) -> list[Message]:
         topics = {row[0]: row for row in database.execute("SELECT * FROM topics")}
         rows = database.execute("SELECT id, topic_id, timestamp, data FROM messages ORDER BY id").fetchall()
     return [
-        Message(topics[topic][1], topics[topic][2], (row, time, topics[topic]), data)
-        for row, topic, time, data in rows
+        Message(topics[topic][1], topics[topic][2], (row, time, topics[topic]), data) for row, topic, time, data in rows
     ]
 
 

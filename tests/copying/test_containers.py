@@ -56,9 +56,7 @@ def people() -> RawSweeps:
 @pytest.fixture(scope="module")
 def nobody() -> RawSweeps:
     """A room where nobody is."""
-    return concatenate(
-        [block.raw for block in simulate_blocks(load_scene(SAMPLES / "room_empty.toml"), SWEEPS)]
-    )
+    return concatenate([block.raw for block in simulate_blocks(load_scene(SAMPLES / "room_empty.toml"), SWEEPS)])
 
 
 def copy_of(path: Path) -> Path:
@@ -75,9 +73,7 @@ def assert_only_beams_differ(log: Path, out: Path, table: Any, said: float = mat
     """Assert that messages are the same but for as many ranges as the table tells; returns how many differ."""
     before, after = messages(log), messages(out)
     assert [replace(each, data=b"") for each in before] == [replace(each, data=b"") for each in after]
-    taken = [
-        sum(row[name] for name in ("agents", "temporary", "body", "margin")) for row in table.to_pylist()
-    ]
+    taken = [sum(row[name] for name in ("agents", "temporary", "body", "margin")) for row in table.to_pylist()]
     schema = descriptors().SerializeToString(deterministic=True)
     scans = [(one, other) for one, other in zip(before, after, strict=True) if "LaserScan" in one.type]
     assert len(scans) == len(taken)
@@ -127,9 +123,7 @@ def test_where_nobody_moves_every_payload_is_the_same(kind: str, nobody: RawSwee
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("value", "said"), [("inf", math.inf), ("above", 31.0), (0.25, 0.25)])
-def test_beams_say_what_is_asked_for(
-    value: str | float, said: float, people: RawSweeps, tmp_path: Path
-) -> None:
+def test_beams_say_what_is_asked_for(value: str | float, said: float, people: RawSweeps, tmp_path: Path) -> None:
     log = tmp_path / "run.bag"
     write_log(log, [people])
     out, table = cleaned(log, value=value)
@@ -141,9 +135,7 @@ def payloads(people: RawSweeps, rows: int, echoes: int, **how: Any) -> list[byte
     found = []
     for row in range(rows):
         values = people.ranges[row].tolist()
-        several = [
-            [r + 0.5 * echo for echo in range(echoes)] if beam % 7 else [] for beam, r in enumerate(values)
-        ]
+        several = [[r + 0.5 * echo for echo in range(echoes)] if beam % 7 else [] for beam, r in enumerate(values)]
         step = float(people.angle_increment[row])
         first = float(people.angle_min[row])
         geometry = (first, first + step * (len(values) - 1), step, 0.0, 0.05, 0.1, 30.0)
@@ -190,9 +182,7 @@ def write_odd(path: Path, people: RawSweeps, data: Sequence[bytes], kind: str) -
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("big", "echoes"), [(False, 0), (True, 0), (False, 2), (True, 3)])
-def test_byte_orders_echoes_and_all_that_is_no_message(
-    big: bool, echoes: int, people: RawSweeps, tmp_path: Path
-) -> None:
+def test_byte_orders_echoes_and_all_that_is_no_message(big: bool, echoes: int, people: RawSweeps, tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
     write_odd(log, people, payloads(people, SWEEPS, echoes, big=big), MULTI if echoes else SINGLE)
     out, table = cleaned(log)
@@ -226,13 +216,8 @@ def test_latched_topics_and_connections_of_a_bag_stay(people: RawSweeps, tmp_pat
     writer = BagWriter(log)
     writer.chunk_threshold = 50_000
     with writer:
-        latched = writer.add_connection(
-            "/map_name", "std_msgs/msg/String", typestore=ROS1, callerid="/maps", latching=1
-        )
-        scans = [
-            writer.add_connection("/scan", SINGLE, typestore=ROS1, callerid=f"/laser{number}")
-            for number in range(2)
-        ]
+        latched = writer.add_connection("/map_name", "std_msgs/msg/String", typestore=ROS1, callerid="/maps", latching=1)
+        scans = [writer.add_connection("/scan", SINGLE, typestore=ROS1, callerid=f"/laser{number}") for number in range(2)]
         first = int(people.stamp_ns[0])
         writer.write(latched, first, ROS1.serialize_ros1(string(data="room"), "std_msgs/msg/String"))
         for row, message in enumerate(payloads(people, SWEEPS, 0, encoding="ros1")):
@@ -252,9 +237,7 @@ CUT = {"run.mcap": {"chunk_size": 100_000}, "run.bag": {}, "run.db3": {}}
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CUT)
-def test_of_a_log_that_is_cut_off_all_whole_messages_are_copied(
-    name: str, people: RawSweeps, tmp_path: Path
-) -> None:
+def test_of_a_log_that_is_cut_off_all_whole_messages_are_copied(name: str, people: RawSweeps, tmp_path: Path) -> None:
     whole, log = tmp_path / f"whole{Path(name).suffix}", tmp_path / name
     write_log(whole, [people], **CUT[name])
     log.write_bytes(whole.read_bytes()[: whole.stat().st_size * 7 // 10])

@@ -64,9 +64,7 @@ def database(
         )
         kinds = (("/scan", "sensor_msgs/msg/LaserScan"), ("/words", "std_msgs/msg/String"))
         for topic, (name, kind) in enumerate(kinds, 1):
-            made.execute(
-                "INSERT INTO topics VALUES (?, ?, ?, 'cdr', '- history: 3', 'RIHS01')", (topic, name, kind)
-            )
+            made.execute("INSERT INTO topics VALUES (?, ?, ?, 'cdr', '- history: 3', 'RIHS01')", (topic, name, kind))
         made.execute(messages)
         for row in range(2 * ROWS):
             data = b"\0\1\0\0words" if row % 2 else scans[row // 2]
@@ -102,15 +100,9 @@ KEYS: dict[str, tuple[str, Callable[[int], Any]]] = {
     "none": (f"CREATE TABLE messages(id INTEGER, {COLUMNS})", lambda row: None),
     "text": (f"CREATE TABLE messages(id TEXT PRIMARY KEY, {COLUMNS})", lambda row: f"m{row}"),
     "real": (f"CREATE TABLE messages(id REAL, {COLUMNS})", lambda row: row + 0.5),
-    "no rowid by a quirk": (
-        f"CREATE TABLE messages(id INTEGER PRIMARY KEY DESC, {COLUMNS})",
-        lambda row: 99 - row,
-    ),
+    "no rowid by a quirk": (f"CREATE TABLE messages(id INTEGER PRIMARY KEY DESC, {COLUMNS})", lambda row: 99 - row),
     "without rowid": (f"{PLAIN} WITHOUT ROWID", lambda row: row + 1),
-    "beside a rowid": (
-        f"CREATE TABLE messages(id INTEGER, {COLUMNS}, rowid TEXT DEFAULT 'x')",
-        lambda row: 1,
-    ),
+    "beside a rowid": (f"CREATE TABLE messages(id INTEGER, {COLUMNS}, rowid TEXT DEFAULT 'x')", lambda row: 1),
     "checked": (PLAIN.replace("data BLOB NOT NULL", f"data BLOB CHECK ({BOMB} > 0)"), lambda row: row),
 }
 
@@ -129,23 +121,17 @@ def test_only_scans_change_whatever_numbers_the_rows(key: str, scans: list[bytes
     before, order = log.read_bytes(), "SELECT * FROM messages"
     out, damage = copied(log)
     assert (log.read_bytes(), damage) == (before, [])
-    wanted = [
-        (*row[:3], row[3] if row[1] == 2 else row[3][:-1] + b"!", *row[4:]) for row in asked(log, order)
-    ]
+    wanted = [(*row[:3], row[3] if row[1] == 2 else row[3][:-1] + b"!", *row[4:]) for row in asked(log, order)]
     assert asked(out, order) == wanted
     for table in ("topics", "schema", "metadata", '"an ""odd"" one"'):
         assert asked(out, f"SELECT * FROM {table}") == asked(log, f"SELECT * FROM {table}")
 
 
-def test_an_index_of_the_log_is_not_computed_and_that_of_rosbag2_is_there(
-    scans: list[bytes], tmp_path: Path
-) -> None:
+def test_an_index_of_the_log_is_not_computed_and_that_of_rosbag2_is_there(scans: list[bytes], tmp_path: Path) -> None:
     log = database(tmp_path / "run.db3", scans, more=("CREATE INDEX odd ON messages(length(data))",))
     with closing(sqlite3.connect(log)) as made:
         made.execute("PRAGMA writable_schema = on")
-        made.execute(
-            "UPDATE sqlite_master SET sql = ? WHERE name = 'odd'", (f"CREATE INDEX odd ON messages({BOMB})",)
-        )
+        made.execute("UPDATE sqlite_master SET sql = ? WHERE name = 'odd'", (f"CREATE INDEX odd ON messages({BOMB})",))
         made.commit()
     indexes = asked(copied(log)[0], "SELECT name FROM sqlite_master WHERE type = 'index'")
     assert indexes == [(b"timestamp_idx",)]
@@ -193,7 +179,5 @@ def test_a_linked_metadata_is_not_copied(tmp_path: Path) -> None:
     copy = Copy(changed)
     with closing(Rosbag2Log(log)) as opened:
         copy_folder(opened, out, copy)
-    assert "metadata.yaml: is a link, and not copied; 'ros2 bag reindex' makes a new one" in damage_lines(
-        copy.report
-    )
+    assert "metadata.yaml: is a link, and not copied; 'ros2 bag reindex' makes a new one" in damage_lines(copy.report)
     assert [path.name for path in out.iterdir()] == ["run.db3"]

@@ -17,14 +17,7 @@ from lidarcli.sweeps import TURN, Bool, Float64
 
 SENSORS = (
     Sensor(beams=720, angle_increment=TURN / 720, noise=0.01, range_max=20.0),
-    Sensor(
-        beams=1081,
-        angle_min=-0.375 * TURN,
-        angle_increment=TURN / 1440,
-        noise=0.005,
-        range_max=30.0,
-        flicker=0.05,
-    ),
+    Sensor(beams=1081, angle_min=-0.375 * TURN, angle_increment=TURN / 1440, noise=0.005, range_max=30.0, flicker=0.05),
     Sensor(beams=360, angle_increment=TURN / 360, noise=0.015, range_max=12.0, lost=0.02, mixed_pixels=0.2),
 )
 """A full turn at half a degree, 270 degrees at a quarter, and a cheap one of one degree."""
@@ -51,13 +44,9 @@ def write_run(
     odometry: Odometry | None = None,
 ) -> str:
     """Write the log of a run; the name of its file."""
-    scene = Scene(
-        path.stem, sensor, tuple(entities), sweeps=sweeps, path=course or parked(), odometry=odometry
-    )
+    scene = Scene(path.stem, sensor, tuple(entities), sweeps=sweeps, path=course or parked(), odometry=odometry)
     write_log(
-        path,
-        (block.raw for block in simulate_blocks(scene, sweeps, seed)),
-        poses=simulate_odometry(scene, sweeps, seed),
+        path, (block.raw for block in simulate_blocks(scene, sweeps, seed)), poses=simulate_odometry(scene, sweeps, seed)
     )
     return str(path)
 
@@ -214,9 +203,7 @@ def draw(seed: int) -> Pair:
     sensor = SENSORS[int(chance.integers(0, len(SENSORS)))]
     if kind == 2:
         # Driving around the middle, in one world.
-        courses = tuple(
-            Course(super_ellipse(0.7 * size, 0.5 * size, 2.0), 0.4) for size in chance.uniform(0.8, 1.2, 2)
-        )
+        courses = tuple(Course(super_ellipse(0.7 * size, 0.5 * size, 2.0), 0.4) for size in chance.uniform(0.8, 1.2, 2))
         odometry: Odometry | None = ODOMETRY
     else:
         courses = tuple(

@@ -42,9 +42,7 @@ def walls(boxes: int) -> Int8:
 def test_a_map_of_too_many_occupied_cells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = write_map(tmp_path / "one.yaml", walls(0))
     monkeypatch.setattr(differing, "MOST_OCCUPIED", 395)
-    with pytest.raises(
-        UnreadableError, match=r"one.yaml: 396 occupied cells are more than .*; make what lies"
-    ):
+    with pytest.raises(UnreadableError, match=r"one.yaml: 396 occupied cells are more than .*; make what lies"):
         package.diff(one, one)
 
 
@@ -53,15 +51,11 @@ def test_structure_that_differs_in_too_many_places(tmp_path: Path, monkeypatch: 
     assert package.diff(one, other).figures["new"] == 3.0
     for module in (differing, differences):
         monkeypatch.setattr(module, "MOST_CHANGES", 2)
-    with pytest.raises(
-        UnreadableError, match=r"differ in 3 places of their structure, more than are told \(2\)"
-    ):
+    with pytest.raises(UnreadableError, match=r"differ in 3 places of their structure, more than are told \(2\)"):
         package.diff(one, other)
 
 
-def test_many_changes_of_structure_are_not_told_one_by_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_many_changes_of_structure_are_not_told_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one, other = (write_map(tmp_path / f"{boxes}.yaml", walls(boxes)) for boxes in (0, 3))
     monkeypatch.setattr(differing, "MOST_TOLD", 1)
     assert package.diff(one, other).lines[2] == "  structure: new 0.4 m at (-2.3, -1.3), and 2 more"
@@ -96,9 +90,7 @@ def test_a_small_image_of_many_cells_takes_neither_time_nor_memory(pattern: str,
     if pattern == "dots":
         pixels[::5, ::5] = 0
     Image.fromarray(pixels).save(tmp_path / "map.png")
-    (tmp_path / "map.yaml").write_bytes(
-        yaml_bytes(Occupancy(0.05, 0.0, 0.0, np.zeros((1, 1), np.int8)), "map.png")
-    )
+    (tmp_path / "map.yaml").write_bytes(yaml_bytes(Occupancy(0.05, 0.0, 0.0, np.zeros((1, 1), np.int8)), "map.png"))
     script = (
         "from pathlib import Path; import lidarcli.cli as cli; code = cli.run(['-q', 'diff', 'map.yaml', 'map.yaml'])\n"
         # The peak since the process has begun its program; that of `getrusage` counts what forked it, too.

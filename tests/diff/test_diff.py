@@ -62,11 +62,7 @@ def test_a_run_with_itself(monday: str) -> None:
     found = package.diff(monday, monday)
     assert counts(found) == {"known": 5}
     assert found.changes.schema.equals(CHANGES)
-    assert found.figures == {
-        **dict.fromkeys(("moved", "new", "gone", "uncertain"), 0.0),
-        "known": 5.0,
-        "overlap": 1.0,
-    }
+    assert found.figures == {**dict.fromkeys(("moved", "new", "gone", "uncertain"), 0.0), "known": 5.0, "overlap": 1.0}
     assert max(found.changes["moved"].to_pylist()) == 0.0
 
 
@@ -81,9 +77,7 @@ def test_another_seed_of_one_scene_invents_nothing(sensor: Sensor, tmp_path: Pat
 @pytest.mark.slow
 def test_a_box_half_a_metre_on(monday: str, tmp_path: Path) -> None:
     box = BOXES[0]
-    tuesday = write_run(
-        tmp_path / "t.mcap", (*without(SCENE, box), replace(box, x=box.x - 0.3, y=box.y + 0.4)), seed=1
-    )
+    tuesday = write_run(tmp_path / "t.mcap", (*without(SCENE, box), replace(box, x=box.x - 0.3, y=box.y + 0.4)), seed=1)
     found = package.diff(monday, tuesday)
     assert counts(found) == {"known": 4, "moved": 1}
     (moved,) = rows(found, "moved")
@@ -176,9 +170,7 @@ def test_another_building_is_refused(monday: str, tmp_path: Path) -> None:
     hall = (closed(((-7, -1.2), (9, -1.2), (9, 1.5), (-7, 1.5))), make.box(3, 0.5, 0.4, 0.4, 0.1))
     other = write_run(tmp_path / "hall.mcap", hall)
     for runs in ((monday, other), (other, monday)):
-        with pytest.raises(
-            UnreadableError, match=r"do not lie on each other: \d+% of the structure at best, 60% "
-        ):
+        with pytest.raises(UnreadableError, match=r"do not lie on each other: \d+% of the structure at best, 60% "):
             package.diff(*runs)
     with pytest.raises(UnreadableError, match=r"as they are, that is \(--align search\)$"):
         package.diff(monday, other, align="as-is")
@@ -191,9 +183,7 @@ def test_an_empty_rectangle_lies_in_two_ways(tmp_path: Path) -> None:
         write_run(tmp_path / f"{seed}.mcap", rectangle, where, seed=seed)
         for seed, where in enumerate((parked(), parked(0.8, -0.4, 1.2)))
     )
-    with pytest.raises(
-        UnreadableError, match="lie on each other in two ways: nothing tells which one is right"
-    ):
+    with pytest.raises(UnreadableError, match="lie on each other in two ways: nothing tells which one is right"):
         package.diff(one, other)
 
 
@@ -256,14 +246,10 @@ def test_a_thin_partition_is_one_thing(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [(0.4, 0.4), (0.45, 0.3), (0.5, 0.3), (0.8, 0.5)])
-def test_runs_that_are_exchanged_tell_the_mirror_image(
-    size: tuple[float, float], monday: str, tmp_path: Path
-) -> None:
+def test_runs_that_are_exchanged_tell_the_mirror_image(size: tuple[float, float], monday: str, tmp_path: Path) -> None:
     """Also where a part of the place of a box was seen free, as another one stands there."""
     box = BOXES[0]
-    tuesday = write_run(
-        tmp_path / "t.mcap", (*without(SCENE, box), make.box(box.x, box.y, *size, 0.3)), seed=1
-    )
+    tuesday = write_run(tmp_path / "t.mcap", (*without(SCENE, box), make.box(box.x, box.y, *size, 0.3)), seed=1)
     found, back = package.diff(monday, tuesday), package.diff(tuesday, monday)
     mirror = {"new": "gone", "gone": "new"}
     told = [(row["status"], row["why"], row["track_a"], row["track_b"]) for row in found.changes.to_pylist()]
@@ -284,9 +270,7 @@ def test_frames_that_are_turned(sensor: Sensor, turn: float, tmp_path: Path) -> 
     step = found.steps[0]
     assert (step.motion.angle - turn + math.pi) % math.tau - math.pi == pytest.approx(0.0, abs=0.02)
     cos, sin = math.cos(0.2), math.sin(0.2)
-    assert (step.motion.x, step.motion.y) == pytest.approx(
-        (cos * 0.2 + sin * 0.1, cos * 0.1 - sin * 0.2), abs=0.03
-    )
+    assert (step.motion.x, step.motion.y) == pytest.approx((cos * 0.2 + sin * 0.1, cos * 0.1 - sin * 0.2), abs=0.03)
     assert {*counts(found)} <= {"known", "gone", "uncertain"}
     if sensor is not SENSORS[1]:
         # A view of 270 degrees leaves it out.
@@ -296,15 +280,11 @@ def test_frames_that_are_turned(sensor: Sensor, turn: float, tmp_path: Path) -> 
 @pytest.mark.slow
 def test_runs_that_drove_in_one_world(tmp_path: Path) -> None:
     one = write_run(tmp_path / "a.mcap", SCENE, DRIVE, sweeps=120, odometry=ODOMETRY)
-    other = write_run(
-        tmp_path / "b.mcap", without(SCENE, BOXES[3]), DRIVE, sweeps=120, seed=1, odometry=ODOMETRY
-    )
+    other = write_run(tmp_path / "b.mcap", without(SCENE, BOXES[3]), DRIVE, sweeps=120, seed=1, odometry=ODOMETRY)
     found = package.diff(one, other)
     assert found.lines[0].startswith("as they are, in the frame map; ")
     assert counts(found) == {"known": 4, "gone": 1}
-    odometry = write_run(
-        tmp_path / "c.mcap", without(SCENE, BOXES[3]), DRIVE, sweeps=120, seed=2, odometry=Odometry()
-    )
+    odometry = write_run(tmp_path / "c.mcap", without(SCENE, BOXES[3]), DRIVE, sweeps=120, seed=2, odometry=Odometry())
     found = package.diff(one, odometry)
     assert found.lines[0].startswith("aligned by structure: ")
     assert counts(found) == {"known": 4, "gone": 1}
@@ -326,9 +306,7 @@ def test_a_localisation_that_is_off_is_put_right_and_told(tmp_path: Path) -> Non
         motion = each.steps[0].motion
         assert (motion.x, motion.y, motion.angle) == pytest.approx((0.25 * way, 0.0, 0.0), abs=0.01)
         assert each.lines[0].startswith("shifted, in the frame map: 0.25 m, 0.0 degrees; 9")
-        assert re.search(
-            r"lie better on each other if shifted by 0.25 m, 0.0 degrees: 9\d% of the", each.notes[-1]
-        )
+        assert re.search(r"lie better on each other if shifted by 0.25 m, 0.0 degrees: 9\d% of the", each.notes[-1])
     asis = package.diff(one, other, align="as-is")
     assert asis.notes[-1] == found.notes[-1]
     assert asis.lines[0].startswith("as they are, in the frame map; 67%")
@@ -515,9 +493,7 @@ def test_notes_on_poses_are_shown(tmp_path: Path, lidarcli: Run) -> None:
 
 
 def test_an_output_is_named_twice(monday: str, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli(
-        "diff", monday, monday, "-o", tmp_path / "c.png", "-o", f"{tmp_path}/../{tmp_path.name}/c.png"
-    )
+    ran = lidarcli("diff", monday, monday, "-o", tmp_path / "c.png", "-o", f"{tmp_path}/../{tmp_path.name}/c.png")
     assert (ran.code, "is to be written twice" in ran.err) == (2, True)
 
 

@@ -33,9 +33,7 @@ def is_at(pair: Pair, row: dict[str, Any], run: str, box: Entity | None) -> bool
     if box is None or row[f"x_{run}"] is None:
         return False
     x, y = place(pair, box)
-    return math.hypot(row[f"x_{run}"] - x, row[f"y_{run}"] - y) < max(
-        0.3, 0.5 * math.hypot(box.length, box.width) + 0.15
-    )
+    return math.hypot(row[f"x_{run}"] - x, row[f"y_{run}"] - y) < max(0.3, 0.5 * math.hypot(box.length, box.width) + 0.15)
 
 
 def measure(pair: Pair, rows: list[dict[str, Any]], count: Counter[str]) -> None:

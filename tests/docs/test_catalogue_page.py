@@ -19,11 +19,7 @@ def test_every_constant_is_documented_with_its_value() -> None:
     }
 
 
-NUMERICAL = {
-    "evidence.LEAST_LENGTH",
-    "catalogue.LEAST_DENSITY",
-    "naming.SIZES",
-}
+NUMERICAL = {"evidence.LEAST_LENGTH", "catalogue.LEAST_DENSITY", "naming.SIZES"}
 """These keep numbers finite and arrays small, and decide nothing."""
 
 

@@ -44,9 +44,7 @@ def test_the_map_of_rooms_is_true() -> None:
 
 def test_the_files_that_are_named_are_there() -> None:
     for page in (PAGE, ARCHITECTURE):
-        named = {
-            name for name in re.findall(r"`((?:\w+/)*\w+\.py|(?:\w+/)+)(?:::\w+)?`", page) if "/" in name
-        }
+        named = {name for name in re.findall(r"`((?:\w+/)*\w+\.py|(?:\w+/)+)(?:::\w+)?`", page) if "/" in name}
         assert len(named) > 10
         for name in named:
             homes = (ROOT, PACKAGE, PACKAGE / "formalism")

@@ -137,12 +137,8 @@ def test_the_typical_tasks(tables: Path) -> None:
     assert (part["sweep"].min(), part["sweep"].max()) == (100, 199)
     news = pd.read_parquet(tables / "news" / "room.objects.parquet")
     assert set(news["change"]) == {"appeared"}
-    assert len(pd.read_csv(tables / "yard.csv")) == len(
-        pd.read_parquet(tables / "yard" / "yard.objects.parquet")
-    )
-    night = {
-        path.name.removesuffix(".objects.parquet") for path in (tables / "night").glob("*.objects.parquet")
-    }
+    assert len(pd.read_csv(tables / "yard.csv")) == len(pd.read_parquet(tables / "yard" / "yard.objects.parquet"))
+    night = {path.name.removesuffix(".objects.parquet") for path in (tables / "night").glob("*.objects.parquet")}
     assert night == {"corridor", "drive", "hall", "people", "reflectors", "room", "room_empty"}
 
 

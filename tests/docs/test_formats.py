@@ -39,9 +39,7 @@ def rows(page: str, title: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if "**" not in line][1:]
 
 
-@pytest.mark.parametrize(
-    ("title", "least"), [("Containers", 5), ("Damaged and unusual logs", 60), ("Outputs", 10)]
-)
+@pytest.mark.parametrize(("title", "least"), [("Containers", 5), ("Damaged and unusual logs", 60), ("Outputs", 10)])
 def test_every_row_has_its_tests(title: str, least: int) -> None:
     said = [row[0] for row in rows(PAGE, title)]
     tested = {row[0]: row[1] for row in rows(TESTS, title)}

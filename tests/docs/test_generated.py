@@ -23,9 +23,7 @@ def test_a_generated_page_is_not_stale(name: str) -> None:
 def test_the_exit_codes_of_the_readme_are_those_of_the_command_line() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     rows = text.partition("## Exit codes")[2].partition("\n## ")[0].split("|---|---|\n")[1]
-    assert rows.strip().splitlines() == [
-        f"| {code} | {words} |" for code, words in reference.exit_codes().items()
-    ]
+    assert rows.strip().splitlines() == [f"| {code} | {words} |" for code, words in reference.exit_codes().items()]
 
 
 def command_lines() -> str:
@@ -67,7 +65,7 @@ def test_the_wheel_holds_the_package_alone() -> None:
 
     project = tomllib.loads((Path(ROOT) / "pyproject.toml").read_text(encoding="utf-8"))
     assert project["tool"]["setuptools"]["packages"]["find"] == {"include": ["lidarcli*"]}
-    assert [
-        path.parent.name for path in ROOT.glob("*/__init__.py") if path.parent.name.startswith("lidarcli")
-    ] == ["lidarcli"]
+    assert [path.parent.name for path in ROOT.glob("*/__init__.py") if path.parent.name.startswith("lidarcli")] == [
+        "lidarcli"
+    ]
     assert not list((ROOT / "lidarcli").rglob("test*"))

@@ -47,11 +47,7 @@ KINDS: dict[str, tuple[type, ...]] = {
 
 def info(unknown: bool = False) -> LogInfo:
     """A log with something of everything; with all that may be unknown unknown."""
-    clock = (
-        ClockInfo(None, None, None, 0, 0.0, 2, None)
-        if unknown
-        else ClockInfo(5, 10**9, 10.0, 1, 0.5, 0, 0.25)
-    )
+    clock = ClockInfo(None, None, None, 0, 0.0, 2, None) if unknown else ClockInfo(5, 10**9, 10.0, 1, 0.5, 0, 0.25)
     scan = ScanInfo(
         topic="/scan",
         frame_id="laser",
@@ -77,9 +73,7 @@ def info(unknown: bool = False) -> LogInfo:
         topics=(Topic("/scan", "sensor_msgs/msg/LaserScan", "cdr", None if unknown else 2),),
         scans=(scan,),
         pose_topics=("/tf",),
-        pose_sources=(
-            PoseInfo("/tf", "tf2_msgs/msg/TFMessage", 9, None if unknown else 2.0, 1, 2, (("map", "laser"),)),
-        ),
+        pose_sources=(PoseInfo("/tf", "tf2_msgs/msg/TFMessage", 9, None if unknown else 2.0, 1, 2, (("map", "laser"),)),),
         dropped=(("/scan", "angle_increment is zero", 1),),
         findings=(mended, replace(mended, fix=None)) if unknown else (mended,),
         notes=("a note",),
@@ -134,9 +128,7 @@ def test_every_rule_is_explained() -> None:
 
 
 def test_units_stand_where_numbers_do() -> None:
-    without = {
-        key for key, kind, unit, _ in ROWS if kind.startswith(("integer", "number", "pair")) and not unit
-    }
+    without = {key for key, kind, unit, _ in ROWS if kind.startswith(("integer", "number", "pair")) and not unit}
     assert without == set()
     for key, _, unit, _ in ROWS:
         assert key.endswith("_ns") == (unit == "ns"), key

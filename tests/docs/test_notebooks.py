@@ -42,9 +42,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Any]]:
         for path in NOTEBOOKS:
             notebook = nbformat.read(path, as_version=4)
             notebook.cells.insert(0, nbformat.v4.new_code_cell(STRICT))
-            client = NotebookClient(
-                notebook, timeout=SECONDS, resources={"metadata": {"path": str(path.parent)}}
-            )
+            client = NotebookClient(notebook, timeout=SECONDS, resources={"metadata": {"path": str(path.parent)}})
             client.execute(env=dict(os.environ))
             found[path.stem] = [cell for cell in notebook.cells if cell.cell_type == "code"][1:]
     return found
@@ -70,7 +68,7 @@ def test_the_first_look_shows_what_it_says(ran: dict[str, list[Any]]) -> None:
     assert "SweepBatch /scan: 100 sweeps x 361 beams" in outputs(cells[2])
     assert "text/html" in kinds(cells[2])
     assert [sum("image/png" in each.get("data", {}) for each in cell.outputs) for cell in cells] == [
-        *(0, 0, 0, 1, 1, 0, 0, 1, 0),
+        *(0, 0, 0, 1, 1, 0, 0, 1, 0)
     ]
     assert len(outputs(cells[5]).splitlines()) == 6
     (shown,) = cells[8].outputs

@@ -128,18 +128,13 @@ def test_one_sweep_of_the_drive() -> None:
     assert sorted(hit(objects["robust"], truth)) == [1, 2, 3, 4, 5]
     (large,) = objects["robust"][[entity == 1 for entity in hit(objects["robust"], truth)]].to_dict("records")
     assert large["visibility"] == "start_hidden"
-    assert (
-        "- `paper` finds 8 objects: the bin, one box, three legs of the chair, one of the ladder, and two"
-        in PAGE
-    )
+    assert "- `paper` finds 8 objects: the bin, one box, three legs of the chair, one of the ladder, and two" in PAGE
     assert "- `robust` finds 5 objects" in PAGE
 
 
 def test_noise_beside_the_mean() -> None:
     """What the page says of the last row that noise.py prints."""
-    (d_th,) = (
-        float(value) for value in re.findall(r"^ 1081  0\.03 +([\d.]+) +[\d.]+ +[\d.]+$", PAGE, re.MULTILINE)
-    )
+    (d_th,) = (float(value) for value in re.findall(r"^ 1081  0\.03 +([\d.]+) +[\d.]+ +[\d.]+$", PAGE, re.MULTILINE))
     deviation = math.sqrt(2) * 0.03
     assert f"d_th is {100 * d_th:.1f} cm" in PAGE
     assert f"standard deviation of {100 * deviation:.1f} cm" in PAGE
@@ -154,10 +149,7 @@ def test_five_objects(room: pd.DataFrame) -> None:
     paper = lidarcli.detect(SAMPLES / "room.mcap", profile="paper").num_rows
     assert number("the same by the mean of \\|s\\|").startswith(f"{paper / 100:.1f} on average")
     sweep = room[room["sweep"] == 50]
-    vertices, legs = (
-        sweep["vertices"].map(len).sum(),
-        sweep.query("shape == 'legged'")["vertices"].map(len).sum(),
-    )
+    vertices, legs = (sweep["vertices"].map(len).sum(), sweep.query("shape == 'legged'")["vertices"].map(len).sum())
     assert number("vertices, Fig. 8e") == f"{vertices} in sweep 50, {legs} of them of the ladder"
 
 

@@ -53,9 +53,7 @@ def test_stamps_and_nested_columns_survive(folder: Path) -> None:
     polars_stamp = pl.read_parquet(path)["stamp"]
     assert polars_stamp.dtype == pl.Datetime("ns", "UTC")
     assert polars_stamp.dt.epoch("ns").to_list() == stamps
-    assert duckdb.sql(f"select epoch_ns(stamp) from '{path}' order by sweep").fetchall() == [
-        (stamp,) for stamp in stamps
-    ]
+    assert duckdb.sql(f"select epoch_ns(stamp) from '{path}' order by sweep").fetchall() == [(stamp,) for stamp in stamps]
 
     objects = folder / "room.objects.parquet"
     arrow = pq.read_table(objects)

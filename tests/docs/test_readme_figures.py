@@ -10,11 +10,7 @@ from tests.places import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SECTION = " ".join(README.partition("\n## How good it is\n")[2].partition("\n## ")[0].split())
-ACCURACY = (
-    (ROOT / "docs" / "accuracy.md")
-    .read_text(encoding="utf-8")
-    .partition("<!-- real recordings: begin -->")[2]
-)
+ACCURACY = (ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8").partition("<!-- real recordings: begin -->")[2]
 PERFORMANCE = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
 SCORES = {
     name.strip("*"): (float(recall), float(precision))

@@ -53,9 +53,7 @@ def test_the_commands_do_what_they_say_and_make_the_pictures(tmp_path: Path) -> 
     for name in SHOWN:
         today, shown = frames(tmp_path / name), frames(IMAGES / name)
         assert today.shape == shown.shape, f"{name}: run `python -m tests.docs.test_reports_page`"
-        assert np.abs(today - shown).mean() < LIKENESS, (
-            f"{name}: run `python -m tests.docs.test_reports_page`"
-        )
+        assert np.abs(today - shown).mean() < LIKENESS, f"{name}: run `python -m tests.docs.test_reports_page`"
 
 
 if __name__ == "__main__":

@@ -21,15 +21,7 @@ pytestmark = pytest.mark.whole
 for needed in ("sphinx", "furo", "myst_parser", "sphinx_copybutton"):
     pytest.importorskip(needed)
 
-LOADED = {
-    "script": "src",
-    "img": "src",
-    "link": "href",
-    "source": "src",
-    "iframe": "src",
-    "video": "src",
-    "object": "data",
-}
+LOADED = {"script": "src", "img": "src", "link": "href", "source": "src", "iframe": "src", "video": "src", "object": "data"}
 """Elements for which a browser asks, and the attribute that says what for."""
 
 
@@ -148,27 +140,20 @@ def test_the_first_page_is_the_readme(site: Path, pages: dict[Path, list[Element
     assert (site / "README.html").exists()
 
 
-def test_the_search_knows_the_words_of_the_pages_without_a_server(
-    site: Path, pages: dict[Path, list[Element]]
-) -> None:
+def test_the_search_knows_the_words_of_the_pages_without_a_server(site: Path, pages: dict[Path, list[Element]]) -> None:
     index = json.loads(
-        (site / "searchindex.js")
-        .read_text(encoding="utf-8")
-        .removeprefix("Search.setIndex(")
-        .removesuffix(")")
+        (site / "searchindex.js").read_text(encoding="utf-8").removeprefix("Search.setIndex(").removesuffix(")")
     )
     found = index["terms"]["odometri"]  # stemmed
     names = {index["docnames"][number] for number in (found if isinstance(found, list) else [found])}
     assert "docs/poses" in names
-    scripts = [
-        element.attributes.get("src", "")
-        for element in pages[site / "search.html"]
-        if element.tag == "script"
-    ]
+    scripts = [element.attributes.get("src", "") for element in pages[site / "search.html"] if element.tag == "script"]
     assert "searchindex.js" in {script.split("?")[0] for script in scripts}
 
 
 def test_badges_are_left_out_and_pictures_stay() -> None:
     badge = runpy.run_path(str(ROOT / "docs" / "conf.py"))["BADGE"]
-    line = "[![ci](https://example.org/ci.svg)](https://example.org/ci) ![b](http://example.org/b.svg)![c](docs/images/c.png)"
+    line = (
+        "[![ci](https://example.org/ci.svg)](https://example.org/ci) ![b](http://example.org/b.svg)![c](docs/images/c.png)"
+    )
     assert badge.sub("", line) == " ![c](docs/images/c.png)"

@@ -89,11 +89,7 @@ def test_no_word_is_explained_twice() -> None:
 
 def test_the_columns_and_options_of_the_glossary_are_there() -> None:
     sections = re.findall(r"^## (\w+)\n(.*?)(?=^## |\Z)", page("tables"), re.MULTILINE | re.DOTALL)
-    columns = {
-        f"{table}.{name}"
-        for table, text in sections
-        for name in re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)
-    }
+    columns = {f"{table}.{name}" for table, text in sections for name in re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)}
     options = {name for _, name in reference.option_names()}
     named = {name for _, row in GLOSSARY for name in re.findall(r"`([^`]+)`", f"{row} | ".split(" | ")[1])}
     assert len(named) > 60

@@ -14,9 +14,7 @@ from tools import examples
 @pytest.mark.slow
 def test_the_session_on_a_public_recording(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "zones.md").read_text(encoding="utf-8")
-    text = (
-        text.replace("```console", "```py").replace("```sh", "```py").replace("```text\n$", "```console\n$")
-    )
+    text = text.replace("```console", "```py").replace("```sh", "```py").replace("```text\n$", "```console\n$")
     (tmp_path / "test-bag").symlink_to(REAL_LOGS / "comprobo24" / "test-bag")
     done = list(examples.run(text, tmp_path))
     assert len(done) == 3

@@ -102,9 +102,7 @@ def test_a_dry_run_says_what_it_would_do_and_does_nothing(
     assert (replaced.code, replaced.out.count("(is replaced)")) == (0, 2)
 
 
-@pytest.mark.parametrize(
-    "arguments", [("info",), ("map", "-o", "map.yaml"), ("background", "build", "-o", "b.parquet")]
-)
+@pytest.mark.parametrize("arguments", [("info",), ("map", "-o", "map.yaml"), ("background", "build", "-o", "b.parquet")])
 def test_others_say_what_they_would_read(
     arguments: tuple[str, ...], bags: Path, lidarcli: Callable[..., Ran], tmp_path: Path
 ) -> None:
@@ -118,10 +116,7 @@ def test_others_say_what_they_would_read(
 
 @pytest.mark.parametrize(
     ("data", "cause"),
-    [
-        (b"one.mcap\0two.mcap\0", "it holds NUL bytes"),
-        ("one.mcap\n".encode("utf-16"), "it holds NUL bytes"),
-    ],
+    [(b"one.mcap\0two.mcap\0", "it holds NUL bytes"), ("one.mcap\n".encode("utf-16"), "it holds NUL bytes")],
 )
 def test_a_list_that_is_none(data: bytes, cause: str, tmp_path: Path, lidarcli: Callable[..., Ran]) -> None:
     (tmp_path / "list").write_bytes(data)
@@ -130,9 +125,7 @@ def test_a_list_that_is_none(data: bytes, cause: str, tmp_path: Path, lidarcli: 
     assert cause in ran.err
 
 
-def test_what_a_list_names_in_vain_is_told_with_its_line(
-    bags: Path, tmp_path: Path, lidarcli: Callable[..., Ran]
-) -> None:
+def test_what_a_list_names_in_vain_is_told_with_its_line(bags: Path, tmp_path: Path, lidarcli: Callable[..., Ran]) -> None:
     listed = tmp_path / "list.txt"
     listed.write_bytes(b"\xef\xbb\xbf" + f"{bags}/one.mcap\n\nnone.mcap\n".encode())
     ran = lidarcli("detect", "--files-from", listed, "-o", tmp_path / "out")
@@ -164,9 +157,7 @@ def test_a_log_that_a_pattern_names_twice_is_one(bags: Path) -> None:
 
 def test_a_list_does_not_say_where_credentials_are_sent(tmp_path: Path) -> None:
     listed = tmp_path / "list"
-    listed.write_text(
-        "s3://b/run.mcap?endpoint_override=127.0.0.1:1&scheme=http\ns3://b/logs/?region=x\ns3://b/a.mcap\n"
-    )
+    listed.write_text("s3://b/run.mcap?endpoint_override=127.0.0.1:1&scheme=http\ns3://b/logs/?region=x\ns3://b/a.mcap\n")
     first, second, third = choose([], str(listed))
     assert isinstance(first, Nothing)
     assert isinstance(second, Nothing)

@@ -34,10 +34,7 @@ from tests.places import SAMPLES
 from tests.waiting import HANG, wait_until
 
 distributed = pytest.importorskip("distributed")
-pytestmark = [
-    pytest.mark.whole,
-    pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc"),
-]
+pytestmark = [pytest.mark.whole, pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")]
 
 CommandLine = Callable[..., Ran]
 
@@ -69,8 +66,7 @@ def test_a_worker_that_is_killed_and_a_log_that_kills(
     _, said = process.communicate(timeout=HANG)
     lines = [line for line in said.decode().splitlines() if line.startswith("lidarcli:")]
     assert lines == [
-        f"lidarcli: {bags}/killer.mcap: ends every worker that reads it (out of memory?); "
-        "try it alone, without --cluster"
+        f"lidarcli: {bags}/killer.mcap: ends every worker that reads it (out of memory?); try it alone, without --cluster"
     ]
     assert process.returncode == 3
     assert tables(out) == tables(tmp_path / "here")
@@ -96,10 +92,7 @@ if number in {numbers}:
 
 @pytest.mark.parametrize("numbers", [(0,), tuple(range(99))])
 def test_a_worker_that_is_killed_while_it_starts(
-    numbers: tuple[int, ...],
-    bags: Path,
-    tmp_path: Path,
-    process: Callable[..., subprocess.CompletedProcess[bytes]],
+    numbers: tuple[int, ...], bags: Path, tmp_path: Path, process: Callable[..., subprocess.CompletedProcess[bytes]]
 ) -> None:
     path = tmp_path / "dies.py"
     path.write_text(DIES.format(numbers=numbers, folder=str(tmp_path)))
@@ -145,13 +138,7 @@ def scheduler(tmp_path: Path) -> Iterator[Callable[..., str]]:
         environment = {**os.environ, **config}
         command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
         place = ["--host", f"{protocol}://127.0.0.1", "--port", "0", "--scheduler-file", str(file)]
-        started.append(
-            subprocess.Popen(
-                [*command, *place],
-                env=environment,
-                stderr=subprocess.DEVNULL,
-            )
-        )
+        started.append(subprocess.Popen([*command, *place], env=environment, stderr=subprocess.DEVNULL))
         wait_until(lambda: file.exists() and file.read_text(), started[-1])
         address: str = json.loads(file.read_text())["address"]
         for extra in workers:
@@ -279,11 +266,7 @@ def test_results_are_read_as_data_alone(tmp_path: Path) -> None:
     "name",
     [
         *("collections Counter", "lidarcli.pipeline.reading.one_log RunSummary"),
-        *(
-            "lidarcli.pipeline.runs.over_logs Outcome",
-            "tblib.pickling_support unpickle_exception",
-            "os mkdir",
-        ),
+        *("lidarcli.pipeline.runs.over_logs Outcome", "tblib.pickling_support unpickle_exception", "os mkdir"),
     ],
 )
 def test_no_answer_changes_a_class_of_this_process(name: str) -> None:
@@ -354,10 +337,7 @@ def test_a_port_that_anybody_reaches_is_warned_of() -> None:
 
 
 def test_other_workers_are_refused(
-    scheduler: Callable[..., str],
-    bags: Path,
-    tmp_path: Path,
-    process: Callable[..., subprocess.CompletedProcess[bytes]],
+    scheduler: Callable[..., str], bags: Path, tmp_path: Path, process: Callable[..., subprocess.CompletedProcess[bytes]]
 ) -> None:
     address = scheduler({"LIDARCLI_COMPILED": "no"})
     ran = process("detect", bags, "-o", tmp_path / "out", "--cluster", address)
@@ -438,17 +418,7 @@ def test_what_a_cluster_is_not_for(arguments: tuple[str, ...], lidarcli: Command
 def test_without_the_extra_its_name_is_told(bags: Path, tmp_path: Path) -> None:
     code = "import sys; sys.modules['distributed'] = None; from lidarcli.cli import run; sys.exit(run(sys.argv[1:]))"
     ran = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            code,
-            "detect",
-            str(bags),
-            "-o",
-            str(tmp_path / "out"),
-            "--cluster",
-            "local:1",
-        ],
+        [sys.executable, "-c", code, "detect", str(bags), "-o", str(tmp_path / "out"), "--cluster", "local:1"],
         capture_output=True,
         check=False,
     )
@@ -474,9 +444,7 @@ def test_standard_input_is_for_no_cluster(lidarcli: CommandLine, tmp_path: Path)
     assert "reads no standard input" in ran.err
 
 
-def test_an_address_with_credentials_is_not_repeated(
-    bags: Path, lidarcli: CommandLine, tmp_path: Path
-) -> None:
+def test_an_address_with_credentials_is_not_repeated(bags: Path, lidarcli: CommandLine, tmp_path: Path) -> None:
     ran = lidarcli("detect", bags, "-o", tmp_path / "out", "--cluster", "tcp://user:SECRET@host:1")
     assert ran.code == 2
     assert "SECRET" not in ran.err
@@ -484,17 +452,7 @@ def test_an_address_with_credentials_is_not_repeated(
 
 def test_ctrl_c_of_a_terminal_reaches_the_workers_too(tmp_path: Path, large_log: Path) -> None:
     out = tmp_path / "out"
-    command = [
-        sys.executable,
-        "-m",
-        "lidarcli",
-        "detect",
-        str(large_log),
-        "-o",
-        str(out),
-        "--cluster",
-        "local:2",
-    ]
+    command = [sys.executable, "-m", "lidarcli", "detect", str(large_log), "-o", str(out), "--cluster", "local:2"]
     running = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
     wait_until(lambda: [*out.glob(".lidarcli-*.part/*")], running)
     os.killpg(running.pid, signal.SIGINT)

@@ -109,9 +109,7 @@ def test_tables_of_another_log_are_not_replaced(bags: Path, tmp_path: Path, lida
     assert (out / "two.objects.parquet").exists()
 
 
-def test_runs_at_the_same_time_have_manifests_of_their_own(
-    bags: Path, tmp_path: Path, lidarcli: CommandLine
-) -> None:
+def test_runs_at_the_same_time_have_manifests_of_their_own(bags: Path, tmp_path: Path, lidarcli: CommandLine) -> None:
     for number in (1, 2, 3):
         assert lidarcli("detect", bags, "-o", tmp_path / "out", "--shard", f"{number}/3").code == 0
     entries, _ = read_entries(tmp_path / "out")
@@ -134,12 +132,8 @@ def test_tables_in_folders(layout: str, bags: Path, tmp_path: Path, lidarcli: Co
     assert lidarcli("track", bags, "-o", out, "--partition", layout).code == 0
     day = "date=2023-11-14/" if layout == "date" else ""
     found = tables(out)
-    assert found == {
-        f"{name.split('.')[1]}/{day}{name.split('.')[0]}.parquet": data for name, data in tables(flat).items()
-    }
-    figures = [
-        json.loads(lidarcli("report", each, "--format", "json").out)["figures"] for each in (flat, out)
-    ]
+    assert found == {f"{name.split('.')[1]}/{day}{name.split('.')[0]}.parquet": data for name, data in tables(flat).items()}
+    figures = [json.loads(lidarcli("report", each, "--format", "json").out)["figures"] for each in (flat, out)]
     assert figures[0] == figures[1]
     assert lidarcli("track", bags, "-o", out, "--partition", layout).code == 5
     assert "6 done before" in lidarcli("track", bags, "-o", out, "--partition", layout, "--resume").err
@@ -161,9 +155,7 @@ def test_tables_that_another_run_has_replaced_are_not_taken_for_those(
     assert "1 log, done before" in lidarcli("detect", log, "-o", done, "--resume").err
 
 
-def test_files_that_parameters_name_count_by_their_content(
-    bags: Path, tmp_path: Path, lidarcli: CommandLine
-) -> None:
+def test_files_that_parameters_name_count_by_their_content(bags: Path, tmp_path: Path, lidarcli: CommandLine) -> None:
     catalogue = tmp_path / "things.toml"
     catalogue.write_text('[[thing]]\nname = "post"\ndiameter = 0.2\n')
     command = ("detect", bags, "-o", tmp_path / "out", "--resume", "--catalogue", catalogue)
@@ -222,9 +214,7 @@ def test_a_file_that_parameters_name_and_is_not_there_is_one_line(
     bags: Path, tmp_path: Path, lidarcli: CommandLine
 ) -> None:
     for more in ((), ("--resume",)):
-        ran = lidarcli(
-            "detect", bags / "one.mcap", "-o", tmp_path / "out", "--poses", tmp_path / "none", *more
-        )
+        ran = lidarcli("detect", bags / "one.mcap", "-o", tmp_path / "out", "--poses", tmp_path / "none", *more)
         assert ran.code == 3
         assert "none: " in ran.err
         assert len(ran.err.splitlines()) == 1
@@ -260,9 +250,7 @@ def test_a_place_where_no_manifest_can_be_is_told_before_the_work(
     assert [*(tmp_path / "out").glob("*.parquet")] == []
 
 
-def test_tables_of_other_options_that_stay_are_told_of(
-    bags: Path, tmp_path: Path, lidarcli: CommandLine
-) -> None:
+def test_tables_of_other_options_that_stay_are_told_of(bags: Path, tmp_path: Path, lidarcli: CommandLine) -> None:
     log, out = bags / "one.mcap", tmp_path / "out"
     assert lidarcli("track", log, "-o", out, "--resume").code == 0
     ran = lidarcli("detect", log, "-o", out, "--resume")
@@ -273,9 +261,7 @@ def test_tables_of_other_options_that_stay_are_told_of(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("more", [("--resume",), ("--resume", "--partition", "date"), ("--dry-run",)])
-def test_a_folder_that_may_not_be_looked_into_is_one_line(
-    more: tuple[str, ...], bags: Path, tmp_path: Path
-) -> None:
+def test_a_folder_that_may_not_be_looked_into_is_one_line(more: tuple[str, ...], bags: Path, tmp_path: Path) -> None:
     shut = tmp_path / "shut"
     shut.mkdir()
     shut.chmod(0o000)
@@ -291,8 +277,7 @@ def hostile(out: Path, **change: object) -> None:
     """Let the one manifest say something else of `one`."""
     (file,) = (out / "_lidarcli").iterdir()
     rows = [
-        {**row, **(change if row["log"] == "one" else {}), "ended": row["ended"]}
-        for row in pq.read_table(file).to_pylist()
+        {**row, **(change if row["log"] == "one" else {}), "ended": row["ended"]} for row in pq.read_table(file).to_pylist()
     ]
     pq.write_table(pa.Table.from_pylist(rows, RUNS), file)
 

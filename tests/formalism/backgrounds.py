@@ -26,9 +26,7 @@ WIDE = Parameters(max_width=np.inf)
 STEP = np.pi / 180
 
 
-def partial(
-    ranges: list[list[float]] | list[float] | NDArray[np.float64], range_max: float = 12.0
-) -> SweepBatch:
+def partial(ranges: list[list[float]] | list[float] | NDArray[np.float64], range_max: float = 12.0) -> SweepBatch:
     """Sweeps of a partial view, a degree from beam to beam."""
     table = np.atleast_2d(np.asarray(ranges, float))
     return sweep(table, angle_min=-STEP * table.shape[1] / 2, angle_increment=STEP, range_max=range_max)
@@ -48,10 +46,7 @@ def learned(batch: SweepBatch, size: int = 256) -> Background:
 
 
 def found_in(
-    batch: SweepBatch,
-    background: Background,
-    tolerance: Tolerance | None = None,
-    parameters: Parameters = WIDE,
+    batch: SweepBatch, background: Background, tolerance: Tolerance | None = None, parameters: Parameters = WIDE
 ) -> Detection:
     """What differs from a background."""
     sigma = noise(batch)
@@ -85,9 +80,7 @@ def labels(found: Detection, change: int) -> NDArray[np.int64]:
         first, last, row = found.beam_i[k], found.beam_f[k], found.row[k]
         within = (beams >= first) & (beams <= last) if first <= last else (beams >= first) | (beams <= last)
         # What is gone owns no beam: beams go on where it was.
-        differs = (
-            found.beam_difference[row] > 0 if change == REMOVED else found.beam_object[row] == found.object[k]
-        )
+        differs = found.beam_difference[row] > 0 if change == REMOVED else found.beam_object[row] == found.object[k]
         held[row, within & differs] = found.object[k]
     return held
 
@@ -116,16 +109,12 @@ class Counts:
         return 2 * precision * recall / max(precision + recall, 1e-9)
 
 
-def score(
-    found: Detection, change: int, entity: NDArray[np.int32], things: list[int], batch: SweepBatch
-) -> Counts:
+def score(found: Detection, change: int, entity: NDArray[np.int32], things: list[int], batch: SweepBatch) -> Counts:
     """Count against the truth: (S, B) entity of each beam, and the entities that are asked for."""
     kinds = np.full((len(batch), max(int(entity.max(initial=0)), *things) + 1), WALL, np.uint8)
     kinds[:, things] = 0
     result = assign(labels(found, change), Truth(entity, kinds), batch)
-    return Counts(
-        len(result.right), int(result.right.sum()), int(result.wanted.sum()), int(result.found.sum())
-    )
+    return Counts(len(result.right), int(result.right.sum()), int(result.wanted.sum()), int(result.found.sum()))
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,7 @@ from lidarcli.sweeps import Closure, RawSweeps, SweepBatch
 from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
 from tests.sweeping import raw_sweeps
 
-CLOSING = {
-    NO_TURN: Closure.OPEN,
-    EACH_BEARING_ONCE: Closure.CLOSED,
-    FIRST_BEARING_TWICE: Closure.SHARED,
-}
+CLOSING = {NO_TURN: Closure.OPEN, EACH_BEARING_ONCE: Closure.CLOSED, FIRST_BEARING_TWICE: Closure.SHARED}
 
 
 def raw_of(sweeps: list[Sweep], width: int | None = None) -> RawSweeps:

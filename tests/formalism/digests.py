@@ -56,9 +56,7 @@ def digest(found: Detection) -> str:
 if __name__ == "__main__":
     random = np.random.default_rng(0)
     for number, batch in enumerate(batches(sys.argv[1:], 2)):
-        within = np.repeat(random.random((len(batch), batch.width // 7 + 1)) < 0.4, 7, axis=1)[
-            :, : batch.width
-        ]
+        within = np.repeat(random.random((len(batch), batch.width // 7 + 1)) < 0.4, 7, axis=1)[:, : batch.width]
         for parameters in PARAMETERS:
             for mask in (None, within):
                 print(number, digest(detect(batch, parameters, per_beam=True, within=mask)))

@@ -32,9 +32,7 @@ def _batch(random: np.random.Generator, width: int, lost: float, alike: bool) ->
     levels = random.choice([1.0, 1.3, 4.0, 9.0], (rows, width // 6 + 1)).repeat(6, axis=1)[:, :width]
     ranges = (levels + random.normal(0.0, 0.01, (rows, width))).astype(np.float32)
     bad = random.random((rows, width)) < lost
-    ranges[bad] = random.choice(
-        np.array([np.nan, np.inf, -np.inf, 0, -1, 0.01, 9, 10, 99, 2e6], np.float32), bad.sum()
-    )
+    ranges[bad] = random.choice(np.array([np.nan, np.inf, -np.inf, 0, -1, 0.01, 9, 10, 99, 2e6], np.float32), bad.sum())
     raw = raw_sweeps(
         ranges,
         stamp_ns=0,

@@ -37,9 +37,7 @@ def small_sweeps(draw: st.DrawFn) -> Sweep:
     return Sweep(ranges, *geometry(closing, len(ranges), draw(st.booleans()), angle_min), closing)
 
 
-def random_sweep(
-    rng: np.random.Generator, closing: str | None = None, most: int = 60, rough: bool = False
-) -> Sweep:
+def random_sweep(rng: np.random.Generator, closing: str | None = None, most: int = 60, rough: bool = False) -> Sweep:
     """1 to `most` beams: pieces that are level, slanted, straight walls or round, with noise, steps and lost beams.
 
     A `rough` sweep always has noise, and so no two faces of one length and no two points equally near.
@@ -80,7 +78,5 @@ def random_sweep(
     clockwise = bool(rng.random() < 0.4)
     start = float(rng.choice([-pi, 0.0, rng.uniform(-pi, pi)]))
     return Sweep(
-        [float(value) for value in ranges.astype(np.float32)],
-        *geometry(closing, beams, clockwise, start),
-        closing,
+        [float(value) for value in ranges.astype(np.float32)], *geometry(closing, beams, clockwise, start), closing
     )

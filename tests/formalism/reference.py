@@ -9,11 +9,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from math import cos, fsum, hypot, inf, isfinite, isnan, pi, sin
 
-NO_TURN, EACH_BEARING_ONCE, FIRST_BEARING_TWICE = (
-    "partial view",
-    "full turn",
-    "full turn, first bearing twice",
-)
+NO_TURN, EACH_BEARING_ONCE, FIRST_BEARING_TWICE = ("partial view", "full turn", "full turn, first bearing twice")
 
 
 @dataclass
@@ -131,13 +127,7 @@ def _own_edge(r: list[float], here: int, beside: int | None) -> bool:
 
 
 def _object(
-    sweep: Sweep,
-    bearings: list[int],
-    r: list[float],
-    run: list[int],
-    s_i: float | None,
-    s_f: float | None,
-    d_th: float,
+    sweep: Sweep, bearings: list[int], r: list[float], run: list[int], s_i: float | None, s_f: float | None, d_th: float
 ) -> FoundObject:
     theta = []
     for n in run:

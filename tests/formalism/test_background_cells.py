@@ -37,9 +37,7 @@ def test_counting_agrees_with_a_dictionary(observed: list[tuple[int, float]]) ->
         entry[0] += 1
         entry[1] += unit % BIN_UNITS
         entry[2] += (unit % BIN_UNITS) ** 2
-    cells = count_ranges(
-        np.array([beam for beam, _ in observed], np.int64), np.array([r for _, r in observed])
-    )
+    cells = count_ranges(np.array([beam for beam, _ in observed], np.int64), np.array([r for _, r in observed]))
     got = zip(
         zip(cells.beam.tolist(), cells.unit.tolist(), strict=True),
         zip(cells.count.tolist(), cells.total.tolist(), cells.squares.tolist(), strict=True),
@@ -49,9 +47,7 @@ def test_counting_agrees_with_a_dictionary(observed: list[tuple[int, float]]) ->
 
 
 @given(Observed, st.integers(0, 60), st.randoms())
-def test_the_order_and_the_parts_make_no_difference(
-    observed: list[tuple[int, float]], cut: int, random: Random
-) -> None:
+def test_the_order_and_the_parts_make_no_difference(observed: list[tuple[int, float]], cut: int, random: Random) -> None:
     beam = np.array([beam for beam, _ in observed], np.int64)
     ranges = np.array([r for _, r in observed])
     whole = count_ranges(beam, ranges)

@@ -21,9 +21,7 @@ SEEDS = range(6)
 
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize(("noise", "lost", "appeared_f1"), [(0.01, 0.003, 0.99), (0.03, 0.003, 0.97)])
-def test_new_and_removed_things_in_a_furnished_room(
-    sensor: str, noise: float, lost: float, appeared_f1: float
-) -> None:
+def test_new_and_removed_things_in_a_furnished_room(sensor: str, noise: float, lost: float, appeared_f1: float) -> None:
     appeared, removed = Counts(), Counts()
     for seed in SEEDS:
         scene = random_scene("room", seed, sensor_with(SENSORS[sensor], noise, lost), legged=False)
@@ -50,9 +48,7 @@ def test_the_unchanged_scene_is_empty(kind: Kind, noise: float, lost: float) -> 
     assert false <= 1
 
 
-def seen_by(
-    sensor: Sensor, things: list[Entity], sweeps: int, seed: int
-) -> tuple[SweepBatch, NDArray[np.int32]]:
+def seen_by(sensor: Sensor, things: list[Entity], sweeps: int, seed: int) -> tuple[SweepBatch, NDArray[np.int32]]:
     return simulated(Scene("test", sensor, tuple(things)), sweeps, seed)
 
 
@@ -82,13 +78,7 @@ def test_things_before_open_space_are_found(sensor: str) -> None:
 
 
 SPEED = 0.5
-FURNITURE = (
-    (4, 3, 0.5, 0.4),
-    (-4, 3, 0.6, 0.4),
-    (-4.2, -3.2, 0.5, 0.5),
-    (4.2, -3, 0.4, 0.7),
-    (0, 3.5, 0.9, 0.4),
-)
+FURNITURE = ((4, 3, 0.5, 0.4), (-4, 3, 0.6, 0.4), (-4.2, -3.2, 0.5, 0.5), (4.2, -3, 0.4, 0.7), (0, 3.5, 0.9, 0.4))
 MIDDLE = (box(0, 0, 0.8, 0.6, 0.3), box(-0.8, -0.5, 0.3, 0.3, 1.0), plant(1.2, 0.3, 0.25, seed=3))
 NEW = (
     box(4.1, 0.2, 0.4, 0.3, 0.4),

@@ -33,9 +33,7 @@ RATES = (
 """Ways through one and the same place, as many one way round as the other."""
 
 
-def going(
-    rate: tuple[float, float, float], sensor: str = "full turn", upside_down: bool = False
-) -> SweepBatch:
+def going(rate: tuple[float, float, float], sensor: str = "full turn", upside_down: bool = False) -> SweepBatch:
     """A sweep that begins at the place."""
     return seen_going(SENSORS[sensor], Drive(START, rate), *THINGS, upside_down=upside_down)
 

@@ -33,9 +33,7 @@ PER_BEAM = [field.name for field in fields(Estimate)]
 
 def equal(a: Background, b: Background) -> bool:
     same = all(np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True) for name in PER_BEAM)
-    return (
-        same and np.array_equal(a.sweeps, b.sweeps) and np.array_equal(a.poses.x, b.poses.x, equal_nan=True)
-    )
+    return same and np.array_equal(a.sweeps, b.sweeps) and np.array_equal(a.poses.x, b.poses.x, equal_nan=True)
 
 
 def room(sweeps: int, seed: int = 0, sensor: str = "361") -> SweepBatch:
@@ -203,9 +201,7 @@ def test_nothing_seen_is_no_station() -> None:
 # Stations, slowly.
 
 
-def opened_one_by_one(
-    poses: NDArray[np.float64], distance: float, angle: float
-) -> tuple[list[int], list[int]]:
+def opened_one_by_one(poses: NDArray[np.float64], distance: float, angle: float) -> tuple[list[int], list[int]]:
     """Each pose goes to the nearest station, or opens one; the reference for `gather`."""
     stations: list[int] = []
     chosen = []

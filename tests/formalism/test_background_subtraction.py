@@ -31,9 +31,7 @@ def spans(found: Detection) -> list[tuple[int, int, int]]:
     return list(zip(found.row.tolist(), found.beam_i.tolist(), found.beam_f.tolist(), strict=True))
 
 
-def of(
-    ranges: NDArray[np.float64], empty: NDArray[np.float64], tolerance: Tolerance | None = None
-) -> Detection:
+def of(ranges: NDArray[np.float64], empty: NDArray[np.float64], tolerance: Tolerance | None = None) -> Detection:
     """What differs between a sweep and the scene before."""
     return found_in(partial(ranges), learned(partial(np.stack([empty] * 5))), tolerance)
 
@@ -89,9 +87,7 @@ def test_without_a_greatest_range_the_difference_from_open_space_is_not_known() 
 def test_a_greatest_range_that_is_none(written: float) -> None:
     empty, now = np.full(60, np.inf), np.full(60, np.inf)
     now[20:28] = 2.5
-    old, new = (
-        replace(partial(ranges, np.inf), range_max=np.full(1, written, np.float32)) for ranges in (empty, now)
-    )
+    old, new = (replace(partial(ranges, np.inf), range_max=np.full(1, written, np.float32)) for ranges in (empty, now))
     background = learned(old)
     assert background.range_max == np.inf
     assert spans(found_in(new, background)) == [(0, 20, 27)]
@@ -318,13 +314,8 @@ def test_a_thing_across_the_seam_is_one() -> None:
 
 
 @pytest.mark.slow
-@given(
-    st.integers(1, 59),
-    st.lists(st.tuples(st.integers(0, 59), st.integers(1, 12), st.floats(0.5, 7.0)), max_size=4),
-)
-def test_turning_and_mirroring_the_sensor_changes_nothing(
-    k: int, things: list[tuple[int, int, float]]
-) -> None:
+@given(st.integers(1, 59), st.lists(st.tuples(st.integers(0, 59), st.integers(1, 12), st.floats(0.5, 7.0)), max_size=4))
+def test_turning_and_mirroring_the_sensor_changes_nothing(k: int, things: list[tuple[int, int, float]]) -> None:
     step = TURN / 60
     empty, now = 4.0 + np.sin(np.arange(60)), 4.0 + np.sin(np.arange(60))
     for at, size, r in things:
@@ -424,32 +415,22 @@ def test_the_batch_size_makes_no_difference(size: int) -> None:
         now[row, at : at + 7] *= rng.choice([0.5, 1.5])
     poses = np.column_stack([rng.uniform(-0.1, 0.1, (30, 2)), np.zeros(30)])
     poses[::3] = 0.0
-    for batch, old in (
-        (partial(now), partial(seen)),
-        (with_poses(partial(now), poses), with_poses(partial(seen), poses)),
-    ):
+    for batch, old in ((partial(now), partial(seen)), (with_poses(partial(now), poses), with_poses(partial(seen), poses))):
         background = learned(old)
         whole = found_in(batch, background, GONE)
         parts = [
-            found_in(batch.rows(np.arange(start, min(start + size, 30))), background, GONE)
-            for start in range(0, 30, size)
+            found_in(batch.rows(np.arange(start, min(start + size, 30))), background, GONE) for start in range(0, 30, size)
         ]
         assert sum(map(len, parts)) == len(whole) > 5
         for name in ("beam_i", "beam_f", "difference", "change", "theta_i", "box_x", "vertex_r", "objects"):
-            assert np.array_equal(
-                np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name)
-            )
+            assert np.array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name))
 
 
 # Runs of beams, slowly.
 
 
 def runs_one_by_one(
-    own: NDArray[np.float32],
-    beyond: NDArray[np.float32],
-    threshold: float,
-    lost: NDArray[np.bool_],
-    most: int,
+    own: NDArray[np.float32], beyond: NDArray[np.float32], threshold: float, lost: NDArray[np.bool_], most: int
 ) -> NDArray[np.bool_]:
     """The reference for `_runs`, a sweep and a beam at a time."""
     result = np.zeros(own.shape, bool)
@@ -542,9 +523,7 @@ def test_objects_of_two_detections_are_ordered_and_numbered_anew() -> None:
 def test_walls_come_after_what_differs() -> None:
     empty, now = flat(120), flat(120)
     now[40:50] = 2.0
-    found = found_in(
-        partial(now), learned(partial(np.stack([empty] * 3))), parameters=replace(WIDE, walls=True)
-    )
+    found = found_in(partial(now), learned(partial(np.stack([empty] * 3))), parameters=replace(WIDE, walls=True))
     assert [SHAPES[code] for code in found.shape][1:] == ["wall", "wall"]
     assert found.change is not None
     assert found.change.tolist() == [APPEARED, -1, -1]

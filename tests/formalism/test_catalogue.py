@@ -85,9 +85,7 @@ def test_probability_is_that_of_the_formula() -> None:
     spread = math.hypot(sd, 0.001)
     density = math.exp(-0.5 * (0.02 / spread) ** 2) / (spread * math.sqrt(2 * math.pi))
     assert ratio == pytest.approx(math.log(density * RANGE), abs=1e-12)
-    label, score = name(
-        seen(across=0.32, across_sd=0.02), Catalogue((Thing("pole", diameter=0.3, tolerance=0.0),))
-    )
+    label, score = name(seen(across=0.32, across_sd=0.02), Catalogue((Thing("pole", diameter=0.3, tolerance=0.0),)))
     assert label.tolist() == [0]
     assert score == pytest.approx([density * RANGE / (1 + density * RANGE)], abs=1e-9)
 
@@ -177,17 +175,13 @@ def test_nothing_seen_and_nothing_known() -> None:
         ([(0.6, 0.4), (0.65, 0.4), (0.7, 0.4)], 0.008, 0.97, 0.0003),
     ],
 )
-def test_three_like_boxes(
-    boxes: list[tuple[float, float]], sd: float, least_named: float, most_wrong: float
-) -> None:
+def test_three_like_boxes(boxes: list[tuple[float, float]], sd: float, least_named: float, most_wrong: float) -> None:
     rng = np.random.Generator(np.random.PCG64(5))
     count = 30_000
     which = rng.integers(0, 3, count)
     sides = np.array(boxes)[which] + rng.normal(0, sd, (count, 2))
     sides = np.where(rng.random(count)[:, None] < 0.5, sides, sides[:, ::-1])
-    things = [
-        Thing(str(i), "prismatic", length=a, width=b, tolerance=0.005) for i, (a, b) in enumerate(boxes)
-    ]
+    things = [Thing(str(i), "prismatic", length=a, width=b, tolerance=0.005) for i, (a, b) in enumerate(boxes)]
     spread = np.full(count, sd)
     evidence = seen(side_1=sides[:, 0], side_2=sides[:, 1], side_1_sd=spread, side_2_sd=spread)
     label, _ = name(evidence, Catalogue(tuple(things)))
@@ -202,10 +196,7 @@ def test_things_of_any_size_get_few_names() -> None:
     found = true + rng.normal(0, 0.01, true.shape)
     label, _ = name(
         seen(
-            side_1=found[:, 0],
-            side_2=found[:, 1],
-            side_1_sd=np.full(len(true), 0.01),
-            side_2_sd=np.full(len(true), 0.01),
+            side_1=found[:, 0], side_2=found[:, 1], side_1_sd=np.full(len(true), 0.01), side_2_sd=np.full(len(true), 0.01)
         ),
         Catalogue((PALLET,)),
     )
@@ -221,9 +212,7 @@ BRIGHT = Thing("bright", intensity_min=1000.0, intensity_max=4000.0)
 
 def test_an_intensity_tells_things_of_one_size() -> None:
     across = np.full(4, 0.3)
-    poles = seen(
-        across=across, shape=np.repeat(like("round"), 4, axis=0), intensity=[3000.0, 50.0, 1000.0, np.nan]
-    )
+    poles = seen(across=across, shape=np.repeat(like("round"), 4, axis=0), intensity=[3000.0, 50.0, 1000.0, np.nan])
     # At the limit both are right, and nobody knows which.
     assert names(poles, TAPE, PAINT) == ["tape", "paint", None, None]
     assert names(poles, TAPE) == ["tape", None, "tape", None]

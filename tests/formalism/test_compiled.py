@@ -27,10 +27,7 @@ def _run(*arguments: str, core: str) -> str:
 
 
 def _compare(*logs: Path) -> None:
-    one, other = (
-        _run("-m", "tests.formalism.digests", *map(str, logs), core=core).splitlines()
-        for core in ("yes", "no")
-    )
+    one, other = (_run("-m", "tests.formalism.digests", *map(str, logs), core=core).splitlines() for core in ("yes", "no"))
     assert len(one) == len(other) > 1000
     assert one == other
 
@@ -45,9 +42,7 @@ def test_the_compiled_core_agrees_with_its_source() -> None:
 @pytest.mark.skipif(not compiled.is_there(), reason="the core was not compiled")
 @needs_real_logs
 def test_the_compiled_core_agrees_with_its_source_on_real_logs() -> None:
-    _compare(
-        *(min((REAL_LOGS / log).glob("*.bag"), key=_size) for log in ("turtlebot", "leg_tracker", "pr2"))
-    )
+    _compare(*(min((REAL_LOGS / log).glob("*.bag"), key=_size) for log in ("turtlebot", "leg_tracker", "pr2")))
 
 
 def _size(path: Path) -> int:
@@ -62,8 +57,5 @@ def test_the_core_is_left_out_where_that_is_asked_for(core: str) -> None:
 
 def test_the_core_is_left_out_however_its_folder_is_spelled() -> None:
     spelled = f"{ROOT.parent}{os.sep}{os.sep}{ROOT.name}"
-    code = (
-        f"import sys; sys.path.insert(0, {spelled!r});"
-        "from lidarcli.formalism import core; print(core.__file__)"
-    )
+    code = f"import sys; sys.path.insert(0, {spelled!r});from lidarcli.formalism import core; print(core.__file__)"
     assert _run("-P", "-c", code, core="no").strip().endswith("core.py")

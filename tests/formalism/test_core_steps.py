@@ -30,8 +30,7 @@ def test_every_step_agrees_with_its_reference() -> None:
     )
     assert done.returncode == 0, done.stdout
     written = sum(
-        len(re.findall(r"^def test_", path.read_text(), re.MULTILINE))
-        for path in (HERE / "oracles").glob("test_*.py")
+        len(re.findall(r"^def test_", path.read_text(), re.MULTILINE)) for path in (HERE / "oracles").glob("test_*.py")
     )
     counts = {kind: int(number) for number, kind in re.findall(r"(\d+) (\w+)", done.stdout.splitlines()[-1])}
     # What is parametrised counts more than once.
@@ -51,9 +50,7 @@ def modules() -> list[str]:
 def names_in(text: str) -> set[str]:
     """Modules that a file imports, by their full names."""
     found = set(re.findall(r"^\s*(?:from|import) (lidarcli\.formalism[\w.]*)", text, re.MULTILINE))
-    for package, names in re.findall(
-        r"^\s*from (lidarcli\.formalism[\w.]*) import (\([^)]*\)|[^\n]*)", text, re.MULTILINE
-    ):
+    for package, names in re.findall(r"^\s*from (lidarcli\.formalism[\w.]*) import (\([^)]*\)|[^\n]*)", text, re.MULTILINE):
         found |= {f"{package}.{name}" for name in re.findall(r"\w+", re.sub(r" as \w+", "", names))}
     return found
 

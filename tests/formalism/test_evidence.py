@@ -121,12 +121,8 @@ def test_legs_past_the_seam() -> None:
 def test_the_smallest_rectangle_around_places() -> None:
     """Of 4 x 2 m, turned by 30 degrees around (5, 1); beside it two places, and three of which one is on the way."""
     turn = math.radians(30.0)
-    along = np.array(
-        [[2.0, -2.0, -2.0, 2.0, np.nan], [-1.0, 1.0, *[np.nan] * 3], [0.0, 1.0, 3.0, *[np.nan] * 2]]
-    )
-    across = np.array(
-        [[1.0, 1.0, -1.0, -1.0, np.nan], [0.0, 0.0, *[np.nan] * 3], [0.0, 0.5, 0.0, *[np.nan] * 2]]
-    )
+    along = np.array([[2.0, -2.0, -2.0, 2.0, np.nan], [-1.0, 1.0, *[np.nan] * 3], [0.0, 1.0, 3.0, *[np.nan] * 2]])
+    across = np.array([[1.0, 1.0, -1.0, -1.0, np.nan], [0.0, 0.0, *[np.nan] * 3], [0.0, 0.5, 0.0, *[np.nan] * 2]])
     x = 5.0 + math.cos(turn) * along - math.sin(turn) * across
     y = 1.0 + math.sin(turn) * along + math.cos(turn) * across
     sides, yaw, middle = rectangle(x, y)

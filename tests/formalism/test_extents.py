@@ -103,8 +103,7 @@ def test_a_hidden_side_is_a_least_one() -> None:
     """A face of 0.8 m with up to 1 m of unseen ground behind it may be that of a box with such a side, and of no other."""
     face = side(standing((0.0, 0.0, 0.8, 0.06)), (0.0, 1.0))
     boxes = side(
-        standing((2.0, 0.0, 0.8, 0.5), (2.0, 0.0, 0.9, 0.8), (2.0, 0.0, 0.7, 0.5), (2.0, 0.0, 1.5, 0.8)),
-        (0.0, 0.0),
+        standing((2.0, 0.0, 0.8, 0.5), (2.0, 0.0, 0.9, 0.8), (2.0, 0.0, 0.7, 0.5), (2.0, 0.0, 1.5, 0.8)), (0.0, 0.0)
     )
     hidden, crossed, short, long = same_sizes(face, boxes)[0].tolist()
     assert hidden > 2.5

@@ -150,9 +150,7 @@ def test_every_parameter_is_documented_with_its_defaults() -> None:
 
 def test_every_function_of_the_definitions_exists() -> None:
     known = {
-        name: {
-            node.name for node in ast.parse(path.read_text(encoding="utf-8")).body if hasattr(node, "name")
-        }
+        name: {node.name for node in ast.parse(path.read_text(encoding="utf-8")).body if hasattr(node, "name")}
         for name, path in sources().items()
     }
     for row in [*table("Definitions and functions"), *table("Steps over time")]:

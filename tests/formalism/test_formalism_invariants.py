@@ -14,17 +14,7 @@ from hypothesis import strategies as st
 from lidarcli.formalism import PROFILES, SETS, Detection, detect
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Closure, SweepBatch
-from tests.formalism.batches import (
-    PER_BEAM,
-    PER_FACE,
-    PER_OBJECT,
-    PER_SWEEP,
-    PER_VERTEX,
-    batch_of,
-    joined,
-    raw_of,
-    rows_of,
-)
+from tests.formalism.batches import PER_BEAM, PER_FACE, PER_OBJECT, PER_SWEEP, PER_VERTEX, batch_of, joined, raw_of, rows_of
 from tests.formalism.random_sweeps import random_sweep
 from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
 from tests.formalism.surroundings import PARAMETERS, awkward, simulated
@@ -41,9 +31,7 @@ def assert_partition(batch: SweepBatch, found: Detection) -> None:
     np.testing.assert_array_equal(found.object_beams + found.agent_beams + found.noise_beams, beams)
     in_o, in_a = found.set == SETS.index("O"), found.set == SETS.index("A")
     rows = len(batch)
-    np.testing.assert_array_equal(
-        np.bincount(found.row[in_o], found.beams[in_o], minlength=rows), found.object_beams
-    )
+    np.testing.assert_array_equal(np.bincount(found.row[in_o], found.beams[in_o], minlength=rows), found.object_beams)
     np.testing.assert_array_equal(np.bincount(found.row[in_o], minlength=rows), found.objects)
     np.testing.assert_array_equal(np.bincount(found.row[in_a], minlength=rows), found.agents)
 
@@ -85,9 +73,7 @@ def test_the_batch_size_changes_no_bit(name: str, make: Callable[[], SweepBatch]
     batch = make()
     whole = detect(batch, PARAMETERS[name], per_beam=True)
     parts = [rows_of(batch, slice(at, at + size)) for at in range(0, len(batch), size)]
-    together = joined(
-        [detect(part, PARAMETERS[name], per_beam=True) for part in parts], [len(part) for part in parts]
-    )
+    together = joined([detect(part, PARAMETERS[name], per_beam=True) for part in parts], [len(part) for part in parts])
     for field, values in together.items():
         expected = getattr(whole, field)
         if field.endswith("offsets"):
@@ -100,9 +86,7 @@ def test_the_batch_size_changes_no_bit(name: str, make: Callable[[], SweepBatch]
 def test_padding_changes_nothing(profile: str) -> None:
     rng = np.random.default_rng(11)
     sweeps = [random_sweep(rng) for _ in range(100)]
-    narrow, wide = (
-        detect(batch_of(sweeps, width), PARAMETERS[profile], per_beam=True) for width in (None, 200)
-    )
+    narrow, wide = (detect(batch_of(sweeps, width), PARAMETERS[profile], per_beam=True) for width in (None, 200))
     for field in (*PER_OBJECT, *PER_VERTEX, *PER_FACE, *PER_SWEEP):
         np.testing.assert_array_equal(getattr(narrow, field), getattr(wide, field), err_msg=field)
     width = max(len(sweep.ranges) for sweep in sweeps)
@@ -115,15 +99,7 @@ def test_padding_changes_nothing(profile: str) -> None:
 @every_profile
 @pytest.mark.parametrize(
     "ranges",
-    [
-        [],
-        [[]],
-        [[], []],
-        [[nan]],
-        [[2.0]],
-        [[inf] * 7],
-        [[nan] * 3, [-inf] * 2, []],
-    ],
+    [[], [[]], [[], []], [[nan]], [[2.0]], [[inf] * 7], [[nan] * 3, [-inf] * 2, []]],
     ids=["no rows", "no beams", "two rows without beams", "one lost", "one", "no return", "nothing valid"],
 )
 def test_sweeps_that_hold_nothing(profile: str, ranges: list[list[float]]) -> None:

@@ -39,11 +39,7 @@ def test_plain_values_for_the_metadata() -> None:
     [
         ("exact", {}, "--profile: 'exact' is not one of robust, paper"),
         ("robust", {"colour": 1, "beams": 2}, "no such parameter: beams, colour"),
-        (
-            "robust",
-            {"threshold": "median"},
-            "--threshold: 'median' is not adaptive, mean or a number of metres",
-        ),
+        ("robust", {"threshold": "median"}, "--threshold: 'median' is not adaptive, mean or a number of metres"),
         ("robust", {"threshold": -0.1}, "--threshold: -0.1 m is not a distance"),
         ("robust", {"threshold": inf}, "--threshold: inf m is not a distance"),
         ("robust", {"threshold": nan}, "--threshold: nan m is not a distance"),

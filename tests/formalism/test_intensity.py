@@ -101,9 +101,7 @@ VIEWS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("profile", ["robust", "paper"])
 @pytest.mark.parametrize("scene", ["chairs", "people", "hall"])
-def test_parts_of_objects_are_their_own_beams(
-    scene: str, profile: Any, side: int, view: str, tmp_path: Path
-) -> None:
+def test_parts_of_objects_are_their_own_beams(scene: str, profile: Any, side: int, view: str, tmp_path: Path) -> None:
     """Also of what stands on legs, crosses the seam, or is seen by a sensor upside down."""
     (tmp_path / "chairs.toml").write_text(CHAIRS)
     sample = load_scene((tmp_path if scene == "chairs" else SAMPLES) / f"{scene}.toml")
@@ -161,19 +159,13 @@ def test_what_has_gone_returns_nothing_walls_do() -> None:
     kinds = {
         "wall" if shape == WALL else "removed" if change == REMOVED else "appeared": intensity
         for shape, change, intensity in zip(
-            found.shape.tolist(),
-            (found.change if found.change is not None else []),
-            found.intensity.tolist(),
-            strict=True,
+            found.shape.tolist(), (found.change if found.change is not None else []), found.intensity.tolist(), strict=True
         )
     }
     assert kinds["appeared"] == 12.0
     assert np.isnan(kinds["removed"])
     assert kinds["wall"] > 0
-    assert (
-        changes(replace(batch, intensities=None), difference, Parameters(walls=True), noise(batch)).intensity
-        is None
-    )
+    assert changes(replace(batch, intensities=None), difference, Parameters(walls=True), noise(batch)).intensity is None
 
 
 def test_arrays_of_another_shape_are_refused() -> None:

@@ -42,8 +42,7 @@ def seen_from(rows: Sequence[Row], angle: float, x: float, y: float) -> list[Row
     """The same things in coordinates from which `Motion(angle, x, y)` leads back."""
     cos, sin = math.cos(angle), math.sin(angle)
     return [
-        (cos * (px - x) + sin * (py - y), cos * (py - y) - sin * (px - x), length, width)
-        for px, py, length, width in rows
+        (cos * (px - x) + sin * (py - y), cos * (py - y) - sin * (px - x), length, width) for px, py, length, width in rows
     ]
 
 
@@ -139,9 +138,7 @@ def test_places_that_are_not_exact() -> None:
     rng = np.random.Generator(np.random.PCG64(3))
     right = 0
     for _ in range(20):
-        rows = np.column_stack(
-            [rng.uniform(-5, 5, (12, 2)), np.sort(rng.uniform(0.2, 1.2, (12, 2)))[:, ::-1]]
-        )
+        rows = np.column_stack([rng.uniform(-5, 5, (12, 2)), np.sort(rng.uniform(0.2, 1.2, (12, 2)))[:, ::-1]])
         again = np.array(seen_from([(a, b, c, d) for a, b, c, d in rows], 2.0, 3.0, 1.0))
         again[:, :2] += rng.normal(0, 0.05, (12, 2))
         again[:, 2:] += rng.normal(0, 0.01, (12, 2))
@@ -174,8 +171,7 @@ def test_another_place_is_not_found() -> None:
     rng = np.random.Generator(np.random.PCG64(8))
     for _ in range(10):
         one, other = (
-            np.column_stack([rng.uniform(-5, 5, (6, 2)), np.sort(rng.uniform(0.2, 1.2, (6, 2)))[:, ::-1]])
-            for _ in range(2)
+            np.column_stack([rng.uniform(-5, 5, (6, 2)), np.sort(rng.uniform(0.2, 1.2, (6, 2)))[:, ::-1]]) for _ in range(2)
         )
         motion, _ = align(standing([tuple(r) for r in one]), standing([tuple(r) for r in other]))
         assert motion is None

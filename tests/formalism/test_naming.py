@@ -59,9 +59,7 @@ def test_the_same_beams_say_nothing_new() -> None:
     same = naming._mean(np.array([1000.0]), np.array([1 / 0.02**2]), np.array([1.2]))
     assert same == pytest.approx((1.2, math.hypot(0.02, LEAST_SIZE_SD)))
     other = naming._mean(np.full(100, 5.0), np.full(100, 1 / 0.02**2), np.full(100, 1.2))
-    assert other[1] == pytest.approx(
-        math.hypot(0.02 * math.sqrt(0.01 + 0.99 * SHARED_SD_SHARE**2), LEAST_SIZE_SD)
-    )
+    assert other[1] == pytest.approx(math.hypot(0.02 * math.sqrt(0.01 + 0.99 * SHARED_SD_SHARE**2), LEAST_SIZE_SD))
 
 
 def test_a_look_that_is_far_off_counts_little() -> None:

@@ -56,10 +56,7 @@ def test_points_and_chord(seen: tuple[SweepBatch, Detection]) -> None:
 def without_stray(points: Float64, found: Detection, k: int) -> Float64:
     """The points from which at most two at each end are left out: those outside of the box, which halves without them."""
     cos, sin = np.cos(found.box_yaw[k]), np.sin(found.box_yaw[k])
-    off = np.abs(points @ np.array([[cos, -sin], [sin, cos]])) - [
-        found.box_length[k] / 2,
-        found.box_width[k] / 2,
-    ]
+    off = np.abs(points @ np.array([[cos, -sin], [sin, cos]])) - [found.box_length[k] / 2, found.box_width[k] / 2]
     prism = found.shape[k] == PRISMATIC
     outside = (off > (0.03 + 5 * found.noise[found.row[k]] if prism else 1e-6)).any(axis=1)
     first, last = 0, len(points)
@@ -140,9 +137,7 @@ def test_faces_join_the_vertices_and_fit_their_points(
                 continue  # the line was fitted to points up to the beam nearest to such a corner
             low, high = found.face_theta_i[whole] - 1e-9, found.face_theta_f[whole] + 1e-9
             on = points[(points[:, 2] >= low) & (points[:, 2] <= high), :2]
-            assert found.face_rms[whole] ** 2 == pytest.approx(
-                np.linalg.eigvalsh(np.cov(on.T, bias=True))[0], abs=1e-12
-            )
+            assert found.face_rms[whole] ** 2 == pytest.approx(np.linalg.eigvalsh(np.cov(on.T, bias=True))[0], abs=1e-12)
 
 
 def test_every_literal_vertex_is_a_point_of_its_object() -> None:

@@ -164,9 +164,7 @@ def test_a_clockwise_turn_that_measures_its_first_bearing_twice() -> None:
         ({"threshold": 2.0}, []),
     ],
 )
-def test_overrides_of_the_literal_profile(
-    overrides: dict[str, float], expected: list[tuple[int, int]]
-) -> None:
+def test_overrides_of_the_literal_profile(overrides: dict[str, float], expected: list[tuple[int, int]]) -> None:
     sweep = Sweep([4, 4, 2, 4, 4, 2, 2, 4], 0.0, 0.125)
     found = detect(batch_of([sweep]), Parameters.for_profile("paper", **overrides))
     assert spans(found) == expected

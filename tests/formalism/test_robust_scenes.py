@@ -309,9 +309,7 @@ def test_walls_are_reported_on_request_and_belong_to_noise() -> None:
     # between two beams, either of which may stand for it; the end point fit may add vertices where both do.
     assert (kinds(found, 1)[0], kinds(found, 1)[-1]) == ("start", "end")
     inner = found.vertex_theta[found.vertex_offsets[1] + 1 : found.vertex_offsets[2] - 1]
-    corners = np.array(
-        [atan2(2.8, 4.3), atan2(2.8, -3.7), atan2(-3.2, -3.7) + 2 * pi, atan2(-3.2, 4.3) + 2 * pi]
-    )
+    corners = np.array([atan2(2.8, 4.3), atan2(2.8, -3.7), atan2(-3.2, -3.7) + 2 * pi, atan2(-3.2, 4.3) + 2 * pi])
     away = np.abs(inner[:, None] - corners)
     assert away.min(axis=0).max() < 0.5 * DEGREE
 
@@ -347,9 +345,7 @@ def test_a_box_that_touches_a_wall_is_carved_out_of_it() -> None:
         [
             k
             for k in range(720)
-            if 2.4 / tan(k * DEGREE / 2 + 1e-12) <= 0.3
-            and 0 < k < 360
-            and 2.4 / tan(k * DEGREE / 2 + 1e-12) >= -0.5
+            if 2.4 / tan(k * DEGREE / 2 + 1e-12) <= 0.3 and 0 < k < 360 and 2.4 / tan(k * DEGREE / 2 + 1e-12) >= -0.5
         ]
     )
     assert found.y[0] == pytest.approx(2.4, abs=1e-3)
@@ -409,9 +405,7 @@ def test_a_box_before_a_wall_is_carved_out_where_another_wall_begins_behind_it()
 def test_a_corner_that_points_at_the_sensor_is_no_piece_of_wall_where_there_are_hardly_any() -> None:
     # The face of a box continues the line of a short wall, among pillars all around.
     pillars = [(1.5 * cos(angle), 1.5 * sin(angle), 0.35) for angle in np.arange(2.9, 6.9, 0.75)]
-    found = robust(
-        turn([(-6.0, 3.0, -3.5, 3.0), (-1.0, 3.0, 0.0, 3.0), (0.0, 3.0, 0.3, 3.6)], tuple(pillars))
-    )
+    found = robust(turn([(-6.0, 3.0, -3.5, 3.0), (-1.0, 3.0, 0.0, 3.0), (0.0, 3.0, 0.3, 3.6)], tuple(pillars)))
     assert len(found) == len(pillars) + 1
     assert found.width.max() == pytest.approx(hypot(1.3, 0.6), abs=0.1)
 

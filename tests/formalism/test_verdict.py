@@ -96,9 +96,7 @@ def test_a_wall_in_pieces_is_building_and_what_stands_free_is_a_thing() -> None:
 
 
 def test_what_each_kind_of_evidence_adds_is_all_there_is() -> None:
-    found = seen(
-        [*wall(2.0, (-3.0, -1.6), (-0.6, 0.6), (1.6, 3.0)), *wall(-1.5, (-0.2, 0.2)), *wall(5.0, (-8, 8))]
-    )
+    found = seen([*wall(2.0, (-3.0, -1.6), (-0.6, 0.6), (1.6, 3.0)), *wall(-1.5, (-0.2, 0.2)), *wall(5.0, (-8, 8))])
     assert found.features is not None
     told = contributions(found.features)
     assert [*told] == [START, *KINDS]

@@ -16,9 +16,7 @@ from lidarcli.simulation.scene import PARKED, Course, Scene, Sensor, super_ellip
 from lidarcli.sweeps import TURN, SweepPoses
 
 SIDES = {"small": (0.70, 0.50), "middle": (0.75, 0.55), "large": (0.80, 0.60)}
-CATALOGUE = Catalogue(
-    tuple(Thing(name, length=a, width=b, tolerance=0.005) for name, (a, b) in SIDES.items())
-)
+CATALOGUE = Catalogue(tuple(Thing(name, length=a, width=b, tolerance=0.005) for name, (a, b) in SIDES.items()))
 ROOM = make.wall([[-4.6, -4.5], [4.4, -4.5], [4.4, 4.7], [-4.6, 4.7], [-4.6, -4.5]])
 SWEEPS = 300
 ROUND = Course(super_ellipse(0.9, 0.7, 2.0), 0.3)
@@ -33,11 +31,7 @@ class Named:
     wrong: int = 0
 
     def __iadd__(self, other: Named) -> Named:
-        self.boxes, self.right, self.wrong = (
-            self.boxes + other.boxes,
-            self.right + other.right,
-            self.wrong + other.wrong,
-        )
+        self.boxes, self.right, self.wrong = (self.boxes + other.boxes, self.right + other.right, self.wrong + other.wrong)
         return self
 
 

@@ -18,47 +18,9 @@ from tests.logs.watched import CsvLog
 from tests.sweeping import STEP, raw_sweeps
 
 CASES = 240
-WORDS = (
-    b"nan",
-    b"inf",
-    b"-",
-    b"",
-    b"null",
-    b"1e999",
-    b"-1e400",
-    b"9" * 400,
-    b"0x1",
-    b'"',
-    b"'",
-    b"[",
-    b"]",
-    b"(",
-    b")",
-)
-WORDS += (
-    b",",
-    b";",
-    b"\t",
-    b" ",
-    b"\n",
-    b"\r",
-    b"\0",
-    b"#",
-    b"%time",
-    b"\xff\xfe",
-    b"\xef\xbb\xbf",
-    b"ranges0",
-    b"...",
-)
-WORDS += (
-    b"2024-02-31 25:61:61",
-    b"1714555596445048407",
-    b"-9223372036854775809",
-    b"e",
-    b".",
-    b"\xe2\x82\xac",
-    b"\x01",
-)
+WORDS = (b"nan", b"inf", b"-", b"", b"null", b"1e999", b"-1e400", b"9" * 400, b"0x1", b'"', b"'", b"[", b"]", b"(", b")")
+WORDS += (b",", b";", b"\t", b" ", b"\n", b"\r", b"\0", b"#", b"%time", b"\xff\xfe", b"\xef\xbb\xbf", b"ranges0", b"...")
+WORDS += (b"2024-02-31 25:61:61", b"1714555596445048407", b"-9223372036854775809", b"e", b".", b"\xe2\x82\xac", b"\x01")
 
 
 def sample(layout: str, tmp_path: Path) -> bytes:

@@ -281,9 +281,7 @@ def test_a_case_that_kills_or_hangs_is_named_and_the_rest_goes_on(
 
 def test_the_peak_of_one_case_is_not_blamed_on_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
     """The greedy case has a large input and may be; the small one after it in the same process is innocent."""
-    monkeypatch.setattr(
-        run, "CHILD", ("-c", SABOTAGE.format(act="b'x' * place.noted()['number'] * 600_000_000"))
-    )
+    monkeypatch.setattr(run, "CHILD", ("-c", SABOTAGE.format(act="b'x' * place.noted()['number'] * 600_000_000")))
     assert fuzz(Plan(("db3",), seed=1, cases=4)) == (4, [])
 
 

@@ -93,9 +93,7 @@ def sqlite_ends(data: bytes, folder: Path) -> Ends:
     """A page counts as a whole: its cells begin at its end."""
     (folder / "whole.db3").write_bytes(data)
     database = sqlite3.connect(folder / "whole.db3")
-    rows = database.execute(
-        "SELECT m.data, t.name FROM messages m JOIN topics t ON m.topic_id = t.id"
-    ).fetchall()
+    rows = database.execute("SELECT m.data, t.name FROM messages m JOIN topics t ON m.topic_id = t.id").fetchall()
     database.close()
     return [(-(-(data.find(blob) + len(blob)) // 4096) * 4096, topic) for blob, topic in rows]
 
@@ -110,9 +108,7 @@ def csv_ends(text: bytes) -> Ends:
 
 def line_ends(text: bytes) -> Ends:
     """A line of a sweep is whole with its line end; lines of Player begin with its time and its robot."""
-    lines = re.finditer(
-        rb"(?m)^(?:\S+ \S+ \S+ (?=laser 00 001))?((?:REMISSION)?FLASER|RAWLASER1|scan1:|laser) .*\n", text
-    )
+    lines = re.finditer(rb"(?m)^(?:\S+ \S+ \S+ (?=laser 00 001))?((?:REMISSION)?FLASER|RAWLASER1|scan1:|laser) .*\n", text)
     return [(match.end(), WORDS[match[1]]) for match in lines]
 
 

@@ -17,16 +17,12 @@ Column = tuple[str, str, int]
 XYZ: tuple[Column, ...] = (("x", "f4", 0), ("y", "f4", 4), ("z", "f4", 8))
 
 
-def point_bytes(
-    points: Any, columns: Sequence[Column] = XYZ, step: int = 16, big: bool = False, padding: int = 0
-) -> bytes:
+def point_bytes(points: Any, columns: Sequence[Column] = XYZ, step: int = 16, big: bool = False, padding: int = 0) -> bytes:
     """Points (rows, columns, number of fields) as they lie in a message, with `padding` bytes behind each row."""
     values = np.asarray(points, np.float64)
     kinds = [(">" if big else "<") + kind for _, kind, _ in columns]
     names = [name for name, _, _ in columns]
-    layout = np.dtype(
-        {"names": names, "formats": kinds, "offsets": [at for *_, at in columns], "itemsize": step}
-    )
+    layout = np.dtype({"names": names, "formats": kinds, "offsets": [at for *_, at in columns], "itemsize": step})
     lying = np.zeros(values.shape[:2], layout)
     for index, name in enumerate(names):
         with np.errstate(invalid="ignore"):

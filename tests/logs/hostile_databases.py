@@ -25,14 +25,11 @@ def scan(index: int) -> bytes:
 def bag(path: Path, ids: list[int] | None = None, sweeps: int = 20) -> sqlite3.Connection:
     """A database as ROS 2 writes it, with scans at the given row ids; open, each statement a transaction."""
     database = sqlite3.connect(path, isolation_level=None)
-    database.execute(
-        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
-    )
+    database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
     database.execute(MESSAGES)
     database.execute(f"INSERT INTO topics VALUES (1, '/scan', '{SCAN}', 'cdr')")
     rows = [
-        (ids[index] if ids else index + 1, record_time(index), scan(index))
-        for index in range(len(ids or range(sweeps)))
+        (ids[index] if ids else index + 1, record_time(index), scan(index)) for index in range(len(ids or range(sweeps)))
     ]
     database.executemany("INSERT INTO messages VALUES (?, 1, ?, ?)", rows)
     return database
@@ -99,8 +96,5 @@ HOSTILE: dict[str, tuple[tuple[str, ...], str]] = {
         ("ALTER TABLE messages ADD COLUMN more BLOB AS (zeroblob(800000000))",),
         "messages has columns that would be computed",
     ),
-    "a virtual table": (
-        ("CREATE VIRTUAL TABLE other USING fts5(words)",),
-        "other is a table that would run",
-    ),
+    "a virtual table": (("CREATE VIRTUAL TABLE other USING fts5(words)",), "other is a table that would run"),
 }

@@ -58,9 +58,7 @@ def sample(
 ) -> bytes:
     """An MCAP with `sweeps` sweeps on /scan, and `chatter` messages of another topic after each."""
     stream = io.BytesIO()
-    writer = Writer(
-        stream, chunk_size=chunk_size, compression=COMPRESSIONS[compression], index_types=index, **options
-    )
+    writer = Writer(stream, chunk_size=chunk_size, compression=COMPRESSIONS[compression], index_types=index, **options)
     writer.start("ros2", "a test")
     scans = writer.register_channel("/scan", encoding, writer.register_schema(*schema))
     text = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
@@ -134,9 +132,7 @@ def protobuf_scan(number: int) -> bytes:
 def ros_schema() -> descriptor_pb2.FileDescriptorSet:
     """ros.sensor_msgs.LaserScan, as an MCAP's schema record holds it."""
     field = descriptor_pb2.FieldDescriptorProto
-    file = descriptor_pb2.FileDescriptorProto(
-        name="ros/LaserScan.proto", package="ros.sensor_msgs", syntax="proto3"
-    )
+    file = descriptor_pb2.FileDescriptorProto(name="ros/LaserScan.proto", package="ros.sensor_msgs", syntax="proto3")
 
     def add(message: Any, number: int, name: str, kind: Any, **more: Any) -> None:
         message.field.add(name=name, number=number, type=kind, **{"label": field.LABEL_OPTIONAL, **more})

@@ -83,13 +83,7 @@ def test_points_of_version_4_become_ranges(tmp_path: Path) -> None:
     assert log.report.notes == []
     log.close()
     [batch] = lidarcli.read(tmp_path / "run.log")
-    assert batch.status[0].tolist() == [
-        Status.VALID,
-        Status.VALID,
-        Status.NO_RETURN,
-        Status.VALID,
-        Status.VALID,
-    ]
+    assert batch.status[0].tolist() == [Status.VALID, Status.VALID, Status.NO_RETURN, Status.VALID, Status.VALID]
 
 
 def test_ranges_of_old_versions(tmp_path: Path) -> None:
@@ -142,9 +136,7 @@ def seen(turn: float, x: float, y: float) -> str:
         (4, seen(np.pi / 2, 100, 50), "/scan1: points are told from the robot on, not from the laser"),
     ],
 )
-def test_bearings_tell_in_whose_frame_points_are(
-    version: int, points: str, note: str, tmp_path: Path
-) -> None:
+def test_bearings_tell_in_whose_frame_points_are(version: int, points: str, note: str, tmp_path: Path) -> None:
     """The laser is at 0.1, 0.05 m and looks to the left; documentation and loggers of ARIA say different things."""
     text = WIDE.replace("version: 4", f"version: {version}")
     log = log_of(tmp_path, text + scan(points=points) + scan(time="13.0", points=points))
@@ -179,9 +171,7 @@ def test_points_in_no_order_go_where_their_bearings_say(tmp_path: Path) -> None:
     shuffled = np.random.default_rng(1).permutation(len(ends))
     log = log_of(tmp_path, WIDE + scan(points=pairs(ends[shuffled])))
     np.testing.assert_allclose(only(log).ranges[0], MANY / 1000, atol=1e-3)
-    assert log.report.notes == [
-        "/scan1: points do not lie in the order of the beams; each is put where its bearing says"
-    ]
+    assert log.report.notes == ["/scan1: points do not lie in the order of the beams; each is put where its bearing says"]
 
 
 def test_beams_that_are_left_out_stay_holes(tmp_path: Path) -> None:
@@ -202,9 +192,7 @@ def test_beams_that_are_left_out_stay_holes(tmp_path: Path) -> None:
 def test_every_laser_is_a_topic(tmp_path: Path) -> None:
     """One laser that is written in two ways has two topics and one frame."""
     text = VERSION_4 + "scan2pose: -100 0 200 180.00\nscan2conf: -45.00 45.00 3\nurg1conf: -45 45 3\n"
-    text += (
-        scan() + "scan2: 1000 -1000  2000 0  0 0  \nsick1: 1000 2000 0 4000 5000\nurg1: 7 8 9\nscanner: 5\n"
-    )
+    text += scan() + "scan2: 1000 -1000  2000 0  0 0  \nsick1: 1000 2000 0 4000 5000\nurg1: 7 8 9\nscanner: 5\n"
     log = log_of(tmp_path, text)
     blocks = {block.topic: block for block in log.scans()}
     assert {topic: block.frame_ids[0] for topic, block in blocks.items()} == {
@@ -254,9 +242,7 @@ def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:
         "scan1: 1 0  0 0  0 0  0 0  0 0": "its time is none",
     }
     others = '\n# remark\nreflector1: 0 0 0\ncairn: GoalWithHeading "" ICON_GOALWITHHEADING "goal1"\nloop: start 1\n'
-    log = log_of(
-        tmp_path, VERSION_4 + others + scan() + "".join(f"{line}\n" for line in bad) + scan(1, "13.0")
-    )
+    log = log_of(tmp_path, VERSION_4 + others + scan() + "".join(f"{line}\n" for line in bad) + scan(1, "13.0"))
     assert sum(map(len, log.scans())) == 2
     first = 1 + (VERSION_4 + others + scan()).count("\n")
     assert {part.place: part.cause for part in log.report.damage} == {
@@ -333,9 +319,7 @@ def test_blocks_of_lines_make_no_difference(tmp_path: Path) -> None:
     assert stamps == block.stamp_ns.tolist()
 
 
-@pytest.mark.parametrize(
-    "text", ["LaserOdometryLogs\nversion: 4\n", "LaserOdometryLog,1\n", "version: 4\nscan1: 1 2\n"]
-)
+@pytest.mark.parametrize("text", ["LaserOdometryLogs\nversion: 4\n", "LaserOdometryLog,1\n", "version: 4\nscan1: 1 2\n"])
 def test_other_texts_are_no_aria_logs(text: str, tmp_path: Path) -> None:
     path = tmp_path / "run.2d"
     path.write_text(text)
@@ -349,9 +333,7 @@ def test_other_texts_are_no_aria_logs(text: str, tmp_path: Path) -> None:
 def test_odometry_is_taken_unasked_with_the_mount_of_the_laser(tmp_path: Path) -> None:
     """Millimetres and degrees; the laser is 0.1 m ahead, 0.05 m to the left, and looks there."""
     path = tmp_path / "run.2d"
-    path.write_text(
-        VERSION_4 + scan(time="10.000", robot="1000 2000 0.00") + scan(time="12.000", robot="3000 2000 0.00")
-    )
+    path.write_text(VERSION_4 + scan(time="10.000", robot="1000 2000 0.00") + scan(time="12.000", robot="3000 2000 0.00"))
     assert pose_of(path, "laser1", 11) == pytest.approx([2.1, 2.05, np.pi / 2])
     corrected = pose_of(path, "laser1", 11, "corrected")
     assert corrected[:2] == pytest.approx([4.95, 6.1])

@@ -63,9 +63,7 @@ def sweeps(found: list[SweepBatch]) -> list[int]:
     st.integers(1, 9),
     st.integers(1, 4),
 )
-def test_any_blocks_give_the_same_sweeps_in_full_batches(
-    parts: list[list[int]], size: int, every: int
-) -> None:
+def test_any_blocks_give_the_same_sweeps_in_full_batches(parts: list[list[int]], size: int, every: int) -> None:
     blocks, first = [], 0
     for counts in parts:
         blocks.append(block(counts, first=first))
@@ -111,9 +109,7 @@ def test_seconds_count_from_the_first_sweep_of_each_topic_also_of_one_that_is_le
         block([3], topic="/b", stamps=[SECOND * 20]),
         block([3] * 5, first=2, stamps=[SECOND * 8 + stamp for stamp in stamps]),
     ]
-    found = {
-        (batch.topic, int(batch.sweep[0])): batch.seconds().tolist() for batch in run(blocks, batch_size=2)
-    }
+    found = {(batch.topic, int(batch.sweep[0])): batch.seconds().tolist() for batch in run(blocks, batch_size=2)}
     assert found == {
         ("/scan", 0): [0.0, 2.0],
         ("/scan", 2): [1.0, 1.00000025],
@@ -171,11 +167,7 @@ def test_a_sweep_wider_than_a_batch_stands_alone(monkeypatch: pytest.MonkeyPatch
     assert [batch.sweep.tolist() for batch in found] == [[0], [1], [2]]
 
 
-SCANS = [
-    Topic("/scan", LASERSCAN, "cdr"),
-    Topic("/rear", LASERSCAN, "cdr"),
-    Topic("/tf", "tf2_msgs/msg/TFMessage", "cdr"),
-]
+SCANS = [Topic("/scan", LASERSCAN, "cdr"), Topic("/rear", LASERSCAN, "cdr"), Topic("/tf", "tf2_msgs/msg/TFMessage", "cdr")]
 
 
 def blocks_of(*topics: str) -> list[RawSweeps]:
@@ -194,9 +186,7 @@ def test_a_leading_slash_counts_where_both_names_are_there() -> None:
     topics = [Topic("/scan", LASERSCAN, "cdr"), Topic("scan", LASERSCAN, "cdr")]
     for name in ("/scan", "scan"):
         log = FakeLog(blocks_of("/scan", "scan"), topics)
-        assert [batch.topic for batch in read_batches(log, ReadOptions(topics=(name,)), ReadReport())] == [
-            name
-        ]
+        assert [batch.topic for batch in read_batches(log, ReadOptions(topics=(name,)), ReadReport())] == [name]
 
 
 @pytest.mark.parametrize("wanted", ["/front", "/tf"])

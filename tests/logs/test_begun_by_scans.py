@@ -36,8 +36,7 @@ DEFINITION = (
 def written(path: Path, kind: str, definition: str) -> Path:
     """A log of three messages; without a definition where the container allows that."""
     messages = [
-        scan([1.0 + number, 2.0, 3.0], encoding="ros1" if path.suffix == ".bag" else "cdr", sec=number + 1)
-        + STATUS
+        scan([1.0 + number, 2.0, 3.0], encoding="ros1" if path.suffix == ".bag" else "cdr", sec=number + 1) + STATUS
         for number in range(3)
     ]
     if path.suffix == ".mcap":
@@ -58,8 +57,7 @@ def written(path: Path, kind: str, definition: str) -> Path:
             )
             rows = [(None, "x", None), (kind, "ros2msg", definition)]
             database.executemany(
-                "INSERT INTO message_definitions(topic_type, encoding, encoded_message_definition) VALUES (?, ?, ?)",
-                rows,
+                "INSERT INTO message_definitions(topic_type, encoding, encoded_message_definition) VALUES (?, ?, ?)", rows
             )
             database.commit()
             database.close()
@@ -113,16 +111,8 @@ def test_another_scan_inside_is_named(tmp_path: Path, capsys: pytest.CaptureFixt
         ("ros2msg", "std_msgs/Header header\nsensor_msgs/LaserScan scan\n", False),
         ("ros2msg", "foxglove_msgs/LaserScan scan\n", False),
         ("ros2msg", "sensor_msgs/LaserScan[] scans\n", False),
-        (
-            "ros2idl",
-            f"{LASERSCAN_IDL.decode()} struct Guarded {{ sensor_msgs::msg::LaserScan scan; }};",
-            True,
-        ),
-        (
-            "ros2idl",
-            f"{LASERSCAN_IDL.decode()} struct Guarded {{ long x; sensor_msgs::msg::LaserScan scan; }};",
-            False,
-        ),
+        ("ros2idl", f"{LASERSCAN_IDL.decode()} struct Guarded {{ sensor_msgs::msg::LaserScan scan; }};", True),
+        ("ros2idl", f"{LASERSCAN_IDL.decode()} struct Guarded {{ long x; sensor_msgs::msg::LaserScan scan; }};", False),
         ("ros2msg", "", False),
     ],
 )
@@ -134,17 +124,11 @@ def test_clean_copies_what_stands_beside_the_scan(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     bearings = np.linspace(0, 2 * np.pi, 360, endpoint=False)
     scene = [
-        scan(
-            (4 + 0.3 * np.cos(3 * bearings)).astype(np.float32),
-            sec=number,
-            geometry=(0, 6.26, np.pi / 180, 0, 0, 0.1, 9),
-        )
+        scan((4 + 0.3 * np.cos(3 * bearings)).astype(np.float32), sec=number, geometry=(0, 6.26, np.pi / 180, 0, 0, 0.1, 9))
         for number in range(12)
     ]
     messages = [message + STATUS for message in scene]
-    path.write_bytes(
-        sample(12, schema=(EXTENDED, "ros2msg", DEFINITION.encode()), payload=messages.__getitem__)
-    )
+    path.write_bytes(sample(12, schema=(EXTENDED, "ros2msg", DEFINITION.encode()), payload=messages.__getitem__))
     assert run(["clean", str(path), "-o", str(tmp_path / "clean.mcap")]) == 0
     with open_log(tmp_path / "clean.mcap") as log:
         copied = [message.data for message in log.messages([EXTENDED], ReadReport())]

@@ -122,17 +122,13 @@ def test_every_kind_of_sweep_is_a_topic_of_its_own(tmp_path: Path) -> None:
         (1, -90, 180),
     ],
 )
-def test_geometry_is_guessed_by_the_number_of_ranges(
-    beams: int, first: float, step: float, tmp_path: Path
-) -> None:
+def test_geometry_is_guessed_by_the_number_of_ranges(beams: int, first: float, step: float, tmp_path: Path) -> None:
     log = log_of(tmp_path, flaser(ranges=[1.0] * beams) * 2)
     block = only(log)
     assert np.degrees(block.angle_min).tolist() == pytest.approx([first] * 2)
     assert np.degrees(block.angle_increment).tolist() == pytest.approx([step] * 2)
     [note] = log.report.notes
-    assert note.startswith(
-        f"/front_laser: no geometry in the log; by its {beams} ranges it is taken to begin at"
-    )
+    assert note.startswith(f"/front_laser: no geometry in the log; by its {beams} ranges it is taken to begin at")
 
 
 @pytest.mark.parametrize(
@@ -171,12 +167,7 @@ def test_a_parameter_counts_for_what_comes_after_it(tmp_path: Path) -> None:
     text += "PARAM robot_front_laser_max off nohost 0\nPARAM robot_front_laser_max\n" + sweep("14")
     text += "PARAM robot_front_laser_max 30 nohost 0\n" + sweep("15")
     inf = float("inf")
-    assert only(log_of(tmp_path, text)).ranges.tolist() == [
-        [20.5, 30.0],
-        [inf, 30.0],
-        [inf, 30.0],
-        [20.5, inf],
-    ]
+    assert only(log_of(tmp_path, text)).ranges.tolist() == [[20.5, 30.0], [inf, 30.0], [inf, 30.0], [20.5, inf]]
 
 
 def test_what_is_cut_off_and_what_is_beyond_the_greatest_range_is_no_return(tmp_path: Path) -> None:
@@ -283,9 +274,7 @@ def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:
         "1.0 2.0 3.0": "'1.0' is no message",
         "\x01\x02FLASER 3": "'??FLASER' is no message",
     }
-    others = (
-        "SYNC tag 1 h 1\nGLOBALPOS 1 2 3 4 5 6 h 1\nNMEAGGA 1\nIMU 0 0\n# remark\n\nSCANMARK\nVISION_X 1\n"
-    )
+    others = "SYNC tag 1 h 1\nGLOBALPOS 1 2 3 4 5 6 h 1\nNMEAGGA 1\nIMU 0 0\n# remark\n\nSCANMARK\nVISION_X 1\n"
     text = others + flaser() + "".join(f"{line}\n" for line in bad) + flaser("13")
     log = log_of(tmp_path, text)
     assert sum(map(len, log.scans())) == 2
@@ -303,26 +292,15 @@ def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:
         (f"FLASER 3 1 2 3 4 5 {POSES}", "2 fields left over behind the 3 ranges it declares"),
         (f"RLASER 180 {'2.5 ' * 361}{POSES}", "181 fields left over behind the 180 ranges it declares"),
         ("LASER3 2 1 2 3", "1 field left over behind the 2 ranges it declares"),
-        (
-            f"REMISSIONFLASER 2 1.0 7 2.0 9 3.0 7 {POSES}",
-            "2 fields left over behind the 2 ranges it declares",
-        ),
-        (
-            f"RAWLASER1 {GEOMETRY} 4 1.0 2.0 3.0 4.0 5.0 0",
-            "2 fields left over behind the 4 ranges it declares",
-        ),
+        (f"REMISSIONFLASER 2 1.0 7 2.0 9 3.0 7 {POSES}", "2 fields left over behind the 2 ranges it declares"),
+        (f"RAWLASER1 {GEOMETRY} 4 1.0 2.0 3.0 4.0 5.0 0", "2 fields left over behind the 4 ranges it declares"),
         (f"ROBOTLASER1 {GEOMETRY} 4 1.0 2.0 3.0 4.0 5.0 0 {POSES} {MOTION}", "13 fields left over"),
     ],
 )
 @pytest.mark.parametrize("end", ["12.5 nohost 3.5", "12.5 nohost"])
-def test_a_number_of_ranges_that_is_none_of_the_line_is_damage(
-    line: str, cause: str, end: str, tmp_path: Path
-) -> None:
+def test_a_number_of_ranges_that_is_none_of_the_line_is_damage(line: str, cause: str, end: str, tmp_path: Path) -> None:
     if cause == "3 missing":
-        line, cause = (
-            line.replace("FLASER 5", "FLASER 5 3"),
-            "it declares 5 ranges, but 2 fields are missing",
-        )
+        line, cause = (line.replace("FLASER 5", "FLASER 5 3"), "it declares 5 ranges, but 2 fields are missing")
     log = log_of(tmp_path, f"{flaser()}{line} {end}\n")
     assert sum(map(len, log.scans())) == 1
     [part] = log.report.damage
@@ -356,14 +334,9 @@ def test_a_number_of_remissions_tells_how_many_ranges_there_are(
 
 @pytest.mark.parametrize(
     ("fields", "cause"),
-    [
-        (3, "it declares 9 ranges, but 3 fields are missing"),
-        (0, "it declares 9 ranges, but 6 fields are missing"),
-    ],
+    [(3, "it declares 9 ranges, but 3 fields are missing"), (0, "it declares 9 ranges, but 6 fields are missing")],
 )
-def test_a_line_that_differs_from_most_of_its_laser_is_damage(
-    fields: int, cause: str, tmp_path: Path
-) -> None:
+def test_a_line_that_differs_from_most_of_its_laser_is_damage(fields: int, cause: str, tmp_path: Path) -> None:
     """What is missing are ranges, not poses; lines with another number of ranges say nothing of it."""
     lines = [flaser(f"{at}", ranges=[1.5] * 9) for at in range(10, 20)]
     lines[0] = f"FLASER 9 {'1.500 ' * (3 + fields)}{POSES} 10 nohost 0\n"
@@ -381,17 +354,13 @@ def test_a_line_that_differs_from_most_of_its_laser_is_damage(
 
 @pytest.mark.parametrize("missing", [3, 6])
 @pytest.mark.parametrize("poses", ["1.500 2.500 0.100 1.500 2.500 0.100", POSES])
-def test_poses_are_no_ranges_where_all_lines_declare_too_many(
-    missing: int, poses: str, tmp_path: Path
-) -> None:
+def test_poses_are_no_ranges_where_all_lines_declare_too_many(missing: int, poses: str, tmp_path: Path) -> None:
     """They are the same two, or have other decimals than the ranges."""
     line = f"FLASER 20 {'4.125 ' * (20 - missing)}{poses} {{}} nohost 0\n"
     start = line.replace(poses, "0 0 0 0 0 0") if poses != POSES else line
     log = log_of(tmp_path, start.format(9) + "".join(map(line.format, range(10, 20))))
     assert sum(map(len, log.scans())) == 0
-    assert {part.cause for part in log.report.damage} == {
-        "it declares 20 ranges, but the last ones are poses"
-    }
+    assert {part.cause for part in log.report.damage} == {"it declares 20 ranges, but the last ones are poses"}
 
 
 def test_ranges_that_are_alike_are_no_poses(tmp_path: Path) -> None:
@@ -531,8 +500,7 @@ def moving(laser: str, word: str = "FLASER") -> str:
     """Two sweeps of a robot that goes 1 m to the north, where the laser is said to be at `laser` from there."""
     dx, dy = map(float, laser.split())
     return "".join(
-        f"{word} 2 1.0 1.0 {1 + dx} {2 + y + dy} 1.570796 1.0 {2.0 + y} 1.570796 {10 + y} nohost 0\n"
-        for y in (0, 1)
+        f"{word} 2 1.0 1.0 {1 + dx} {2 + y + dy} 1.570796 1.0 {2.0 + y} 1.570796 {10 + y} nohost 0\n" for y in (0, 1)
     )
 
 
@@ -624,7 +592,4 @@ def test_a_search_finds_what_can_only_be_a_carmen_log(tmp_path: Path) -> None:
     for name in ("a.clf", "b.GFS.gz", "c.log", "d.log.gz"):
         (tmp_path / name).write_text(flaser())
     assert [found.name for found in find_logs([str(tmp_path)])] == ["a", "b"]
-    assert [found.name for found in find_logs([str(tmp_path / name) for name in ("c.log", "d.log.gz")])] == [
-        "c",
-        "d",
-    ]
+    assert [found.name for found in find_logs([str(tmp_path / name) for name in ("c.log", "d.log.gz")])] == ["c", "d"]

@@ -67,9 +67,7 @@ def test_a_header_without_a_stamp_has_the_time_that_fits(start: int, at: list[in
     whole = stamps.copy()
     stamps[at] = 0
     raw = timed(stamps, records)
-    got = np.concatenate(
-        [each.time_ns for each in mended(raw.rows(slice(k, k + cut)) for k in range(0, 60, cut))]
-    )
+    got = np.concatenate([each.time_ns for each in mended(raw.rows(slice(k, k + cut)) for k in range(0, 60, cut))])
     assert np.abs(got - whole).max() <= 5_000_000
     assert got.tolist() == concatenate(list(mended([raw]))).time_ns.tolist()
 
@@ -90,9 +88,7 @@ def test_a_clock_that_was_set_is_left_alone() -> None:
     stamps = FIRST + STEP * np.arange(60)
     stamps[:10] = STEP * np.arange(1, 11)
     for times in (stamps, np.zeros(60, np.int64), STEP * np.arange(60)):
-        (got,) = mended(
-            [timed(times, FIRST + STEP * np.arange(60))] if times.any() else [timed(times, times)]
-        )
+        (got,) = mended([timed(times, FIRST + STEP * np.arange(60))] if times.any() else [timed(times, times)])
         if times is not stamps:
             assert got.time_ns[1:].tolist() == times[1:].tolist()
         else:

@@ -39,9 +39,7 @@ def sweep(data: bytes, encoding: str = "cdr", part: Slice = PART, **told: Any) -
     """The ranges of the sweep of one PointCloud2, as it lies in the sensor's frame."""
     decode = clouds.decode_pointcloud2 if encoding in ("cdr", "ros1") else clouds.decode_foxglove
     bins = Bins.of(OpenOptions(**told), part.bins)
-    ranges: list[float] = slice_cloud(
-        decode(data, encoding), part, bins, np.eye(3), np.zeros(3)
-    ).ranges.tolist()
+    ranges: list[float] = slice_cloud(decode(data, encoding), part, bins, np.eye(3), np.zeros(3)).ranges.tolist()
     return ranges
 
 
@@ -105,9 +103,7 @@ def test_points_on_the_robot_and_beyond_the_range_are_left_out() -> None:
     assert sweep(cloud, part=Slice(-1, 1, 4, (0.5, 20.0))) == [np.inf, np.inf, 2.0, np.inf]
 
 
-@pytest.mark.parametrize(
-    ("name", "kind"), [("intensity", "f4"), ("intensity", "u1"), ("reflectivity", "u2"), ("i", "f4")]
-)
+@pytest.mark.parametrize(("name", "kind"), [("intensity", "f4"), ("intensity", "u1"), ("reflectivity", "u2"), ("i", "f4")])
 def test_the_intensity_is_that_of_the_nearest_point(name: str, kind: str) -> None:
     points = np.concatenate([POINTS, np.arange(10.0, 18.0).reshape(2, 4, 1)], axis=-1)
     data = make(points, (*XYZ, (name, kind, 12)))
@@ -216,9 +212,7 @@ def test_foxglove_clouds(encoding: str) -> None:
 def test_the_pose_of_a_foxglove_cloud_moves_its_points(encoding: str) -> None:
     # A quarter of a turn to the left, half a metre up: what is ahead comes to the left, what was too low is in the slice.
     half = float(np.sqrt(0.5))
-    data = packed(
-        foxglove_cloud([[[1.0, 0.0, -0.9], [2.0, 0.0, 0.1]]], (0.0, 0.0, 0.5, 0.0, 0.0, half, half)), encoding
-    )
+    data = packed(foxglove_cloud([[[1.0, 0.0, -0.9], [2.0, 0.0, 0.1]]], (0.0, 0.0, 0.5, 0.0, 0.0, half, half)), encoding)
     assert sweep(data, encoding) == pytest.approx([np.inf, np.inf, np.inf, 1.0])
     turned = packed(foxglove_cloud([[[1.0, 0.0, 0.0]]], (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)), encoding)
     assert sweep(turned, encoding) == [np.inf, np.inf, 2.0, np.inf]

@@ -298,9 +298,7 @@ def test_seconds_and_nanoseconds_without_a_header() -> None:
 
 
 def test_missing_cells_and_words() -> None:
-    got, log = read_text(
-        "time,r0,r1,r2,r3,r4,r5\n1,,null,None,NaN,-inf,+Infinity\n2, 1.5 ,.inf,-.inf,1.#INF,--,1e3\n"
-    )
+    got, log = read_text("time,r0,r1,r2,r3,r4,r5\n1,,null,None,NaN,-inf,+Infinity\n2, 1.5 ,.inf,-.inf,1.#INF,--,1e3\n")
     nan, inf = np.nan, np.inf
     want = np.array([[nan, nan, nan, nan, -inf, inf], [1.5, inf, -inf, inf, nan, 1000]], np.float32)
     np.testing.assert_array_equal(got.ranges, want)
@@ -353,10 +351,7 @@ def test_refused_geometry_is_counted() -> None:
     rows = [ROS2, ROS2.replace("0.5,0.5,0.5", "nan,0.5,0.5"), ROS2.replace(",0.5,0.0,", ",0.0,0.0,"), ROS2]
     got, log = read_text("".join(f"{row}1,2,3\n" for row in rows), OpenOptions())
     assert len(got) == 2
-    assert log.report.refused == {
-        ("/scan", "angle_min is not finite"): 1,
-        ("/scan", "angle_increment is zero"): 1,
-    }
+    assert log.report.refused == {("/scan", "angle_min is not finite"): 1, ("/scan", "angle_increment is zero"): 1}
 
 
 def test_trailing_empty_cells_are_no_beams_where_the_view_says_so() -> None:
@@ -366,9 +361,7 @@ def test_trailing_empty_cells_are_no_beams_where_the_view_says_so() -> None:
 
 
 def test_millimetres() -> None:
-    got, _ = read_text(
-        "time,r0,r1,r2\n1,1234,0.5,inf\n", OpenOptions(fov=1.0, range_scale=0.001, range_max=5.0)
-    )
+    got, _ = read_text("time,r0,r1,r2\n1,1234,0.5,inf\n", OpenOptions(fov=1.0, range_scale=0.001, range_max=5.0))
     np.testing.assert_array_equal(got.ranges, np.array([[1.234, 0.0005, np.inf]], np.float32))
     assert (got.range_max[0], got.range_min[0]) == (5.0, 0.0)
 
@@ -387,9 +380,7 @@ def test_given_geometry(options: OpenOptions, first: float, step: float) -> None
     assert (got.angle_min[0], got.angle_increment[0], got.range_max[0]) == (first, step, np.inf)
 
 
-@pytest.mark.parametrize(
-    "options", [OpenOptions(), OpenOptions(angle_min=0.0), OpenOptions(angle_increment=0.1)]
-)
+@pytest.mark.parametrize("options", [OpenOptions(), OpenOptions(angle_min=0.0), OpenOptions(angle_increment=0.1)])
 @pytest.mark.parametrize("text", ["1.0,5,6,7,8,5,6,7,8\n", "time,r0,r1,r2\n1,2,3,4\n"])
 def test_missing_geometry_names_the_options(options: OpenOptions, text: str, tmp_path: Path) -> None:
     path = tmp_path / "x.csv"
@@ -584,14 +575,8 @@ def test_flipped_bytes_in_gzip_lose_only_what_follows(tmp_path: Path) -> None:
             "ros2 topic echo --csv; PlotJuggler; bagpy; mcap cat --format=csv; list of ranges; plain wide; long form; "
             "one file per sweep",
         ),
-        (
-            b"a b\n1 2\n",
-            "x.csv: a table with the columns 'a, b' is none of the CSV layouts: rostopic echo -p",
-        ),
-        (
-            b"1,2\n5,1\n0,7\n",
-            "x.csv: a table of 2 columns without names, such as '1,2' is none of the CSV layouts",
-        ),
+        (b"a b\n1 2\n", "x.csv: a table with the columns 'a, b' is none of the CSV layouts: rostopic echo -p"),
+        (b"1,2\n5,1\n0,7\n", "x.csv: a table of 2 columns without names, such as '1,2' is none of the CSV layouts"),
     ],
 )
 def test_what_is_no_log_says_so_in_one_line(data: bytes, message: str, tmp_path: Path) -> None:

@@ -25,9 +25,7 @@ Table = Sequence[Sequence[object]] | np.ndarray
 
 
 def text_of(table: Table, names: str = "", separator: str = ",") -> bytes:
-    lines = [
-        separator.join(f"{cell:g}" if isinstance(cell, float) else str(cell) for cell in row) for row in table
-    ]
+    lines = [separator.join(f"{cell:g}" if isinstance(cell, float) else str(cell) for cell in row) for row in table]
     return "\n".join([*([names] if names else []), *lines, ""]).encode()
 
 
@@ -52,8 +50,7 @@ def turns(sweeps: int, step: float = 1.5, unit: float = 1.0, jitter: float = 0.0
     for _ in range(sweeps):
         shaken = np.sort((angles + random.uniform(0, jitter, len(angles))) % 360) * unit
         rows += [
-            (round(angle, 4), int(1500 + 900 * np.sin(angle)), int(random.integers(8, 48)))
-            for angle in shaken.tolist()
+            (round(angle, 4), int(1500 + 900 * np.sin(angle)), int(random.integers(8, 48))) for angle in shaken.tolist()
         ]
     return rows
 
@@ -79,9 +76,7 @@ def test_what_the_refusal_says_is_a_way_out() -> None:
     np.testing.assert_allclose(got.ranges.ravel(), np.array([row[1] / 1000 for row in rows], np.float32))
     assert log.report.damage == []
     timed = [(1700000000 + 0.001 * n, *row) for n, row in enumerate(rows)]
-    assert "such as `time,angle,range,quality`" in refusal(
-        text_of([(round(t, 3), a, r, q) for t, a, r, q in timed])
-    )
+    assert "such as `time,angle,range,quality`" in refusal(text_of([(round(t, 3), a, r, q) for t, a, r, q in timed]))
     got, _ = read(text_of([(f"{t:.3f}", a, r, q) for t, a, r, q in timed], "time,angle,range,quality"))
     assert got.beams.tolist() == [240] * 4
     assert got.stamp_ns[:2].tolist() == [1_700_000_000_000_000_000, 1_700_000_000_240_000_000]
@@ -120,9 +115,7 @@ def test_a_row_of_few_numbers_is_no_sweep(numbers: int) -> None:
 
 
 def test_a_key_that_comes_back_is_none() -> None:
-    layers = [
-        (elevation, angle, 2) for _ in range(2) for elevation in (-2, 0, 2) for angle in range(0, 360, 4)
-    ]
+    layers = [(elevation, angle, 2) for _ in range(2) for elevation in (-2, 0, 2) for angle in range(0, 360, 4)]
     assert "looks like one beam per row" in refusal(text_of(layers), OpenOptions())
 
 
@@ -179,9 +172,7 @@ def test_a_person_who_walks_away_in_the_open_is_no_counter() -> None:
     random = np.random.default_rng(5)
     for width in (1, 3, 8):
         ranges = np.zeros((80, 100))
-        ranges[:, 40 : 40 + width] = (
-            500 + 130 * np.arange(80)[:, None] + random.integers(-20, 20, (80, width))
-        )
+        ranges[:, 40 : 40 + width] = 500 + 130 * np.arange(80)[:, None] + random.integers(-20, 20, (80, width))
         # What is at the edge of the person comes and goes.
         for edge in (39, 40 + width):
             ranges[:, edge] = np.where(random.random(80) < 0.5, ranges[:, 40], 0)
@@ -195,14 +186,8 @@ def odometry(rows: int = 60) -> dict[str, tuple[np.ndarray, str]]:
     return {
         "pose": (np.column_stack([steps * 0.1, turning, -turning]), "below zero: columns 3, 4"),
         "yaw": (np.column_stack([turning]), "below zero: column 2"),
-        "ticks": (
-            np.column_stack([np.zeros(rows), 7 * steps, 8 * steps, np.zeros(rows)]),
-            "counters: columns 3, 4",
-        ),
-        "speed": (
-            np.column_stack([1 + 0.01 * steps]),
-            "decimals among whole numbers, or the reverse: column 2",
-        ),
+        "ticks": (np.column_stack([np.zeros(rows), 7 * steps, 8 * steps, np.zeros(rows)]), "counters: columns 3, 4"),
+        "speed": (np.column_stack([1 + 0.01 * steps]), "decimals among whole numbers, or the reverse: column 2"),
         "time": (np.column_stack([1e8 + 99_000 * steps + steps % 7]), "far beyond all others: column 2"),
         "battery": (np.column_stack([1e6 + 99_000 * (steps % 11)]), "far beyond all others: column 2"),
     }
@@ -215,14 +200,8 @@ def test_odometry_before_the_ranges_is_no_beam(kind: str) -> None:
     table = np.column_stack([np.arange(len(before)) * 100_000, before, ranges])
     message = refusal(text_of(whole(table), separator=" "))
     assert message.startswith(f"a table without column names in which not all numbers are ranges ({why})")
-    assert message.endswith(
-        ": name the columns in a first line, the ranges r0, r1, ..., or take the other columns out"
-    )
-    names = [
-        "time",
-        *(f"odometry{place}" for place in range(before.shape[1])),
-        *(f"r{beam}" for beam in range(180)),
-    ]
+    assert message.endswith(": name the columns in a first line, the ranges r0, r1, ..., or take the other columns out")
+    names = ["time", *(f"odometry{place}" for place in range(before.shape[1])), *(f"r{beam}" for beam in range(180))]
     got, log = read(text_of(whole(table), ",".join(names)), OpenOptions(fov=np.pi, range_scale=0.001))
     assert got.ranges.shape == (len(before), 180)
     np.testing.assert_allclose(got.ranges, ranges / 1000, atol=1e-6)
@@ -261,9 +240,7 @@ def test_a_table_of_measurements_is_no_scan() -> None:
 )
 @pytest.mark.parametrize("start", [0, 12_345])
 @pytest.mark.parametrize("names", ["", "time,", "timestamp,"])
-def test_whole_times_tell_their_unit_by_their_steps(
-    step: int, unit: int, note: str, start: int, names: str
-) -> None:
+def test_whole_times_tell_their_unit_by_their_steps(step: int, unit: int, note: str, start: int, names: str) -> None:
     times = [start + step * row for row in range(9)]
     # Small steps are those of a sequence number, too, where what follows rises like a time.
     ranges = whole(room(9, 20)[:: -1 if step < 10 else 1])
@@ -302,9 +279,7 @@ def test_a_column_of_layers_is_refused(name: str) -> None:
         f"one beam per row, in several layers (column '{name}' holds '-2', '0', '2', ...); lidarcli reads scans of one"
         " plane: keep the rows of one layer"
     )
-    one = text_of(
-        [[s, 2, a, 3.5] for s in range(2) for a in range(0, 360, 2)], f"sweep,{name},azimuth_deg,range"
-    )
+    one = text_of([[s, 2, a, 3.5] for s in range(2) for a in range(0, 360, 2)], f"sweep,{name},azimuth_deg,range")
     got, log = read(one)
     assert (got.beams.tolist(), log.report.damage, log.report.refused.total()) == ([180, 180], [], 0)
 

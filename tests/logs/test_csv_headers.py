@@ -20,24 +20,9 @@ from tests.logs.watched import CsvLog
 
 SIZE = 1_000_000
 """Bytes of a header that nobody meant well."""
-FIELDS = (
-    "stamp secs nsecs frame_id angle_min angle_max angle_increment range_min range_max seq id t timestamp"
-)
+FIELDS = "stamp secs nsecs frame_id angle_min angle_max angle_increment range_min range_max seq id t timestamp"
 WORDS = f"{FIELDS} stamp_secs stamp_nsecs header header/stamp header.stamp.secs header.stamp.nanosecs x ranges[0] _".split()
-UNITS = [
-    "_",
-    "[",
-    "._",
-    "1",
-    "_" * 99 + ",",
-    "._" * 50 + "x,",
-    "t,",
-    "header_stamp_secs,",
-    '"',
-    '","',
-    "[,",
-    "(,",
-]
+UNITS = ["_", "[", "._", "1", "_" * 99 + ",", "._" * 50 + "x,", "t,", "header_stamp_secs,", '"', '","', "[,", "(,"]
 UNITS += [" ", "angle_,", "angle_", "range", "_s)", "/echoes[0]", "ranges[", "a ,", "°", ",", "-"]
 
 
@@ -102,16 +87,7 @@ def many_scans(scans: int, rows: int) -> bytes:
 
 def plotjuggler(topics: int, rows: int) -> bytes:
     """An export of many scans of three beams."""
-    fields = [
-        "angle_min",
-        "angle_max",
-        "angle_increment",
-        "range_min",
-        "range_max",
-        "ranges[0]",
-        "ranges[1]",
-        "ranges[2]",
-    ]
+    fields = ["angle_min", "angle_max", "angle_increment", "range_min", "range_max", "ranges[0]", "ranges[1]", "ranges[2]"]
     names = ["__time", *(f"/robot{topic}/scan/{field}" for topic in range(topics) for field in fields)]
     cells = ["-0.5,0.5,0.5,0.1,12.0,2.1,2.0,2.1"] * topics
     lines = [",".join(names), *(",".join([f"{row}.5", *cells]) for row in range(rows))]

@@ -45,14 +45,8 @@ def test_a_laser_scan_of_ros_1() -> None:
 @pytest.mark.parametrize(
     ("names", "time"),
     [
-        (
-            "endAngle,frameId,ranges.0,ranges.1,ranges.2,startAngle,timestamp",
-            "2023-11-14T22:13:20.000000007Z",
-        ),
-        (
-            "end_angle,frame_id,ranges.0,ranges.1,ranges.2,start_angle,timestamp.nsec,timestamp.sec",
-            "7,1700000000",
-        ),
+        ("endAngle,frameId,ranges.0,ranges.1,ranges.2,startAngle,timestamp", "2023-11-14T22:13:20.000000007Z"),
+        ("end_angle,frame_id,ranges.0,ranges.1,ranges.2,start_angle,timestamp.nsec,timestamp.sec", "7,1700000000"),
     ],
     ids=["protobuf", "json"],
 )
@@ -77,9 +71,7 @@ def test_times_may_be_numbers() -> None:
 
 
 def test_another_topic_than_a_scan_holds_none() -> None:
-    with CsvLog(
-        io.BytesIO(f"{HEAD},child_frame_id,header.frame_id,pose.x\n{TIMES},0,a,b,1\n".encode())
-    ) as log:
+    with CsvLog(io.BytesIO(f"{HEAD},child_frame_id,header.frame_id,pose.x\n{TIMES},0,a,b,1\n".encode())) as log:
         assert (log.topics(), list(log.scans())) == ([], [])
     with pytest.raises(UnreadableError, match="without geometry"):
         CsvLog(io.BytesIO(f"{HEAD},ranges.0,ranges.1,ranges.2\n{TIMES},0,1,2,3\n".encode()))

@@ -14,22 +14,14 @@ from tests.logs.csv_sweeps import sweeps
 BEAMS = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
 POSES = "it holds poses, no ranges"
 POINTS = "it holds points, no sweeps; record the LaserScan topic itself"
-RECORD = (
-    "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
-)
+RECORD = "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
 TUM = "".join(f"{1000 + row}.5 {row} 0.5 0 0 0 0.6 0.8\n" for row in range(9))
 
 TEXTS = {
-    "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\n": (
-        "a point cloud (PCD)",
-        POINTS,
-    ),
+    "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\n": ("a point cloud (PCD)", POINTS),
     "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\n": ("a point cloud (PCD)", POINTS),
     "ply\nformat ascii 1.0\nelement vertex 3\n": ("a point cloud or mesh (PLY)", POINTS),
-    "ply\r\nformat binary_little_endian 1.0\r\nend_header\r\n\0\1\2\3": (
-        "a point cloud or mesh (PLY)",
-        POINTS,
-    ),
+    "ply\r\nformat binary_little_endian 1.0\r\nend_header\r\n\0\1\2\3": ("a point cloud or mesh (PLY)", POINTS),
     "# timestamp tx ty tz qx qy qz qw\n" + TUM: ("a trajectory (TUM)", POSES),
     TUM: ("a trajectory (TUM)", POSES),
     "VERTEX_SE2 0 0.0 0.0 0.0\nEDGE_SE2 0 1 1 0 0\n": ("a pose graph (g2o)", POSES),
@@ -42,10 +34,7 @@ TEXTS = {
     "[[1.0, 2.0],\n [1.0, 2.0]]\n": ("JSON", BEAMS),
     "<?xml version='1.0'?>\n<scan/>\n": ("XML or HTML", "look whether a download has failed"),
     "<!DOCTYPE html>\n<html>Not found</html>\n": ("XML or HTML", "look whether a download has failed"),
-    "header: \n  seq: 1\n  stamp: \n    secs: 5\nangle_min: -1.5\nranges: [1.0, 2.0]\n---\n": (
-        "YAML",
-        RECORD,
-    ),
+    "header: \n  seq: 1\n  stamp: \n    secs: 5\nangle_min: -1.5\nranges: [1.0, 2.0]\n---\n": ("YAML", RECORD),
     "---\nheader:\n  stamp: 1\n": ("YAML", RECORD),
     "ranges: [1.0, 2.0]\n---\n": ("YAML", RECORD),
     "sensor_msgs.msg.LaserScan(header=std_msgs.msg.Header(), ranges=[1.0])\n": (
@@ -124,9 +113,7 @@ def test_the_name_of_an_input_stands_once(
 
 def test_messages_that_a_node_has_logged() -> None:
     yaml = "[INFO] [1621498.12]: header: \n  seq: 12\n  stamp: \n    secs: 5\nranges: [1.0, 2.0, inf]\n"
-    python = (
-        "[INFO] [16.1] [node]: sensor_msgs.msg.LaserScan(header=std_msgs.msg.Header(), ranges=[1.0, 2.0])\n"
-    )
+    python = "[INFO] [16.1] [node]: sensor_msgs.msg.LaserScan(header=std_msgs.msg.Header(), ranges=[1.0, 2.0])\n"
     for text, name in ((yaml, "YAML"), (python, "ROS messages as Python prints them")):
         found = other_format(text.encode())
         assert found is not None

@@ -81,10 +81,7 @@ ODD = {
     "millimetres": (scaled(1000, 1000), MILLIMETRES),
     "millimetres, limits in metres": (scaled(1000), MILLIMETRES),
     "centimetres": (scaled(100, 100), "(--range-unit cm or mm)"),
-    "degrees": (
-        bearings(-180.0, 0.5),
-        "/scan sees 10,285 deg, more than a turn and a half (40 of 40 sweeps)",
-    ),
+    "degrees": (bearings(-180.0, 0.5), "/scan sees 10,285 deg, more than a turn and a half (40 of 40 sweeps)"),
     "no steps": (bearings(0.0, 1e-12), "the beams of /scan are 1e-12 rad apart (40 of 40 sweeps)"),
     "no range": (
         replace(room(), ranges=np.full((COUNT, 360), np.nan, np.float32)),
@@ -103,9 +100,7 @@ ODD = {
         "(all of them below range_min): --range sets other limits than 10 to 12 m",
     ),
     "limits the other way round": (
-        replace(
-            room(), range_min=np.full(COUNT, 12.0, np.float32), range_max=np.full(COUNT, 0.1, np.float32)
-        ),
+        replace(room(), range_min=np.full(COUNT, 12.0, np.float32), range_max=np.full(COUNT, 0.1, np.float32)),
         "--range sets other limits than 12 to 0.1 m",
     ),
     "no beams": (raw_sweeps(np.zeros((COUNT, 0))), "the sweeps of /scan have no beams"),
@@ -208,10 +203,7 @@ def test_the_way_out_ends_the_doubt() -> None:
         assert report.doubted() == []
     ahead = ODD["a year ahead"][0]
     (line,) = notes(ahead)
-    assert (
-        "--end 2024-11-13T22:13:22Z takes what was before, --start 2024-11-13T22:13:22Z what came after"
-        in line
-    )
+    assert "--end 2024-11-13T22:13:22Z takes what was before, --start 2024-11-13T22:13:22Z what came after" in line
     assert notes(ahead, start=as_time("2024-11-13T22:13:22Z")) == []
     nothing = ODD["no range"][0]
     (line,) = notes(nothing, rules=RangeRules(no_return=frozenset({"nan"})))
@@ -225,9 +217,7 @@ def test_equal_stamps_of_text_are_too_coarse_however_few_are_read(every: int) ->
     """Readers of text put a nanosecond between them, so that poses find their sweeps."""
     (line,) = notes(stamped(lambda k: START + k), every=every)
     read = -(-COUNT // every)
-    assert line.startswith(
-        f"{read - 1} of {read} sweeps of /scan have the stamp of the sweep before, and other ranges"
-    )
+    assert line.startswith(f"{read - 1} of {read} sweeps of /scan have the stamp of the sweep before, and other ranges")
 
 
 @pytest.mark.parametrize(("times", "way"), [(2, "--every 2"), (3, "--every 3"), (5, "--every 5")])
@@ -266,9 +256,7 @@ def test_a_single_stamp_that_is_far_off() -> None:
 def test_all_at_range_max() -> None:
     reach = replace(room(), ranges=np.full((COUNT, 360), 12.0, np.float32))
     (line,) = notes(reach)
-    assert line.startswith(
-        "100.0% of the beams of /scan have no range (all of them at range_max, 12 m): nothing"
-    )
+    assert line.startswith("100.0% of the beams of /scan have no range (all of them at range_max, 12 m): nothing")
 
 
 def test_each_topic_and_frame_is_looked_at_by_itself() -> None:
@@ -298,9 +286,7 @@ def test_angle_max_of_messages(name: str, tmp_path: Path) -> None:
     geometry = (-1.5, 3.0, 0.01, 0.0, 0.0, 0.05, 12.0)
     data = [scan([1.0, 2.0, 3.0], encoding=encoding, sec=k + 1, geometry=geometry) for k in range(3)]
     path = written(name, tmp_path, {"/scan": (LASERSCAN, data)})
-    with pytest.warns(
-        UserWarning, match=r"angle_max of /scan is 171\.89 deg, and .* at -84\.80 deg \(3 of 3 sweeps\)"
-    ):
+    with pytest.warns(UserWarning, match=r"angle_max of /scan is 171\.89 deg, and .* at -84\.80 deg \(3 of 3 sweeps\)"):
         assert sum(map(len, lidarcli.read(path))) == 3
 
 
@@ -335,9 +321,7 @@ def test_the_unit_of_ranges_is_that_of_any_log(suffix: str, unit: Any, factor: f
 def test_points_of_clouds_have_no_unit_to_choose() -> None:
     doubts, block = Doubts(clouds=["/scan"]), scaled(1000)
     doubts.add(block, normalise(block, np.arange(COUNT), RangeRules()))
-    assert told(doubts) == [
-        "most ranges of /scan are beyond 200 m: the points of the clouds are probably not in metres"
-    ]
+    assert told(doubts) == ["most ranges of /scan are beyond 200 m: the points of the clouds are probably not in metres"]
 
 
 @pytest.mark.parametrize("stamp", [START, 0])

@@ -112,9 +112,7 @@ def test_a_write_ahead_log_cannot_make_the_copy_huge(tmp_path: Path) -> None:
     for frame in range(frames):
         if frame == frames - 1:
             wal[at + 4 : at + 8] = struct.pack(">I", 0x7FFFFFF0)
-        words = struct.unpack(
-            f"{'>' if big else '<'}{2 + PAGE // 4}I", wal[at : at + 8] + wal[at + 24 : at + 24 + PAGE]
-        )
+        words = struct.unpack(f"{'>' if big else '<'}{2 + PAGE // 4}I", wal[at : at + 8] + wal[at + 24 : at + 24 + PAGE])
         for one, other in zip(words[::2], words[1::2], strict=True):
             first = (first + one + second) & 0xFFFFFFFF
             second = (second + other + first) & 0xFFFFFFFF
@@ -197,9 +195,7 @@ def test_a_page_that_names_itself_many_times_ends(tmp_path: Path, wanted: str) -
     path = tmp_path / "run.db3"
     database = bag(path, sweeps=300)
     if wanted == "topics":
-        database.executemany(
-            "INSERT INTO topics VALUES (?, ?, 'x', 'cdr')", [(i, "n" * 3000) for i in range(2, 50)]
-        )
+        database.executemany("INSERT INTO topics VALUES (?, ?, 'x', 'cdr')", [(i, "n" * 3000) for i in range(2, 50)])
     (root,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = ?", (wanted,)).fetchone()
     database.close()
     data = bytearray(path.read_bytes())
@@ -266,9 +262,7 @@ def test_overflow_pages_that_lead_to_themselves(
     at = Salvage._at
     monkeypatch.setattr(Salvage, "_at", lambda self, place, size: taken.append(size) or at(self, place, size))
     with Rosbag2Log(str(path)) as log:
-        assert [round(float(block.ranges[row, 0])) for block in log.scans() for row in range(len(block))][
-            :3
-        ] == [0, 1, 2]
+        assert [round(float(block.ranges[row, 0])) for block in log.scans() for row in range(len(block))][:3] == [0, 1, 2]
         (damage,) = log.report.damage
     assert "; read page by page: 3 messages recovered, 1,500 not whole" in damage.cause
     assert sum(taken) < 20 * path.stat().st_size
@@ -354,9 +348,7 @@ def test_names_and_messages_of_megabytes(tmp_path: Path) -> None:
     database.close()
     found, damage = read(path)
     assert found == list(range(20))
-    assert damage == [
-        "database: SQLite says: string or blob too big; read page by page: 20 messages recovered"
-    ]
+    assert damage == ["database: SQLite says: string or blob too big; read page by page: 20 messages recovered"]
 
 
 def mutated(data: bytes, random_: random.Random, change: Callable[[bytearray, int], None]) -> bytes:

@@ -68,10 +68,7 @@ def notes_of(log: JoinedLog) -> list[str]:
         ("run_0.bag", Numbered("run", "run", 0, ".bag")),
         ("RUN_3.BAG.active", Numbered("RUN", "RUN", 3, ".bag")),
         ("b.v2_10.db3.zstd", Numbered("b.v2", "b.v2", 10, ".db3")),
-        (
-            "hall_2024-01-01-10-00-00_1.bag",
-            Numbered("hall_2024-01-01-10-00-00", "hall", 1, ".bag"),
-        ),
+        ("hall_2024-01-01-10-00-00_1.bag", Numbered("hall_2024-01-01-10-00-00", "hall", 1, ".bag")),
         ("2024-01-01-10-00-00_0.bag", Numbered("2024-01-01-10-00-00", "", 0, ".bag")),
         ("rosbag2_2024_01_01-10_00_00_0.mcap", Numbered(*["rosbag2_2024_01_01-10_00_00"] * 2, 0, ".mcap")),
         ("run_1", Numbered("run", "run", 1, "")),
@@ -86,9 +83,7 @@ def test_names_of_parts(name: str, expected: Numbered | None) -> None:
 
 
 def test_the_order_is_that_of_time_and_sweeps_go_on() -> None:
-    log = JoinedLog(
-        "run", [part("b.bag", Recording(10)), part("c.bag", Recording(20)), part("a.bag", Recording(0))]
-    )
+    log = JoinedLog("run", [part("b.bag", Recording(10)), part("c.bag", Recording(20)), part("a.bag", Recording(0))])
     assert names(log) == ["a.bag", "b.bag", "c.bag"]
     report = ReadReport()
     times = np.concatenate([block.record_ns for block in log.scans(None, report)])
@@ -98,9 +93,7 @@ def test_the_order_is_that_of_time_and_sweeps_go_on() -> None:
     assert (log.size, log.position, log.format) == (3 * 1234, 3 * 1234, "mcap")
 
 
-def test_a_part_without_sweeps_is_placed_by_its_poses_and_one_without_either_stays_behind_the_one_before_it() -> (
-    None
-):
+def test_a_part_without_sweeps_is_placed_by_its_poses_and_one_without_either_stays_behind_the_one_before_it() -> None:
     pose = Message("/tf", TF, "cdr", 15 * SECOND, b"")
     log = JoinedLog(
         "run",
@@ -124,16 +117,12 @@ def test_what_is_latched_and_repeated_with_its_old_time_does_not_move_a_part() -
 def test_topics_are_those_of_all_parts() -> None:
     scan, other = Topic("/scan", LASERSCAN, "cdr", 3), Topic("/rear", LASERSCAN, "cdr", 2)
     same = replace(scan, encoding="ros1")
-    log = JoinedLog(
-        "run", [part("a.bag", Recording(0, topics=[scan])), part("b.bag", Recording(5, topics=[same, other]))]
-    )
+    log = JoinedLog("run", [part("a.bag", Recording(0, topics=[scan])), part("b.bag", Recording(5, topics=[same, other]))])
     assert log.topics() == [replace(scan, messages=6), other]
 
 
 def test_damage_names_its_part_and_the_rest_is_read() -> None:
-    log = JoinedLog(
-        "run", [part("a.bag", Recording(0, damage="cut off")), broken("b.bag"), part("c.bag", Recording(20))]
-    )
+    log = JoinedLog("run", [part("a.bag", Recording(0, damage="cut off")), broken("b.bag"), part("c.bag", Recording(20))])
     report = ReadReport()
     assert sum(len(block) for block in log.scans(None, report)) == 40
     assert [(each.place, each.cause) for each in report.damage] == [
@@ -150,9 +139,7 @@ def test_where_no_part_can_be_read_there_is_no_log() -> None:
 def test_parts_that_overlap_are_told_once_for_each_topic() -> None:
     two = Recording(1)
     two._blocks = [at(1), at(2.9), at(0, "/rear")]
-    log = JoinedLog(
-        "run", [part("a.bag", Recording(0)), part("b.bag", two), part("c.bag", Recording(2.5), 99)]
-    )
+    log = JoinedLog("run", [part("a.bag", Recording(0)), part("b.bag", two), part("c.bag", Recording(2.5), 99)])
     assert notes_of(log) == [
         "b.bag begins 0.9 s before a.bag ends (/scan): they overlap",
         "c.bag begins 2.3 s before b.bag ends (/scan): they overlap",
@@ -190,14 +177,8 @@ def test_messages_of_ros_are_joined_from_any_container(formats: tuple[str, str])
 @pytest.mark.parametrize(
     ("formats", "words"),
     [
-        (
-            ("mcap", "csv (wide)"),
-            "1.x is csv (wide) and 0.x is mcap: CSV is joined with CSV of the same layout",
-        ),
-        (
-            ("csv (wide)", "csv (rostopic echo -p)"),
-            "0.x is csv (wide) and 1.x is csv (rostopic echo -p): CSV",
-        ),
+        (("mcap", "csv (wide)"), "1.x is csv (wide) and 0.x is mcap: CSV is joined with CSV of the same layout"),
+        (("csv (wide)", "csv (rostopic echo -p)"), "0.x is csv (wide) and 1.x is csv (rostopic echo -p): CSV"),
         (("csv (one file per sweep)",) * 2, "0.x holds one sweep: name the folder of such files"),
         (("carmen", "carmen"), "0.x is a carmen log, which says at its beginning what holds for all of it"),
         (("mcap", "player"), "1.x is a player log"),
@@ -210,11 +191,7 @@ def test_what_does_not_go_together_is_refused(formats: tuple[str, str], words: s
 
 
 def test_several_recordings_are_told() -> None:
-    names = (
-        "run_2026-11-22-10-00-00_0.bag",
-        "run_2026-11-22-10-05-00_1.bag",
-        "run_2026-11-23-09-00-00_0.bag",
-    )
+    names = ("run_2026-11-22-10-00-00_0.bag", "run_2026-11-22-10-05-00_1.bag", "run_2026-11-23-09-00-00_0.bag")
     log = JoinedLog("run", [part(name, Recording(10 * at)) for at, name in enumerate(names)])
     assert notes_of(log) == ["several parts have one number: they look like parts of several recordings"]
 

@@ -95,11 +95,7 @@ def test_a_laser_scan() -> None:
 def test_a_foxglove_scan(data: str) -> None:
     got = one(line(data))
     assert got.stamp_ns.tolist() == [STAMP + 7]
-    assert (got.angle_min.tolist(), got.angle_increment.tolist(), got.frame_ids) == (
-        [-0.5],
-        [0.5],
-        ("laser",),
-    )
+    assert (got.angle_min.tolist(), got.angle_increment.tolist(), got.frame_ids) == ([-0.5], [0.5], ("laser",))
     np.testing.assert_array_equal(got.ranges, np.array([[2.5, -np.inf, np.nan]], np.float32))
 
 
@@ -157,9 +153,7 @@ WRAPS: dict[str, Callable[[str], bytes]] = {
     "gzip": lambda text: gzip.compress(text.encode(), mtime=0),
     "utf16": lambda text: text.encode("utf-16"),
     "no-end": lambda text: text.rstrip("\n").encode(),
-    "spaces": lambda text: "".join(
-        json.dumps(json.loads(each)) + "\n\n" for each in text.splitlines()
-    ).encode(),
+    "spaces": lambda text: "".join(json.dumps(json.loads(each)) + "\n\n" for each in text.splitlines()).encode(),
 }
 
 

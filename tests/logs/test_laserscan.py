@@ -80,14 +80,7 @@ messages = st.lists(
 def test_any_mixture_equals_its_parts(rows: list[tuple[Any, ...]], encoding: str) -> None:
     cdr = encoding == "cdr"
     coded = [
-        scan(
-            ranges,
-            encoding=encoding,
-            frame=frame,
-            sec=sec if cdr else abs(sec),
-            big=big and cdr,
-            intensities=intensities,
-        )
+        scan(ranges, encoding=encoding, frame=frame, sec=sec if cdr else abs(sec), big=big and cdr, intensities=intensities)
         for ranges, frame, sec, big, intensities in rows
     ]
     raw, report = read(coded, encoding)

@@ -70,9 +70,7 @@ def assert_whole(raw: RawSweeps | None, report: ReadReport, sweeps: int = N) -> 
         {"chunk_size": 1 << 20},
     ],
 )
-def test_every_way_of_writing_reads_the_same(
-    tmp_path: Path, compression: str, options: dict[str, Any]
-) -> None:
+def test_every_way_of_writing_reads_the_same(tmp_path: Path, compression: str, options: dict[str, Any]) -> None:
     data = sample(N, compression=compression, chatter=3, **options)
     path = tmp_path / "run.mcap"
     path.write_bytes(data)
@@ -182,9 +180,7 @@ def test_publishers_of_one_topic_stay_in_order(tmp_path: Path) -> None:
         assert log.topics() == [Topic("/scan", LASERSCAN, "cdr", N)]
 
 
-def test_chunks_without_a_wanted_message_are_not_decompressed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_chunks_without_a_wanted_message_are_not_decompressed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     inflated = []
     inflate = mcap_walk.inflate
     monkeypatch.setattr(mcap_walk, "inflate", lambda *args: inflated.append(args) or inflate(*args))
@@ -232,9 +228,7 @@ def test_a_scan_that_is_none_is_counted(tmp_path: Path, schema: Any, encoding: s
     assert report.refused == {("/scan", cause): 2}
     summary = detect_to_files(Source(str(path), "run"), tmp_path, DetectOptions())
     assert (summary.sweeps, summary.exit_code) == (0, 3)
-    assert (
-        f"topic /scan: 2 messages left out: {cause}" in file_metadata(tmp_path / "run.sweeps.parquet")[DAMAGE]
-    )
+    assert f"topic /scan: 2 messages left out: {cause}" in file_metadata(tmp_path / "run.sweeps.parquet")[DAMAGE]
 
 
 @pytest.mark.parametrize(
@@ -336,10 +330,7 @@ def test_a_scan_of_ros_in_json(tmp_path: Path, schema: str, stamp: Any) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(
         sample(
-            N,
-            schema=(schema, "jsonschema", b"{}"),
-            encoding="json",
-            payload=lambda number: ros_json(number, stamp(number)),
+            N, schema=(schema, "jsonschema", b"{}"), encoding="json", payload=lambda number: ros_json(number, stamp(number))
         )
     )
     raw, report = read(path)
@@ -371,9 +362,7 @@ def test_json_of_ros_without_numbers(tmp_path: Path) -> None:
     assert report.refused == {("/scan", foxglove.NOT_SCAN): 3}
 
 
-@pytest.mark.parametrize(
-    "stamp", ["1970-01-01T00:00:07.000000008Z", {"sec": 7, "nsec": 8}, {"seconds": 7, "nanos": 8}]
-)
+@pytest.mark.parametrize("stamp", ["1970-01-01T00:00:07.000000008Z", {"sec": 7, "nsec": 8}, {"seconds": 7, "nanos": 8}])
 def test_a_foxglove_scan_without_pose_with_any_stamp(tmp_path: Path, stamp: Any) -> None:
     path = tmp_path / "run.mcap"
     fields = json.loads(json_scan(7, timestamp=stamp))
@@ -394,9 +383,7 @@ def test_a_scan_of_ros_in_protobuf(tmp_path: Path) -> None:
     assert raw is not None
     assert (raw.angle_min[0], raw.angle_increment[0], raw.range_max[0]) == (-1.5, 0.5, 99.0)
     with McapLog(path) as log:
-        assert [(topic.type, topic.is_scan) for topic in log.topics() or ()][:1] == [
-            ("ros.sensor_msgs.LaserScan", True)
-        ]
+        assert [(topic.type, topic.is_scan) for topic in log.topics() or ()][:1] == [("ros.sensor_msgs.LaserScan", True)]
 
 
 def test_broken_protobuf_is_refused(tmp_path: Path) -> None:

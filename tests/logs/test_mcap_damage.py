@@ -99,18 +99,14 @@ def test_a_cut_in_a_compressed_log_leaves_a_prefix(tmp_path: Path, compression: 
     for cut in range(60, len(data), 29):
         for found, report in both(data[:cut], tmp_path):
             assert found == list(range(len(found)))
-            assert len(found) >= max(
-                (n for n, end in zip(counts, sizes, strict=True) if end <= cut), default=0
-            )
+            assert len(found) >= max((n for n, end in zip(counts, sizes, strict=True) if end <= cut), default=0)
             assert report.damage
 
 
 @pytest.mark.parametrize("compression", ["lz4", "zstd"])
 def test_the_whole_blocks_of_a_cut_chunk_are_read(tmp_path: Path, compression: str) -> None:
     noise = np.random.default_rng(1).random((300, 1000), np.float32)
-    data = sample(
-        300, compression=compression, chunk_size=1 << 24, payload=lambda i: scan(noise[i].tolist(), sec=i)
-    )
+    data = sample(300, compression=compression, chunk_size=1 << 24, payload=lambda i: scan(noise[i].tolist(), sec=i))
     [(first, end)] = samples.chunks(data)
     path = tmp_path / "run.mcap"
     path.write_bytes(data[: first + (end - first) // 2])
@@ -138,10 +134,7 @@ def test_words_for_a_cut(tmp_path: Path) -> None:
             f"byte {end - 1}: the log is cut off here, inside the chunk at byte {first}: "
             f"{whole_before(data, end - 1)} whole messages of it are read",
         ),
-        (
-            len(data) - 3,
-            f"byte {data_end}: the log is cut off in its summary, after the last message; no message is lost",
-        ),
+        (len(data) - 3, f"byte {data_end}: the log is cut off in its summary, after the last message; no message is lost"),
     ):
         path = tmp_path / "run.mcap"
         path.write_bytes(data[:cut])
@@ -172,9 +165,7 @@ def test_a_flipped_bit_costs_its_chunk_alone(tmp_path: Path, compression: str) -
 @pytest.mark.slow
 @pytest.mark.parametrize("compression", ["none", "zstd"])
 @pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE])
-def test_flipped_bits_in_a_chunk_record_cost_at_most_two_chunks(
-    tmp_path: Path, compression: str, index: IndexType
-) -> None:
+def test_flipped_bits_in_a_chunk_record_cost_at_most_two_chunks(tmp_path: Path, compression: str, index: IndexType) -> None:
     data = sample(N, compression=compression, index=index)
     first, _ = samples.chunks(data)[3]
     for place in range(first, first + 49):
@@ -186,9 +177,7 @@ def test_flipped_bits_in_a_chunk_record_cost_at_most_two_chunks(
                 assert report.damage or len(found) == N
 
 
-@pytest.mark.parametrize(
-    ("place", "flipped"), [(8, 0x40), (4, 0x40), (4, 0x02), (3, 0x10), (3, 0x01), (2, 0x01)]
-)
+@pytest.mark.parametrize(("place", "flipped"), [(8, 0x40), (4, 0x40), (4, 0x02), (3, 0x10), (3, 0x01), (2, 0x01)])
 def test_a_flipped_length_outside_chunks_costs_its_message(tmp_path: Path, place: int, flipped: int) -> None:
     data = sample(N, use_chunking=False)
     messages = [first for opcode, first, _ in samples.records(data) if opcode == 5]
@@ -243,10 +232,7 @@ def test_a_message_that_looks_like_one_inside_another_is_not_read(tmp_path: Path
     forged = struct.pack("<BQHIQQ", 5, 22 + len(inner), 1, 0, 990, 0) + inner
     data = sample(4, compression="none", chunk_size=1 << 20)
     real = sample(
-        4,
-        compression="none",
-        chunk_size=1 << 20,
-        payload=lambda i: scan(ranges_of(i)) + (forged if i == 2 else b""),
+        4, compression="none", chunk_size=1 << 20, payload=lambda i: scan(ranges_of(i)) + (forged if i == 2 else b"")
     )
     [place] = index_records(real)
     entry = place + 15 + 2 * 16 + 8
@@ -288,9 +274,7 @@ def test_a_damaged_summary_is_named_and_not_used(tmp_path: Path) -> None:
     path.write_bytes(patched(data, len(data) - 28, struct.pack("<Q", 2**40)))
     found, report = read(path)
     assert found == list(range(N))
-    assert lines(report) == [
-        f"footer at byte {len(data) - 37}: its summary cannot begin at byte {2**40}; not used"
-    ]
+    assert lines(report) == [f"footer at byte {len(data) - 37}: its summary cannot begin at byte {2**40}; not used"]
 
 
 def test_channels_that_are_described_only_in_the_summary(tmp_path: Path) -> None:
@@ -315,9 +299,7 @@ def test_channels_that_are_described_only_in_the_summary(tmp_path: Path) -> None
     ]
 
 
-def chunk(
-    content: bytes, *, size: int | None = None, compression: str = "", data: bytes | None = None
-) -> bytes:
+def chunk(content: bytes, *, size: int | None = None, compression: str = "", data: bytes | None = None) -> bytes:
     name = compression.encode()
     data = content if data is None else data
     body = struct.pack("<QQQII", 0, 0, len(content) if size is None else size, 0, len(name)) + name
@@ -344,10 +326,7 @@ def bomb_zstd(size: int) -> bytes:
 @pytest.mark.parametrize(
     ("extra", "cause"),
     [
-        (
-            chunk(b"x" * 50, size=2**60),
-            "it declares 1152921504606846976 bytes, more than the 1073741824 that are believed",
-        ),
+        (chunk(b"x" * 50, size=2**60), "it declares 1152921504606846976 bytes, more than the 1073741824 that are believed"),
         (
             chunk(b"", size=1 << 29, compression="lz4", data=lz4.frame.compress(b"x" * 999)),
             "it declares 536870912 bytes, more than lz4 can make of ",
@@ -362,10 +341,7 @@ def bomb_zstd(size: int) -> bytes:
         ),
         (chunk(b"", size=9, compression="zstd", data=bomb_zstd(1 << 26)), "zstd: "),
         (chunk(b"", size=9, compression="zstd", data=b"no zstd"), "zstd: "),
-        (
-            chunk(b"", size=9, compression="snappy", data=b"x"),
-            "its compression 'snappy' is not one of none, lz4, zstd",
-        ),
+        (chunk(b"", size=9, compression="snappy", data=b"x"), "its compression 'snappy' is not one of none, lz4, zstd"),
     ],
 )
 def test_a_hostile_chunk_is_refused_alone(tmp_path: Path, extra: bytes, cause: str) -> None:

@@ -46,23 +46,12 @@ def chosen(echoes: Lists, strengths: Lists, echo: str) -> tuple[list[float], lis
 @pytest.mark.parametrize("encoding", ["cdr", "ros1"])
 def test_first_last_and_strongest(encoding: str) -> None:
     uniform = scan([], encoding=encoding, echoes=SECOND, strengths=STRENGTHS)
-    mixed = scan(
-        [], encoding=encoding, echoes=[[3.0], [], [4.0, 5.0, 6.0]], strengths=[[1.0], [], [2.0, 9.0, 4.0]]
-    )
+    mixed = scan([], encoding=encoding, echoes=[[3.0], [], [4.0, 5.0, 6.0]], strengths=[[1.0], [], [2.0, 9.0, 4.0]])
     plain = scan([], encoding=encoding, echoes=[[3.0, 4.0]])
     expected: dict[str, tuple[Any, Any]] = {
-        "first": (
-            [[1, 2, 3], [3, NAN, 4], [3, NAN, NAN]],
-            [[10, 40, NAN], [1, NAN, 2], [NAN, NAN, NAN]],
-        ),
-        "last": (
-            [[9, 8, 7], [3, NAN, 6], [4, NAN, NAN]],
-            [[20, 30, 5], [1, NAN, 4], [NAN, NAN, NAN]],
-        ),
-        "strongest": (
-            [[9, 2, 7], [3, NAN, 5], [3, NAN, NAN]],
-            [[20, 40, 5], [1, NAN, 9], [NAN, NAN, NAN]],
-        ),
+        "first": ([[1, 2, 3], [3, NAN, 4], [3, NAN, NAN]], [[10, 40, NAN], [1, NAN, 2], [NAN, NAN, NAN]]),
+        "last": ([[9, 8, 7], [3, NAN, 6], [4, NAN, NAN]], [[20, 30, 5], [1, NAN, 4], [NAN, NAN, NAN]]),
+        "strongest": ([[9, 2, 7], [3, NAN, 5], [3, NAN, NAN]], [[20, 40, 5], [1, NAN, 9], [NAN, NAN, NAN]]),
     }
     for echo in ECHOES:
         raw, report = read([uniform, mixed, plain], encoding, echo=echo)
@@ -93,9 +82,7 @@ lists = st.lists(st.lists(floats, max_size=4), max_size=6)
 
 
 @given(lists, lists, st.sampled_from(ECHOES), st.booleans())
-def test_any_message_is_read_as_one_field_after_the_other(
-    echoes: Lists, strengths: Lists, echo: str, big: bool
-) -> None:
+def test_any_message_is_read_as_one_field_after_the_other(echoes: Lists, strengths: Lists, echo: str, big: bool) -> None:
     raw, report = read([scan([], echoes=echoes, strengths=strengths, big=big)], echo=echo)
     assert raw is not None
     ranges, intensities = chosen(echoes, strengths, echo)
@@ -119,9 +106,7 @@ def test_every_cut_of_a_message_is_refused_or_has_all_ranges() -> None:
 def test_every_container_takes_the_option(name: str, tmp_path: Path) -> None:
     message = scan([], encoding=WRITERS[name][0], echoes=SECOND, strengths=STRENGTHS)
     plain = scan([4.0, 5.0, 6.0], encoding=WRITERS[name][0])
-    path = written(
-        name, tmp_path, {"/echoes": (MULTI_ECHO, [message] * 3), "/scan": (LASERSCAN, [plain] * 3)}
-    )
+    path = written(name, tmp_path, {"/echoes": (MULTI_ECHO, [message] * 3), "/scan": (LASERSCAN, [plain] * 3)})
     for echo, ranges in (("first", [1, 2, 3]), ("last", [9, 8, 7]), ("strongest", [9, 2, 7])):
         batches = {batch.topic: batch for batch in lidarcli.read(path, echo=echo)}
         np.testing.assert_array_equal(batches["/echoes"].ranges, np.float32([ranges] * 3))

@@ -50,9 +50,7 @@ def write_mcap(path: Path, topics: Topics) -> None:
         writer = McapWriter(file, compression=CompressionType.NONE)
         writer.start("ros2", "a test")
         for name, (kind, messages) in topics.items():
-            text = (
-                ros2_definition(kind) if kind == LASERSCAN else ROS2.generate_msgdef(kind, ros_version=2)[0]
-            )
+            text = ros2_definition(kind) if kind == LASERSCAN else ROS2.generate_msgdef(kind, ros_version=2)[0]
             schema = writer.register_schema(kind, "ros2msg", text.encode())
             channel = writer.register_channel(name, "cdr", schema)
             for number, data in enumerate(messages):
@@ -63,9 +61,7 @@ def write_mcap(path: Path, topics: Topics) -> None:
 def write_bag(path: Path, topics: Topics) -> None:
     with BagWriter(path) as writer:
         for name, (kind, messages) in topics.items():
-            known = (
-                {"typestore": ROS1} if kind in ROS1.fielddefs else {"msgdef": "byte x", "md5sum": "0" * 32}
-            )
+            known = {"typestore": ROS1} if kind in ROS1.fielddefs else {"msgdef": "byte x", "md5sum": "0" * 32}
             connection = writer.add_connection(name, kind, **known)  # type: ignore[arg-type]
             for number, data in enumerate(messages):
                 writer.write(connection, number, data)
@@ -161,10 +157,7 @@ def test_intensities_are_kept_as_far_as_they_go(
 @pytest.mark.parametrize("declared", [4, 1 << 20, 1 << 30, (1 << 32) - 1])
 def test_counts_that_lie(name: str, declared: int, tmp_path: Path) -> None:
     encoding = WRITERS[name][0]
-    good, bad = (
-        scan([1.0, 2.0, 3.0], encoding=encoding),
-        scan([1.0, 2.0], encoding=encoding, declared=declared),
-    )
+    good, bad = (scan([1.0, 2.0, 3.0], encoding=encoding), scan([1.0, 2.0], encoding=encoding, declared=declared))
     rows, report = sweeps(written(name, tmp_path, {"/scan": (LASERSCAN, [good, bad, good])}))
     assert rows == [[1.0, 2.0, 3.0]] * 2
     assert report.refused.total() == 1
@@ -258,20 +251,11 @@ def lying_cell(data: bytes) -> bytes:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "lie", "least"),
-    [
-        ("run.mcap", lying_mcap, 0),
-        ("run.bag", lying_bag, 19),
-        ("run.db3", lying_db3, 20),
-        ("run.db3", lying_cell, 19),
-    ],
+    [("run.mcap", lying_mcap, 0), ("run.bag", lying_bag, 19), ("run.db3", lying_db3, 20), ("run.db3", lying_cell, 19)],
     indirect=["name"],
 )
-def test_a_declared_size_beyond_everything(
-    name: str, lie: Callable[[bytes], bytes], least: int, tmp_path: Path
-) -> None:
-    plain = written(
-        name, tmp_path, {"/scan": (LASERSCAN, [scan([1.0, 2.0, 3.0], encoding=WRITERS[name][0])] * 20)}
-    )
+def test_a_declared_size_beyond_everything(name: str, lie: Callable[[bytes], bytes], least: int, tmp_path: Path) -> None:
+    plain = written(name, tmp_path, {"/scan": (LASERSCAN, [scan([1.0, 2.0, 3.0], encoding=WRITERS[name][0])] * 20)})
     path = tmp_path / f"lie-{name}"
     path.write_bytes(lie(plain.read_bytes()))
     found, said, peak = measured(path, plain)
@@ -388,9 +372,7 @@ def test_a_folder_of_all_kinds(tmp_path: Path) -> None:
     (lost / "up").symlink_to("..")
     os.mkfifo(tmp_path / "pipe.bag")
     outcomes = list(detect_files(find_logs([str(tmp_path)]), tmp_path / "out", DetectOptions()))
-    assert [
-        (Path(out.label).name, out.exit_code, out.summary and out.summary.sweeps) for out in outcomes
-    ] == [
+    assert [(Path(out.label).name, out.exit_code, out.summary and out.summary.sweeps) for out in outcomes] == [
         ("bag.bag", 0, 4),
         ("db3.db3", 0, 4),
         ("lost", 0, 6),

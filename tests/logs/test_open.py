@@ -47,12 +47,7 @@ def test_content_decides_not_the_suffix(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize(
     ("sample", "format_name"),
-    [
-        ("room.mcap", "mcap"),
-        ("corridor.bag", "ros1 bag"),
-        ("drive.db3", "ros2 bag (sqlite3)"),
-        ("hall", "ros2 bag"),
-    ],
+    [("room.mcap", "mcap"), ("corridor.bag", "ros1 bag"), ("drive.db3", "ros2 bag (sqlite3)"), ("hall", "ros2 bag")],
 )
 def test_every_container_among_the_samples(sample: str, format_name: str) -> None:
     with open_log(SAMPLES / sample) as log:
@@ -150,9 +145,7 @@ def test_no_permission_as_the_system_says_it(tmp_path: Path, monkeypatch: pytest
     assert refusal(path) == f"{path}: cannot be opened: Permission denied"
 
 
-@pytest.mark.parametrize(
-    "data", [b"\x7fELF\x02\x01\x01" + bytes(99), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", bytes(5000)]
-)
+@pytest.mark.parametrize("data", [b"\x7fELF\x02\x01\x01" + bytes(99), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", bytes(5000)])
 def test_what_is_no_log(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(data)
@@ -289,9 +282,7 @@ def test_a_pattern_of_other_logs(tmp_path: Path) -> None:
     for name in ("a.mcap", "b.mcap"):
         (tmp_path / name).write_bytes(mcap_samples.sample(2))
     pattern = str(tmp_path / "*.mcap")
-    assert refusal(pattern) == (
-        f"{pattern}: only files of one sweep each (CSV) make one log; name other logs one by one"
-    )
+    assert refusal(pattern) == (f"{pattern}: only files of one sweep each (CSV) make one log; name other logs one by one")
 
 
 def test_a_name_with_brackets_is_a_name(tmp_path: Path) -> None:

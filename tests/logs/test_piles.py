@@ -31,9 +31,7 @@ SWEEPS, BEAMS = 300, 180
 NO_RETURN = Status.NO_RETURN.value
 
 
-def driven(
-    values: tuple[float, ...] = (50.0,), share: float = 0.1, sweeps: int = SWEEPS, seed: int = 1
-) -> Any:
+def driven(values: tuple[float, ...] = (50.0,), share: float = 0.1, sweeps: int = SWEEPS, seed: int = 1) -> Any:
     """(S, B) ranges [m] of a sensor that is driven about: here and there nothing comes back, wherever it looks."""
     rng = np.random.default_rng(seed)
     ranges = np.round(2.0 + 10.0 * rng.random((sweeps, BEAMS)), 2)
@@ -98,11 +96,7 @@ def test_whoever_names_what_is_no_return_gets_that() -> None:
     assert (statuses(batches) == Status.VALID.value).all()
     assert not report.no_return
     assert not report.doubts
-    for rules in (
-        RangeRules(markers=(50.0,)),
-        RangeRules(limits=(0.0, 50.0)),
-        RangeRules(limits=(0.0, 40.0)),
-    ):
+    for rules in (RangeRules(markers=(50.0,)), RangeRules(limits=(0.0, 50.0)), RangeRules(limits=(0.0, 40.0))):
         batches, report = judged(far(ranges), rules=rules)
         assert (statuses(batches) == NO_RETURN).tolist() == (ranges >= 50.0).tolist()
         assert not report.doubts

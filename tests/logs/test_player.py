@@ -22,16 +22,12 @@ from tests.logs.robots import Opener, only, pose_of
 from tests.logs.watched import PlayerLog
 from tests.places import SAMPLES
 
-HEADER = (
-    "## Player version 3.0.2 \n## File version 0.3.0 \n## Format: \n## - Messages are newline-separated\n"
-)
+HEADER = "## Player version 3.0.2 \n## File version 0.3.0 \n## Format: \n## - Messages are newline-separated\n"
 ROBOT = "16777343 6665"
 CONFIG = "-1.570796 1.570796 0.785398 0.100000 8.000000 0.000000 10.000000"
 
 
-def laser(
-    stamp: str = "1000000012.500", ranges: Sequence[float] = (1.0, 2.0, 3.0), robot: str = ROBOT
-) -> str:
+def laser(stamp: str = "1000000012.500", ranges: Sequence[float] = (1.0, 2.0, 3.0), robot: str = ROBOT) -> str:
     numbers = "".join(f"{value:.3f} {at:2d} " for at, value in enumerate(ranges))
     view = f"-1.5708 +1.5708 +{np.pi / max(len(ranges) - 1, 1):.8f} +08.0000"
     return f"{stamp} {robot} laser 00 001 001 0007 {view} {len(ranges):04d} {numbers}\n"
@@ -118,10 +114,7 @@ def test_beams_that_are_not_evenly_spread_are_refused(tmp_path: Path) -> None:
     even = f"{HEAD} laser 00 001 003 0001 +08.0000 0003 1.0 0.0 0 2.0 0.5 0 3.0 {{}} 0\n"
     log = log_of(tmp_path, even.format("1.0") + even.format("2.0"))
     assert sum(map(len, log.scans())) == 1
-    assert (log.report.damage, log.report.refused) == (
-        [],
-        {("/laser0", "beams that are not evenly spread"): 1},
-    )
+    assert (log.report.damage, log.report.refused) == ([], {("/laser0", "beams that are not evenly spread"): 1})
 
 
 def test_steps_of_a_configuration_have_more_digits_than_are_written(tmp_path: Path) -> None:
@@ -180,11 +173,7 @@ def test_wrapping_and_blanks_change_nothing(tmp_path: Path) -> None:
             assert opened.format == "player"
         found = only(log)
         assert np.array_equal(found.ranges, block.ranges)
-        assert (
-            found.stamp_ns.tolist()
-            == block.stamp_ns.tolist()
-            == [1_000_000_012_500_000_000, 1_000_000_013_500_000_000]
-        )
+        assert found.stamp_ns.tolist() == block.stamp_ns.tolist() == [1_000_000_012_500_000_000, 1_000_000_013_500_000_000]
         with open_log(io.BytesIO(variant)) as opened:
             assert sum(map(len, opened.scans(None, ReadReport()))) == 2
             assert opened.topics() is None
@@ -205,9 +194,7 @@ def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:
         "late 16777343 6665 laser 00 001 001 0001": "'late' begins no message",
         "1000000012.5 LASER": "'1000000012.5' begins no message",
     }
-    others = (
-        f"# remark\n\n{HEAD} sonar 00 001 001 2 1.0 1.0\n{HEAD} laser 00 001 009 1\n{HEAD} power 00 001 001\n"
-    )
+    others = f"# remark\n\n{HEAD} sonar 00 001 001 2 1.0 1.0\n{HEAD} laser 00 001 009 1\n{HEAD} power 00 001 001\n"
     others += "1053653857.290 fly 6665 sync 00 1053653857.290 \n"
     text = others + laser() + "".join(f"{line}\n" for line in bad) + laser("1000000013.5")
     log = log_of(tmp_path, text)
@@ -232,9 +219,7 @@ def test_a_last_line_that_is_cut_is_no_sweep(tmp_path: Path) -> None:
     for cut in range(len(laser()) + 1, len(whole)):
         log = log_of(tmp_path, whole[:cut])
         found = sum(map(len, log.scans()))
-        assert (found, len(log.report.damage)) == (
-            (2, 0) if whole[:cut].rstrip().endswith("3.000  2") else (1, 1)
-        )
+        assert (found, len(log.report.damage)) == ((2, 0) if whole[:cut].rstrip().endswith("3.000  2") else (1, 1))
     ranger = f"{HEAD} ranger 00 004 005 {CONFIG}\n{HEAD} ranger 00 001 001 0002 1.0 2.0"
     log = log_of(tmp_path, ranger)
     assert (sum(map(len, log.scans())), [part.cause for part in log.report.damage]) == (0, ["cut off"])
@@ -245,9 +230,7 @@ def test_equal_times_stay_apart(tmp_path: Path) -> None:
     text = (laser("7.000") + odometry("7.000", 0, 0, 0)) * 3 + laser("6.000")
     log = log_of(tmp_path, text)
     assert only(log).stamp_ns.tolist() == [7_000_000_000, 7_000_000_001, 7_000_000_002, 6_000_000_000]
-    assert [message.record_ns for message in log.messages(POSE_TYPES)] == [
-        7_000_000_000 + at for at in range(3)
-    ]
+    assert [message.record_ns for message in log.messages(POSE_TYPES)] == [7_000_000_000 + at for at in range(3)]
 
 
 @pytest.mark.parametrize(
@@ -287,9 +270,7 @@ def test_odometry_is_taken_unasked_with_the_mount_of_the_laser(tmp_path: Path) -
 def test_a_ranger_is_mounted_by_six_numbers(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
     sweep = f"0000000011.000 {ROBOT} ranger 00 001 002 0002 1.0 1.0 0 -1.0 1.0 2.0 0.0 8.0 0.0 10.0\n"
-    mount = (
-        f"0000000000.000 {ROBOT} ranger 00 004 001 +00.250 +00.000 +00.300 {{}} +00.100 .1 .1 .1 0000 0000\n"
-    )
+    mount = f"0000000000.000 {ROBOT} ranger 00 004 001 +00.250 +00.000 +00.300 {{}} +00.100 .1 .1 .1 0000 0000\n"
     path.write_text(NORTH + mount.format("+00.000 +00.000") + sweep)
     assert pose_of(path, "ranger0", 11) == pytest.approx([1.0, 3.25, np.pi / 2 + 0.1], abs=1e-5)
     path.write_text(NORTH + mount.format("+03.142 +00.000") + sweep)
@@ -302,8 +283,7 @@ def test_a_ranger_is_mounted_by_six_numbers(tmp_path: Path) -> None:
 def test_a_pose_beside_a_sweep_is_that_of_the_laser(tmp_path: Path) -> None:
     """Taken where nothing else tells, or on request; that of a ranger may be its mount and must be asked for."""
     sweeps = "".join(
-        f"{10 + x} {ROBOT} laser 00 001 002 0001 {x} 5.0 0.0 -1.0 +1.0 +2.0 +08.0 0002 1.0 0 1.0 0\n"
-        for x in (0, 2)
+        f"{10 + x} {ROBOT} laser 00 001 002 0001 {x} 5.0 0.0 -1.0 +1.0 +2.0 +08.0 0002 1.0 0 1.0 0\n" for x in (0, 2)
     )
     path = tmp_path / "run.log"
     path.write_text(HEADER + sweeps.replace("10 16", "10.0 16").replace("12 16", "12.0 16"))

@@ -221,10 +221,7 @@ def test_unindexed_active_bag(tmp_path: Path, codec: str) -> None:
         ["index: the bag was not closed properly and has no index; all 60 messages were read without it"],
     )
     with Rosbag1Log(io.BytesIO(data)) as log:
-        assert log.topics() == [
-            Topic("/scan", LASERSCAN, "ros1", 60),
-            Topic("/chatter", "std_msgs/msg/String", "ros1", 0),
-        ]
+        assert log.topics() == [Topic("/scan", LASERSCAN, "ros1", 60), Topic("/chatter", "std_msgs/msg/String", "ros1", 0)]
         assert log.report.damage == []
 
 
@@ -452,9 +449,7 @@ def test_a_bomb_is_unpacked_to_its_bound(tmp_path: Path, monkeypatch: pytest.Mon
         assert damage[0].startswith(f"chunk at byte {start}: ")
 
 
-def test_a_message_too_large_for_memory_is_passed_over(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_message_too_large_for_memory_is_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rosbag1_run, "MAX_MESSAGE", 50_000)
     for codec in ("none", "bz2", "lz4"):
         writer = Writer(tmp_path / f"{codec}.bag")
@@ -497,11 +492,7 @@ def test_random_bytes_never_raise(tmp_path: Path) -> None:
 
 def test_walk_takes_equal_records_at_once_and_others_one_by_one() -> None:
     def message(connection: int, time: int, data: bytes) -> bytes:
-        fields = [
-            b"op=\x02",
-            b"conn=" + struct.pack("<I", connection),
-            b"time=" + struct.pack("<II", time, 7),
-        ]
+        fields = [b"op=\x02", b"conn=" + struct.pack("<I", connection), b"time=" + struct.pack("<II", time, 7)]
         head = b"".join(struct.pack("<I", len(field)) + field for field in fields)
         return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
 

@@ -88,10 +88,7 @@ def test_reads_back_every_value(tmp_path: Path, storage: StoragePlugin, mode: Co
         name = "mcap" if storage is StoragePlugin.MCAP else "sqlite3"
         assert log.format == f"ros2 bag ({name})"
         assert log.size == file.stat().st_size
-        assert log.topics() == [
-            Topic("/scan", LASERSCAN, "cdr", 700),
-            Topic("/chatter", TEXT, "cdr", 175),
-        ]
+        assert log.topics() == [Topic("/scan", LASERSCAN, "cdr", 700), Topic("/chatter", TEXT, "cdr", 175)]
         assert indices(log) == list(range(700))
         assert log.report.damage == []
         assert log.report.notes == []
@@ -146,13 +143,9 @@ def test_a_scan_topic_of_another_type(tmp_path: Path) -> None:
 def plain_database(path: Path, rows: list[tuple[Any, ...]], topics: str = "") -> None:
     """A database as Foxy and its forerunners made them."""
     database = sqlite3.connect(path)
-    columns = (
-        "id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, serialization_format TEXT NOT NULL"
-    )
+    columns = "id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, serialization_format TEXT NOT NULL"
     database.execute(f"CREATE TABLE topics({columns}{topics})")
-    database.execute(
-        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
-    )
+    database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
     more = ", ''" if topics else ""
     database.execute(f"INSERT INTO topics VALUES (1, '/scan', 'sensor_msgs/msg/LaserScan', 'cdr'{more})")
     database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", rows)
@@ -253,9 +246,7 @@ def test_write_ahead_log_without_room(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(database, "DISK_SHARE", 0.0)
     assert read(bag) == (
         list(range(30)),
-        [
-            "bag_0.db3: bag_0.db3-wal: not read: no room in the temporary folder to merge it into a copy of the bag"
-        ],
+        ["bag_0.db3: bag_0.db3-wal: not read: no room in the temporary folder to merge it into a copy of the bag"],
     )
 
 
@@ -283,9 +274,7 @@ def test_a_recorder_killed_amid_a_transaction(tmp_path: Path) -> None:
     found, damage = read(tmp_path / "killed.db3")
     assert found == list(range(len(found)))
     assert len(found) > 170
-    assert re.match(
-        r"database: not closed properly: [\d,]+ bytes behind its declared end; read page", damage[0]
-    )
+    assert re.match(r"database: not closed properly: [\d,]+ bytes behind its declared end; read page", damage[0])
 
 
 def test_odd_characters_in_the_path(tmp_path: Path) -> None:
@@ -334,9 +323,7 @@ def test_salvage_equals_sqlite(tmp_path: Path) -> None:
     for beams in (37, 3000, 20_000):
         file = write_bag(tmp_path / f"bag{beams}", range(10), beams=beams)
         database = sqlite3.connect(file)
-        messages = database.execute(
-            "SELECT id, topic_id, timestamp, data FROM messages ORDER BY id"
-        ).fetchall()
+        messages = database.execute("SELECT id, topic_id, timestamp, data FROM messages ORDER BY id").fetchall()
         topics = database.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
         database.close()
         with file.open("rb") as stream:
@@ -427,9 +414,7 @@ def split_bag(folder: Path, parts: int = 12) -> None:
 
 def metadata(folder: Path, names: list[str]) -> None:
     lines = "".join(f"\n  - {name}" for name in names)
-    (folder / "metadata.yaml").write_text(
-        f"rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:{lines}\n"
-    )
+    (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:{lines}\n")
 
 
 def test_several_files_in_numeric_order(tmp_path: Path) -> None:
@@ -451,19 +436,14 @@ def test_metadata_gives_the_order(tmp_path: Path) -> None:
 @pytest.mark.parametrize("lines", ["[bag_1.db3, 'bag_0.db3']", '\n  - "bag_1.db3"\n  - bag/bag_0.db3 '])
 def test_ways_to_write_a_list(tmp_path: Path, lines: str) -> None:
     split_bag(tmp_path / "bag", 2)
-    (tmp_path / "bag" / "metadata.yaml").write_text(
-        f"info:\n  relative_file_paths: {lines}\n  files:\n  - path: x\n"
-    )
+    (tmp_path / "bag" / "metadata.yaml").write_text(f"info:\n  relative_file_paths: {lines}\n  files:\n  - path: x\n")
     assert read(tmp_path / "bag") == ([*range(5, 10), *range(5)], [])
 
 
 def test_metadata_names_files_that_are_not_there(tmp_path: Path) -> None:
     split_bag(tmp_path / "bag", 3)
     metadata(tmp_path / "bag", ["bag_0.db3", "bag_1.db3", "bag_2.db3", "../../bag_3.db3"])
-    assert read(tmp_path / "bag") == (
-        list(range(15)),
-        ["bag_3.db3: metadata.yaml names this file, but it is not there"],
-    )
+    assert read(tmp_path / "bag") == (list(range(15)), ["bag_3.db3: metadata.yaml names this file, but it is not there"])
 
 
 def test_metadata_names_too_few_files(tmp_path: Path) -> None:

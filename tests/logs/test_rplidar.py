@@ -47,9 +47,7 @@ def printed(turns: Sequence[Sequence[Beam]]) -> str:
 
 
 def measured(turns: Sequence[Sequence[Beam]]) -> str:
-    return "".join(
-        "\t".join(map(str, (not place, *beam))) + "\n" for beams in turns for place, beam in enumerate(beams)
-    )
+    return "".join("\t".join(map(str, (not place, *beam))) + "\n" for beams in turns for place, beam in enumerate(beams))
 
 
 def listed(turns: Sequence[Sequence[Beam]]) -> str:
@@ -184,9 +182,7 @@ def test_bearings_that_pass_the_front_within_a_sweep_go_on(tmp_path: Path) -> No
     np.testing.assert_allclose(np.degrees(got.angle_increment), [-5.0] * 2)
     assert got.ranges[0, :2].tolist() == [np.float32(1.225), np.float32(1.23)]
     # The simulator writes sweeps like this one.
-    whole = raw_sweeps(
-        np.full((2, 55), 1.5, np.float32), angle_min=np.radians(-135), angle_increment=np.radians(5)
-    )
+    whole = raw_sweeps(np.full((2, 55), 1.5, np.float32), angle_min=np.radians(-135), angle_increment=np.radians(5))
     write_rplidar(tmp_path / "run.txt", [whole])
     written = (tmp_path / "run.txt").read_text()
     assert "theta: 225.00" in written.splitlines()[0]
@@ -253,9 +249,7 @@ def test_uneven_bearings_are_placed_on_a_grid_and_of_two_returns_the_nearer_coun
 
 def test_turns_of_different_length_and_beams_left_out() -> None:
     """`iter_scans` keeps returns alone."""
-    some = [
-        [beam for beam in beams if beam[2]][:count] for beams, count in zip(TURNS, (39, 30, 12), strict=True)
-    ]
+    some = [[beam for beam in beams if beam[2]][:count] for beams, count in zip(TURNS, (39, 30, 12), strict=True)]
     got = sound(listed(some))
     assert got.beams.tolist() == [40, 31, 13]
     assert np.isnan(got.ranges[:, 7]).all()
@@ -290,9 +284,7 @@ def test_a_bad_list_costs_its_sweep() -> None:
     assert log.report.damage[0].cause == "'None' is no list of beams"
     lines[4] = lines[4].replace("2503.0", "far")
     got, log = read("\n".join(lines) + "\n")
-    assert [(damage.place, damage.cause) for damage in log.report.damage][2:] == [
-        ("line 5", "'far' is not a number")
-    ]
+    assert [(damage.place, damage.cause) for damage in log.report.damage][2:] == [("line 5", "'far' is not a number")]
     assert len(got) == 3
     assert np.flatnonzero(np.isnan(got.ranges[1])).tolist() == [3]
 
@@ -325,10 +317,7 @@ def test_a_folder_of_saved_turns_is_one_log(tmp_path: Path) -> None:
     (tmp_path / "101.txt").write_text(printed(TURNS))
     report = ReadReport()
     with open_log(tmp_path) as log:
-        assert [int(stamp) for block in log.scans(None, report) for stamp in block.stamp_ns] == [
-            10**11,
-            102 * 10**9,
-        ]
+        assert [int(stamp) for block in log.scans(None, report) for stamp in block.stamp_ns] == [10**11, 102 * 10**9]
     assert [(damage.place, damage.cause) for damage in report.damage] == [
         ("101.txt", "csv (RPLIDAR), not one sweep (bearing, range)")
     ]
@@ -341,9 +330,7 @@ def test_a_folder_of_saved_turns_is_one_log(tmp_path: Path) -> None:
 def shaken(order: Sequence[int], digits: int) -> str:
     """Rows without names whose bearings are rounded to decimals."""
     rows = [
-        (8 + n * n % 37, round(angle + 0.123, digits), far)
-        for beams in TURNS
-        for n, (_, angle, far) in enumerate(beams)
+        (8 + n * n % 37, round(angle + 0.123, digits), far) for beams in TURNS for n, (_, angle, far) in enumerate(beams)
     ]
     return "".join(" ".join(str(row[place]) for place in order) + "\n" for row in rows)
 
@@ -361,14 +348,9 @@ def test_rows_without_names_are_read_only_where_there_is_no_doubt() -> None:
         got, log = read(f"#RPLIDAR SCAN DATA\n#{titles}\n" + shaken(order, 2))
         assert (got.beams.tolist(), log.report.damage) == ([40] * 3, [])
         assert (got.angle_increment < 0).all()
-    got, log = read(
-        "quality,angle,range\n" + shaken((0, 1, 2), 2).replace(" ", ","), OpenOptions(range_scale=0.001)
-    )
+    got, log = read("quality,angle,range\n" + shaken((0, 1, 2), 2).replace(" ", ","), OpenOptions(range_scale=0.001))
     assert (got.angle_increment > 0).all()
-    assert (
-        "bearings run counter-clockwise; above those of an RPLIDAR write `#RPLIDAR SCAN DATA`"
-        in log.report.notes[0]
-    )
+    assert "bearings run counter-clockwise; above those of an RPLIDAR write `#RPLIDAR SCAN DATA`" in log.report.notes[0]
 
 
 @pytest.mark.parametrize(

@@ -71,25 +71,13 @@ def check_same(got: RawSweeps, want: RawSweeps) -> None:
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(
     ("view", "first", "beams"),
-    [
-        (270, -135, 30),
-        (270, -135, 135),
-        (360, -180, 30),
-        (360, 0, 4),
-        (360, -90, 180),
-        (276, -138, 50),
-        (120, -60, 40),
-    ],
+    [(270, -135, 30), (270, -135, 135), (360, -180, 30), (360, 0, 4), (360, -90, 180), (276, -138, 50), (120, -60, 40)],
 )
-def test_segments_become_the_turns_that_they_were(
-    view: int, first: int, beams: int, sign: int, pieces: int
-) -> None:
+def test_segments_become_the_turns_that_they_were(view: int, first: int, beams: int, sign: int, pieces: int) -> None:
     whole = turns(8, view, first, sign=sign)
     got, notes = joined(cut(whole, beams), pieces)
     check_same(got, whole)
-    assert notes == [
-        f"/scan: segments of {beams} deg are joined to turns of {view} deg; --segments keep leaves them"
-    ]
+    assert notes == [f"/scan: segments of {beams} deg are joined to turns of {view} deg; --segments keep leaves them"]
     assert got.time_increment is not None
     np.testing.assert_allclose(got.time_increment, TURN_NS / 360e9, rtol=1e-6)
 

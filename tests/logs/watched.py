@@ -21,9 +21,7 @@ class _Watched:
         super().__init__(*arguments)
         self.report = ReadReport()
 
-    def scans(
-        self, topics: Collection[str] | None = None, report: ReadReport | None = None
-    ) -> Iterator[RawSweeps]:
+    def scans(self, topics: Collection[str] | None = None, report: ReadReport | None = None) -> Iterator[RawSweeps]:
         self.report = report or ReadReport()
         found: Iterator[RawSweeps] = super().scans(topics, self.report)  # type: ignore[misc]
         return found

@@ -18,9 +18,7 @@ from lidarcli.tabular.schemas import CLOUD
 SIZES = (3, 0, 1, 1000, 9)
 
 
-def some_points(
-    count: int, first: int = 0, topic: str = "/scan", sets: bool = True, offset: float = 0.0
-) -> CloudPoints:
+def some_points(count: int, first: int = 0, topic: str = "/scan", sets: bool = True, offset: float = 0.0) -> CloudPoints:
     random = np.random.default_rng(first)
     return CloudPoints(
         "hall",
@@ -128,9 +126,7 @@ def test_bytes_depend_on_the_points_alone(writer: type[CloudWriter]) -> None:
     one = some_points(100)
     halves = [
         CloudPoints(
-            one.log,
-            one.topic,
-            *(getattr(one, name)[part] for name in ("sweep", "beam", "stamp_ns", "x", "y", "set")),
+            one.log, one.topic, *(getattr(one, name)[part] for name in ("sweep", "beam", "stamp_ns", "x", "y", "set"))
         )
         for part in (slice(0, 37), slice(37, None))
     ]

@@ -69,11 +69,7 @@ def test_the_file() -> None:
     reader = make_reader(io.BytesIO(written(some_grid(), topic="/site/map")), validate_crcs=True)
     assert (reader.get_header().profile, reader.get_header().library) == ("ros2", "lidarcli")
     ((schema, channel, message),) = reader.iter_messages()
-    assert (schema.name, schema.encoding, schema.data.decode()) == (
-        MAP_TYPE,
-        "ros2msg",
-        ros2_definition(MAP_TYPE),
-    )
+    assert (schema.name, schema.encoding, schema.data.decode()) == (MAP_TYPE, "ros2msg", ros2_definition(MAP_TYPE))
     assert (channel.topic, channel.message_encoding) == ("/site/map", "cdr")
     assert (message.log_time, message.publish_time) == (STAMP_NS, STAMP_NS)
     assert message.data == occupancy_cdr(some_grid(), STAMP_NS)

@@ -31,9 +31,7 @@ free_thresh: 0.196
 """
 
 grids = st.builds(
-    lambda cells, resolution, column, row: Occupancy(
-        resolution, column * resolution, row * resolution, cells
-    ),
+    lambda cells, resolution, column, row: Occupancy(resolution, column * resolution, row * resolution, cells),
     arrays(np.int8, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.sampled_from([-1, 0, 100])),
     st.sampled_from([0.05, 0.025, 0.1, 0.03, 1.0]),
     st.integers(-100_000, 100_000),
@@ -107,10 +105,7 @@ def test_both_loaders_read_what_was_written(grid: Occupancy) -> None:
     x, y, yaw = map(float, scalars(yaml)["origin"].strip("[]").split(","))
     resolution = float(scalars(yaml)["resolution"])
     assert resolution == grid.resolution
-    assert [round(x / resolution), round(y / resolution)] == [
-        round(grid.x / resolution),
-        round(grid.y / resolution),
-    ]
+    assert [round(x / resolution), round(y / resolution)] == [round(grid.x / resolution), round(grid.y / resolution)]
     assert abs(x - grid.x) < 1e-10
     assert abs(y - grid.y) < 1e-10
     assert yaw == 0
@@ -144,9 +139,7 @@ def test_lengths_in_decimals(value: float, text: str) -> None:
     assert scalars(yaml_bytes(grid, "map.pgm"))["origin"] == f"[{text}, 0.000, 0.0]"
 
 
-@pytest.mark.parametrize(
-    "name", ['a "b": #1 \\.pgm', "Straße.pgm", "null", "1e5", "- x", "tab\there.pgm", "🗺.pgm"]
-)
+@pytest.mark.parametrize("name", ['a "b": #1 \\.pgm', "Straße.pgm", "null", "1e5", "- x", "tab\there.pgm", "🗺.pgm"])
 def test_every_name_of_an_image(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(pgm_bytes(GRID))
     (tmp_path / "map.yaml").write_bytes(yaml_bytes(GRID, name))
@@ -217,9 +210,7 @@ def test_scale_is_unknown_between_the_thresholds_and_where_it_is_transparent(tmp
 
 def test_trinary_takes_opacity_for_a_channel(tmp_path: Path) -> None:
     # (0 + 0 + 0 + 255) / 4 is a quarter bright, (3 * 255 + 0) / 4 three quarters.
-    image = Image.fromarray(
-        np.array([[[0] * 4, [0, 0, 0, 255], [255] * 3 + [0], [255] * 4]], np.uint8), "RGBA"
-    )
+    image = Image.fromarray(np.array([[[0] * 4, [0, 0, 0, 255], [255] * 3 + [0], [255] * 4]], np.uint8), "RGBA")
     assert shades(tmp_path, image) == [[100, 100, -1, 0]]
 
 
@@ -277,8 +268,7 @@ def test_an_absolute_name_and_one_in_another_folder(tmp_path: Path) -> None:
 def test_numbers_as_yaml_cpp_takes_them(tmp_path: Path) -> None:
     path = put(tmp_path, GRID)
     path.write_text(
-        YAML.replace("0.050", '"5e-2"').replace("-1.250, 0.150, 0.0", "-.125E1, +.15, -0")
-        + "# end\nmode: raw\n"
+        YAML.replace("0.050", '"5e-2"').replace("-1.250, 0.150, 0.0", "-.125E1, +.15, -0") + "# end\nmode: raw\n"
     )
     read = read_map(path)
     assert (read.resolution, read.x, read.y) == (0.05, -1.25, 0.15)
@@ -338,11 +328,7 @@ def test_a_large_image_needs_as_many_bytes_as_pixels(tmp_path: Path, monkeypatch
         ("0.150, 0.0", "0.150, 0, 0", "origin is not [x, y, yaw]"),
         ("[-1.250, 0.150, 0.0]", "0", "origin is not [x, y, yaw]"),
         ("0.150, 0.0", "0.150, [0]", "origin is neither a text nor a number, not a number from "),
-        (
-            "0.150, 0.0",
-            "0.150, 1.57",
-            "origin has a yaw of 1.57 rad, and maps that are turned are not supported",
-        ),
+        ("0.150, 0.0", "0.150, 1.57", "origin has a yaw of 1.57 rad, and maps that are turned are not supported"),
         ("negate: 0", "negate: 2", "negate is '2'"),
         ("negate: 0", "negate: [0]", "negate is a list"),
         ("trinary", "fuzzy", "mode is 'fuzzy'"),
@@ -424,10 +410,7 @@ def broken_header(data: bytes, width: int, height: int) -> bytes:
         (b"P5\n4 -3\n255\n" + bytes(100), "cannot be read: it is damaged"),
         (b"P5\n0 3\n255\n", "cannot be read: it is damaged"),
         (b"P5\n4 x\n255\n" + bytes(100), "cannot be read: "),
-        (
-            b"P5\n40000 40000\n255\n" + bytes(100),
-            "has 40,000 x 40,000 pixels, and no more than 40,000,000 are read",
-        ),
+        (b"P5\n40000 40000\n255\n" + bytes(100), "has 40,000 x 40,000 pixels, and no more than 40,000,000 are read"),
         (b"P2\n2 2\n255\n1 2 3 \x1b[2J", "cannot be read: "),
         (b"P2\n2 2\n255\n1 2 3 900", "cannot be read: "),
         (png(20, 20)[:200], "cannot be read: "),

@@ -49,9 +49,7 @@ def built(frame: str, groups: list[Markers], cdr: bool) -> list[Any]:
     """The messages as objects; each is asserted to have the bytes that the type store makes of it."""
     messages = []
     for data in marker_arrays(STAMPS, frame, groups, cdr=cdr):
-        message: Any = (
-            ROS2.deserialize_cdr(data, MARKER_TYPE) if cdr else ROS1.deserialize_ros1(data, MARKER_TYPE)
-        )
+        message: Any = ROS2.deserialize_cdr(data, MARKER_TYPE) if cdr else ROS1.deserialize_ros1(data, MARKER_TYPE)
         again = ROS2.serialize_cdr(message, MARKER_TYPE) if cdr else ROS1.serialize_ros1(message, MARKER_TYPE)
         assert bytes(again) == data
         messages.append(message)

@@ -49,9 +49,7 @@ def rows(*objects: dict[str, Any]) -> pa.RecordBatch:
     return pa.RecordBatch.from_pylist([PLAIN | each for each in objects], schema=OBJECTS)
 
 
-def drawn(
-    *objects: dict[str, Any], message: list[int] | None = None, poses: Poses = NOWHERE
-) -> list[Markers]:
+def drawn(*objects: dict[str, Any], message: list[int] | None = None, poses: Poses = NOWHERE) -> list[Markers]:
     where = np.array(message if message is not None else [0] * len(objects), np.int64)
     return markers_of(rows(*objects), where, poses, COLOURS)
 
@@ -128,12 +126,7 @@ def test_the_label_tells_no_length_that_was_not_seen() -> None:
 
 @pytest.mark.parametrize(
     ("place", "yaw", "side"),
-    [
-        ((-3.0, 0.0), None, 0),
-        ((0.0, 4.0), None, 1),
-        ((-3.0, 0.0), 0.5 * np.pi, 1),
-        ((0.0, 4.0), -0.5 * np.pi, 0),
-    ],
+    [((-3.0, 0.0), None, 0), ((0.0, 4.0), None, 1), ((-3.0, 0.0), 0.5 * np.pi, 1), ((0.0, 4.0), -0.5 * np.pi, 0)],
 )
 def test_labels_are_pale_and_beside_their_objects_in_the_shadow(
     place: tuple[float, float], yaw: float | None, side: int
@@ -218,9 +211,7 @@ def test_no_two_markers_of_a_message_share_namespace_and_id() -> None:
     (body,) = of_kind(groups, Kind.CUBE)
     assert body.id.tolist() == [3, 3 + PART, -3, 3 + 2 * PART, 3]
     labels = [
-        (int(m), int(n))
-        for group in of_kind(groups, Kind.LABEL)
-        for m, n in zip(group.message, group.id, strict=True)
+        (int(m), int(n)) for group in of_kind(groups, Kind.LABEL) for m, n in zip(group.message, group.id, strict=True)
     ]
     assert sorted(labels) == [(0, -3), (0, 3), (1, 3)]
 
@@ -258,16 +249,7 @@ def test_nothing_is_drawn_of_nothing() -> None:
 def walk(**more: Any) -> Trajectories:
     """Track 3 goes 1 m/s along x from sweep 10 to 59 at 10 Hz, at y = 2 m; track 4 stands."""
     unsure = dict.fromkeys(("x_sd", "y_sd", "xy_cov", "vx_sd", "vy_sd"), 0.0)
-    there = {
-        "topic": "/scan",
-        "frame": "sensor",
-        "seen": "seen",
-        "parts": 1,
-        "vy": 0.0,
-        "y": 2.0,
-        **unsure,
-        **more,
-    }
+    there = {"topic": "/scan", "frame": "sensor", "seen": "seen", "parts": 1, "vy": 0.0, "y": 2.0, **unsure, **more}
     rows = [
         {"track": track, "sweep": k, "t": k / 10, "x": speed * k / 10, "vx": speed} | there | other
         for k in range(10, 60)
@@ -294,16 +276,7 @@ def test_what_moves_has_a_path_of_the_last_seconds() -> None:
 def test_a_path_is_that_of_an_agent_from_where_it_began_to_move() -> None:
     """Track 3 stands in the first ten sweeps, as track 4 does in all of them, and moves in the next ten alone."""
     rows = [
-        {
-            "topic": "/scan",
-            "track": track,
-            "sweep": k,
-            "t": k / 10,
-            "x": 1.0,
-            "y": 2.0,
-            "vx": speed,
-            "vy": 0.0,
-        }
+        {"topic": "/scan", "track": track, "sweep": k, "t": k / 10, "x": 1.0, "y": 2.0, "vx": speed, "vy": 0.0}
         | {"frame": "sensor", "seen": "seen", "parts": 1}
         | dict.fromkeys(("x_sd", "y_sd", "xy_cov", "vx_sd", "vy_sd"), 0.0)
         for k in range(30)

@@ -46,11 +46,7 @@ class Shown:
         """Stamp [ns], 0 of what is static, and values of each row."""
         for name, batch in self._chunks:
             if name == entity and component in batch.schema.names:
-                stamps = (
-                    batch["stamp"].cast(pa.int64()).to_pylist()
-                    if "stamp" in batch.schema.names
-                    else [0] * len(batch)
-                )
+                stamps = batch["stamp"].cast(pa.int64()).to_pylist() if "stamp" in batch.schema.names else [0] * len(batch)
                 yield from zip(stamps, batch[component].to_pylist(), strict=True)
 
 
@@ -199,15 +195,11 @@ def test_sensors_that_nothing_places_are_not_drawn_over_each_other(lidarcli: Run
     write_log(tmp_path / "run.mcap", [front, rear])
     ran = lidarcli("overlay", tmp_path / "run.mcap", "-o", tmp_path / "o.rrd", "--pose", "none")
     assert ran.code == 0
-    assert (
-        "nothing tells where the sensor of /rear is beside that of /front: it is hidden at first" in ran.err
-    )
+    assert "nothing tells where the sensor of /rear is beside that of /front: it is hidden at first" in ran.err
     assert hidden(Shown(tmp_path / "o.rrd")) == {"rear"}
 
 
-def test_sweeps_without_a_pose_are_not_drawn_where_others_have_one(
-    lidarcli: Run, made: Path, tmp_path: Path
-) -> None:
+def test_sweeps_without_a_pose_are_not_drawn_where_others_have_one(lidarcli: Run, made: Path, tmp_path: Path) -> None:
     for name in ("objects", "trajectories"):
         (tmp_path / f"drive.{name}.parquet").write_bytes((made / f"drive.{name}.parquet").read_bytes())
     table = pq.read_table(made / "drive.sweeps.parquet")
@@ -237,9 +229,7 @@ def test_zones_are_drawn(lidarcli: Run, made: Path, tmp_path: Path) -> None:
         assert np.hypot(*(np.array(line)[:, :2] - [1.0, 0.0]).T) == pytest.approx(0.6, abs=0.01)
 
 
-def test_without_rerun_the_extra_is_named(
-    lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_rerun_the_extra_is_named(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     monkeypatch.delitem(sys.modules, "lidarcli.overlays.rrd", raising=False)
     ran = lidarcli("overlay", DRIVE, "-o", tmp_path / "o.rrd")
@@ -263,9 +253,7 @@ def test_rerun_that_is_turned_off_is_told(
 
 
 @pytest.mark.usefixtures("nothing_left_behind")
-def test_a_full_disk_is_told(
-    lidarcli: Run, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_is_told(lidarcli: Run, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise RuntimeError("File-writer thread shut down prematurely")
 

@@ -12,9 +12,7 @@ from ruamel.yaml import YAML
 from lidarcli.overlays.files import OBJECTS, topic_name, topics_of_objects
 from lidarcli.overlays.viewers import PANEL, Scene, layout_json, rviz_config
 
-SCENE = Scene(
-    "odom", ("/lidarcli/objects/front", "/lidarcli/objects/rear"), ("/front", "/rear"), "/lidarcli/map"
-)
+SCENE = Scene("odom", ("/lidarcli/objects/front", "/lidarcli/objects/rear"), ("/front", "/rear"), "/lidarcli/map")
 TOPICS = {*SCENE.objects, *SCENE.scans, "/lidarcli/map"}
 
 

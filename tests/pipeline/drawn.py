@@ -54,9 +54,7 @@ class Drive:
 def round_about(seconds: Float64) -> Float64:
     """An oval of 1.5 by 1.2 m at 0.4 m/s, with a swaying heading."""
     turn = 0.3 * seconds
-    return np.column_stack(
-        [1.5 * np.cos(turn), 1.2 * np.sin(turn), turn + 0.5 * np.pi + 0.3 * np.sin(2.0 * seconds)]
-    )
+    return np.column_stack([1.5 * np.cos(turn), 1.2 * np.sin(turn), turn + 0.5 * np.pi + 0.3 * np.sin(2.0 * seconds)])
 
 
 def standing(seconds: Float64) -> Float64:

@@ -16,9 +16,7 @@ from tests.sweeping import BOX, START, STEP, raw_sweeps, round_room
 def block(topic: str = "/scan", sweeps: int = 4, first: int = 0, beams: int = 360) -> RawSweeps:
     """Sweeps of the round room with one box in it."""
     stamps = START + STEP * np.arange(first, first + sweeps)
-    return raw_sweeps(
-        round_room(sweeps, beams, BOX), topic=topic, stamp_ns=stamps, record_ns=stamps + STEP // 2
-    )
+    return raw_sweeps(round_room(sweeps, beams, BOX), topic=topic, stamp_ns=stamps, record_ns=stamps + STEP // 2)
 
 
 Opens = Callable[..., FakeLog]

@@ -113,10 +113,4 @@ def things(count: int, stamp_ns: int, label: int) -> Tracks:
     )
 
 
-_KINDS: dict[str, Any] = {
-    "Int32": np.int32,
-    "Int64": np.int64,
-    "UInt8": np.uint8,
-    "Float64": np.float64,
-    "Bool": np.bool_,
-}
+_KINDS: dict[str, Any] = {"Int32": np.int32, "Int64": np.int64, "UInt8": np.uint8, "Float64": np.float64, "Bool": np.bool_}

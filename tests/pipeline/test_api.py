@@ -143,32 +143,18 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
     write_log(path, [block("/scan")])
     assert lidarcli.detect(path, topic="/scan").num_rows == 4
     assert lidarcli.detect(path, max_width=0.1).num_rows == 0
-    assert (
-        lidarcli.detect(path, profile="paper").schema.metadata[b"lidarcli.parameters"].count(b'"paper"') == 1
-    )
+    assert lidarcli.detect(path, profile="paper").schema.metadata[b"lidarcli.parameters"].count(b'"paper"') == 1
     for call, error, words in (
         (
             lambda: lidarcli.detect(path, max_widht=1),
             TypeError,
             "detect() has no option 'max_widht'; did you mean 'max_width'?",
         ),
-        (
-            lambda: lidarcli.detect(path, Parameters(), max_width=1),
-            TypeError,
-            "give either parameters or max_width",
-        ),
+        (lambda: lidarcli.detect(path, Parameters(), max_width=1), TypeError, "give either parameters or max_width"),
         (lambda: lidarcli.detect([1]), TypeError, "a log is the path of a file or folder, not int"),
         (lambda: lidarcli.detect(path, path), TypeError, "parameters have to be Parameters, not PosixPath"),
-        (
-            lambda: lidarcli.read(path, every=0),
-            OptionError,
-            "--every: 0 is below 1",
-        ),
-        (
-            lambda: lidarcli.read(path, every=2.5),
-            OptionError,
-            "--every: 2.5 is no whole number",
-        ),
+        (lambda: lidarcli.read(path, every=0), OptionError, "--every: 0 is below 1"),
+        (lambda: lidarcli.read(path, every=2.5), OptionError, "--every: 2.5 is no whole number"),
         (
             lambda: lidarcli.read(path, start=float("nan")),
             OptionError,
@@ -187,11 +173,7 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
             "a background of no sensor: nothing can be compared with it",
         ),
         (lambda: lidarcli.read(tmp_path / "no"), UnreadableError, f"{tmp_path}/no: no such file or folder"),
-        (
-            lambda: lidarcli.detect([path, tmp_path / "no"]),
-            UnreadableError,
-            f"{tmp_path}/no: no such file or folder",
-        ),
+        (lambda: lidarcli.detect([path, tmp_path / "no"]), UnreadableError, f"{tmp_path}/no: no such file or folder"),
     ):
         with pytest.raises(error) as caught:
             call()
@@ -254,9 +236,7 @@ def test_ranges_are_judged_as_on_the_command_line(tmp_path: Path) -> None:
 
 
 def test_a_log_of_which_nothing_is_read_is_warned_of() -> None:
-    with pytest.warns(
-        UserWarning, match="room.mcap: no sweep of /scan from 100 s on: its sweeps lie between 0.0 and"
-    ):
+    with pytest.warns(UserWarning, match="room.mcap: no sweep of /scan from 100 s on: its sweeps lie between 0.0 and"):
         assert list(lidarcli.read(SAMPLES / "room.mcap", start=100)) == []
 
 
@@ -277,11 +257,7 @@ def test_a_log_of_which_nothing_is_read_is_warned_of() -> None:
     ],
 )
 def test_numbers_have_the_limits_of_the_command_line(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    call: Callable[..., object],
-    told: dict[str, Any],
-    words: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Callable[..., object], told: dict[str, Any], words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(OptionError, match=f"^{re.escape(words)}$"):
@@ -305,14 +281,11 @@ def test_angles_are_radians_unless_they_are_said_to_be_degrees(tmp_path: Path) -
 def test_a_background_and_how_it_is_compared() -> None:
     learned = lidarcli.background(SAMPLES / "room_empty.mcap")
     there, gone = (
-        lidarcli.detect(SAMPLES / "room.mcap", background=learned, removed=removed, end=1.0)
-        for removed in (False, True)
+        lidarcli.detect(SAMPLES / "room.mcap", background=learned, removed=removed, end=1.0) for removed in (False, True)
     )
     assert set(there["change"].to_pylist()) == {"appeared"}
     assert gone.num_rows >= there.num_rows
-    with pytest.raises(
-        OptionError, match=r"^removed, any_frame, station_distance and station_angle are for a background$"
-    ):
+    with pytest.raises(OptionError, match=r"^removed, any_frame, station_distance and station_angle are for a background$"):
         lidarcli.detect(SAMPLES / "room.mcap", removed=True)
     told = lidarcli.detect(SAMPLES / "room.mcap", background=learned, station_angle=90.0, end=0.5)
     how = json.loads(told.schema.metadata[b"lidarcli.parameters"])["background"]

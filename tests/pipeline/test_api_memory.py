@@ -54,9 +54,7 @@ def files(tracked: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         lambda tracked, frames: [frames.sweeps, tracked.objects, frames.tracks, frames.trajectories],
     ],
 )
-def test_a_report_is_that_of_the_files(
-    tracked: Any, frames: Any, files: str, of: Callable[[Any, Any], Any]
-) -> None:
+def test_a_report_is_that_of_the_files(tracked: Any, frames: Any, files: str, of: Callable[[Any, Any], Any]) -> None:
     checks = ["objects where r_min < 2 == 0", "agents_at_once.max <= 3"]
     expected = lidarcli.report(files, check=checks)
     found = lidarcli.report(of(tracked, frames), check=checks)
@@ -165,9 +163,7 @@ def test_changes_are_those_of_the_file(tmp_path: Path) -> None:
         lidarcli.report(found.changes.drop_columns("why"))
     with pytest.raises(OptionError, match=r"^--tracks: give what track returns, not a table of changes$"):
         lidarcli.plot(ROOM, tracks=found.changes)
-    with pytest.raises(
-        UnreadableError, match=r"^changes.parquet: this is the changes table of lidarcli diff"
-    ):
+    with pytest.raises(UnreadableError, match=r"^changes.parquet: this is the changes table of lidarcli diff"):
         lidarcli.report(lidarcli.detect(ROOM, end=1), baseline=found.changes)
 
 
@@ -216,9 +212,7 @@ def test_what_is_no_table(tracked: Any, frames: Any) -> None:
             call()
     with pytest.raises(TypeError, match=r"not dict$"):
         lidarcli.report({"objects": tracked.objects})
-    with pytest.raises(
-        OptionError, match=r"^a table with the columns a is none of lidarcli: no column log or"
-    ):
+    with pytest.raises(OptionError, match=r"^a table with the columns a is none of lidarcli: no column log or"):
         lidarcli.report(pd.DataFrame({"a": [1]}))
     with pytest.raises(OptionError, match=r"^column log is int64, not text: it names "):
         lidarcli.report(pd.DataFrame({"log": [1], "topic": [2]}))
@@ -233,18 +227,14 @@ def test_what_is_no_table(tracked: Any, frames: Any) -> None:
 
 def test_some_rows_do_not_tell_of_sweeps_without_any(tracked: Any, frames: Any) -> None:
     for some in (frames.objects.query("set == 'A'"), tracked.objects.slice(0, 9), tracked.tracks):
-        with pytest.raises(
-            OptionError, match=r"^no sweeps table of people among those in memory: give what "
-        ):
+        with pytest.raises(OptionError, match=r"^no sweeps table of people among those in memory: give what "):
             lidarcli.report(some)
     report = lidarcli.report([frames.objects.query("set == 'A'"), frames.sweeps])
     assert report.figures["sweeps"] == 80
     with pytest.raises(OptionError, match=r"^no trajectories table of people among those in memory: "):
         lidarcli.plot(PEOPLE, tracks=lidarcli.track(PEOPLE, trajectories=False))
     narrow = lidarcli.tables(ROOM, columns="brief")
-    with pytest.raises(
-        UnreadableError, match=r"^room\.sweeps\.parquet \(in memory\): no column agent_beams, "
-    ):
+    with pytest.raises(UnreadableError, match=r"^room\.sweeps\.parquet \(in memory\): no column agent_beams, "):
         lidarcli.report(narrow)
 
 

@@ -24,19 +24,7 @@ FUNCTIONS = (*COMMANDS, "read", "tables")
 READING = {*COMMANDS} - {"export", "plot", "report"}
 """Functions that tell how far they are."""
 OF_THE_SHELL = {
-    *(
-        "help",
-        "help-all",
-        "verbose",
-        "quiet",
-        "config",
-        "format",
-        "overwrite",
-        "files-from",
-        "base",
-        "shard",
-        "dry-run",
-    ),
+    *("help", "help-all", "verbose", "quiet", "config", "format", "overwrite", "files-from", "base", "shard", "dry-run"),
     *("resume", "partition", "cluster", "brief", "stamps"),
 }
 """Options of how a command is run, prints or writes; `export` has the stamps in Python, too."""
@@ -58,9 +46,7 @@ OWN = {"log", "tables", "scene", "before", "after", "parameters", "axes", "overw
 def options_of(command: str) -> dict[str, click.Option]:
     found = dict(commands())["background build" if command == "background" else command]
     return {
-        max(option.opts, key=len).removeprefix("--"): option
-        for option in found.params
-        if isinstance(option, click.Option)
+        max(option.opts, key=len).removeprefix("--"): option for option in found.params if isinstance(option, click.Option)
     }
 
 
@@ -100,9 +86,7 @@ def test_defaults_are_plain_numbers() -> None:
     """One was `np.float64(0.08726646259971647)`."""
     signature = inspect.signature(lidarcli.background)
     assert str(signature.parameters["station_angle"]) == "station_angle: float = 5.0"
-    assert (
-        "[degrees]" in re.search(r"^station_angle : .*", inspect.getdoc(lidarcli.background), re.MULTILINE)[0]
-    )
+    assert "[degrees]" in re.search(r"^station_angle : .*", inspect.getdoc(lidarcli.background), re.MULTILINE)[0]
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -112,8 +96,7 @@ def test_a_wrong_name_is_told_with_the_nearest(name: str) -> None:
         getattr(lidarcli, name)("run.mcap", outptu=1, tpoic="/scan")
     assert str(caught.value) in (
         f"{name}() has no option 'outptu'; did you mean 'output'?",
-        f"{name}() has no option 'outptu'; there are "
-        + ", ".join(inspect.signature(getattr(lidarcli, name)).parameters),
+        f"{name}() has no option 'outptu'; there are " + ", ".join(inspect.signature(getattr(lidarcli, name)).parameters),
     )
     if name != "report":
         with pytest.raises(TypeError, match=rf"^{name}\(\) has no option 'topcis'"):
@@ -138,9 +121,7 @@ def test_keywords_are_completed(line: str, names: list[str]) -> None:
 
 def test_the_public_names_are_there_and_typed() -> None:
     tree = ast.parse(Path(lidarcli.__file__).read_text(encoding="utf-8"))
-    typed = next(
-        node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
-    )
+    typed = next(node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
     told = {alias.name: node.module for node in typed.body for alias in node.names}
     assert told.pop("formalism") == "lidarcli"
     assert told == lidarcli._HOME

@@ -44,9 +44,7 @@ def test_a_batch_is_drawn_like_its_log(tmp_path: Path) -> None:
     one = lidarcli.plot(ROOM, 34, file, view="scene", max_width=1.0)
     two = lidarcli.plot(batch, 34, view="scene", max_width=1.0)
     assert one._suptitle.get_text().replace("room.mcap", "room") == two._suptitle.get_text()
-    dots = [
-        [each.get_offsets().data.tolist() for each in figure.axes[0].collections] for figure in (one, two)
-    ]
+    dots = [[each.get_offsets().data.tolist() for each in figure.axes[0].collections] for figure in (one, two)]
     assert sum(map(len, dots[0])) == np.isfinite(batch.ranges[34]).sum()
     assert dots[0] == dots[1]
     command = ["-q", "plot", str(ROOM), "--sweep", "34", "--view", "scene", "--max-width", "1"]
@@ -89,16 +87,8 @@ def test_what_cannot_be_drawn() -> None:
     (batch,) = lidarcli.read(ROOM, end=1.0)
     axes = Figure().subplots()
     for call, error, words in (
-        (
-            lambda: lidarcli.plot(batch, 34),
-            lidarcli.OptionError,
-            LATER,
-        ),
-        (
-            lambda: lidarcli.plot(ROOM, 100),
-            lidarcli.OptionError,
-            f"{ROOM}: no sweep 100 of /scan: the last one is 99",
-        ),
+        (lambda: lidarcli.plot(batch, 34), lidarcli.OptionError, LATER),
+        (lambda: lidarcli.plot(ROOM, 100), lidarcli.OptionError, f"{ROOM}: no sweep 100 of /scan: the last one is 99"),
         (lambda: lidarcli.plot(SAMPLES), lidarcli.OptionError, f"{SAMPLES}: holds 7 logs; name one of them"),
         (lambda: lidarcli.plot("no.bag"), lidarcli.UnreadableError, "no.bag: no such file or folder"),
         (lambda: lidarcli.plot(batch, topic="/scan"), TypeError, "only a log can be read with topic"),
@@ -119,11 +109,7 @@ def test_what_cannot_be_drawn() -> None:
             lidarcli.OptionError,
             "view polar needs polar axes: plt.subplot(projection='polar')",
         ),
-        (
-            lambda: lidarcli.plot(batch, view="top"),
-            lidarcli.OptionError,
-            NO_VIEW,
-        ),
+        (lambda: lidarcli.plot(batch, view="top"), lidarcli.OptionError, NO_VIEW),
     ):
         with pytest.raises(error) as caught:
             call()

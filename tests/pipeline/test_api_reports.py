@@ -87,9 +87,7 @@ def test_paths_may_be_given_by_whatever_holds_several() -> None:
 
 
 def test_tables_in_memory_are_no_paths() -> None:
-    with pytest.raises(
-        TypeError, match=r"^logs, files and outputs are named by their paths, not given as Table$"
-    ):
+    with pytest.raises(TypeError, match=r"^logs, files and outputs are named by their paths, not given as Table$"):
         several(pa.table({"log": ["run"]}))
     frame = lidarcli.detect(ROOM, end=0.1).to_pandas()
     with pytest.raises(TypeError, match=r"^logs, files and outputs are .*, not given as DataFrame$"):

@@ -94,9 +94,7 @@ def test_poses_print_where_the_sensor_was() -> None:
 def test_a_notebook_shows_them_as_a_table() -> None:
     (batch,) = lidarcli.read(SAMPLES / "drive.db3")
     page = replace(batch, log="<b>&", frame_ids=("",))._repr_html_()
-    assert page.startswith(
-        '<table><caption style="text-align: left"><b>SweepBatch</b> /scan: 150 sweeps x 361 beams<'
-    )
+    assert page.startswith('<table><caption style="text-align: left"><b>SweepBatch</b> /scan: 150 sweeps x 361 beams<')
     assert ">&lt;b&gt;&amp;</td>" in page
     assert ">without a name</td>" in page
     assert page.count("<tr>") == 10
@@ -144,9 +142,7 @@ def test_a_batch_as_a_data_frame() -> None:
     found = frame[frame["sweep"] == 0]
     np.testing.assert_array_equal(found["range"], batch.ranges[0])
     np.testing.assert_allclose(np.hypot(found["x"], found["y"]), found["range"], rtol=1e-6)
-    np.testing.assert_allclose(
-        np.arctan2(found["y"], found["x"]).dropna(), found["bearing"][found["x"].notna()], atol=1e-9
-    )
+    np.testing.assert_allclose(np.arctan2(found["y"], found["x"]).dropna(), found["bearing"][found["x"].notna()], atol=1e-9)
     assert (found["status"] == "valid").sum() == np.isfinite(batch.ranges[0]).sum()
 
 
@@ -183,11 +179,7 @@ def test_a_batch_is_a_sequence_of_sweeps() -> None:
         with pytest.raises(IndexError, match=rf"^batch\[{row}\]: the batch has 150 sweeps$"):
             batch[row]
     for odd in ("0", 1.0, None, (0, 1)):
-        with pytest.raises(
-            TypeError, match=r"^batch\[.*\]: sweeps are taken by their row, a slice, or an array"
-        ):
+        with pytest.raises(TypeError, match=r"^batch\[.*\]: sweeps are taken by their row, a slice, or an array"):
             batch[odd]
-    with pytest.raises(
-        TypeError, match=r"^rows are given as an array, a list or a slice, not as 3: rows\(\[3\]\)$"
-    ):
+    with pytest.raises(TypeError, match=r"^rows are given as an array, a list or a slice, not as 3: rows\(\[3\]\)$"):
         batch.rows(3)

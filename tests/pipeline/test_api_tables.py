@@ -79,9 +79,7 @@ def test_a_few_columns() -> None:
             ["sweep"],
             ["track", "x"],
         ]
-    with pytest.raises(
-        lidarcli.OptionError, match=r"^--columns: no table has a column trck; did you mean track\?$"
-    ):
+    with pytest.raises(lidarcli.OptionError, match=r"^--columns: no table has a column trck; did you mean track\?$"):
         lidarcli.tables(ROOM, end=1.0, columns="trck")
 
 
@@ -94,9 +92,7 @@ def test_data_frames_keep_what_the_tables_tell_of_the_run() -> None:
 
 def test_they_take_what_track_takes() -> None:
     batches = list(lidarcli.read(ROOM, end=1.0))
-    assert lidarcli.tables(batches, beams=True).beams["sweep"].value_counts().to_dict() == dict.fromkeys(
-        range(10), 361
-    )
+    assert lidarcli.tables(batches, beams=True).beams["sweep"].value_counts().to_dict() == dict.fromkeys(range(10), 361)
     whole, of_batches = lidarcli.tables(ROOM, end=1.0), lidarcli.tables(batches)
     assert of_batches.tracks["track"].tolist() == whole.tracks["track"].tolist()
     assert lidarcli.tables(ROOM, end=1.0, memory=False, min_beams=60).objects.empty

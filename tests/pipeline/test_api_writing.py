@@ -26,9 +26,7 @@ def test_an_overlay_is_that_of_the_command(tmp_path: Path) -> None:
     assert files == [str(mine), str(tmp_path / "mine.layout.json"), str(tmp_path / "mine.rviz")]
     assert run(["-q", "overlay", str(PEOPLE), "-o", str(command), "--end", "1", "--max-width", "1.5"]) == 0
     assert mine.read_bytes() == command.read_bytes()
-    assert lidarcli.overlay(PEOPLE, tmp_path / "mine.bag", end=1, layout=False) == [
-        str(tmp_path / "mine.bag")
-    ]
+    assert lidarcli.overlay(PEOPLE, tmp_path / "mine.bag", end=1, layout=False) == [str(tmp_path / "mine.bag")]
     with pytest.raises(OutputError, match=r"mine\.mcap exists; "):
         lidarcli.overlay(PEOPLE, mine)
     lidarcli.overlay(PEOPLE, mine, True, end=1)
@@ -42,9 +40,7 @@ def test_tables_that_are_shown_leave_nothing_to_find(tmp_path: Path) -> None:
     assert len(lidarcli.overlay(PEOPLE, out, objects=objects)) == 3
     with pytest.raises(OptionError, match=r"^--max-width is for finding objects, and --objects names some"):
         lidarcli.overlay(PEOPLE, out, True, objects=objects, max_width=1.0)
-    with pytest.raises(
-        OptionError, match=r"^--min-beams is for finding objects, and --no-objects finds none$"
-    ):
+    with pytest.raises(OptionError, match=r"^--min-beams is for finding objects, and --no-objects finds none$"):
         lidarcli.zones(PEOPLE, zones=tmp_path / "near.toml", no_objects=True, min_beams=4)
 
 
@@ -93,9 +89,7 @@ def test_export_of_files_and_of_memory(tmp_path: Path) -> None:
         lidarcli.export(file, outputs[0])
     with pytest.raises(OptionError, match=r"^the table: no column widht; did you mean width\?$"):
         lidarcli.export(frame, tmp_path / "x.csv", columns=["widht"])
-    with pytest.raises(
-        OptionError, match=r"x\.xlsx: the suffix of a table has to be one of \.parquet, \.csv"
-    ):
+    with pytest.raises(OptionError, match=r"x\.xlsx: the suffix of a table has to be one of \.parquet, \.csv"):
         lidarcli.export(frame, tmp_path / "x.xlsx")
 
 
@@ -103,17 +97,7 @@ def test_a_simulated_log_is_that_of_the_command(tmp_path: Path) -> None:
     scene = SAMPLES / "room.toml"
     made = lidarcli.simulate(scene, tmp_path / "mine.mcap", sweeps=3, seed=7, map=tmp_path / "true.yaml")
     assert (made.sweeps, made.log.name, made.true_map.name) == (3, "mine.mcap", "true.yaml")
-    command = [
-        "-q",
-        "simulate",
-        str(scene),
-        "-o",
-        str(tmp_path / "command.mcap"),
-        "--sweeps",
-        "3",
-        "--seed",
-        "7",
-    ]
+    command = ["-q", "simulate", str(scene), "-o", str(tmp_path / "command.mcap"), "--sweeps", "3", "--seed", "7"]
     assert run(command) == 0
     assert made.log.read_bytes() == (tmp_path / "command.mcap").read_bytes()
     assert pq.read_table(made.truth)["sweep"].to_pylist()[-1] == 2
@@ -129,15 +113,10 @@ def calls_of(name: str, folder: Path) -> dict[str, Any]:
     """What a function that reads a log takes beside it."""
     zone = folder / "near.toml"
     zone.write_text('[[zone]]\nname = "near"\ncircle = { x = 0, y = 0, radius = 2.5 }\n')
-    return {
-        "zones": {"zones": zone, "no_objects": True},
-        "overlay": {"output": folder / "out.mcap"},
-    }.get(name, {})
+    return {"zones": {"zones": zone, "no_objects": True}, "overlay": {"output": folder / "out.mcap"}}.get(name, {})
 
 
-@pytest.mark.parametrize(
-    "name", ["background", "detect", "info", "map", "overlay", "poses", "tables", "track", "zones"]
-)
+@pytest.mark.parametrize("name", ["background", "detect", "info", "map", "overlay", "poses", "tables", "track", "zones"])
 def test_progress_counts_the_bytes_of_the_log(name: str, tmp_path: Path) -> None:
     seen: list[tuple[int, int | None]] = []
     function, more = getattr(lidarcli, name), calls_of(name, tmp_path)
@@ -187,9 +166,7 @@ def test_a_bar_on_standard_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 
 
 def test_what_cannot_tell_how_far_it_is() -> None:
-    with pytest.raises(
-        TypeError, match=r"^progress is True, False or a function of what is done .*, not 'yes'$"
-    ):
+    with pytest.raises(TypeError, match=r"^progress is True, False or a function of what is done .*, not 'yes'$"):
         lidarcli.detect(ROOM, progress="yes")
     with pytest.raises(TypeError, match=r"^only a log can be read with progress$"):
         lidarcli.detect(next(lidarcli.read(ROOM)), progress=True)

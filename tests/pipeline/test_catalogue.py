@@ -65,12 +65,7 @@ def test_what_a_catalogue_means(tmp_path: Path) -> None:
         Thing("person", legs=2, spacing=(0.25,), tolerance=0.02),
         Thing("bush", "irregular", length=0.6, width=0.5, tolerance=0.02),
     )
-    assert catalogue.as_dict()["things"][1] == {
-        "name": "Fässchen",
-        "diameter": 0.3,
-        "tolerance": 0.02,
-        "moves": True,
-    }
+    assert catalogue.as_dict()["things"][1] == {"name": "Fässchen", "diameter": 0.3, "tolerance": 0.02, "moves": True}
 
 
 @pytest.mark.parametrize(
@@ -94,22 +89,13 @@ def test_what_a_catalogue_means(tmp_path: Path) -> None:
             "[[thing]] number 1: 'shape' must be one of prismatic, round, legged, irregular, not 'box'",
         ),
         (BOX + "moves = 1", "[[thing]] number 1: 'moves' must be true or false, not 1"),
-        (
-            BOX + "tolerance = -1",
-            "[[thing]] number 1: 'tolerance' must be at least 0 and at most 100.0, not -1",
-        ),
-        (
-            BOX + BOX,
-            "[[thing]] number 2: 'name' is 'a' as that of number 1: names must be unique",
-        ),
+        (BOX + "tolerance = -1", "[[thing]] number 1: 'tolerance' must be at least 0 and at most 100.0, not -1"),
+        (BOX + BOX, "[[thing]] number 2: 'name' is 'a' as that of number 1: names must be unique"),
         (
             BOX + "diameter = 1",
             "[[thing]] number 1: 'diameter' and 'length' exclude each other: the size of a thing is length",
         ),
-        (
-            BOX + "shape = 'round'",
-            "[[thing]] number 1: 'length' is no size of a round thing: that is diameter",
-        ),
+        (BOX + "shape = 'round'", "[[thing]] number 1: 'length' is no size of a round thing: that is diameter"),
         (
             "[[thing]]\nname = 'a'\nlength = 1\n",
             "[[thing]] number 1: 'width' is missing: the size of a thing is length and width, or diameter",
@@ -155,10 +141,7 @@ def test_what_a_catalogue_means(tmp_path: Path) -> None:
             "[[thing]]\nname = 'a'\nintensity_min = 5\nlength = 1",
             "[[thing]] number 1: 'width' is missing: the size of a thing is length and width, or diameter",
         ),
-        (
-            "thing = [" + "{}," * 1001 + "]",
-            "1,001 things are more than a catalogue may have (1,000)",
-        ),
+        ("thing = [" + "{}," * 1001 + "]", "1,001 things are more than a catalogue may have (1,000)"),
     ],
 )
 def test_what_is_refused(text: str, line: str, tmp_path: Path) -> None:
@@ -180,10 +163,7 @@ def test_what_cannot_be_read(tmp_path: Path) -> None:
 def test_limits_of_an_intensity(tmp_path: Path) -> None:
     """With one a thing needs no size."""
     text = "[[thing]]\nname = 'tape'\nintensity_min = 2e6\n[[thing]]\nname = 'pole'\ndiameter = 0.1\nintensity_max = 0\n"
-    assert read(text, tmp_path).things == (
-        Thing("tape", intensity_min=2e6),
-        Thing("pole", diameter=0.1, intensity_max=0.0),
-    )
+    assert read(text, tmp_path).things == (Thing("tape", intensity_min=2e6), Thing("pole", diameter=0.1, intensity_max=0.0))
     assert Thing("tape", intensity_min=2e6).as_dict()["intensity_min"] == 2e6
     assert Thing("pole", diameter=0.1, intensity_max=0.0).as_dict()["intensity_max"] == 0.0
 

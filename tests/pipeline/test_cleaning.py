@@ -22,16 +22,7 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.occupancy import compare
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.cleaned_beams import (
-    REASONS,
-    _beside,
-    _came_along,
-    _Paths,
-    _Reach,
-    _sets_out,
-    _Track,
-    doubted,
-)
+from lidarcli.pipeline.cleaned_beams import REASONS, _beside, _came_along, _Paths, _Reach, _sets_out, _Track, doubted
 from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
@@ -104,9 +95,7 @@ def cleaned(scene: Scene, folder: Path, seed: int, **options: Any) -> Cleaned:
     moving = valid & np.take_along_axis(begun, np.where(entity < 0, len(scene.entities), entity), 1)
     beside = moving | np.roll(moving, 1, axis=1) | np.roll(moving, -1, axis=1)
     ever = np.append(begun[-1][:-1], False)
-    return Cleaned(
-        scene, log, copy, moving, valid & ~beside & ~ever[entity], np.isfinite(before) & np.isnan(after)
-    )
+    return Cleaned(scene, log, copy, moving, valid & ~beside & ~ever[entity], np.isfinite(before) & np.isnan(after))
 
 
 @pytest.mark.slow
@@ -117,11 +106,7 @@ def cleaned(scene: Scene, folder: Path, seed: int, **options: Any) -> Cleaned:
 def test_beams_on_people_are_gone_and_others_stay(
     kinds: tuple[Kind, ...], remove: str, least: float, tmp_path: Path
 ) -> None:
-    runs = [
-        cleaned(moving_scene(kind, seed, SENSOR), tmp_path, seed, remove=remove)
-        for kind in kinds
-        for seed in (30, 31)
-    ]
+    runs = [cleaned(moving_scene(kind, seed, SENSOR), tmp_path, seed, remove=remove) for kind in kinds for seed in (30, 31)]
     gone, moving, wrong, others = np.sum([each.counts for each in runs], axis=0)
     assert moving > 10_000
     assert gone >= least * moving
@@ -199,9 +184,7 @@ def tables_of(folder: Path, **tables: dict[str, Any]) -> Pair:
     """Tables with some columns of theirs."""
     for name, columns in tables.items():
         schema = pa.schema([SCHEMAS[name].field(column) for column in columns])
-        arrays = [
-            pa.array(values).cast(one.type) for values, one in zip(columns.values(), schema, strict=True)
-        ]
+        arrays = [pa.array(values).cast(one.type) for values, one in zip(columns.values(), schema, strict=True)]
         pq.write_table(pa.Table.from_arrays(arrays, schema=schema), folder / f"run.{name}.parquet")
     return Pair(f"{folder}/run.", ".parquet")
 
@@ -262,9 +245,7 @@ def test_the_map_is_that_of_the_room_without_people(tmp_path: Path) -> None:
     scene = replace(moving_scene("people", 30, SENSOR), odometry=Odometry())
     found = cleaned(scene, tmp_path, 30)
     stands = (speeds(scene) <= SLOWEST).all(axis=0)[:-1]
-    calm = replace(
-        scene, entities=tuple(each for each, still in zip(scene.entities, stands, strict=True) if still)
-    )
+    calm = replace(scene, entities=tuple(each for each, still in zip(scene.entities, stands, strict=True) if still))
     write(calm, tmp_path / "calm.mcap", 30)
     raw, clean, true = (lidarcli.map(log) for log in (found.log, found.copy, tmp_path / "calm.mcap"))
     assert compare(clean, true).f1 >= 0.99 > compare(raw, true).f1
@@ -339,9 +320,7 @@ def test_what_is_removed_is_words(odd: Any, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("beams", [360, 0])
-def test_a_log_without_any_range_is_copied(
-    beams: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_without_any_range_is_copied(beams: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, out = tmp_path / "run.mcap", tmp_path / "OUT.MCAP"
     write_log(log, [raw_sweeps(np.full((40, beams), np.inf, np.float32))])
     assert run(["clean", str(log), "-o", str(out)]) == 0
@@ -397,9 +376,7 @@ def test_poses_that_contradict_the_sweeps_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_only_the_statuses_of_beams_change_in_what_info_tells(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_only_the_statuses_of_beams_change_in_what_info_tells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, out = tmp_path / "run.mcap", tmp_path / "out.mcap"
     write_log(log, [room_sweeps(count=80)])
     lidarcli.clean(log, out, remove="temporary")
@@ -432,9 +409,7 @@ def test_marked_legs_lie_on_no_beam_that_is_left(tmp_path: Path) -> None:
             scans, marks = (
                 [
                     reader.deserialize(data, one.msgtype)
-                    for one, _, data in reader.messages(
-                        [each for each in reader.connections if each.topic == topic]
-                    )
+                    for one, _, data in reader.messages([each for each in reader.connections if each.topic == topic])
                 ]
                 for topic in ("/training_scan", "/leg_cluster_positions")
             )

@@ -81,8 +81,7 @@ def assert_mounted(found: Finding, place: Place, distance: float = 0.02, yaw: fl
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "mount",
-    [(-0.13, 0.0, 0.0), (0.2, 0.1, 0.1), (0.05, -0.06, -0.05), (0.0, 0.0, 0.05), (0.2, 0.0, 0.5 * np.pi)],
+    "mount", [(-0.13, 0.0, 0.0), (0.2, 0.1, 0.1), (0.05, -0.06, -0.05), (0.0, 0.0, 0.05), (0.2, 0.0, 0.5 * np.pi)]
 )
 @pytest.mark.parametrize("odometry", [Odometry(), WHEELS], ids=["true poses", "wheels"])
 def test_a_mount_that_is_not_told_is_found(tmp_path: Path, mount: Place, odometry: Odometry) -> None:
@@ -104,9 +103,7 @@ def test_a_mount_that_is_not_told_is_found(tmp_path: Path, mount: Place, odometr
 @pytest.mark.parametrize("mount", [(0.0, 0.0, 0.0), (-0.13, 0.05, 0.3)])
 @pytest.mark.parametrize("odometry", [Odometry(), WHEELS], ids=["true poses", "wheels"])
 @pytest.mark.parametrize("sensor", [SENSOR, TURNING], ids=["at once", "turning"])
-def test_a_mount_that_is_told_is_not(
-    tmp_path: Path, mount: Place, odometry: Odometry, sensor: Sensor
-) -> None:
+def test_a_mount_that_is_told_is_not(tmp_path: Path, mount: Place, odometry: Odometry, sensor: Sensor) -> None:
     scene = scene_of(sensor=sensor, odometry=odometry, mount=Mount(mount))
     assert deep(drive(tmp_path / "run.mcap", scene)) == DeepFindings()
 
@@ -116,9 +113,7 @@ def test_a_straight_drive_does_not_tell_a_mount(tmp_path: Path) -> None:
     scene = scene_of(straight, odometry=Odometry(), mount=Mount((0.3, 0.1, 0.0), told=False))
     found = deep(drive(tmp_path / "run.mcap", scene))
     finding = only(found, "mount", "hint")
-    assert finding.message == (
-        "mount of laser: cannot be told: the poses turn by 0 degrees, and 120 are needed"
-    )
+    assert finding.message == ("mount of laser: cannot be told: the poses turn by 0 degrees, and 120 are needed")
     assert finding.fix is None
     assert found.mounts == ()
 
@@ -126,11 +121,7 @@ def test_a_straight_drive_does_not_tell_a_mount(tmp_path: Path) -> None:
 def oval(rng: np.random.Generator, room: Float64) -> Callable[[Float64], Float64]:
     """A way round the middle of a room, with a swaying heading."""
     a, b = rng.uniform(1.0, room[0] - 1.2), rng.uniform(0.9, room[1] - 1.2)
-    turn, sway, begin = (
-        rng.choice([-1, 1]) * rng.uniform(0.2, 0.5),
-        rng.uniform(0.0, 0.4),
-        rng.uniform(0.0, TURN),
-    )
+    turn, sway, begin = (rng.choice([-1, 1]) * rng.uniform(0.2, 0.5), rng.uniform(0.0, 0.4), rng.uniform(0.0, TURN))
 
     def way(seconds: Float64) -> Float64:
         at = turn * seconds + begin
@@ -193,9 +184,7 @@ def test_stated_deviations_cover_the_truth(tmp_path: Path) -> None:
 # --- a second laser -------------------------------------------------------------------------------------------
 
 
-def two_lasers(
-    path: Path, scene: Scene, second: Place, told: Place | None = None, sensor: Sensor = SENSOR
-) -> Path:
+def two_lasers(path: Path, scene: Scene, second: Place, told: Place | None = None, sensor: Sensor = SENSOR) -> Path:
     """Write a ROS 1 bag of two lasers, of which the log tells where the second is, or nothing."""
     rear = replace(sensor, topic="/scan_rear", frame_id="rear")
     other = replace(scene, sensor=rear, mount=Mount(second))
@@ -223,9 +212,7 @@ BEHIND = (-0.5, 0.1, 3.0)
 @pytest.mark.slow
 @pytest.mark.parametrize("sensor", [WIDE, HALF], ids=["overlapping", "apart"])
 @pytest.mark.parametrize("odometry", [Odometry(), WHEELS, None], ids=["true poses", "wheels", "no poses"])
-def test_a_second_laser_of_a_driving_robot_is_found(
-    tmp_path: Path, sensor: Sensor, odometry: Odometry | None
-) -> None:
+def test_a_second_laser_of_a_driving_robot_is_found(tmp_path: Path, sensor: Sensor, odometry: Odometry | None) -> None:
     scene = scene_of(sensor=sensor, odometry=odometry, mount=Mount((0.2, 0.0, 0.0)))
     found = deep(two_lasers(tmp_path / "run.bag", scene, BEHIND, sensor=sensor))
     true = relative(np.array([BEHIND]), np.array([[0.2, 0.0, 0.0]]))[0]
@@ -315,9 +302,7 @@ def test_stamps_of_another_beam_are_told(tmp_path: Path, beam: str, share: float
 
     def way(seconds: Float64) -> Float64:
         turn = 0.8 * seconds
-        return np.column_stack(
-            [1.5 * np.cos(turn), 1.2 * np.sin(turn), turn + 0.5 * np.pi + np.sin(2.0 * seconds)]
-        )
+        return np.column_stack([1.5 * np.cos(turn), 1.2 * np.sin(turn), turn + 0.5 * np.pi + np.sin(2.0 * seconds)])
 
     found = deep(drive(tmp_path / "run.mcap", scene_of(way, TURNING, odometry=odometry), later))
     finding = only(found, "stamp")
@@ -340,12 +325,7 @@ def test_poses_that_do_not_fit_are_told(tmp_path: Path) -> None:
     poses = simulate_odometry(scene, scene.sweeps)
     assert poses is not None
     wrong = SimulatedPoses(
-        poses.odometry,
-        poses.laser_frame,
-        poses.stamp_ns,
-        poses.poses * [0.5, 0.5, 1.0],
-        poses.speed,
-        poses.yaw_rate,
+        poses.odometry, poses.laser_frame, poses.stamp_ns, poses.poses * [0.5, 0.5, 1.0], poses.speed, poses.yaw_rate
     )
     log = tmp_path / "run.mcap"
     write_log(log, sweeps_of(scene), poses=wrong)
@@ -436,8 +416,7 @@ def test_a_sector_that_flickers_or_is_lost_is_told(tmp_path: Path, share: float)
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name",
-    ["corridor.bag", "drive.db3", "hall", "people.csv.gz", "reflectors.mcap", "room.mcap", "room_empty.mcap"],
+    "name", ["corridor.bag", "drive.db3", "hall", "people.csv.gz", "reflectors.mcap", "room.mcap", "room_empty.mcap"]
 )
 def test_samples_have_no_finding(name: str) -> None:
     assert deep(Path("samples") / name) == DeepFindings()
@@ -466,21 +445,14 @@ def test_the_mount_of_a_real_car_is_found() -> None:
     (finding,) = [one for one in found.findings if one.id == "mount"]
     assert finding.evidence["x"] == pytest.approx(-0.12, abs=0.02)
     assert finding.evidence["sd_x"] < 0.02
-    assert finding.message.endswith(
-        "without a mount it is taken to be at x 0.00 m, y 0.00 m, yaw 0.0 degrees"
-    )
+    assert finding.message.endswith("without a mount it is taken to be at x 0.00 m, y 0.00 m, yaw 0.0 degrees")
 
 
 @needs_real_logs
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [
-        "comprobo24/test-bag",
-        "comprobo24/drive_square",
-        "my_gazebo_tutorials/20_53_49",
-        "hrp_mpc_lidar/mylaserdata2.bag",
-    ],
+    ["comprobo24/test-bag", "comprobo24/drive_square", "my_gazebo_tutorials/20_53_49", "hrp_mpc_lidar/mylaserdata2.bag"],
 )
 def test_real_logs_without_a_fault_of_these_have_none(name: str) -> None:
     assert deep(REAL_LOGS / name) == DeepFindings()

@@ -43,9 +43,7 @@ def test_tables_of_one_log(tmp_path: Path, opened: Opens) -> None:
     metadata = pq.read_schema(tmp_path / "run.sweeps.parquet").metadata
     assert metadata[b"lidarcli.source"] == b'{"format": "fake", "name": "run.fake", "size": 1234}'
     assert b"lidarcli.damage" not in metadata
-    assert summary.outputs == [
-        str(tmp_path / f"run.{table}.parquet") for table in ("objects", "sweeps", "beams")
-    ]
+    assert summary.outputs == [str(tmp_path / f"run.{table}.parquet") for table in ("objects", "sweeps", "beams")]
 
 
 def test_parameters_are_in_the_metadata_and_nothing_else(tmp_path: Path) -> None:
@@ -71,10 +69,7 @@ def test_damage_is_in_the_metadata_and_the_rest_in_the_tables(tmp_path: Path, op
     summary = detect_to_files(SOURCE, tmp_path, DetectOptions())
     assert summary.damage == ["byte 99: cut off"]
     assert summary.exit_code == 3
-    assert (
-        pq.read_schema(tmp_path / "run.objects.parquet").metadata[b"lidarcli.damage"]
-        == b'["byte 99: cut off"]'
-    )
+    assert pq.read_schema(tmp_path / "run.objects.parquet").metadata[b"lidarcli.damage"] == b'["byte 99: cut off"]'
     assert pq.read_table(tmp_path / "run.sweeps.parquet").num_rows == 4
 
 
@@ -120,11 +115,7 @@ SLICE = "; to read the point clouds of /cloud as sweeps, add --slice ZMIN ZMAX (
 @pytest.mark.parametrize(
     ("topics", "asked", "message"),
     [
-        (
-            [CLOUD],
-            (),
-            f"no LaserScan topic in this log (its topics: /cloud sensor_msgs/msg/PointCloud2){SLICE}",
-        ),
+        ([CLOUD], (), f"no LaserScan topic in this log (its topics: /cloud sensor_msgs/msg/PointCloud2){SLICE}"),
         ([], (), "no LaserScan topic in this log (it has no topics)"),
         (None, (), "no LaserScan in it"),
         ([SCAN], ("/front",), "no LaserScan topic /front in this log (its LaserScan topics: /scan)"),
@@ -133,12 +124,7 @@ SLICE = "; to read the point clouds of /cloud as sweeps, add --slice ZMIN ZMAX (
 )
 @pytest.mark.parametrize("damage", [None, "cut off"])
 def test_no_scan(
-    tmp_path: Path,
-    opened: Opens,
-    topics: list[Topic] | None,
-    asked: tuple[str, ...],
-    message: str,
-    damage: str | None,
+    tmp_path: Path, opened: Opens, topics: list[Topic] | None, asked: tuple[str, ...], message: str, damage: str | None
 ) -> None:
     opened(topics=topics, damage=damage)
     with pytest.raises(UnreadableError if damage else NoScanError) as caught:
@@ -197,9 +183,7 @@ def test_existing_output_is_refused_before_the_log_is_opened(
     ("start", "end", "window"),
     [(100.0, None, "from 100 s on"), (7.0, 9.0, "from 7 s on and before 9 s"), (None, 0.0, "before 0 s")],
 )
-def test_a_window_beyond_the_log_is_told(
-    tmp_path: Path, start: float | None, end: float | None, window: str
-) -> None:
+def test_a_window_beyond_the_log_is_told(tmp_path: Path, start: float | None, end: float | None, window: str) -> None:
     path = tmp_path / "run.mcap"
     write_log(path, [block("/scan")])
     options = DetectOptions(read=ReadOptions(start=start, end=end))

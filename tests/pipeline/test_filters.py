@@ -48,9 +48,7 @@ def near(edges: list[float], rng: np.random.Generator, shape: tuple[int, int]) -
     """(S, B) ranges at the limits of masks, just beside them and anywhere."""
     values = np.array(edges, np.float32)
     beside = [values, np.nextafter(values, np.float32(0)), np.nextafter(values, np.float32(99))]
-    ranges: Float32 = rng.choice(np.concatenate([*beside, rng.uniform(0.05, 3.0, 9)]), shape).astype(
-        np.float32
-    )
+    ranges: Float32 = rng.choice(np.concatenate([*beside, rng.uniform(0.05, 3.0, 9)]), shape).astype(np.float32)
     return ranges
 
 
@@ -70,9 +68,7 @@ def test_filters_take_out_what_is_masked(seed: int) -> None:
         sector = Sector(begin + turns, end + turns, low, round(low + float(rng.uniform(0.0, 1.0)), 6))
         masks.append(Mask(sector, rng.choice(["", "/scan", "scan", "/other"])))
     edges = [edge for mask in masks for edge in (mask.shape.nearest, mask.shape.farthest)]  # type: ignore[union-attr]
-    raw = raw_sweeps(
-        near(edges, rng, (12, beams)), angle_min=first, angle_increment=step, range_min=0.0, range_max=30.0
-    )
+    raw = raw_sweeps(near(edges, rng, (12, beams)), angle_min=first, angle_increment=step, range_min=0.0, range_max=30.0)
     last = first + (beams - 1) * step
     text = filter_text(Masks(tuple(masks)), [View("/scan", min(first, last), max(first, last))])
     masked = Masks(tuple(masks)).under(raw, raw.ranges)
@@ -81,9 +77,7 @@ def test_filters_take_out_what_is_masked(seed: int) -> None:
 
 
 def test_each_topic_has_a_node_of_its_own() -> None:
-    masks = Masks(
-        (Mask(Sector(-0.1, 0.1, 0.2, 0.3), "/a/left_scan"), Mask(Sector(1.0, 1.1, 0.2, 0.3), "right"))
-    )
+    masks = Masks((Mask(Sector(-0.1, 0.1, 0.2, 0.3), "/a/left_scan"), Mask(Sector(1.0, 1.1, 0.2, 0.3), "right")))
     views = [View("/a/left_scan", -1.5, 1.5), View("right", -1.5, 1.5), View("/clear", -1.5, 1.5)]
     text = filter_text(masks, views)
     assert list(YAML(typ="safe").load(text)) == ["a_left_scan_filter_chain", "right_filter_chain"]

@@ -67,11 +67,7 @@ def filled(share: float, value: float) -> Change:
 def scaled(**factors: float) -> Change:
     """Multiply columns."""
     return lambda raw: replace(
-        raw,
-        **{
-            name: (getattr(raw, name) * factor).astype(getattr(raw, name).dtype)
-            for name, factor in factors.items()
-        },
+        raw, **{name: (getattr(raw, name) * factor).astype(getattr(raw, name).dtype) for name, factor in factors.items()}
     )
 
 
@@ -107,24 +103,9 @@ FAULTS: dict[str, tuple[str, str, Change, str]] = {
         cut_short,
         "/scan: 200 to 360 beams see 199 to 359 deg: some sweeps are cut short",
     ),
-    "turns": (
-        "geometry",
-        "error",
-        scaled(angle_increment=1.6),
-        "/scan sees 574 deg, more than a turn and a half (60 of",
-    ),
-    "fine": (
-        "geometry",
-        "error",
-        scaled(angle_increment=1e-5),
-        "the beams of /scan are 2e-07 rad apart (60 of 60 sweeps)",
-    ),
-    "degrees": (
-        "units",
-        "error",
-        scaled(angle_increment=14.0),
-        "/scan sees 5,026 deg, more than a turn and a half (60 of",
-    ),
+    "turns": ("geometry", "error", scaled(angle_increment=1.6), "/scan sees 574 deg, more than a turn and a half (60 of"),
+    "fine": ("geometry", "error", scaled(angle_increment=1e-5), "the beams of /scan are 2e-07 rad apart (60 of 60 sweeps)"),
+    "degrees": ("units", "error", scaled(angle_increment=14.0), "/scan sees 5,026 deg, more than a turn and a half (60 of"),
     "millimetres": (
         "units",
         "error",
@@ -147,12 +128,7 @@ FAULTS: dict[str, tuple[str, str, Change, str]] = {
     "nan": ("no_return", "hint", filled(0.2, np.nan), "/scan: 20% of the beams are NaN (--no-return nan)"),
     "zero": ("no_return", "hint", filled(0.2, 0.0), "/scan: 20% of the beams are 0"),
     "range_max": ("no_return", "hint", filled(0.2, 12.0), "/scan: 20% of the beams are range_max"),
-    "pile": (
-        "no_return",
-        "hint",
-        filled(0.2, 10.0),
-        "/scan: 20.2% of the beams end at 10 m, the most there is: taken as",
-    ),
+    "pile": ("no_return", "hint", filled(0.2, 10.0), "/scan: 20.2% of the beams end at 10 m, the most there is: taken as"),
     "nothing": (
         "no_return",
         "warning",
@@ -184,12 +160,7 @@ FAULTS: dict[str, tuple[str, str, Change, str]] = {
         stamped(lambda stamp: START_NS + (stamp - START_NS) // SECOND * SECOND),
         "54 of 60 sweeps of /scan have the stamp of the sweep before, and other ranges",
     ),
-    "zero stamps": (
-        "clock",
-        "warning",
-        stamped(np.zeros_like),
-        "no sweep of /scan has a stamp: the times at which they",
-    ),
+    "zero stamps": ("clock", "warning", stamped(np.zeros_like), "no sweep of /scan has a stamp: the times at which they"),
     "milliseconds": (
         "clock",
         "error",
@@ -221,18 +192,8 @@ FAULTS: dict[str, tuple[str, str, Change, str]] = {
         rows(np.repeat(EVERY, 2)),
         "60 of 120 sweeps of /scan have stamp and ranges of the sweep before: --every 2 takes each once",
     ),
-    "two sensors": (
-        "frames",
-        "error",
-        two_in_turns,
-        "sweeps of /scan come from two sensors in turns: --every 2 may take",
-    ),
-    "no frame": (
-        "frames",
-        "hint",
-        lambda raw: replace(raw, frame_ids=("",)),
-        "/scan: the sweeps name no frame",
-    ),
+    "two sensors": ("frames", "error", two_in_turns, "sweeps of /scan come from two sensors in turns: --every 2 may take"),
+    "no frame": ("frames", "hint", lambda raw: replace(raw, frame_ids=("",)), "/scan: the sweeps name no frame"),
 }
 """Name of a fault → the rule that finds it, its level, the change of a sound log, and how its message begins."""
 
@@ -320,9 +281,7 @@ def test_a_topic_that_repeats_another(tmp_path: Path, late: float, words: str) -
 
 def test_topics_of_their_own_repeat_nothing(tmp_path: Path) -> None:
     raw = sound()
-    write_log(
-        tmp_path / "run.mcap", [raw, replace(raw, topic="/other", ranges=raw.ranges + np.float32(0.001))]
-    )
+    write_log(tmp_path / "run.mcap", [raw, replace(raw, topic="/other", ranges=raw.ranges + np.float32(0.001))])
     assert findings_of(tmp_path / "run.mcap") == ()
 
 
@@ -402,9 +361,7 @@ def test_a_fault_of_poses_gives_its_finding_and_no_other(tmp_path: Path, fault: 
 @pytest.mark.parametrize("late", [-0.5, -0.27, -0.1, 0.1, 0.31, 0.5])
 def test_a_delay_is_found(tmp_path: Path, late: float) -> None:
     poses = told(round_about(np.arange(-10, SWEEPS + 10) * 0.1), stamps(SWEEPS + 20) - SECOND)
-    write_log(
-        tmp_path / "run.mcap", clear(), poses=replace(poses, stamp_ns=poses.stamp_ns + round(late * SECOND))
-    )
+    write_log(tmp_path / "run.mcap", clear(), poses=replace(poses, stamp_ns=poses.stamp_ns + round(late * SECOND)))
     (found,) = findings_of(tmp_path / "run.mcap")
     assert (found.id, found.level) == ("delay", "warning")
     assert found.evidence["delay"] == pytest.approx(late, abs=0.0101)
@@ -416,10 +373,7 @@ def test_a_frame_that_is_mounted_twice(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(drawn, "driven", clear)
     path = write_two_mounts(tmp_path / "run.bag", drive(), (0.01, 0.0, 0.0))
     (found,) = findings_of(path)
-    assert (found.id, found.message) == (
-        "frames",
-        "/tf_static: laser is told at two places in base_link: the last counts",
-    )
+    assert (found.id, found.message) == ("frames", "/tf_static: laser is told at two places in base_link: the last counts")
 
 
 @pytest.mark.slow
@@ -446,10 +400,7 @@ def test_quaternions_that_are_none(tmp_path: Path) -> None:
         for each in outgoing(clear(), poses, ROS1_BYTES)
     ]
     (found,) = findings_of(write_messages(tmp_path / "run.bag", messages))
-    assert (found.id, found.message) == (
-        "frames",
-        "/odom: quaternions of odom > base_link are up to 0.2 off length 1",
-    )
+    assert (found.id, found.message) == ("frames", "/odom: quaternions of odom > base_link are up to 0.2 off length 1")
 
 
 @pytest.mark.slow
@@ -501,9 +452,7 @@ def test_what_public_recordings_have(path: str) -> None:
 
 
 def test_json_has_no_nan() -> None:
-    found = Finding(
-        "pose_fit", "warning", "/scan", "laser", "no step", {"share": math.nan, "steps": 0, "ends": [1, 2]}
-    )
+    found = Finding("pose_fit", "warning", "/scan", "laser", "no step", {"share": math.nan, "steps": 0, "ends": [1, 2]})
     assert found.as_dict()["evidence"] == {"share": None, "steps": 0, "ends": [1, 2]}
 
 

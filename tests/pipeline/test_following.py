@@ -106,19 +106,12 @@ def test_every_table_tells_the_same(
     sweeps = summary.sweeps
     assert 300 < sweeps < 600
     named = counted(found["objects"], "object", "track", "set", "vx", "vy", "moving", "label", "label_score")
-    assert named == {
-        (1, 1, "O", 0.0, 0.0, False, None, None): sweeps,
-        (2, 2, "A", 0.0, 1.0, True, "person", 0.75): sweeps,
-    }
+    assert named == {(1, 1, "O", 0.0, 0.0, False, None, None): sweeps, (2, 2, "A", 0.0, 1.0, True, "person", 0.75): sweeps}
     assert counted(found["sweeps"], "objects", "agents", "object_beams", "agent_beams", "noise_beams") == {
         (1, 1, 20, 30, 310): sweeps
     }
     # Def. 4: the sets of the beams sum to those of the sweeps, and an agent's beams are its object's.
-    assert counted(found["beams"], "set") == {
-        ("O",): 20 * sweeps,
-        ("A",): 30 * sweeps,
-        ("S",): 310 * sweeps,
-    }
+    assert counted(found["beams"], "set") == {("O",): 20 * sweeps, ("A",): 30 * sweeps, ("S",): 310 * sweeps}
     assert counted(found["beams"], "object", "set") == {
         (1, "O"): 20 * sweeps,
         (2, "A"): 30 * sweeps,
@@ -205,9 +198,7 @@ def test_rows_wait_no_longer_than_they_must(patient: list[Patient]) -> None:
     assert [table for table, _, _ in rest] == ["objects", "sweeps"] * (PATIENCE // 10) + ["tracks"]
 
 
-def test_what_waits_for_the_end_may_wait_on_disk(
-    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_waits_for_the_end_may_wait_on_disk(source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     detect_to_files(source, tmp_path / "memory", followed(beams=True))
     monkeypatch.setattr(following, "MOST_BYTES", 100_000)
     detect_to_files(source, tmp_path / "disk", followed(beams=True))
@@ -215,9 +206,7 @@ def test_what_waits_for_the_end_may_wait_on_disk(
         assert path.read_bytes() == (tmp_path / "disk" / path.name).read_bytes()
 
 
-def test_a_disk_without_room_is_one_line(
-    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_without_room_is_one_line(source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -235,8 +224,7 @@ def test_rows_of_a_pipe_do_not_wait_for_its_end() -> None:
     parts = [batch.rows(np.arange(begin, begin + 10)) for begin in range(0, 100, 10)]
     found = [lidarcli.formalism.detect(part, TRACKING.found_with(Parameters())) for part in parts]
     made = [
-        Made(rows_of("run", ("objects",), part, one), (part, one))
-        for part, one in zip(parts * 8, found * 8, strict=True)
+        Made(rows_of("run", ("objects",), part, one), (part, one)) for part, one in zip(parts * 8, found * 8, strict=True)
     ]
     rows = list(follow.take(made))
     assert 0 < len(rows) < len(made)
@@ -285,9 +273,7 @@ def test_a_tracks_table_that_exists_is_refused(tmp_path: Path, opened: Opens) ->
     assert [path.name for path in tmp_path.iterdir()] == ["run.tracks.parquet"]
 
 
-def test_an_error_of_the_tracker_leaves_no_file(
-    tmp_path: Path, opened: Opens, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_of_the_tracker_leaves_no_file(tmp_path: Path, opened: Opens, monkeypatch: pytest.MonkeyPatch) -> None:
     opened(block(), topics=[SCAN])
 
     def fail(self: Patient) -> None:
@@ -313,9 +299,7 @@ def test_the_metadata_say_how_things_were_followed(tmp_path: Path, opened: Opens
 # --- in Python --------------------------------------------------------------------------------------------
 
 
-def test_track_in_python_gives_the_tables_of_the_files(
-    source: Source, tmp_path: Path, patient: list[Patient]
-) -> None:
+def test_track_in_python_gives_the_tables_of_the_files(source: Source, tmp_path: Path, patient: list[Patient]) -> None:
     with pytest.warns(UserWarning, match="run.mcap: "):
         found = lidarcli.track(source.path, start=1.0)
     detect_to_files(source, tmp_path, DetectOptions(read=ReadOptions(start=1.0), tracking=TrackOptions()))
@@ -345,9 +329,7 @@ def test_track_batches_in_python(patient: list[Patient]) -> None:
 
 
 def test_track_refuses_what_has_no_meaning() -> None:
-    with pytest.raises(
-        TypeError, match=r"^track\(\) has no option 'signifcance'; did you mean 'significance'\?$"
-    ):
+    with pytest.raises(TypeError, match=r"^track\(\) has no option 'signifcance'; did you mean 'significance'\?$"):
         lidarcli.track("run.mcap", signifcance=1e-3)
     with pytest.raises(OptionError, match=r"--significance: 1 is above 0\.1"):
         lidarcli.track("run.mcap", significance=1)

@@ -42,15 +42,7 @@ def test_log_names(name: str, expected: str) -> None:
 
 
 def test_folders_are_searched_and_logs_keep_their_place(tmp_path: Path) -> None:
-    for name in (
-        "b.mcap",
-        "sub/a.bag",
-        "sub/deep/c.CSV",
-        "sub/readme.md",
-        "sub/x.bag.active",
-        "._b.mcap",
-        ".trash/d.bag",
-    ):
+    for name in ("b.mcap", "sub/a.bag", "sub/deep/c.CSV", "sub/readme.md", "sub/x.bag.active", "._b.mcap", ".trash/d.bag"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     bag = tmp_path / "sub" / "trip"
@@ -99,10 +91,7 @@ def test_files_with_one_sweep_each_are_one_log(tmp_path: Path) -> None:
 def test_a_pattern_of_other_logs_is_several(tmp_path: Path) -> None:
     for name in ("b.mcap", "a.mcap"):
         (tmp_path / name).touch()
-    assert [Path(source.label).name for source in find_logs([str(tmp_path / "*.mcap")])] == [
-        "a.mcap",
-        "b.mcap",
-    ]
+    assert [Path(source.label).name for source in find_logs([str(tmp_path / "*.mcap")])] == ["a.mcap", "b.mcap"]
 
 
 def test_what_is_no_log(tmp_path: Path) -> None:
@@ -153,10 +142,7 @@ def test_what_may_not_be_looked_into_is_told(tmp_path: Path) -> None:
     code, err = lidarcli_command("-q", "info", folder / "drive.db3")
     assert (code, err) == (3, f"lidarcli: {folder}/drive.db3: cannot be opened: Permission denied\n")
     folder.chmod(0)
-    assert lidarcli_command("-q", "info", folder) == (
-        3,
-        f"lidarcli: {folder}: cannot be searched: Permission denied\n",
-    )
+    assert lidarcli_command("-q", "info", folder) == (3, f"lidarcli: {folder}: cannot be searched: Permission denied\n")
     folder.chmod(0o700)
 
 
@@ -202,19 +188,7 @@ def test_a_pattern_names_what_glob_finds(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / "c" / "link").symlink_to(tmp_path / "a")
     (tmp_path / "c" / "self").symlink_to("self")
     monkeypatch.chdir(tmp_path)
-    patterns = (
-        "*",
-        "*/",
-        "*/*",
-        "**",
-        "**/",
-        "**/*.csv",
-        "a/**",
-        "*/b/*",
-        "*/.b/x.csv",
-        "*/b/../*.csv",
-        "c/[[]x].csv",
-    )
+    patterns = ("*", "*/", "*/*", "**", "**/", "**/*.csv", "a/**", "*/b/*", "*/.b/x.csv", "*/b/../*.csv", "c/[[]x].csv")
     for pattern in (
         *patterns,
         "**/b/**/x.csv",
@@ -234,9 +208,7 @@ def test_a_pattern_names_what_glob_finds(tmp_path: Path, monkeypatch: pytest.Mon
             assert found == sorted({*found})
 
 
-def test_a_pattern_is_walked_once_and_folders_may_vanish(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_pattern_is_walked_once_and_folders_may_vanish(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("a/b", "a/gone", "c"):
         (tmp_path / name).mkdir(parents=True)
         (tmp_path / name / "x.csv").touch()

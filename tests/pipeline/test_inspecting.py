@@ -29,13 +29,7 @@ def test_inspection(opened: Opens) -> None:
     assert (scan.beams.low, scan.beams.high) == (360, 361)
     assert (scan.view.low, scan.view.high) == pytest.approx((2 * np.pi, 2 * np.pi))
     assert scan.closure == ("closed", "shared")
-    assert scan.by_status == {
-        "valid": 4 * 360 + 2 * 361,
-        "no_return": 0,
-        "too_close": 0,
-        "invalid": 0,
-        "masked": 0,
-    }
+    assert scan.by_status == {"valid": 4 * 360 + 2 * 361, "no_return": 0, "too_close": 0, "invalid": 0, "masked": 0}
     assert scan.clock.rate == pytest.approx(10)
     assert scan.clock.span == pytest.approx(0.5)
     assert scan.clock.offset == pytest.approx(0.05)
@@ -53,9 +47,7 @@ def test_two_publishers_on_one_topic_stay_apart(opened: Opens) -> None:
     ]
 
 
-def test_a_new_frame_in_every_sweep_is_no_way_to_fill_the_memory(
-    opened: Opens, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_new_frame_in_every_sweep_is_no_way_to_fill_the_memory(opened: Opens, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inspecting, "MOST", 3)
     one = block(sweeps=6)
     names = tuple(f"laser{k}" for k in range(6))

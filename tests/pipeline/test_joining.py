@@ -39,10 +39,7 @@ def told(found: list[Source | Nothing]) -> dict[str, list[str]]:
         ),
         (
             ["b/x/run_0.mcap", "b/x/run_1.mcap", "b/y/run_0.mcap", "b/y/run_1.mcap"],
-            {
-                "x/run": ["b/x/run_0.mcap", "b/x/run_1.mcap"],
-                "y/run": ["b/y/run_0.mcap", "b/y/run_1.mcap"],
-            },
+            {"x/run": ["b/x/run_0.mcap", "b/x/run_1.mcap"], "y/run": ["b/y/run_0.mcap", "b/y/run_1.mcap"]},
         ),
         # The same recording, converted.
         (
@@ -58,14 +55,8 @@ def told(found: list[Source | Nothing]) -> dict[str, list[str]]:
                 "b/hall_2024-01-02-09-05-00_1.bag",
             ],
             {
-                "hall_2024-01-01-10-00-00": [
-                    "b/hall_2024-01-01-10-00-00_0.bag",
-                    "b/hall_2024-01-01-10-05-00_1.bag",
-                ],
-                "hall_2024-01-02-09-00-00": [
-                    "b/hall_2024-01-02-09-00-00_0.bag",
-                    "b/hall_2024-01-02-09-05-00_1.bag",
-                ],
+                "hall_2024-01-01-10-00-00": ["b/hall_2024-01-01-10-00-00_0.bag", "b/hall_2024-01-01-10-05-00_1.bag"],
+                "hall_2024-01-02-09-00-00": ["b/hall_2024-01-02-09-00-00_0.bag", "b/hall_2024-01-02-09-05-00_1.bag"],
             },
         ),
         (
@@ -74,14 +65,7 @@ def told(found: list[Source | Nothing]) -> dict[str, list[str]]:
         ),
         # Robots, days and CSV files of several topics are numbered as well.
         (
-            [
-                "b/robot_1.bag",
-                "b/robot_2.bag",
-                "b/run_2024_01_10.bag",
-                "b/run_2024_01_11.bag",
-                "b/s_0.csv",
-                "b/s_1.csv",
-            ],
+            ["b/robot_1.bag", "b/robot_2.bag", "b/run_2024_01_10.bag", "b/run_2024_01_11.bag", "b/s_0.csv", "b/s_1.csv"],
             {
                 name: [f"b/{name}.{suffix}"]
                 for name, suffix in (
@@ -108,10 +92,7 @@ def test_a_list_is_as_a_folder(folder: Path) -> None:
     touch("b/x/run_0.bag", "b/x/run_1.bag", "b/y/run_0.bag", "b/y/run_1.bag", "list.txt")
     Path("list.txt").write_text("b/y/run_1.bag\nb/x/run_0.bag\nb/y/run_0.bag\nb/x/run_1.bag\nb/none.bag\n")
     *found, missing = choose([], "list.txt", "b", join=True)
-    assert told(found) == {
-        "y/run": ["b/y/run_0.bag", "b/y/run_1.bag"],
-        "x/run": ["b/x/run_0.bag", "b/x/run_1.bag"],
-    }
+    assert told(found) == {"y/run": ["b/y/run_0.bag", "b/y/run_1.bag"], "x/run": ["b/x/run_0.bag", "b/x/run_1.bag"]}
     assert missing.label == "list.txt: line 5: b/none.bag"
     shares = [choose(["b"], shard=(number, 2), join=True) for number in (1, 2)]
     assert sorted(name for share in shares for name in told(share)) == ["x/run", "y/run"]

@@ -31,9 +31,7 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def make(folder: Path, logs: list[str], out: Path, options: MapOptions) -> list[over_logs.Outcome]:
     out.mkdir()
-    with MapRun(
-        find_logs([str(folder / log) for log in logs]), [out / "grid.yaml", out / "grid.mcap"], options
-    ) as run:
+    with MapRun(find_logs([str(folder / log) for log in logs]), [out / "grid.yaml", out / "grid.mcap"], options) as run:
         done = list(run.outcomes())
         run.finish()
     return done
@@ -59,9 +57,7 @@ def test_processes_and_the_order_of_logs_make_no_difference(
 
 
 @pytest.mark.slow
-def test_processes_refuse_what_one_refuses(
-    drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_processes_refuse_what_one_refuses(drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(over_logs, "WORTH_A_PROCESS", 1)
     for jobs in (1, 2):
         with pytest.raises(OptionError, match=r"the map would reach over \d+ x \d+ m, more than 1e-05 km²"):

@@ -114,20 +114,11 @@ CIRCLE = "[[mask]]\ncircle = { x = 0, y = 0, radius = 1 }\n"
     [
         ("", "no [[mask]] in this file"),
         ("[[mask]]", "[[mask]] number 1: 'circle' is missing: a mask is a circle, polygon or sector"),
-        (
-            CIRCLE + "polygon = []",
-            "[[mask]] number 1: 'polygon' and 'circle' exclude each other: a mask has one shape",
-        ),
+        (CIRCLE + "polygon = []", "[[mask]] number 1: 'polygon' and 'circle' exclude each other: a mask has one shape"),
         (CIRCLE + "[[mask]]\ncircel = 1", "[[mask]] number 2: unknown key 'circel'; did you mean 'circle'?"),
         ("[[mask]]\ncircle = { x = 0, y = 0 }", "[[mask]] number 1, circle: 'radius' is missing"),
-        (
-            "[[mask]]\ncircle = { x = 0, y = 0, radius = 0 }",
-            "[[mask]] number 1, circle: 'radius' must be above 0",
-        ),
-        (
-            "[[mask]]\npolygon = [[0, 0], [1, 1]]",
-            "[[mask]] number 1: 'polygon' must be a list of at least 3 points",
-        ),
+        ("[[mask]]\ncircle = { x = 0, y = 0, radius = 0 }", "[[mask]] number 1, circle: 'radius' must be above 0"),
+        ("[[mask]]\npolygon = [[0, 0], [1, 1]]", "[[mask]] number 1: 'polygon' must be a list of at least 3 points"),
         (
             "[[mask]]\nsector = { from = 0, to = 400 }",
             "[[mask]] number 1, sector: 'to' must be at least -360 and at most 360",
@@ -146,8 +137,7 @@ CIRCLE = "[[mask]]\ncircle = { x = 0, y = 0, radius = 1 }\n"
             "[[mount]] number 1: 'parent' leads back to the frame itself: a > a",
         ),
         (
-            CIRCLE
-            + "".join(f"[[mount]]\nframe = '{a}'\nparent = '{b}'\n" for a, b in ("xa", "ab", "bc", "ca")),
+            CIRCLE + "".join(f"[[mount]]\nframe = '{a}'\nparent = '{b}'\n" for a, b in ("xa", "ab", "bc", "ca")),
             "[[mount]] number 2: 'parent' leads back to the frame itself: a > b > c > a",
         ),
         (CIRCLE + "[[zone]]", "the file: unknown key 'zone'"),
@@ -195,9 +185,7 @@ def test_masked_beams_are_on_nothing_and_stay_in_the_sums(tmp_path: Path) -> Non
 def test_a_mask_for_a_topic_that_is_not_there_is_told(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(CIRCLE + "topic = '/rear'\n" + CIRCLE + "topic = 'scan'\n")
-    with pytest.warns(
-        UserWarning, match=r"room.mcap: --mask: no topic /rear in this log, for which a \[\[mask\]\] is$"
-    ):
+    with pytest.warns(UserWarning, match=r"room.mcap: --mask: no topic /rear in this log, for which a \[\[mask\]\] is$"):
         lidarcli.detect(SAMPLES / "room.mcap", mask=path)
 
 
@@ -223,9 +211,7 @@ def test_tf_places_the_frame_of_a_mask(drive: Scene, tmp_path: Path) -> None:
     write_mcap(path, [drawn(scene, 10)[0]], poses=simulate_odometry(scene, 10))
     file = tmp_path / "robot.toml"
     # 0.3 m ahead of the laser, which looks to the left of the robot.
-    file.write_text(
-        f"[[mask]]\nframe = '{odometry.child_frame_id}'\ncircle = {{ x = 0.2, y = 0.3, radius = 0.05 }}\n"
-    )
+    file.write_text(f"[[mask]]\nframe = '{odometry.child_frame_id}'\ncircle = {{ x = 0.2, y = 0.3, radius = 0.05 }}\n")
     with open_source(Source(str(path), "log")) as opened:
         rules = masking_of(opened, RangeRules(masks=read_masks(str(file)))).rules
     assert rules.masks is not None
@@ -251,11 +237,7 @@ def test_a_drive_tells_the_robot_from_what_is_around(drive: Scene, log: Path) ->
     found = learned(log)
     masked = columns(found.rules.masks, raw)
     # Beams that pass the edge of a post may end on it or behind it.
-    assert (
-        set(np.flatnonzero(own > 0.7 * 150).tolist())
-        <= masked
-        <= set(np.flatnonzero(own > 0.2 * 150).tolist())
-    )
+    assert set(np.flatnonzero(own > 0.7 * 150).tolist()) <= masked <= set(np.flatnonzero(own > 0.2 * 150).tolist())
     assert len(masked) > 20
     assert found.notes == (f"/scan: {len(masked)} beams at 0.26 to 0.55 m see the robot itself: masked",)
     [batch, *_] = lidarcli.read(log, mask="auto")
@@ -370,10 +352,7 @@ def test_a_real_robot_with_three_lasers() -> None:
         always = np.count_nonzero(batch.status == Status.MASKED, axis=0) >= 0.3 * len(batch)
         beams[batch.topic] = int(np.count_nonzero(always))
         # All are at the edges of the view, where the laser looks back at its robot.
-        assert set(np.flatnonzero((batch.status == Status.MASKED).any(axis=0))) <= {
-            *range(40),
-            *range(740, 768),
-        }
+        assert set(np.flatnonzero((batch.status == Status.MASKED).any(axis=0))) <= {*range(40), *range(740, 768)}
     # Which sweeps count depends on the matched way.
     assert beams.keys() == {"/left_scan", "/rear_scan", "/right_scan"}
     assert [beams[topic] for topic in sorted(beams)] == pytest.approx([29, 57, 27], abs=2)
@@ -382,18 +361,14 @@ def test_a_real_robot_with_three_lasers() -> None:
 
 @needs_real_logs
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["sick/rms_1xxx_lms_1xx_movement_off.bag", "obstacle_detector/scans_demo.bag"]
-)
+@pytest.mark.parametrize("name", ["sick/rms_1xxx_lms_1xx_movement_off.bag", "obstacle_detector/scans_demo.bag"])
 def test_a_real_sensor_that_stood_masks_nothing(name: str) -> None:
     assert learned(REAL_LOGS / name).rules.masks is None
 
 
 def test_names_of_any_letters_come_back_from_a_file(tmp_path: Path) -> None:
     name = 'a"\\\n\x7f\x1b]\U0001f600\u202e = 1'
-    masks = Masks(
-        (Mask(Circle(0.0, 0.0, 0.5), topic=name, frame=name),), (Mount(name, "base", 0.0, 0.0, 0.0),)
-    )
+    masks = Masks((Mask(Circle(0.0, 0.0, 0.5), topic=name, frame=name),), (Mount(name, "base", 0.0, 0.0, 0.0),))
     (tmp_path / "robot.toml").write_text(mask_text(masks, Masks()))
     read = read_masks(str(tmp_path / "robot.toml"))
     assert (read.masks[0].topic, read.mounts[0].frame) == (name, name)

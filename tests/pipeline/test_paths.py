@@ -151,9 +151,7 @@ def test_what_stands_is_no_agent_though_poses_are_late(tmp_path: Path) -> None:
     scene = moving_scene("room", 704, Sensor(rate=10.0, noise=0.01), driving=True)
     still = tuple(one for one in scene.entities if one.motion.still)
     assert 2 <= len(still) < len(scene.entities)
-    log = written(
-        tmp_path / "run.mcap", replace(scene, entities=still, odometry=Odometry()), 0.3, sweeps=scene.sweeps
-    )
+    log = written(tmp_path / "run.mcap", replace(scene, entities=still, odometry=Odometry()), 0.3, sweeps=scene.sweeps)
     as_told, alone = lidarcli.track(log, pose_delay=0.0), lidarcli.track(log)
     assert "A" in as_told.tracks["set"].to_pylist()
     assert "A" not in alone.tracks["set"].to_pylist()
@@ -168,9 +166,7 @@ def test_a_delay_that_is_given_is_kept(late: Path, tmp_path: Path, capfd: pytest
         assert run(["track", str(late), "-o", str(tmp_path), "--overwrite", *options]) == 0
         said = capfd.readouterr().err
         assert ("they were named" in said) == bool(options)
-        assert (
-            f"poses from /tf fit the sweeps if corrected (stamped {found:.2f} s later than the sweeps" in said
-        )
+        assert f"poses from /tf fit the sweeps if corrected (stamped {found:.2f} s later than the sweeps" in said
         for table in ("objects", "sweeps", "tracks"):
             schema = pq.read_schema(tmp_path / f"late.{table}.parquet")
             assert json.loads(schema.metadata[b"lidarcli.parameters"]).get("pose_delay") == parameter
@@ -223,11 +219,7 @@ def test_who_needs_no_path_reads_once(late: Path, monkeypatch: pytest.MonkeyPatc
     lidarcli.detect(late, pose="none")
     lidarcli.detect(SAMPLES / "room.mcap", end=1.0)
     next(iter(lidarcli.read(SAMPLES / "room.mcap")))
-    for command, log in (
-        (lidarcli.track, late),
-        (lidarcli.detect, late),
-        (lidarcli.track, SAMPLES / "room.mcap"),
-    ):
+    for command, log in ((lidarcli.track, late), (lidarcli.detect, late), (lidarcli.track, SAMPLES / "room.mcap")):
         with pytest.raises(AssertionError, match="a pass before"):
             command(log)
 
@@ -251,9 +243,7 @@ class Counted:
                 yield block.rows(slice(row, row + 1))
 
 
-@pytest.mark.parametrize(
-    ("enough", "way", "least", "most"), [(40, 1.0, 40, 80), (40, 3.0, 75, 110), (40, 100.0, 150, 150)]
-)
+@pytest.mark.parametrize(("enough", "way", "least", "most"), [(40, 1.0, 40, 80), (40, 3.0, 75, 110), (40, 100.0, 150, 150)])
 def test_no_more_is_read_than_it_takes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, enough: int, way: float, least: int, most: int
 ) -> None:
@@ -312,12 +302,7 @@ def test_damage_is_told_once(tmp_path: Path, drive: Scene, name: str) -> None:
             DetectOptions(poses=poses, tracking=TrackOptions(TrackParameters())),
         )
         for number, poses in enumerate(
-            (
-                PoseOptions("/odom"),
-                PoseOptions("/odom", delay=0.0),
-                PoseOptions("none"),
-                PoseOptions("match"),
-            )
+            (PoseOptions("/odom"), PoseOptions("/odom", delay=0.0), PoseOptions("none"), PoseOptions("match"))
         )
     ]
     assert len(said[0].damage) == 1
@@ -356,9 +341,7 @@ def test_where_the_path_is_not_known_there_are_no_poses(tmp_path: Path) -> None:
     write_log(tmp_path / "run.mcap", sweeps)
     ((_, path),) = checked(tmp_path / "run.mcap").items()
     assert path.verdict == "matched"
-    assert path.notes == (
-        "no pose for 15 of 200 sweeps of /scan: they fit nowhere, or may slide along their walls",
-    )
+    assert path.notes == ("no pose for 15 of 200 sweeps of /scan: they fit nowhere, or may slide along their walls",)
     assert path.way is not None
     there = np.isfinite(path.way.at(stamps()).position[:, 0])
     assert np.flatnonzero(~there).tolist() == list(range(60, 75))
@@ -379,9 +362,7 @@ def flipped(raw: RawSweeps) -> RawSweeps:
     return replace(raw, ranges=ranges, angle_min=raw.angle_min + last, angle_increment=-raw.angle_increment)
 
 
-def taken(
-    path: Path, order: str, way: Callable[[Float64], Float64], header: float, *, poses: bool = False
-) -> Path:
+def taken(path: Path, order: str, way: Callable[[Float64], Float64], header: float, *, poses: bool = False) -> Path:
     """A log whose beams are taken in this order while headers tell of another duration of a sweep [s]."""
     sensor = {"forward": ROLLING, "reverse": LAST_FIRST, "once": SENSOR}[order]
     sweeps = sweeps_of(scene_of(way, sensor))

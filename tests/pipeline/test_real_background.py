@@ -47,26 +47,18 @@ def labelled_legs(path: Path) -> list[Float64]:
     with AnyReader([path], default_typestore=ROS1) as reader:
         mine = [one for one in reader.connections if one.topic == "/leg_cluster_positions"]
         arrays = [reader.deserialize(data, one.msgtype).poses for one, _, data in reader.messages(mine)]
-    return [
-        np.array([(pose.position.x, pose.position.y) for pose in poses]).reshape(-1, 2) for poses in arrays
-    ]
+    return [np.array([(pose.position.x, pose.position.y) for pose in poses]).reshape(-1, 2) for poses in arrays]
 
 
 def sweep_of(path: Path) -> dict[bytes, int]:
     """Ranges of a sweep -> its number."""
     batches = list(lidarcli.read(path))
-    rows = zip(
-        np.concatenate([batch.ranges for batch in batches]),
-        np.concatenate([b.sweep for b in batches]),
-        strict=True,
-    )
+    rows = zip(np.concatenate([batch.ranges for batch in batches]), np.concatenate([b.sweep for b in batches]), strict=True)
     return {ranges.tobytes(): int(sweep) for ranges, sweep in rows}
 
 
 @pytest.mark.parametrize(("number", "legs", "found"), [(1, 324, 316), (3, 309, 304)])
-def test_people_who_stand_in_most_sweeps_do_not_become_the_background(
-    number: int, legs: int, found: int
-) -> None:
+def test_people_who_stand_in_most_sweeps_do_not_become_the_background(number: int, legs: int, found: int) -> None:
     """A parked sensor among people. Of the misses all but three are labels on a part of the robot 1.06 m away."""
     raw, labelled = FOLDER / f"positive_{number}_raw.bag", FOLDER / f"positive_{number}_extracted.bag"
     (sensor,) = lidarcli.background(raw)
@@ -80,9 +72,7 @@ def test_people_who_stand_in_most_sweeps_do_not_become_the_background(
             total += 1
             near += bool((np.hypot(*(objects - leg).T) < 0.25).any())
             beam = np.abs(sensor.grid.bearings() - np.arctan2(leg[1], leg[0])).argmin()
-            on_robot += bool(
-                abs(sensor.r_e[0, beam] - np.hypot(*leg)) < 0.05 and sensor.support[0, beam] > 0.9
-            )
+            on_robot += bool(abs(sensor.r_e[0, beam] - np.hypot(*leg)) < 0.05 and sensor.support[0, beam] > 0.9)
     assert (total, near) == (legs, found)
     assert near / (total - on_robot) > 0.99
 
@@ -116,8 +106,6 @@ def test_a_sensor_that_moved_is_told_from_one_among_people(log: str) -> None:
         (PARKED[1], PARKED[0], "100%"),
     ],
 )
-def test_a_background_of_another_place_is_told(
-    background: str, log: str, share: str | None, tmp_path: Path
-) -> None:
+def test_a_background_of_another_place_is_told(background: str, log: str, share: str | None, tmp_path: Path) -> None:
     told = [note for note in notes_against(background, log, tmp_path) if "differ from" in note]
     assert [note.split()[0] for note in told] == ([] if share is None else [share])

@@ -64,11 +64,7 @@ def test_a_mount_that_sweeps_tell(tmp_path: Path) -> None:
     zones.write_text(
         "".join(
             text.format(*each)
-            for each in (
-                ("left", "base_link", 0.5, 2.2),
-                ("ahead", "base_link", 2.5, 0.2),
-                ("own", "sensor", 2.0, 0.0),
-            )
+            for each in (("left", "base_link", 0.5, 2.2), ("ahead", "base_link", 2.5, 0.2), ("own", "sensor", 2.0, 0.0))
         )
     )
     events = lidarcli.zones(log, zones=str(zones), no_objects=True).events

@@ -28,9 +28,7 @@ def _dies_once(source: Source, folder: Path) -> RunSummary:
 def test_a_dead_worker_costs_no_log(tmp_path: Path) -> None:
     sources = [Source(name, name) for name in ("a", "dies", "b", "c")]
     outcomes = list(side_by_side(sources, partial(_dies_once, folder=tmp_path), 2))
-    assert [(outcome.label, outcome.exit_code) for outcome in outcomes] == [
-        (name.path, 0) for name in sources
-    ]
+    assert [(outcome.label, outcome.exit_code) for outcome in outcomes] == [(name.path, 0) for name in sources]
     assert outcomes[1].remark == "a worker process died; this log was done again"
 
 

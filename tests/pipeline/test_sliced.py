@@ -45,24 +45,15 @@ def clouds(count: int = 3, topic: str = "/points") -> list[object]:
 
 def test_clouds_are_level_by_the_transforms_of_the_log() -> None:
     mount = tf(0, "base_link", "lidar", (0.0, 0.0, 0.6, 0.0, 0.0, 0.0, 1.0), "/tf_static")
-    topics = [
-        Topic("/points", POINTCLOUD2, "cdr", 3),
-        Topic("/tf_static", "tf2_msgs/msg/TFMessage", "cdr", 1),
-    ]
+    topics = [Topic("/points", POINTCLOUD2, "cdr", 3), Topic("/tf_static", "tf2_msgs/msg/TFMessage", "cdr", 1)]
     fake = FakeLog(topics=topics, messages=[*clouds(), mount])
     log = sliced(fake)
     report = ReadReport()
     (block,) = log.scans(None, report)
     # At 0.6 m the points ahead are in the slice; the nearer one, at 0.2 m, is below it.
     assert block.ranges.tolist() == [[np.inf, np.inf, 2.0, np.inf]] * 3
-    assert (
-        report.notes[0]
-        == "/points: sweeps of the points from 0.3 to 1 m above base_link, level by /tf_static"
-    )
-    assert [(topic.name, topic.is_scan) for topic in log.topics() or ()] == [
-        ("/points", True),
-        ("/tf_static", False),
-    ]
+    assert report.notes[0] == "/points: sweeps of the points from 0.3 to 1 m above base_link, level by /tf_static"
+    assert [(topic.name, topic.is_scan) for topic in log.topics() or ()] == [("/points", True), ("/tf_static", False)]
     # The transforms are read once, for heights and for poses.
     log.poses()
     assert fake.passes == 2
@@ -95,11 +86,7 @@ def test_scans_and_clouds_of_one_log() -> None:
     fake = FakeLog([raw_sweeps(np.ones((5, 8)))], topics, [*clouds(), *clouds(2, "/far")], damage="cut")
     log = sliced(fake)
     report = ReadReport()
-    assert [(block.topic, len(block)) for block in log.scans(None, report)] == [
-        ("/scan", 5),
-        ("/points", 3),
-        ("/far", 2),
-    ]
+    assert [(block.topic, len(block)) for block in log.scans(None, report)] == [("/scan", 5), ("/points", 3), ("/far", 2)]
     assert [part.cause for part in report.damage] == ["cut"]
     assert [block.topic for block in log.scans({"/far"}, ReadReport())] == ["/far"]
     assert [block.topic for block in log.scans({"/scan"}, ReadReport())] == ["/scan"]
@@ -177,9 +164,7 @@ def test_an_overlay_reads_the_log_as_its_tables_were_made(people: Path, tmp_path
     assert run(["detect", str(people), "-o", str(tmp_path), "-q", *told]) == 0
     (objects,) = tmp_path.glob("*.objects.parquet")
     overlay = tmp_path / "overlay.mcap"
-    assert (
-        run(["overlay", str(people), "-q", "--with-log", "--objects", str(objects), "-o", str(overlay)]) == 0
-    )
+    assert run(["overlay", str(people), "-q", "--with-log", "--objects", str(objects), "-o", str(overlay)]) == 0
     made = lidarcli.read(people, slice=(-0.1, 0.1), bins=300, range=(0.1, 20.0))
     copied = lidarcli.read(overlay)
     shown, known = (np.concatenate([batch.ranges for batch in batches]) for batches in (copied, made))
@@ -221,10 +206,7 @@ def test_a_pipe_without_clouds(
         ({"bins": 5}, "--bins is for point clouds"),
         ({"slice": (-float("inf"), 1)}, "--slice: -inf is not a finite number"),
         ({"slice": (0, 1), "fov": 0.0}, "--fov: with --slice"),
-        (
-            {"slice": (0, 1), "fov": 6.3},
-            "--fov: with --slice the view is more than nothing, and one turn at most",
-        ),
+        ({"slice": (0, 1), "fov": 6.3}, "--fov: with --slice the view is more than nothing, and one turn at most"),
         ({"slice": (0, 1), "angle_increment": 0.01}, "--angle-increment: with --slice give --angle-min, too"),
         (
             {"slice": (0, 1), "bins": 7, "angle_min": 0.0, "angle_increment": -1.0},

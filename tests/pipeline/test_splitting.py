@@ -136,9 +136,7 @@ OPTIONS: dict[str, Callable[[Source], DetectOptions]] = {
     "every third": lambda source: DetectOptions(read=ReadOptions(every=3, batch_size=64)),
     "part": lambda source: DetectOptions(read=ReadOptions(start=30.0, end=200.0, batch_size=100)),
     "paper": lambda source: DetectOptions(parameters=Parameters.for_profile("paper")),
-    "no poses": lambda source: DetectOptions(
-        poses=NO_POSES, read=ReadOptions(topics=("rear", "left"), batch_size=64)
-    ),
+    "no poses": lambda source: DetectOptions(poses=NO_POSES, read=ReadOptions(topics=("rear", "left"), batch_size=64)),
     "background": lambda source: DetectOptions(background=background(source)),
 }
 
@@ -239,9 +237,7 @@ def test_an_interrupt_leaves_no_process(detect: Any, tmp_path: Path, writing: bo
 
 @needs_proc
 @pytest.mark.parametrize("count", [2, 3])
-@pytest.mark.parametrize(
-    ("number", "code", "said"), [("SIGINT", 130, "interrupted"), ("SIGTERM", -15, "terminated")]
-)
+@pytest.mark.parametrize(("number", "code", "said"), [("SIGINT", 130, "interrupted"), ("SIGTERM", -15, "terminated")])
 def test_an_interrupt_while_threads_help(
     detect: Any, tmp_path: Path, count: int, number: str, code: int, said: str
 ) -> None:
@@ -294,10 +290,7 @@ def batch_of(sweeps: int, beams: int = 360) -> SweepBatch:
     return one.rows(np.zeros(sweeps, np.int64))
 
 
-@pytest.mark.parametrize(
-    ("ahead", "counted", "calls"),
-    [(18_600, 100, True), (18_500, 100, False), (None, 100, False)],
-)
+@pytest.mark.parametrize(("ahead", "counted", "calls"), [(18_600, 100, True), (18_500, 100, False), (None, 100, False)])
 def test_threads_are_called_for_what_lies_ahead(
     monkeypatch: pytest.MonkeyPatch, ahead: int | None, counted: int, calls: bool
 ) -> None:
@@ -350,12 +343,7 @@ def test_parts_keep_their_order(eager: Seen) -> None:
     batches = [replace(batch_of(3), sweep=np.arange(3 * k, 3 * k + 3)) for k in range(60)]
     stand_in, recipe = reading(iter(batches), 10**9)
     with Splitting(stand_in, recipe, 3) as work:
-        sweeps = [
-            sweep
-            for part in work.parts(None)
-            for _, _, rows in part.rows
-            for sweep in rows["sweep"].to_pylist()
-        ]
+        sweeps = [sweep for part in work.parts(None) for _, _, rows in part.rows for sweep in rows["sweep"].to_pylist()]
     assert sweeps == list(range(180))
     assert eager.taken > 3
 
@@ -401,14 +389,9 @@ def test_finished_parts_that_wait_are_few(eager: Seen, monkeypatch: pytest.Monke
         ([1 << 30], 8, 1),
     ],
 )
-def test_logs_at_the_same_time(
-    sizes: list[int], jobs: int, expected: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_logs_at_the_same_time(sizes: list[int], jobs: int, expected: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Source, "size", property(lambda source: int(source.path)))
-    assert (
-        over_logs.logs_at_once([Source(str(size), f"log{k}") for k, size in enumerate(sizes)], jobs)
-        == expected
-    )
+    assert over_logs.logs_at_once([Source(str(size), f"log{k}") for k, size in enumerate(sizes)], jobs) == expected
 
 
 def test_processes_are_shared_between_logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -70,9 +70,7 @@ def tracked(log: Path, poses: PoseOptions | None = None) -> Outcome:
     assert all("\n" not in note for note in summary.notes)
     tables = {name: pq.read_table(folder / f"run.{name}.parquet") for name in ("objects", "sweeps", "tracks")}
     (described,) = {table.schema.metadata[b"lidarcli.source"] for table in tables.values()}
-    columns = [
-        tables["sweeps"][name].to_numpy(zero_copy_only=False) for name in ("pose_x", "pose_y", "pose_yaw")
-    ]
+    columns = [tables["sweeps"][name].to_numpy(zero_copy_only=False) for name in ("pose_x", "pose_y", "pose_yaw")]
     path = np.column_stack([np.array(column, float) for column in columns])
     agents = tables["objects"]["set"].to_pylist().count("A")
     return Outcome(summary.notes, json.loads(described)["poses"]["laser"], path, agents)
@@ -96,9 +94,7 @@ def reset() -> Float64:
 def drifting() -> Float64:
     """Poses that drift by 3 % of the way and 0.6 degrees a second."""
     number = np.arange(SWEEPS)
-    return np.column_stack(
-        [1.03 * TRUE[:, 0] + 0.002 * number, 1.03 * TRUE[:, 1], TRUE[:, 2] + 0.001 * number]
-    )
+    return np.column_stack([1.03 * TRUE[:, 0] + 0.002 * number, 1.03 * TRUE[:, 1], TRUE[:, 2] + 0.001 * number])
 
 
 @pytest.mark.parametrize(
@@ -109,13 +105,7 @@ def drifting() -> Float64:
         pytest.param(TRUE + np.array([500_000.0, 4_000_000.0, 0.0]), 0, "", 1e-6, id="UTM"),
         pytest.param(reset(), 1, "poses from /odom jump by {:,.1f} m", 0.03, id="reset"),
         pytest.param(moved(100, 115, 3.0), 2, "poses from /odom jump by 3.0 m", 0.03, id="jump for 1.5 s"),
-        pytest.param(
-            moved(100, SWEEPS, 1e9),
-            1,
-            "poses from /odom jump by 1,000,000,000.0 m",
-            0.03,
-            id="jump of 1e9 m",
-        ),
+        pytest.param(moved(100, SWEEPS, 1e9), 1, "poses from /odom jump by 1,000,000,000.0 m", 0.03, id="jump of 1e9 m"),
     ],
 )
 def test_poses_that_fit_are_used_and_cut_where_they_jump(
@@ -171,9 +161,7 @@ def test_a_second_static_transform_of_another_log_is_corrected(tmp_path: Path) -
     assert (verdict, delay, cuts) == ("corrected", 0.0, 0)
     assert fit is not None
     assert fit > 0.98
-    assert any(
-        "fit the sweeps if corrected (the sensor turned by -90 degrees): " in line for line in run.notes
-    )
+    assert any("fit the sweeps if corrected (the sensor turned by -90 degrees): " in line for line in run.notes)
     assert run.agents == 0
     assert np.nanmax(away(run.path, round_about)) < 0.02
 
@@ -199,23 +187,15 @@ def of_another_run() -> Float64:
     [
         pytest.param(of_two_robots, "they jump by up to 4.0 m and back", id="two robots in /tf"),
         pytest.param(
-            lambda: told(TRUE * [1000.0, 1000.0, 1.0]),
-            r"told steps are (99\d|1,?00\d) times those seen",
-            id="mm",
+            lambda: told(TRUE * [1000.0, 1000.0, 1.0]), r"told steps are (99\d|1,?00\d) times those seen", id="mm"
         ),
-        pytest.param(
-            lambda: told(TRUE * [1.0, 1.0, -1.0]), "the sensor turns the other way", id="sign of yaw"
-        ),
+        pytest.param(lambda: told(TRUE * [1.0, 1.0, -1.0]), "the sensor turns the other way", id="sign of yaw"),
         pytest.param(lambda: told(of_another_run()), "", id="another run"),
-        pytest.param(
-            lambda: told(TRUE * [0.5, 0.5, 1.0]), "told steps are 0.5 times those seen", id="half the speed"
-        ),
+        pytest.param(lambda: told(TRUE * [0.5, 0.5, 1.0]), "told steps are 0.5 times those seen", id="half the speed"),
         pytest.param(lambda: told(0.0 * TRUE), "told steps are 0 times those seen", id="frozen"),
     ],
 )
-def test_poses_that_contradict_the_sweeps_are_replaced(
-    tmp_path: Path, poses: Callable[[], Any], cause: str
-) -> None:
+def test_poses_that_contradict_the_sweeps_are_replaced(tmp_path: Path, poses: Callable[[], Any], cause: str) -> None:
     run = tracked(write(tmp_path / "run.mcap", poses()))
     verdict, fit, delay, cuts = run.verdict()
     assert (verdict, delay, cuts) == ("rejected", 0.0, 0)
@@ -235,9 +215,7 @@ def test_poses_of_another_run_that_were_named_are_taken_with_a_note(tmp_path: Pa
     log, path = write(tmp_path / "run.mcap", None), tmp_path / "other.tum"
     half = 0.5 * of_another_run()[:, 2]
     rows = zip(SECONDS, of_another_run(), np.sin(half), np.cos(half), strict=True)
-    path.write_text(
-        "".join(f"{START_NS / 1e9 + t:.1f} {x} {y} 0 0 0 {sin} {cos}\n" for t, (x, y, _), sin, cos in rows)
-    )
+    path.write_text("".join(f"{START_NS / 1e9 + t:.1f} {x} {y} 0 0 0 {sin} {cos}\n" for t, (x, y, _), sin, cos in rows))
     run = tracked(log, PoseOptions(file=str(path)))
     verdict, fit, delay, cuts = run.verdict()
     assert (verdict, delay, cuts) == ("rejected", 0.0, 0)
@@ -259,9 +237,7 @@ def test_a_standing_sensor_that_is_told_to_move_stands(tmp_path: Path) -> None:
 
 
 def test_poses_of_a_standing_sensor_are_kept(tmp_path: Path) -> None:
-    run = tracked(
-        write(tmp_path / "run.mcap", told(standing(SECONDS) + np.array([7.0, 3.0, 1.0])), scene_of(standing))
-    )
+    run = tracked(write(tmp_path / "run.mcap", told(standing(SECONDS) + np.array([7.0, 3.0, 1.0])), scene_of(standing)))
     assert run.verdict() == ("unchecked", None, 0.0, 0)
     np.testing.assert_allclose(run.path, np.tile([7.0, 3.0, 1.0], (SWEEPS, 1)), atol=1e-9)
     assert run.agents == 0

@@ -95,22 +95,15 @@ def test_a_zone_lies_in_one_world(robots: Path, tmp_path: Path, frame: str) -> N
 
 
 @pytest.mark.slow
-def test_tracks_and_what_changed_from_run_to_run(
-    robots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_tracks_and_what_changed_from_run_to_run(robots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["track", str(robots), "-o", str(tmp_path / "t")]) == 0
     table = read_tracks_table(tmp_path / "t" / "two.tracks.parquet")
     assert {world_in(table.poses["laser"], topic) for topic in SCANS} == {"robot1/odom", "robot2/odom"}
     capsys.readouterr()
     assert run(["diff", str(robots), str(robots), "-o", str(tmp_path / "d.parquet")]) == 0
-    assert (
-        "only what lies in the frame robot1/odom is compared, not in robot2/odom" in capsys.readouterr().err
-    )
+    assert "only what lies in the frame robot1/odom is compared, not in robot2/odom" in capsys.readouterr().err
     assert run(["overlay", str(robots), "-o", str(tmp_path / "o.mcap")]) == 0
-    assert (
-        "/robot2/scan is in the frame robot2/odom, not in robot1/odom, and is hidden"
-        in capsys.readouterr().err
-    )
+    assert "/robot2/scan is in the frame robot2/odom, not in robot1/odom, and is hidden" in capsys.readouterr().err
     assert run(["info", str(robots), "--format", "json"]) == 0
     (info,) = json.loads(capsys.readouterr().out)
     assert [scan["pose"] for scan in info["scans"]] == [

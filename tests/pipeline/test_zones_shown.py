@@ -185,9 +185,7 @@ def test_what_plot_refuses_of_zones(lidarcli: Run, logs: Path, tmp_path: Path, f
     assert ran.err == f"lidarcli: {tmp_path}/no.toml: cannot read the zone file: No such file or directory\n"
 
 
-def test_overlays_show_zones_bright_while_they_are_occupied(
-    lidarcli: Run, logs: Path, tmp_path: Path, file: Path
-) -> None:
+def test_overlays_show_zones_bright_while_they_are_occupied(lidarcli: Run, logs: Path, tmp_path: Path, file: Path) -> None:
     out = tmp_path / "o.mcap"
     ran = lidarcli("overlay", logs / "run.mcap", "--zones", file, "-o", out, "--no-layout")
     assert ran.code == 0
@@ -214,9 +212,7 @@ def test_a_zone_of_the_world_stays_there_while_the_robot_drives(lidarcli: Run, t
     log = SAMPLES / "drive.db3"
     assert lidarcli("-q", "track", log, "-o", tmp_path).code == 0
     out, tables = tmp_path / "o.mcap", tmp_path / "drive.objects.parquet"
-    ran = lidarcli(
-        "overlay", log, "--objects", tables, "--zones", tmp_path / "hall.toml", "-o", out, "--no-layout"
-    )
+    ran = lidarcli("overlay", log, "--objects", tables, "--zones", tmp_path / "hall.toml", "-o", out, "--no-layout")
     assert ran.code == 0
     poses = pq.read_table(tmp_path / "drive.sweeps.parquet").to_pandas()
     messages = [each.message for each in read_back(out, "/lidarcli/objects")]

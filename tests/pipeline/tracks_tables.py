@@ -56,10 +56,6 @@ def turned(things: Sequence[dict[str, Any]], angle: float, x: float, y: float) -
     """The same things, turned about the origin and then shifted."""
     cos, sin = math.cos(angle), math.sin(angle)
     return [
-        {
-            **thing,
-            "x": x + cos * thing["x"] - sin * thing["y"],
-            "y": y + sin * thing["x"] + cos * thing["y"],
-        }
+        {**thing, "x": x + cos * thing["x"] - sin * thing["y"], "y": y + sin * thing["x"] + cos * thing["y"]}
         for thing in things
     ]

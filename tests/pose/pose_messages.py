@@ -37,13 +37,7 @@ def numbers(pose: Pose) -> list[float]:
 
 def accepted(topic: str, world: str) -> dict[str, Any]:
     """What metadata tell of the poses of the sample drive, which fit its sweeps as they are told."""
-    facts = {
-        "pose_verdict": "accepted",
-        "pose_fit": 1.0,
-        "pose_delay": 0.0,
-        "pose_cuts": 0,
-        "beam_order": "once",
-    }
+    facts = {"pose_verdict": "accepted", "pose_fit": 1.0, "pose_delay": 0.0, "pose_cuts": 0, "beam_order": "once"}
     return {"topic": topic, "world": world, **{name: {"/scan": value} for name, value in facts.items()}}
 
 
@@ -85,11 +79,7 @@ class Maker:
                 self._new("geometry_msgs/msg/Vector3", *values[:3]),
                 self._new("geometry_msgs/msg/Quaternion", *values[3:]),
             )
-            entries.append(
-                self._new(
-                    "geometry_msgs/msg/TransformStamped", self.header(stamp_ns, parent), child, transform
-                )
-            )
+            entries.append(self._new("geometry_msgs/msg/TransformStamped", self.header(stamp_ns, parent), child, transform))
         return self.bytes_of(self._new(name, entries), name)
 
     def odometry(self, stamp_ns: int, parent: str, child: str, pose: Pose) -> bytes:
@@ -132,9 +122,7 @@ def odometry(stamp_ns: int, parent: str, child: str, pose: Pose, topic: str = "/
     return message(topic, ODOMETRY, CDR.odometry(stamp_ns, parent, child, pose), stamp_ns)
 
 
-def pose_stamped(
-    stamp_ns: int, parent: str, pose: Pose, topic: str = "/pose", covariance: bool = False
-) -> Message:
+def pose_stamped(stamp_ns: int, parent: str, pose: Pose, topic: str = "/pose", covariance: bool = False) -> Message:
     """A PoseStamped, or a PoseWithCovarianceStamped, recorded at its stamp."""
     kind = WITH_COVARIANCE if covariance else POSE
     return message(topic, kind, CDR.pose(stamp_ns, parent, pose, covariance), stamp_ns)

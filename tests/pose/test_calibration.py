@@ -34,9 +34,7 @@ def seen(poses: Float64, noise: float = 0.01, seed: int = 0) -> Outlines:
     parts = []
     for number, row in enumerate(ranges):
         points, normals, beams = surfaces(BEARING, row)
-        parts.append(
-            Outlines(points, normals, np.zeros(len(beams), np.int64), np.array([number]), np.array([0.5]))
-        )
+        parts.append(Outlines(points, normals, np.zeros(len(beams), np.int64), np.array([number]), np.array([0.5])))
     return joined_outlines(parts)
 
 
@@ -70,18 +68,14 @@ def test_a_mount_is_found_from_nothing(mount: tuple[float, float, float]) -> Non
     assert off[:2].max() < 0.01
     assert off[2] < 0.005
     assert (off < 4.0 * found.deviations + 1e-3).all()
-    assert cells_filled(outlines, mounted(BASE, found.values)) <= cells_filled(
-        outlines, mounted(BASE, np.zeros(3))
-    )
+    assert cells_filled(outlines, mounted(BASE, found.values)) <= cells_filled(outlines, mounted(BASE, np.zeros(3)))
 
 
 @pytest.mark.slow
 def test_what_is_fixed_stays() -> None:
     outlines = seen(mounted(BASE, np.array([0.1, 0.0, 0.0])))
     stretch = np.zeros(len(BASE), np.int64)
-    found = settle(
-        outlines, lambda values: mounted(BASE, values), np.zeros(3), np.array([np.inf, 0.0, 0.0]), stretch
-    )
+    found = settle(outlines, lambda values: mounted(BASE, values), np.zeros(3), np.array([np.inf, 0.0, 0.0]), stretch)
     assert found.values[1:].tolist() == [0.0, 0.0]
     assert found.deviations[1:].tolist() == [0.0, 0.0]
     assert found.values[0] == pytest.approx(0.1, abs=0.01)

@@ -17,11 +17,7 @@ from lidarcli.simulation.messages import JSON, PROTOBUF
 from lidarcli.simulation.scene import Odometry
 from tests.pose.pose_messages import ODOMETRY, OLD_TF, POSE, TF, WITH_COVARIANCE, Maker, numbers
 
-MAKERS = {
-    "cdr": Maker("cdr"),
-    "cdr, big endian": Maker("cdr", big_endian=True),
-    "ros1": Maker("ros1"),
-}
+MAKERS = {"cdr": Maker("cdr"), "cdr, big endian": Maker("cdr", big_endian=True), "ros1": Maker("ros1")}
 POSES = [(1.0, 2.0, 0.3), (-4.0, 5.5, -3.0), (0.0, 0.0, 0.0), (1.0, -1.0, 0.5, 0.5, 0.5, 0.5, 0.5)]
 FRAMES = ["odom", "/odom", "a", "robot_0/odom", "ab", "abc", "abcd", "abcde", ""]
 
@@ -167,9 +163,7 @@ def test_stamps_in_json_are_those_of_scans(kind: str, stamp: str) -> None:
 
 @pytest.mark.parametrize("name", ["frame_id", "frameId"])
 def test_frames_of_scans_in_json(name: str) -> None:
-    data = (
-        f'{{"{name}": "map", "ranges": [1.0], "pose": {{"position": {{"x": 2}}, "orientation": {{"w": 1}}}}}}'
-    )
+    data = f'{{"{name}": "map", "ranges": [1.0], "pose": {{"position": {{"x": 2}}, "orientation": {{"w": 1}}}}}}'
     (read,) = messages.decode_foxglove("foxglove.LaserScan", "json", [data.encode()], Counter())
     assert (read.parent, read.stamp_ns.tolist()) == ("map", [0])
 
@@ -183,7 +177,5 @@ def test_foxglove_messages_that_are_none() -> None:
     assert not list(messages.decode_foxglove("foxglove.PoseInFrame", "protobuf", [b"\xff\xff"], refused))
     assert refused == {messages.NOT_PROTOBUF: 1}
     late = {"timestamp": {"sec": 10**12}, "pose": {"position": {}, "orientation": {"w": 1}}}
-    assert not list(
-        messages.decode_foxglove("foxglove.PoseInFrame", "json", [json.dumps(late).encode()], refused)
-    )
+    assert not list(messages.decode_foxglove("foxglove.PoseInFrame", "json", [json.dumps(late).encode()], refused))
     assert refused["timestamp out of range"] == 1

@@ -101,20 +101,12 @@ def test_detect_and_learn_take_the_delay(folder: Path, tmp_path: Path) -> None:
     [
         (("--pose-delay", "3601"), "--pose-delay: 3601 s is not within 3,600 s"),
         (("--pose-delay", "-4000"), "--pose-delay: -4000 s is not within 3,600 s"),
-        (
-            ("--pose-delay", "0.1", "--pose", "none"),
-            "--pose-delay is for poses, and --pose none leaves them out",
-        ),
+        (("--pose-delay", "0.1", "--pose", "none"), "--pose-delay is for poses, and --pose none leaves them out"),
     ],
 )
 @pytest.mark.parametrize("command", ["detect", "background build"])
 def test_a_delay_that_cannot_be_is_refused(
-    folder: Path,
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
-    command: str,
-    options: tuple[str, ...],
-    message: str,
+    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str, options: tuple[str, ...], message: str
 ) -> None:
     output = str(tmp_path / "out.parquet")
     assert run([*command.split(), str(folder / "right.mcap"), "-o", output, *options]) == 2
@@ -135,9 +127,7 @@ def test_a_delay_that_is_no_number_is_refused_in_python(folder: Path) -> None:
 def test_a_delay_without_poses_is_noted(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     command = ["detect", str(SAMPLES / "room.mcap"), "-o", str(tmp_path), "--pose-delay", "0.1", "--end", "1"]
     assert run(command) == 0
-    assert (
-        "  note     no poses in this log: --pose-delay changes nothing" in capfd.readouterr().err.splitlines()
-    )
+    assert "  note     no poses in this log: --pose-delay changes nothing" in capfd.readouterr().err.splitlines()
 
 
 def test_info_tells_of_the_delay(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:

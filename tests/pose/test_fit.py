@@ -45,9 +45,7 @@ def told_by(way: Callable[[Float64], Float64]) -> Callable[[Int64], Float64]:
     return at
 
 
-def judged(
-    way: Callable[[Float64], Float64], matched: Float64 = TRUE, pieces: Float64 | None = None
-) -> PoseFit:
+def judged(way: Callable[[Float64], Float64], matched: Float64 = TRUE, pieces: Float64 | None = None) -> PoseFit:
     """The verdict on a told way."""
     rng = np.random.default_rng(1)
     seen = matched + rng.normal(0.0, [0.003, 0.003, 0.001], matched.shape)
@@ -74,9 +72,7 @@ def test_a_path_that_is_true_is_accepted() -> None:
     assert (fit.cuts, fit.jumps, fit.good) == ((), (), ())
 
 
-@pytest.mark.parametrize(
-    "delay", [-0.5, -0.4, -0.3, -0.25, -0.2, -0.13, -0.07, 0.07, 0.13, 0.2, 0.25, 0.3, 0.4, 0.5]
-)
+@pytest.mark.parametrize("delay", [-0.5, -0.4, -0.3, -0.25, -0.2, -0.13, -0.07, 0.07, 0.13, 0.2, 0.25, 0.3, 0.4, 0.5])
 def test_a_delay_is_found(delay: float) -> None:
     fit = judged(partial(late, delay=delay))
     assert fit.verdict == "corrected"
@@ -91,9 +87,7 @@ def test_a_delay_at_the_bound_may_be_a_greater_one() -> None:
     assert fit.delay == 0.0
 
 
-@pytest.mark.parametrize(
-    "mount", [(0.2, 0.05, 0.0), (0.0, 0.0, 0.5 * np.pi), (-0.15, 0.1, np.pi), (0.3, 0.0, -0.4)]
-)
+@pytest.mark.parametrize("mount", [(0.2, 0.05, 0.0), (0.0, 0.0, 0.5 * np.pi), (-0.15, 0.1, np.pi), (0.3, 0.0, -0.4)])
 def test_a_mount_is_found(mount: tuple[float, float, float]) -> None:
     fit = judged(round_about, poses_after(TRUE, np.array(mount)))
     assert fit.delay == 0.0
@@ -177,9 +171,7 @@ def test_steps_between_pieces_of_the_path_do_not_count() -> None:
 def test_a_long_log_is_judged_by_some_pairs() -> None:
     count = 3000
     seconds = np.arange(count) * 0.1
-    fit = judge_poses(
-        stamps(count), round_about(seconds), lambda at: round_about((at - STAMPS[0]) / SECOND_NS)
-    )
+    fit = judge_poses(stamps(count), round_about(seconds), lambda at: round_about((at - STAMPS[0]) / SECOND_NS))
     assert (fit.verdict, fit.share, fit.pairs) == ("accepted", 1.0, MOST_PAIRS)
 
 
@@ -191,9 +183,9 @@ def test_steps_lead_from_pose_to_pose() -> None:
     after = poses_after(TRUE[:-1], steps)
     np.testing.assert_allclose(after[:, :2], TRUE[1:, :2], atol=1e-12)
     np.testing.assert_allclose(np.cos(after[:, 2] - TRUE[1:, 2]), 1.0)
-    assert steps_between(np.array([[1.0, 2.0, 0.5 * np.pi]]), np.array([[1.0, 5.0, np.pi]]))[
-        0
-    ] == pytest.approx([3.0, 0.0, 0.5 * np.pi])
+    assert steps_between(np.array([[1.0, 2.0, 0.5 * np.pi]]), np.array([[1.0, 5.0, np.pi]]))[0] == pytest.approx(
+        [3.0, 0.0, 0.5 * np.pi]
+    )
 
 
 # --- jumps --------------------------------------------------------------------------------------------------
@@ -274,9 +266,7 @@ def test_poses_that_go_back_and_forth_are_of_two_publishers() -> None:
 def test_two_publishers_are_found_though_the_sensor_stands() -> None:
     still = np.zeros((COUNT, 3))
     apart = still + np.outer(np.arange(COUNT) % 2, [0.4, 0.0, 0.0])
-    messages = [
-        odometry(int(stamp), "odom", "laser", tuple(pose)) for stamp, pose in zip(STAMPS, apart, strict=True)
-    ]
+    messages = [odometry(int(stamp), "odom", "laser", tuple(pose)) for stamp, pose in zip(STAMPS, apart, strict=True)]
     way = sources(messages).way("laser")
     assert way is not None
     # Sweeps between those of the two tell no step.

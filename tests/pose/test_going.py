@@ -25,9 +25,7 @@ def lasting(seconds: float | list[float], count: int = 40) -> SweepBatch:
 
 def along(start: int = -5, stop: int = 60, frame: str = "laser") -> list[Message]:
     """A robot goes at 1 m/s along x and 0.5 m/s against y, and turns by 1 rad/s; a pose each tenth of a second."""
-    return [
-        odometry(START + k * TENTH, "odom", frame, (0.1 * k, -0.05 * k, 0.1 * k)) for k in range(start, stop)
-    ]
+    return [odometry(START + k * TENTH, "odom", frame, (0.1 * k, -0.05 * k, 0.1 * k)) for k in range(start, stop)]
 
 
 def ways(batch: SweepBatch, messages: list[Message], options: PoseOptions | None = None) -> np.ndarray:  # type: ignore[type-arg]
@@ -52,9 +50,7 @@ def test_each_sweep_has_its_own_time() -> None:
 
 def test_turns_go_the_short_way() -> None:
     messages = [
-        odometry(
-            START + k * TENTH, "odom", "laser", (0.0, 0.0, float(np.angle(np.exp(1j * (3.0 + 0.3 * k)))))
-        )
+        odometry(START + k * TENTH, "odom", "laser", (0.0, 0.0, float(np.angle(np.exp(1j * (3.0 + 0.3 * k))))))
         for k in range(60)
     ]
     way = ways(lasting(0.1), messages)
@@ -93,10 +89,7 @@ def test_the_way_of_a_sensor_head_down() -> None:
 
 def test_nobody_goes_where_sweeps_take_no_time_or_nobody_asks() -> None:
     log, batch = PosesLog(along()), batch_of()
-    for found in (
-        posing_of(log).attach(batch),
-        posing_of(log, PoseOptions(deskew=False)).attach(lasting(0.1)),
-    ):
+    for found in (posing_of(log).attach(batch), posing_of(log, PoseOptions(deskew=False)).attach(lasting(0.1))):
         assert found.poses is not None
         assert found.poses.way is None
     still = ways(lasting(0.0), along())
@@ -135,9 +128,7 @@ def test_after_its_last_pose_a_sensor_goes_on_as_before(seconds: float) -> None:
 
 
 def test_of_a_log_of_one_pose_nobody_goes() -> None:
-    poses = (
-        posing_of(PosesLog([odometry(START, "odom", "laser", (1.0, 2.0, 3.0))])).attach(lasting(0.1)).poses
-    )
+    poses = posing_of(PosesLog([odometry(START, "odom", "laser", (1.0, 2.0, 3.0))])).attach(lasting(0.1)).poses
     assert poses is None or poses.way is None or not poses.way.any()
 
 
@@ -152,9 +143,7 @@ def test_stamps_at_the_ends_of_time() -> None:
 
 def test_the_way_is_that_at_the_delay() -> None:
     # It goes ever faster: 0.4 s later it is faster by as much.
-    messages = [
-        odometry(START + k * TENTH, "odom", "laser", (0.5 * (0.1 * k) ** 2, 0.0, 0.0)) for k in range(70)
-    ]
+    messages = [odometry(START + k * TENTH, "odom", "laser", (0.5 * (0.1 * k) ** 2, 0.0, 0.0)) for k in range(70)]
     as_told, delayed = ways(lasting(0.1), messages), ways(lasting(0.1), messages, PoseOptions(delay=0.4))
     np.testing.assert_allclose(delayed[:, 0] - as_told[:, 0], 0.04, atol=1e-9)
 

@@ -62,9 +62,7 @@ def test_heights_count_from_the_robot() -> None:
 
 
 def test_the_floor_goes_before_the_robot() -> None:
-    found = levels(
-        fixed("base_footprint", "base_link", at((0, 0, 0.2))), fixed("base_link", "lidar", at((0, 0, 0.5)))
-    )
+    found = levels(fixed("base_footprint", "base_link", at((0, 0, 0.2))), fixed("base_link", "lidar", at((0, 0, 0.5))))
     assert seen(found.of("lidar", STAMP), (1.0, 0.0, 0.0)) == pytest.approx([1.0, 0.0, 0.7])
     assert found.words("lidar") == "above base_footprint, level by /tf_static"
 
@@ -110,8 +108,7 @@ def test_a_leaning_sensor_sees_the_world_as_its_pose_does(pitch: float, yaw: flo
 def test_a_robot_that_leans_in_the_world() -> None:
     up = (*turn(PITCH, -0.2),)
     found = levels(
-        *moving("odom", "base_link", at((0, 0, 1.0)), at((4, 0, 1.0), up)),
-        fixed("base_link", "lidar", at((0, 0, 0.5))),
+        *moving("odom", "base_link", at((0, 0, 1.0)), at((4, 0, 1.0), up)), fixed("base_link", "lidar", at((0, 0, 0.5)))
     )
     level = found.of("lidar", np.array([0, SECOND, 60 * SECOND]))
     assert seen(level, (10.0, 0.0, 0.0), 0) == pytest.approx([10.0, 0.0, 0.5])
@@ -168,8 +165,7 @@ def test_points_in_the_world_are_seen_from_what_alone_moves_there(world: str) ->
 @pytest.mark.parametrize("base", ["base_link", "body"])
 def test_points_in_the_map_are_seen_from_the_robot_beyond_its_odometry(base: str) -> None:
     found = levels(
-        *moving("map", "odom", at((1, 0, 0)), at((1, 0, 0))),
-        *moving("odom", base, at((1, 1, 0.3)), at((3, 1, 0.3))),
+        *moving("map", "odom", at((1, 0, 0)), at((1, 0, 0))), *moving("odom", base, at((1, 1, 0.3)), at((3, 1, 0.3)))
     )
     level = found.of("map", np.array([0]))
     assert level is not None
@@ -185,9 +181,7 @@ def test_points_in_the_world_are_seen_from_nowhere_while_the_robot_is_not_there(
 
 
 def test_a_mount_holds_before_and_after_it_is_told() -> None:
-    mount = [
-        tf(second * SECOND, "base_link", "lidar", at((0, 0, 0.8), turn(PITCH, 0.3))) for second in (3, 4)
-    ]
+    mount = [tf(second * SECOND, "base_link", "lidar", at((0, 0, 0.8), turn(PITCH, 0.3))) for second in (3, 4)]
     found = levels(*mount)
     level = found.of("lidar", np.array([0, 3 * SECOND, 9 * SECOND]))
     assert level is not None
@@ -211,9 +205,6 @@ def test_a_camera_looks_ahead_also_before_the_robot_is_in_the_world() -> None:
 def test_nothing_is_known() -> None:
     found = levels()
     assert found.of("lidar", STAMP) is None
-    assert (
-        found.words("lidar")
-        == "along z of frame lidar, which is taken for level: no transform leads to the robot"
-    )
+    assert found.words("lidar") == "along z of frame lidar, which is taken for level: no transform leads to the robot"
     assert found.of("map", STAMP) is None
     assert "no sensor's" in found.words("map")

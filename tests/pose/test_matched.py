@@ -155,9 +155,7 @@ def test_sweeps_that_say_nothing_have_no_pose() -> None:
     track = matching.track("/scan", "laser")
     assert track is not None
     assert unplaced(matching) == 4
-    assert sorted({*batch.stamp_ns.tolist()} - {*track.stamp_ns.tolist()}) == (
-        batch.stamp_ns[[10, 11, 12, 20]].tolist()
-    )
+    assert sorted({*batch.stamp_ns.tolist()} - {*track.stamp_ns.tolist()}) == (batch.stamp_ns[[10, 11, 12, 20]].tolist())
     away, _ = errors(track, batch.stamp_ns, true)
     assert away.max() < 0.1
 

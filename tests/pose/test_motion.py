@@ -15,9 +15,7 @@ def flat(*poses: tuple[float, float, float]) -> Motion:
     """Poses in the plane: x, y, yaw."""
     x, y, yaw = np.array(poses, float).reshape(-1, 3).T
     zero = np.zeros_like(x)
-    return Motion(
-        np.column_stack([x, y, zero]), np.column_stack([zero, zero, np.sin(yaw / 2), np.cos(yaw / 2)])
-    )
+    return Motion(np.column_stack([x, y, zero]), np.column_stack([zero, zero, np.sin(yaw / 2), np.cos(yaw / 2)]))
 
 
 def about(axis: tuple[float, float, float], angle: float) -> Float64:
@@ -33,15 +31,9 @@ def matrix(rotation: Float64) -> Float64:
 
 def test_rotation_about_each_axis() -> None:
     quarter = np.pi / 2
-    np.testing.assert_allclose(
-        matrix(about((0, 0, 1), quarter)), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15
-    )
-    np.testing.assert_allclose(
-        matrix(about((1, 0, 0), quarter)), [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15
-    )
-    np.testing.assert_allclose(
-        matrix(about((0, 1, 0), quarter)), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-15
-    )
+    np.testing.assert_allclose(matrix(about((0, 0, 1), quarter)), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
+    np.testing.assert_allclose(matrix(about((1, 0, 0), quarter)), [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15)
+    np.testing.assert_allclose(matrix(about((0, 1, 0), quarter)), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-15)
 
 
 def test_a_product_turns_by_the_second_first() -> None:
@@ -75,9 +67,7 @@ def test_the_shorter_way_over_the_seam(sign: float) -> None:
     motion = flat((0, 0, sign * 3.0), (0, 0, sign * -3.0))
     # The same rotation may come as the negative quaternion.
     for rotation in (motion.rotation, motion.rotation * [[1], [-1]]):
-        yaw = planar(
-            interpolate(np.array([1, 2, 3]), np.array([0, 4]), Motion(motion.position, rotation))
-        ).yaw
+        yaw = planar(interpolate(np.array([1, 2, 3]), np.array([0, 4]), Motion(motion.position, rotation))).yaw
         way = 2 * np.pi - 6.0
         expected = sign * (3.0 + way * np.array([0.25, 0.5, 0.75]))
         np.testing.assert_allclose(np.cos(yaw - expected), 1.0)
@@ -137,9 +127,7 @@ def test_yaw_is_linear_along_the_shorter_way(first: float, second: float, share:
 
 
 @pytest.mark.parametrize(
-    ("axis", "angle", "yaw"),
-    [((1, 0, 0), np.pi, 0.0), ((0, 1, 0), np.pi, np.pi)],
-    ids=["rolled over", "pitched over"],
+    ("axis", "angle", "yaw"), [((1, 0, 0), np.pi, 0.0), ((0, 1, 0), np.pi, np.pi)], ids=["rolled over", "pitched over"]
 )
 def test_a_sensor_upside_down(axis: tuple[float, float, float], angle: float, yaw: float) -> None:
     poses = planar(Motion(np.array([[1.0, 2.0, 0.3]]), about(axis, angle)))

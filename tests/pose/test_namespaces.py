@@ -49,9 +49,7 @@ def x_of(way: Way | None) -> list[float]:
 
 @pytest.mark.parametrize("wanted", [None, "own"])
 @pytest.mark.parametrize(("number", "expected"), [(1, [0.1, 50.1, 100.1]), (2, [0.7, -49.3, -99.3])])
-def test_each_robot_goes_by_its_own_transforms(
-    number: int, expected: list[float], wanted: str | None
-) -> None:
+def test_each_robot_goes_by_its_own_transforms(number: int, expected: list[float], wanted: str | None) -> None:
     named = wanted and f"/robot{number}/tf"
     way = way_of(TWO, f"/robot{number}/scan", named)
     assert x_of(way) == pytest.approx(expected)
@@ -75,10 +73,7 @@ def test_odometry_of_the_namespace_comes_first() -> None:
         for number, speed in ((1, 1.0), (2, -1.0))
         for time in TIMES
     ]
-    mounts = [
-        tf(0, "base_link", "laser", (x, 0, 0), f"/robot{number}/tf_static")
-        for number, x in ((1, 0.1), (2, 0.7))
-    ]
+    mounts = [tf(0, "base_link", "laser", (x, 0, 0), f"/robot{number}/tf_static") for number, x in ((1, 0.1), (2, 0.7))]
     way = way_of([*told, *mounts], "/robot2/scan")
     assert x_of(way) == pytest.approx([0.7, -49.3, -99.3])
     assert way is not None
@@ -89,23 +84,13 @@ def test_odometry_of_the_namespace_comes_first() -> None:
     ("messages", "topic", "scans", "world"),
     [
         # One robot in a namespace, whose sweeps are in it or beside it, keeps the names of its frames.
-        (
-            robot("/robot1", 0.1, 1.0),
-            "/robot1/front/scan",
-            ["/robot1/front/scan", "/robot1/rear/scan"],
-            "odom",
-        ),
+        (robot("/robot1", 0.1, 1.0), "/robot1/front/scan", ["/robot1/front/scan", "/robot1/rear/scan"], "odom"),
         (robot("/robot1", 0.1, 1.0), "/scan", ["/scan"], "odom"),
         (robot("", 0.1, 1.0), "/front/scan", ["/front/scan", "/rear/scan"], "odom"),
         # Frames with prefixes in one tree for all need no other name.
         (robot("/robot1", 0.1, 1.0, world="robot1/odom"), "/robot1/scan", SCANS, "robot1/odom"),
         ([*robot("", 0.1, 1.0), *robot("/robot2", 0.7, -1.0)], "/scan", ["/scan", "/robot2/scan"], "odom"),
-        (
-            [*robot("", 0.1, 1.0), *robot("/robot2", 0.7, -1.0)],
-            "/robot2/scan",
-            ["/scan", "/robot2/scan"],
-            "robot2/odom",
-        ),
+        ([*robot("", 0.1, 1.0), *robot("/robot2", 0.7, -1.0)], "/robot2/scan", ["/scan", "/robot2/scan"], "robot2/odom"),
     ],
 )
 def test_names_of_worlds(messages: list[Message], topic: str, scans: list[str], world: str) -> None:
@@ -178,9 +163,7 @@ def test_the_pose_of_a_sweep_is_a_link(encoding: str) -> None:
     assert way is not None
     assert way.chain == "odom > base_link > /lidar"
     here = planar(way.at(AT))
-    np.testing.assert_allclose(
-        np.column_stack([here.x, here.y, here.yaw]), [[x + 0.5, 0.2, pi / 2] for x in AT]
-    )
+    np.testing.assert_allclose(np.column_stack([here.x, here.y, here.yaw]), [[x + 0.5, 0.2, pi / 2] for x in AT])
     # Named poses do not take it away, and another topic with this frame has no part in it.
     named = PoseSources(links, "/tf", ["/lidar"]).way("base_link", "/lidar")
     assert named is not None
@@ -246,26 +229,19 @@ def test_a_way_tells_only_what_spoils_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("shift", "turn", "told"),
-    [(0.15, 0.0, "0.15 m and 0 degrees"), (0.0, 0.06, "0.00 m and 3 degrees"), (0.05, 0.02, "")],
+    ("shift", "turn", "told"), [(0.15, 0.0, "0.15 m and 0 degrees"), (0.0, 0.06, "0.00 m and 3 degrees"), (0.05, 0.02, "")]
 )
 def test_a_correction_of_localisation_is_told(shift: float, turn: float, told: str) -> None:
     """Where things are followed 2 m away, it moves them as they never do; the robot drives between two messages."""
     messages = [tf(0, "base_link", "laser", (0.1, 0, 0), "/tf_static")]
     for number, time in enumerate(TIMES):
         place = (shift, 0, turn) if number else (0, 0, 0)
-        messages += [
-            tf(time, "map", "odom", place, "/tf"),
-            tf(time, "odom", "base_link", (number, 0, 0), "/tf"),
-        ]
+        messages += [tf(time, "map", "odom", place, "/tf"), tf(time, "odom", "base_link", (number, 0, 0), "/tf")]
     links = tracks_of(messages)
     way = PoseSources(links).way("laser")
     assert way is not None
     assert [each.message for each in way_findings(way, links)] == (
-        [
-            f"map > odom is corrected once, by up to {told}: what stands may seem to move then; "
-            "--pose match does without it"
-        ]
+        [f"map > odom is corrected once, by up to {told}: what stands may seem to move then; --pose match does without it"]
         if told
         else []
     )

@@ -86,9 +86,7 @@ def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
     scene, poses = drive()
     stamps = START + 350_000_000 + np.arange(12, dtype=np.int64) * SECOND // 7
 
-    def truth(
-        stamp_ns: np.ndarray[tuple[int], np.dtype[np.int64]],
-    ) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    def truth(stamp_ns: np.ndarray[tuple[int], np.dtype[np.int64]]) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
         seconds = (stamp_ns - START) / SECOND
         return np.column_stack([1 + 2 * seconds, -seconds, 3.0 + seconds])
 
@@ -120,12 +118,8 @@ def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
     for row in objects:
         if inside[row["sweep"]]:
             x, y, yaw = found[row["sweep"]]
-            assert row["world_x"] == pytest.approx(
-                x + np.cos(yaw) * row["box_x"] - np.sin(yaw) * row["box_y"]
-            )
-            assert row["world_y"] == pytest.approx(
-                y + np.sin(yaw) * row["box_x"] + np.cos(yaw) * row["box_y"]
-            )
+            assert row["world_x"] == pytest.approx(x + np.cos(yaw) * row["box_x"] - np.sin(yaw) * row["box_y"])
+            assert row["world_y"] == pytest.approx(y + np.sin(yaw) * row["box_x"] + np.cos(yaw) * row["box_y"])
             assert abs(np.sin(row["world_yaw"] - yaw - row["box_yaw"])) < 1e-6
             assert -np.pi / 2 < row["world_yaw"] <= np.pi / 2
 
@@ -168,9 +162,7 @@ def posing_of(log: PosesLog, options: PoseOptions | None = None) -> Posing:
     return Posing.of(log, options or PoseOptions(), TopicChoice(None, log.topics()), RangeRules())
 
 
-def batch_of(
-    count: int = 40, stamp_ns: int = START, record_ns: int = START, frame: str = "laser"
-) -> SweepBatch:
+def batch_of(count: int = 40, stamp_ns: int = START, record_ns: int = START, frame: str = "laser") -> SweepBatch:
     """Sweeps at 10 Hz."""
     steps = np.arange(count) * 100_000_000
     raw = raw_sweeps(
@@ -185,21 +177,10 @@ def batch_of(
 
 
 def cut(batch: SweepBatch, size: int) -> Iterator[SweepBatch]:
-    names = (
-        "frame",
-        "sweep",
-        "stamp_ns",
-        "record_ns",
-        "angle_min",
-        "angle_increment",
-        "range_min",
-        "range_max",
-    )
+    names = ("frame", "sweep", "stamp_ns", "record_ns", "angle_min", "angle_increment", "range_min", "range_max")
     for first in range(0, len(batch), size):
         rows = slice(first, first + size)
-        arrays = {
-            name: getattr(batch, name)[rows] for name in (*names, "beams", "ranges", "status", "closure")
-        }
+        arrays = {name: getattr(batch, name)[rows] for name in (*names, "beams", "ranges", "status", "closure")}
         yield replace(batch, **arrays)
 
 
@@ -245,10 +226,7 @@ def test_clocks_that_differ_are_not_mixed() -> None:
     )
     # Recorded at other times, it is no fault of a clock.
     _, notes = posed([message._replace(record_ns=message.record_ns - far) for message in messages])
-    assert (
-        notes[1]
-        == "without a pose: 40 of 40 sweeps of frame laser, whose stamps are outside the span of /odom"
-    )
+    assert notes[1] == "without a pose: 40 of 40 sweeps of frame laser, whose stamps are outside the span of /odom"
 
 
 def test_links_that_are_never_known_together() -> None:
@@ -261,14 +239,10 @@ def test_links_that_are_never_known_together() -> None:
 
 
 def test_a_frame_that_nothing_places() -> None:
-    poses, notes = posed(
-        [tf(START, "map", "other", (0, 0, 0)), pose_stamped(START, "map", (0, 0, 0), "/red_pose")]
-    )
+    poses, notes = posed([tf(START, "map", "other", (0, 0, 0)), pose_stamped(START, "map", (0, 0, 0), "/red_pose")])
     # A sensor whose place nobody tells is taken as standing.
     assert poses is None
-    assert notes == [
-        "no pose for frame laser: nothing leads from it to a fixed frame; --pose may name /red_pose"
-    ]
+    assert notes == ["no pose for frame laser: nothing leads from it to a fixed frame; --pose may name /red_pose"]
 
 
 def test_between_topics_that_are_alike_the_user_chooses() -> None:
@@ -319,8 +293,7 @@ def test_no_verdict_is_told_of_a_topic_that_is_not_used() -> None:
     messages = [tf(START + k * SECOND, "map", "laser", (k, 0, 0, 0, 0, 0, 1)) for k in range(6)]
     posing = posing_of(PosesLog(messages))
     posing.paths = {
-        (topic, "laser"): CheckedPath("unchecked", notes=(f"poses of {topic}",))
-        for topic in ("/scan", "/stable_scan")
+        (topic, "laser"): CheckedPath("unchecked", notes=(f"poses of {topic}",)) for topic in ("/scan", "/stable_scan")
     }
     posing.attach(batch_of())
     posing.leave_out({"/scan"})
@@ -333,11 +306,7 @@ def test_poses_that_could_not_be_checked_do_not_fit_unless_they_are_named() -> N
     messages = [tf(START + k * SECOND, "map", "laser", (k, 0, 0, 0, 0, 0, 1)) for k in range(6)]
     posing = posing_of(PosesLog(messages))
     checked = posing.paths[("/scan", "laser")] if posing.paths else CheckedPath("unchecked")
-    for verdict, named, fits in (
-        ("unchecked", False, False),
-        ("unchecked", True, True),
-        ("accepted", False, True),
-    ):
+    for verdict, named, fits in (("unchecked", False, False), ("unchecked", True, True), ("accepted", False, True)):
         way = posing.found.sources.way("laser") if posing.found is not None else None
         posing.paths = {("/scan", "laser"): replace(checked, verdict=verdict, way=way)}
         posing.named = named
@@ -403,9 +372,7 @@ def test_a_log_that_is_cut_off_says_so_once(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(data[: len(data) * 3 // 5])
     said = [
         detect_to_files(
-            Source(str(tmp_path / name), "run"),
-            tmp_path / pose.strip("/"),
-            DetectOptions(poses=PoseOptions(pose)),
+            Source(str(tmp_path / name), "run"), tmp_path / pose.strip("/"), DetectOptions(poses=PoseOptions(pose))
         ).damage
         for pose in ("/odom", "none")
     ]
@@ -443,9 +410,7 @@ def test_no_poses_on_request(tmp_path: Path, capfd: pytest.CaptureFixture[str]) 
         ("/scan", "topic /scan is sensor_msgs/msg/LaserScan, which holds no pose"),
     ],
 )
-def test_a_topic_that_is_not_there(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], topic: str, words: str
-) -> None:
+def test_a_topic_that_is_not_there(tmp_path: Path, capfd: pytest.CaptureFixture[str], topic: str, words: str) -> None:
     log = str(SAMPLES / "drive.db3")
     assert run(["detect", log, "-o", str(tmp_path), "--pose", topic]) == 4
     assert capfd.readouterr().err == f"lidarcli: {log}: {words}\n"

@@ -83,9 +83,7 @@ def test_gazebo(day: str, topic: str | None) -> None:
     stamps, found = posed(path, topic)
     # The scanner stands on base_link, which stands on base_footprint, both without a turn.
     links = [link for message in told(path, "/tf_static") for link in message.transforms]
-    steps = [
-        link.transform.translation for link in links if link.child_frame_id in ("base_link", "base_scan")
-    ]
+    steps = [link.transform.translation for link in links if link.child_frame_id in ("base_link", "base_scan")]
     mount = (sum(step.x for step in steps), sum(step.y for step in steps), sum(step.z for step in steps))
     if topic is None:
         moving = (link for message in told(path, "/tf") for link in message.transforms)
@@ -104,10 +102,7 @@ def test_gazebo(day: str, topic: str | None) -> None:
 @pytest.mark.parametrize("topic", [None, "/ego_pose", "/red_pose"])
 def test_motion_capture(topic: str | None) -> None:
     stamps, found = posed(CAR, topic)
-    rows = [
-        row(one.header.stamp, one.pose.position, one.pose.orientation)
-        for one in told(CAR, topic or "/ego_pose")
-    ]
+    rows = [row(one.header.stamp, one.pose.position, one.pose.orientation) for one in told(CAR, topic or "/ego_pose")]
     agree(found, between(rows, stamps), tolerance=1e-3)
     # The first sweep was taken 12 ms before the first of 120 poses a second.
     assert np.count_nonzero(np.isnan(found[:, 0])) == 0

@@ -46,16 +46,10 @@ AT: Int64 = np.array([0, 5, 33, 100])
 
 def test_a_chain_with_a_static_mount() -> None:
     mount = (0.5, 0.0, np.pi / 2)
-    turned = [
-        tf(stamp, "odom", "base_link", (1, 0, stamp * np.pi / 200), "/tf") for stamp in range(0, 101, 20)
-    ]
+    turned = [tf(stamp, "odom", "base_link", (1, 0, stamp * np.pi / 200), "/tf") for stamp in range(0, 101, 20)]
     way = sources([*turned, *static("base_link", "laser", mount)]).way("/laser")
     assert way is not None
-    assert (way.topics, way.world, way.chain) == (
-        ("/tf", "/tf_static"),
-        "odom",
-        "odom > base_link > laser",
-    )
+    assert (way.topics, way.world, way.chain) == (("/tf", "/tf_static"), "odom", "odom > base_link > laser")
     poses = planar(way.at(AT))
     yaw = AT * np.pi / 200
     np.testing.assert_allclose(poses.x, 1 + 0.5 * np.cos(yaw))
@@ -149,19 +143,13 @@ def test_odometry_with_its_mount() -> None:
     mount = [*static("base_footprint", "base_link", (0, 0, 0)), *static("base_link", "laser", (0.2, 0, 1.0))]
     way = sources([*driven("odom", "base_link"), *mount]).way("laser")
     assert way is not None
-    assert (way.topics, way.chain, way.assumption) == (
-        ("/odom", "/tf_static"),
-        "odom > base_link > laser",
-        "",
-    )
+    assert (way.topics, way.chain, way.assumption) == (("/odom", "/tf_static"), "odom > base_link > laser", "")
     poses = planar(way.at(AT))
     np.testing.assert_allclose(poses.x, 0.2)
     np.testing.assert_allclose(poses.y, AT)
     np.testing.assert_allclose(poses.yaw, 1.0)
     # Its child may also be a frame beside the way from the sensor to the root.
-    way = sources(
-        [*driven("odom", "base_footprint"), *mount[1:], *static("base_link", "base_footprint", (1, 0, 0))]
-    )
+    way = sources([*driven("odom", "base_footprint"), *mount[1:], *static("base_link", "base_footprint", (1, 0, 0))])
     beside = way.way("laser")
     assert beside is not None
     np.testing.assert_allclose(planar(beside.at(AT)).x, -0.8)
@@ -182,10 +170,7 @@ def test_odometry_without_a_mount_is_that_of_the_sensor() -> None:
 
 def test_of_several_odometries_the_mounted_one_then_odom_then_the_fullest() -> None:
     mount = static("base_link", "laser")
-    assert taken([*driven("odom", "other"), *driven("odom", "base_link", "/wheel"), *mount]) == (
-        "/wheel",
-        "odom",
-    )
+    assert taken([*driven("odom", "other"), *driven("odom", "base_link", "/wheel"), *mount]) == ("/wheel", "odom")
     assert taken([*driven("w", "b", "/fused"), *driven("o", "b", "/x/odom")]) == ("/x/odom", "o")
     assert taken([*driven("w", "b", "/fused")[:3], *driven("o", "b", "/wheel")]) == ("/wheel", "o")
 
@@ -197,11 +182,7 @@ def test_of_several_odometries_the_mounted_one_then_odom_then_the_fullest() -> N
         [*placed("map", "/robot_1"), *placed("other", "/robot_2"), *placed("map", "/mocap_pose")],
         [*placed("map", "/robot_1/pose"), *placed("map", "/robot_2/pose")[:3]],
         [*placed("map", "/vrpn/red/pose"), *placed("map", "/vrpn/blue/pose")],
-        [
-            *placed("map", "/a/amcl_pose", True),
-            *placed("map", "/b/amcl_pose", True),
-            *placed("map", "/ego_pose"),
-        ],
+        [*placed("map", "/a/amcl_pose", True), *placed("map", "/b/amcl_pose", True), *placed("map", "/ego_pose")],
         [*driven("odom", "a/base", "/a/odom"), *driven("odom", "b/base", "/b/odom")],
     ],
 )
@@ -233,22 +214,11 @@ def test_a_mount_or_the_tree_decides_between_topics_that_are_alike() -> None:
     assert taken([*both, *mount]) == ("/b/odom", "odom")
     assert taken([*both, *mount, *moving("odom", "b/base")]) == ("/tf", "odom")
     # Two topics that tell of one frame are of one robot.
-    assert taken([*driven("odom", "base", "/a/odom"), *driven("odom", "base", "/b/odom")]) == (
-        "/a/odom",
-        "odom",
-    )
+    assert taken([*driven("odom", "base", "/a/odom"), *driven("odom", "base", "/b/odom")]) == ("/a/odom", "odom")
 
 
 @pytest.mark.parametrize(
-    "topic",
-    [
-        "/move_base_simple/goal",
-        "/initialpose",
-        "/target_pose",
-        "/red_pose",
-        "/clicked_pose",
-        "/robot/goal_pose",
-    ],
+    "topic", ["/move_base_simple/goal", "/initialpose", "/target_pose", "/red_pose", "/clicked_pose", "/robot/goal_pose"]
 )
 def test_poses_of_something_else_must_be_asked_for(topic: str) -> None:
     messages = placed("map", topic, covariance=topic == "/initialpose")
@@ -258,9 +228,7 @@ def test_poses_of_something_else_must_be_asked_for(topic: str) -> None:
     assert taken(messages, wanted=topic.strip("/")) == (topic, "map")
 
 
-@pytest.mark.parametrize(
-    "topic", ["/ego_pose", "/pose", "/vrpn/car_1/pose", "/slam/tracked_pose", "robot_pose"]
-)
+@pytest.mark.parametrize("topic", ["/ego_pose", "/pose", "/vrpn/car_1/pose", "/slam/tracked_pose", "robot_pose"])
 def test_poses_of_the_robot_are_taken(topic: str) -> None:
     assert taken(placed("map", topic)) == (topic, "map")
 

@@ -57,9 +57,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[dict[str, Any
     (folder / "box.toml").write_text(SCENE, encoding="utf-8")
     simulate(folder / "box.toml", folder / "box.bag")
     assert run(["-q", "detect", str(folder / "box.bag"), "-o", str(folder)]) == 0
-    sweeps, objects = (
-        pq.read_table(folder / f"box.{name}.parquet").to_pylist() for name in ("sweeps", "objects")
-    )
+    sweeps, objects = (pq.read_table(folder / f"box.{name}.parquet").to_pylist() for name in ("sweeps", "objects"))
     return sweeps, objects
 
 
@@ -84,9 +82,7 @@ def test_the_box_is_all_there_is(tables: tuple[list[dict[str, Any]], list[dict[s
     assert [row["sweep"] for row in objects] == [row["sweep"] for row in sweeps] == list(range(150))
 
 
-def test_its_centre_stays_where_two_faces_show(
-    tables: tuple[list[dict[str, Any]], list[dict[str, Any]]],
-) -> None:
+def test_its_centre_stays_where_two_faces_show(tables: tuple[list[dict[str, Any]], list[dict[str, Any]]]) -> None:
     sweeps, objects = tables
     misses = [
         np.hypot(row["world_x"] - X, row["world_y"] - Y)
@@ -118,8 +114,6 @@ def test_its_near_corner_stays_wherever_two_faces_are_found(
 def test_its_direction_stays(tables: tuple[list[dict[str, Any]], list[dict[str, Any]]]) -> None:
     sweeps, objects = tables
     turns = [
-        abs(np.sin(row["world_yaw"] - YAW))
-        for sweep, row in zip(sweeps, objects, strict=True)
-        if incidence(sweep) < 75.0
+        abs(np.sin(row["world_yaw"] - YAW)) for sweep, row in zip(sweeps, objects, strict=True) if incidence(sweep) < 75.0
     ]
     assert max(turns) < np.deg2rad(1.0)

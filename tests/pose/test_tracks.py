@@ -48,9 +48,7 @@ def test_any_order_gives_the_same_track(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_of_one_stamp_the_last_pose_counts() -> None:
-    (track,) = gathered(
-        [pose_stamped(stamp, "map", (x, 0, 0)) for stamp, x in ((1, 1), (2, 2), (2, 3), (1, 4))]
-    )
+    (track,) = gathered([pose_stamped(stamp, "map", (x, 0, 0)) for stamp, x in ((1, 1), (2, 2), (2, 3), (1, 4))])
     assert track.messages == 4
     assert track.stamp_ns.tolist() == [1, 2]
     assert track.motion.position[:, 0].tolist() == [4, 3]

@@ -122,10 +122,7 @@ def test_a_first_stamp_does_not_jump_back(tmp_path: Path) -> None:
         (f"1 {HERE}\r\n{HERE}\r\n", "line 2: '0 0 0 0 0 0 1' is no pose; "),
         (f"1 {HERE}\0\n", "line 1: '1 0 0 0 0 0 0 1\0' is no pose; "),
         ("1 nan 0 0 0 0 0 1\n", "1 of 1 poses cannot be used: its pose is not finite"),
-        (
-            f"1 {HERE}\n2 0 inf 0 0 0 0 1\n3 0 1e400 0 0 0 0 1\n",
-            "2 of 3 poses cannot be used: its pose is not finite",
-        ),
+        (f"1 {HERE}\n2 0 inf 0 0 0 0 1\n3 0 1e400 0 0 0 0 1\n", "2 of 3 poses cannot be used: its pose is not finite"),
         ("1 0 0 0 0 0 0 nan\n", "1 of 1 poses cannot be used: its pose is not finite"),
         ("1 0 0 0 0 0 0 0\n", "1 of 1 poses cannot be used: its quaternion is zero"),
         (f"1 {HERE}\n2 0 0 0 0 1e-300 0 0\n", "1 of 2 poses cannot be used: its quaternion is zero"),
@@ -208,11 +205,7 @@ def test_poses_between_stamps(tmp_path: Path) -> None:
 numbers = st.floats(-1e6, 1e6)
 
 
-@given(
-    st.lists(
-        st.tuples(st.integers(-(10**18), 10**18), numbers, numbers, st.floats(-4, 4)), min_size=1, max_size=9
-    )
-)
+@given(st.lists(st.tuples(st.integers(-(10**18), 10**18), numbers, numbers, st.floats(-4, 4)), min_size=1, max_size=9))
 def test_what_is_written_is_read(
     tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[int, float, float, float]]
 ) -> None:
@@ -246,14 +239,8 @@ def test_unknown_poses_are_left_out() -> None:
 @pytest.mark.parametrize(
     ("line", "why"),
     [
-        (
-            f"1700000000000000000 {HERE}",
-            "(nanoseconds, as in EuRoC files, whose qw comes first: write seconds)",
-        ),
-        (
-            "1700000000000000000,1,2,0,1,0,0,0",
-            "(nanoseconds, as in EuRoC files, whose qw comes first: write seconds)",
-        ),
+        (f"1700000000000000000 {HERE}", "(nanoseconds, as in EuRoC files, whose qw comes first: write seconds)"),
+        ("1700000000000000000,1,2,0,1,0,0,0", "(nanoseconds, as in EuRoC files, whose qw comes first: write seconds)"),
         ("1 0 0 1 0 1 0 2 0 0 1 0", "(KITTI files tell no times)"),
     ],
 )

@@ -53,11 +53,7 @@ class Runner:
         """Run a step as `shell: bash` does; its exit code."""
         step, told = STEPS[name], self.folder / f"{name}.output"
         told.touch()
-        files = {
-            "GITHUB_OUTPUT": told,
-            "GITHUB_STEP_SUMMARY": self.folder / "summary.md",
-            "RUNNER_TEMP": self.folder,
-        }
+        files = {"GITHUB_OUTPUT": told, "GITHUB_STEP_SUMMARY": self.folder / "summary.md", "RUNNER_TEMP": self.folder}
         environment = os.environ | {key: str(path) for key, path in files.items()}
         environment |= {key: self.value(text) for key, text in step["env"].items()}
         command = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]]

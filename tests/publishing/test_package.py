@@ -51,21 +51,14 @@ def test_every_file_names_the_same_repository() -> None:
     owner_and_name = REPOSITORY.removeprefix("https://github.com/")
     found = []
     for name in tracked():
-        if Path(name).suffix in (".md", ".toml", ".yaml", ".yml", ".cff", "") and not name.startswith(
-            "tests/"
-        ):
+        if Path(name).suffix in (".md", ".toml", ".yaml", ".yml", ".cff", "") and not name.startswith("tests/"):
             text = (ROOT / name).read_text("utf-8")
             found += re.findall(r"github\.com/([\w.-]+/lidarcli)\b", text)
             found += re.findall(r"(?:--repo |uses: )([\w.-]+/lidarcli)\b", text)
     assert len(found) > 10
     assert set(found) == {owner_and_name}
     assert all(url.startswith(REPOSITORY) for url in PROJECT["project"]["urls"].values())
-    assert (
-        RECIPE["about"]["homepage"]
-        == RECIPE["about"]["repository"]
-        == CITATION["repository-code"]
-        == REPOSITORY
-    )
+    assert RECIPE["about"]["homepage"] == RECIPE["about"]["repository"] == CITATION["repository-code"] == REPOSITORY
 
 
 def test_the_recipe_needs_what_the_project_needs() -> None:
@@ -127,11 +120,7 @@ def test_the_image_has_its_stages_and_runs_as_nobody_special() -> None:
     assert len({base for base, _ in stages}) == 1
     assert set(re.findall(r"\bfrom=(\w+)", CONTAINERFILE)) == {"build"}
     last = CONTAINERFILE.split("AS image\n")[1]
-    assert re.findall(r"^(?:USER|WORKDIR|ENTRYPOINT) (.*)$", last, re.MULTILINE) == [
-        "1000:1000",
-        "/data",
-        '["lidarcli"]',
-    ]
+    assert re.findall(r"^(?:USER|WORKDIR|ENTRYPOINT) (.*)$", last, re.MULTILINE) == ["1000:1000", "/data", '["lidarcli"]']
     (python,) = re.findall(r"^ARG PYTHON=(\S+)$", CONTAINERFILE, re.MULTILINE)
     assert f"Programming Language :: Python :: {python}" in PROJECT["project"]["classifiers"]
     labels = dict(re.findall(r'org\.opencontainers\.image\.(\w+)="(.*?)"', last))
@@ -160,11 +149,7 @@ def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # What is translated on the way is of no use here, and takes minutes.
     quick = "import Cython.Build as b; b.cythonize = lambda modules, **_: []; " + build
     done = subprocess.run(
-        [sys.executable, "-c", quick, folder],
-        cwd=folder / "tree",
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, "-c", quick, folder], cwd=folder / "tree", capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
     (archive,) = folder.glob("*.tar.gz")

@@ -34,9 +34,7 @@ def test_the_bounds_are_those_of_the_code() -> None:
 
 
 def test_the_fuzzer_holds_what_is_promised() -> None:
-    said = re.search(
-        r"inputs below (\d+) MB to (\d+) s of processor time and (\d+) MB of memory", " ".join(PAGE.split())
-    )
+    said = re.search(r"inputs below (\d+) MB to (\d+) s of processor time and (\d+) MB of memory", " ".join(PAGE.split()))
     assert said is not None
     assert [float(number) for number in said.groups()] == [judge.SMALL / 1e6, judge.SECONDS, judge.PEAK_MB]
 
@@ -45,11 +43,7 @@ def test_what_is_unpickled_comes_from_its_own_processes() -> None:
     """But for what a cluster answers, which is read as data alone."""
     package = ROOT / "lidarcli"
     files = {
-        word: {
-            path.relative_to(package).as_posix()
-            for path in package.rglob("*.py")
-            if word in path.read_text("utf-8")
-        }
+        word: {path.relative_to(package).as_posix() for path in package.rglob("*.py") if word in path.read_text("utf-8")}
         for word in ("pickle.load", "Unpickler")
     }
     own = {"pipeline/map_files.py", "pipeline/objects/following.py"}

@@ -12,9 +12,7 @@ from tests.places import ROOT
 from tests.publishing.files import PROJECT, WORKFLOWS, misfits, read_yaml, steps
 
 PYTHONS = [
-    version[1]
-    for classifier in PROJECT["project"]["classifiers"]
-    if (version := re.search(r":: (3\.\d+)$", classifier))
+    version[1] for classifier in PROJECT["project"]["classifiers"] if (version := re.search(r":: (3\.\d+)$", classifier))
 ]
 
 
@@ -118,9 +116,7 @@ def test_no_script_of_a_workflow_holds_an_expression(release: Any, ci: Any) -> N
 
 def test_one_version_of_each_action_everywhere() -> None:
     paths = [*WORKFLOWS.iterdir(), ROOT / "action.yml", ROOT / "docs" / "ci.md"]
-    used = {
-        found for path in paths for found in re.findall(r"uses: ([\w/-]+)@(\S+)", path.read_text("utf-8"))
-    }
+    used = {found for path in paths for found in re.findall(r"uses: ([\w/-]+)@(\S+)", path.read_text("utf-8"))}
     assert len(used) == len({name for name, _ in used}) > 7
 
 
@@ -130,9 +126,5 @@ def test_the_tests_that_windows_runs_are_there(ci: Any) -> None:
     assert len(rooms) == 5
     assert [room for room in rooms if not (ROOT / room).exists()] == []
     asked = re.compile(r"^import (resource|fcntl|pty|termios|pwd|grp)|mkfifo|/dev/full|SIGKILL", re.MULTILINE)
-    files = [
-        path
-        for room in rooms
-        for path in ((ROOT / room).rglob("*.py") if (ROOT / room).is_dir() else [ROOT / room])
-    ]
+    files = [path for room in rooms for path in ((ROOT / room).rglob("*.py") if (ROOT / room).is_dir() else [ROOT / room])]
     assert [path for path in files if asked.search(path.read_text("utf-8"))] == []

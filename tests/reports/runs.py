@@ -123,19 +123,13 @@ def run_of(
     tracks: Sequence[Mapping[str, Any]] | None = None,
 ) -> Run:
     """A run of one log."""
-    source = Origin(
-        "run.objects.parquet", "run", "mcap", 1000, "1", {"profile": "robust"}, tracked=tracks is not None
-    )
+    source = Origin("run.objects.parquet", "run", "mcap", 1000, "1", {"profile": "robust"}, tracked=tracks is not None)
     things = None if tracks is None else Rows.join([table(TRACKS, tracks)])
     paths = None if tracks is None else Rows.join([table(TRAJECTORIES, trajectories(sweeps, objects))])
-    return Run(
-        (source,), Rows.join([table(SWEEPS, sweeps)]), Rows.join([table(OBJECTS, objects)]), things, paths
-    )
+    return Run((source,), Rows.join([table(SWEEPS, sweeps)]), Rows.join([table(OBJECTS, objects)]), things, paths)
 
 
-def trajectories(
-    sweeps: Sequence[Mapping[str, Any]], objects: Sequence[Mapping[str, Any]]
-) -> list[dict[str, Any]]:
+def trajectories(sweeps: Sequence[Mapping[str, Any]], objects: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Where the tracks of these objects are in each sweep: amid their objects, and while hidden where they were."""
     rows: list[dict[str, Any]] = []
     followed = {(row["topic"], row["track"]) for row in objects if row.get("track") is not None}
@@ -152,9 +146,7 @@ def trajectories(
                 place = {axis: sum(row[names + axis] for row in here) / len(here) for axis in "xy"}
                 moves = bool(here[0].get("moving"))
                 speed = {axis: here[0][axis] if moves else 0.0 for axis in ("vx", "vy")}
-            source = {name: one[name] for name in ("log", "topic", "sweep", "stamp")} | {
-                "t": one["sweep"] / 10
-            }
+            source = {name: one[name] for name in ("log", "topic", "sweep", "stamp")} | {"t": one["sweep"] / 10}
             seen = {"seen": "seen" if here else "hidden", "parts": len(here)}
             unsure = dict.fromkeys(("x_sd", "y_sd", "xy_cov", "vx_sd", "vy_sd"), 0.0)
             rows.append(source | {"track": number, "frame": frame} | place | speed | unsure | seen)
@@ -217,9 +209,7 @@ def write_run(
     return folder / f"{name}.objects.parquet"
 
 
-def event(
-    number: int, zone: str, kind: str = "occupied", begin: int = 0, last: int = 0, **other: Any
-) -> dict[str, Any]:
+def event(number: int, zone: str, kind: str = "occupied", begin: int = 0, last: int = 0, **other: Any) -> dict[str, Any]:
     """An event of a zone that lasts from one sweep to another, at 10 Hz."""
     return {
         "log": "run",
@@ -279,9 +269,7 @@ def write_zones(
     metadata = table_metadata({"zones": [*shapes]}, origin, damage)
     for kind, schema, rows in (("events", EVENTS, events), ("zones", ZONES, zones)):
         mine = [{**row, "log": name} for row in rows]
-        pq.write_table(
-            table(schema, mine).replace_schema_metadata(metadata), folder / f"{name}.{kind}.parquet"
-        )
+        pq.write_table(table(schema, mine).replace_schema_metadata(metadata), folder / f"{name}.{kind}.parquet")
     return folder / f"{name}.events.parquet"
 
 

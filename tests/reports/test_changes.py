@@ -67,9 +67,7 @@ def told(
 ) -> pa.Table:
     """A table of changes with its metadata."""
     metadata = {ALIGNMENT: alignments, CHANGE_FIGURES: figures} | ({DAMAGE: damage} if damage else {})
-    return table(CHANGES, rows).replace_schema_metadata(
-        {key: json.dumps(value) for key, value in metadata.items()}
-    )
+    return table(CHANGES, rows).replace_schema_metadata({key: json.dumps(value) for key, value in metadata.items()})
 
 
 def written(path: Path, *args: Any, **options: Any) -> Path:
@@ -165,13 +163,7 @@ def test_a_report_on_changes_alone_in_every_format(tmp_path: Path) -> None:
     ):
         assert row in rows
     first = rows.index("thing status detail score size place kind")
-    assert [row.split()[1] for row in rows[first + 1 : first + 6]] == [
-        "moved",
-        "new",
-        "gone",
-        "uncertain",
-        "known",
-    ]
+    assert [row.split()[1] for row in rows[first + 1 : first + 6]] == ["moved", "new", "gone", "uncertain", "known"]
     markdown = render(found, "markdown")
     assert "| monday | tuesday | 1 | 1 | 1 | 1 | 1 | 93.0 % |" in markdown
     assert "| 5 | uncertain | hidden | 0.50 |  | (1.5, -1.0) | thing |" in markdown
@@ -229,9 +221,7 @@ def test_changes_beside_objects_join_the_report(tmp_path: Path) -> None:
     assert isinstance(found.report, Report)
     assert found.report.holds
     assert found.report.figures["gone"] == 2
-    assert "tuesday to wednesday: known 1, gone 1; 98.0 % of the structure in place" in "\n".join(
-        found.report.lines
-    )
+    assert "tuesday to wednesday: known 1, gone 1; 98.0 % of the structure in place" in "\n".join(found.report.lines)
     for kind in FORMATS:
         assert ("gone" if kind == "junit" else "wednesday") in render(found, kind)
     page = render(found, "html")
@@ -249,9 +239,7 @@ def test_changes_beside_objects_join_the_report(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_changes_beside_zones(tmp_path: Path) -> None:
     events = write_zones(tmp_path, [event(1, "stop")], [watch(k, "stop") for k in range(3)])
-    found = made(
-        events, written(tmp_path / "c.changes.parquet"), checks=["gone == 2", "zones.stop.events == 1"]
-    )
+    found = made(events, written(tmp_path / "c.changes.parquet"), checks=["gone == 2", "zones.stop.events == 1"])
     assert isinstance(found.report, ZonesReport)
     assert found.report.holds
     for kind in FORMATS:
@@ -297,9 +285,7 @@ def test_mistakes_in_checks_of_changes(tmp_path: Path, check: str, message: str)
 
 def test_checks_of_changes_need_their_table(tmp_path: Path) -> None:
     objects = write_run(tmp_path, **crossing())
-    with pytest.raises(
-        OptionError, match=r"asks for changes, and no table of them is named; lidarcli diff A B"
-    ):
+    with pytest.raises(OptionError, match=r"asks for changes, and no table of them is named; lidarcli diff A B"):
         made(objects, checks=["gone == 0"])
 
 
@@ -318,9 +304,7 @@ def test_tables_of_changes_that_cannot_be_read(tmp_path: Path) -> None:
     odd = written(tmp_path / "b.changes.parquet", [change(1, "vanished", a=(0.0, 0.0, 0.0))])
     report = made(whole, odd, checks=["gone == 2"]).report
     assert report.exit_code == 3
-    assert (
-        "b.changes.parquet: column status holds 'vanished'; it can be one of known, moved" in report.unread[0]
-    )
+    assert "b.changes.parquet: column status holds 'vanished'; it can be one of known, moved" in report.unread[0]
     for name, data in (("c.changes.parquet", b"PAR1"), ("d.parquet", b"")):
         (tmp_path / name).write_bytes(data)
         with pytest.raises(UnreadableError, match=name):

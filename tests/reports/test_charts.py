@@ -27,9 +27,7 @@ def varied() -> dict[str, Any]:
     return {
         "sweeps": [sweep(k, 1 + k % 2, d_th=0.1 + 0.01 * k, noise=0.01 + 0.002 * k) for k in range(10)],
         "objects": [
-            thing(
-                k, n + 1, shape=shapes[n], visibility=("full", "cut")[n], r_min=1.0 + 0.3 * k, width=0.1 * k
-            )
+            thing(k, n + 1, shape=shapes[n], visibility=("full", "cut")[n], r_min=1.0 + 0.3 * k, width=0.1 * k)
             for k in range(10)
             for n in range(1 + k % 2)
         ],

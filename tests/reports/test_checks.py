@@ -195,10 +195,7 @@ def test_without_anything_to_measure_a_check_does_not_hold() -> None:
             "objects where width 1 == 0",
             "expected a comparison (==, !=, <=, >=, <, >, between, is) of width at '1', column 21",
         ),
-        (
-            "objects where shape > round == 0",
-            "expected ==, != or is (column shape holds names) at '>', column 21",
-        ),
+        ("objects where shape > round == 0", "expected ==, != or is (column shape holds names) at '>', column 21"),
         (
             "objects where shape == square == 0",
             "unknown shape (prismatic, round, legged, irregular, unknown, wall) at 'square', column 24",
@@ -208,14 +205,8 @@ def test_without_anything_to_measure_a_check_does_not_hold() -> None:
             "unknown shape (prismatic, round, legged, irregular, unknown, wall); did you mean legged? "
             "at 'leged', column 23",
         ),
-        (
-            "tracks where end == gone == 0",
-            "unknown end (left view, free, lost, end of log) at 'gone', column 21",
-        ),
-        (
-            "objects where moving > 0 between 1 and 3",
-            "expected nothing more at 'between', column 26",
-        ),
+        ("tracks where end == gone == 0", "unknown end (left view, free, lost, end of log) at 'gone', column 21"),
+        ("objects where moving > 0 between 1 and 3", "expected nothing more at 'between', column 26"),
         ("objects where change is nothing == 0", "expected null at 'nothing', column 25"),
         ("__import__('os').system('id') == 0", "cannot be read at '.', column 17"),
     ],
@@ -244,13 +235,10 @@ def test_an_unknown_figure_names_the_nearest_and_where_all_are() -> None:
 
 def test_an_unknown_column_lists_those_that_are_there() -> None:
     with pytest.raises(
-        OptionError,
-        match=r"unknown column 'size' of objects; available: log, topic, .*r_min.*range_min.*; at 'size'",
+        OptionError, match=r"unknown column 'size' of objects; available: log, topic, .*r_min.*range_min.*; at 'size'"
     ):
         parse_check("objects where size > 1 == 0")
-    with pytest.raises(
-        OptionError, match=r"unknown column 'width' of sweeps; available: log, .*valid.*; at 'width'"
-    ):
+    with pytest.raises(OptionError, match=r"unknown column 'width' of sweeps; available: log, .*valid.*; at 'width'"):
         parse_check("sweeps where width > 1 == 0")
 
 
@@ -264,10 +252,7 @@ def test_the_nearest_name_is_offered() -> None:
             "objects where widht > 1 == 0",
             r"unknown column 'widht' of objects; did you mean width\? .*; at 'widht', column 15",
         ),
-        (
-            "agents_at_onse.max < 3",
-            r"unknown figure 'agents_at_onse.max'; did you mean agents_at_once.max[ ,]",
-        ),
+        ("agents_at_onse.max < 3", r"unknown figure 'agents_at_onse.max'; did you mean agents_at_once.max[ ,]"),
         ("delta.objcts == 0", r"unknown figure 'delta.objcts'; did you mean delta.objects[ ,?]"),
         ("tracks.duration > 3", r"tracks.duration has several values, choose one of \.mean"),
     ):

@@ -111,9 +111,7 @@ def test_the_viewer_holds_what_the_log_holds(room: Path, lidarcli: Run) -> None:
     again = data_of(without_log.read_text("utf-8"))["streams"][0]["raw"]
     assert again["ranges"] == raw["ranges"]
     assert again["closure"] == raw["closure"]
-    assert array(again["angle_increment"], np.float32) == pytest.approx(
-        array(raw["angle_increment"], np.float32)
-    )
+    assert array(again["angle_increment"], np.float32) == pytest.approx(array(raw["angle_increment"], np.float32))
 
 
 @pytest.mark.slow
@@ -145,9 +143,7 @@ def test_script_in_every_text_of_a_log_stays_text(lidarcli: Run, tmp_path: Path)
     rows[2] |= {"objects": 3}
     named = {**evil, "label": EVIL}
     objects = [thing(k, 1, track=1, **named) for k in range(4)]
-    tables = write_run(
-        tmp_path, rows, objects, name, damage=[EVIL], tracks=[track(1, 0, 3, end=EVIL, **named)]
-    )
+    tables = write_run(tmp_path, rows, objects, name, damage=[EVIL], tracks=[track(1, 0, 3, end=EVIL, **named)])
     for suffix in ("html", "md", "xml", "json", "txt"):
         code, err = lidarcli("report", tables, "--baseline", tables, "-o", tmp_path / f"r.{suffix}")
         assert (code, err) == (0, "")
@@ -220,9 +216,7 @@ def test_the_page_tells_of_tracks(lidarcli: Run, tmp_path: Path) -> None:
     plain = write_run(tmp_path / "plain", [sweep(0, 1)], [thing(0, 1)])
     assert lidarcli("report", plain, "-o", tmp_path / "b.html") == (0, "")
     page = (tmp_path / "b.html").read_text("utf-8")
-    assert not [
-        words for words in ("Agents over time", 'id="tracks"', "By label", "of the tracks") if words in page
-    ]
+    assert not [words for words in ("Agents over time", 'id="tracks"', "By label", "of the tracks") if words in page]
 
 
 def test_long_logs_are_thinned_and_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -290,9 +284,7 @@ def test_a_page_holds_and_shows_5000_sweeps_of_1081_beams(page: Page, tmp_path: 
 def test_the_same_tables_give_the_same_page(lidarcli: Run, room: Path) -> None:
     again = room.with_name("again.html")
     words = ("--check", "sweeps == 100", "--check", "objects < 5")
-    lidarcli(
-        "report", room.with_name("room.objects.parquet"), "-o", again, "--log", SAMPLES / "room.mcap", *words
-    )
+    lidarcli("report", room.with_name("room.objects.parquet"), "-o", again, "--log", SAMPLES / "room.mcap", *words)
     assert again.read_bytes() == room.read_bytes()
 
 
@@ -316,18 +308,10 @@ def test_the_viewer_in_a_browser(page: Page, room: Path) -> None:
         first = page.evaluate(PICTURE)
         assert all(len(one) > 3000 for one in first)
         assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s, 5 objects, threshold d_th ")
-        page.evaluate(
-            "const s = document.getElementById('slider'); s.value = 60; s.dispatchEvent(new Event('input'))"
-        )
+        page.evaluate("const s = document.getElementById('slider'); s.value = 60; s.dispatchEvent(new Event('input'))")
         assert page.evaluate(WORDS).startswith("sweep 60, 6.00 s, ")
         assert all(one != other for one, other in zip(first, page.evaluate(PICTURE), strict=True))
-        for key, sweep_shown in (
-            ("ArrowRight", 61),
-            ("PageUp", 51),
-            ("End", 99),
-            ("Home", 0),
-            ("ArrowLeft", 0),
-        ):
+        for key, sweep_shown in (("ArrowRight", 61), ("PageUp", 51), ("End", 99), ("Home", 0), ("ArrowLeft", 0)):
             page.evaluate(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
             assert page.evaluate(WORDS).startswith(f"sweep {sweep_shown}, "), key
         page.evaluate("document.querySelector('.jump[data-sweep=\"31\"]').click()")

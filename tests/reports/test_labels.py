@@ -15,17 +15,7 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
 from lidarcli.reports import panels
 from lidarcli.reports.drawing import project_style
-from lidarcli.reports.labels import (
-    Label,
-    Labels,
-    Rectangle,
-    Wanted,
-    _Counts,
-    _Tried,
-    add_labels,
-    line_to,
-    set_labels,
-)
+from lidarcli.reports.labels import Label, Labels, Rectangle, Wanted, _Counts, _Tried, add_labels, line_to, set_labels
 from lidarcli.reports.panels import scene
 from lidarcli.reports.picture import limits_of
 from tests.places import SAMPLES
@@ -91,9 +81,7 @@ def test_labels_of_a_crowd_do_not_meet() -> None:
     crowd = [wanted(100 + 5 * column, 100 + 5 * row) for column in range(5) for row in range(5)]
     places = set_labels(crowd, NOTHING, GROUND, 1.0)
     assert not any(one.meets(other) for one, other in combinations(places, 2))
-    assert all(
-        place.left >= 0 and place.low >= 0 and place.right <= 200 and place.high <= 200 for place in places
-    )
+    assert all(place.left >= 0 and place.low >= 0 and place.right <= 200 and place.high <= 200 for place in places)
     assert set_labels(crowd, NOTHING, GROUND, 1.0) == places
     # In the innermost place there is no room; a line tells whose it is.
     others = [one.thing for one in crowd]
@@ -121,13 +109,7 @@ def test_a_near_label_has_no_line() -> None:
     assert line_to(Rectangle(6, -4, 16, 4), at(0, 0), [at(20, 0)], 1.0) is not None
 
 
-SAMPLE_SWEEPS = [
-    ("people.csv.gz", 0),
-    ("people.csv.gz", 34),
-    ("corridor.bag", 3),
-    ("hall", 5),
-    ("room.mcap", 50),
-]
+SAMPLE_SWEEPS = [("people.csv.gz", 0), ("people.csv.gz", 34), ("corridor.bag", 3), ("hall", 5), ("room.mcap", 50)]
 
 
 @pytest.mark.parametrize(("log", "number"), SAMPLE_SWEEPS)
@@ -135,9 +117,7 @@ SAMPLE_SWEEPS = [
 def test_no_two_labels_of_a_sample_meet(log: str, number: int, inches: float) -> None:
     (source,) = find_logs([str(SAMPLES / log)])
     assert isinstance(source, Source)
-    one = take_pictures(source, PlotOptions((number,), parameters=Parameters.for_profile("robust"))).pictures[
-        0
-    ]
+    one = take_pictures(source, PlotOptions((number,), parameters=Parameters.for_profile("robust"))).pictures[0]
     limits = limits_of([one])
     for panel, projection in ((scene, None), (panels.polar, "polar")):
         with project_style():

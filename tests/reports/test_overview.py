@@ -114,15 +114,9 @@ def walking(number: int, y: float, sweeps: range, **other: Any) -> list[dict[str
 
 
 def test_ways_of_what_moved() -> None:
-    objects = [
-        *walking(2, 3.0, range(5)),
-        *walking(5, 4.0, range(2, 4)),
-        thing(0, 9, track=1, world_x=9.0, world_y=9.0),
-    ]
+    objects = [*walking(2, 3.0, range(5)), *walking(5, 4.0, range(2, 4)), thing(0, 9, track=1, world_x=9.0, world_y=9.0)]
     objects.append(thing(5, 1, set="A", track=2))
-    found = seen(
-        run_of(placed(), objects, [track(1), track(2, set="A"), track(5, set="A"), track(8, set="A")])
-    )
+    found = seen(run_of(placed(), objects, [track(1), track(2, set="A"), track(5, set="A"), track(8, set="A")]))
     assert [number for number, *_ in found.agents] == [2, 5]
     (_, x, y), (_, late, _) = found.agents
     # The middle of both legs, as the trajectories have it; without a place in the world there is no point.
@@ -169,10 +163,7 @@ def test_only_so_many_agents() -> None:
     assert numbers == sorted(numbers)
     # Those that were seen in the fewest sweeps are missing.
     left_out = set(range(count)) - set(numbers)
-    fewest = {
-        track["track"]
-        for track in sorted(tracks, key=lambda one: (-one["sweeps"], one["track"]))[MOST_AGENTS:]
-    }
+    fewest = {track["track"] for track in sorted(tracks, key=lambda one: (-one["sweeps"], one["track"]))[MOST_AGENTS:]}
     assert left_out == fewest
 
 

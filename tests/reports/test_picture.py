@@ -215,9 +215,7 @@ def test_a_beam_beside_a_round_object_is_no_part_of_its_arc() -> None:
     assert np.hypot(x - 1.5, y) == pytest.approx(np.full(len(x), 0.2), abs=0.005)
 
 
-def in_sight(
-    name: str, corners: Sequence[tuple[float, float]], occupied: bool = False, **other: Any
-) -> ZoneInSight:
+def in_sight(name: str, corners: Sequence[tuple[float, float]], occupied: bool = False, **other: Any) -> ZoneInSight:
     """A zone before the sensor of `picture`; with two corners a line."""
     shape = Line(*corners) if len(corners) == 2 else Polygon(tuple(corners))
     beams = np.zeros(72, bool)
@@ -231,11 +229,7 @@ def test_what_is_in_view_of_a_zone() -> None:
     assert sorted(across.tolist()) == [[1.0, -1.0], [1.0, 3.0]]
     slanted = in_sight("door", [(3.0, 0.0), (5.0, 4.0)]).in_view(limits)
     assert sorted(slanted.tolist()) == [[3.0, 0.0], [4.0, 2.0]]
-    for corners in (
-        [(5.0, -9.0), (5.0, 9.0)],
-        [(3.5, 9.0), (9.0, 2.0)],
-        [(5.0, 5.0), (6.0, 5.0), (6.0, 6.0)],
-    ):
+    for corners in ([(5.0, -9.0), (5.0, 9.0)], [(3.5, 9.0), (9.0, 2.0)], [(5.0, 5.0), (6.0, 5.0), (6.0, 6.0)]):
         assert len(in_sight("far", corners).in_view(limits)) == 0
     inner = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]
     assert {*map(tuple, in_sight("area", inner).in_view(limits).tolist())} == {*inner}
@@ -308,11 +302,7 @@ def test_what_the_scene_shows_of_tracks() -> None:
         palette.VERMILION,
         palette.VERMILION,
     )
-    assert (thing.get_marker(), thing.get_markeredgecolor(), thing.get_markerfacecolor()) == (
-        "o",
-        palette.BLUE,
-        "white",
-    )
+    assert (thing.get_marker(), thing.get_markeredgecolor(), thing.get_markerfacecolor()) == ("o", palette.BLUE, "white")
     assert [list(line.get_ydata()) for line in axes.lines if len(line.get_xdata()) == 3] == [[0.0, 0.1, 0.2]]
     (arrow,) = [text for text in axes.texts if isinstance(text, Annotation)]
     assert (arrow.xy, arrow.xyann) == ((1.0, 1.2), (1.0, 0.2))
@@ -395,9 +385,7 @@ def test_what_the_subtraction_shows() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("view", "suffix"), [*((view, ".svg") for view in VIEWS), ("scene", ".png"), ("scene", ".pdf")]
-)
+@pytest.mark.parametrize(("view", "suffix"), [*((view, ".svg") for view in VIEWS), ("scene", ".png"), ("scene", ".pdf")])
 def test_every_view_in_every_format_is_the_same_each_time(view: str, suffix: str) -> None:
     one = picture(room(b10_14=2.0))
     data = draw(one, view, suffix)

@@ -35,9 +35,7 @@ def test_numbers_of_single_precision_are_the_decimals_that_they_stand_for() -> N
 def test_figures_of_a_small_run() -> None:
     counts = [2, 0, 1, 3]
     objects = [thing(k, n + 1, width=0.1 * (n + 1)) for k, count in enumerate(counts) for n in range(count)]
-    run = run_of(
-        [sweep(k, count) for k, count in enumerate(counts)], [*objects, thing(0, 9, set="S", shape="wall")]
-    )
+    run = run_of([sweep(k, count) for k, count in enumerate(counts)], [*objects, thing(0, 9, set="S", shape="wall")])
     found = summarise(run)
     wanted = {
         "logs": 1,
@@ -92,9 +90,7 @@ def test_every_tenth_sweep_has_no_gaps() -> None:
 
 
 def test_topics_and_frames_have_clocks_of_their_own() -> None:
-    rows = [
-        sweep(k, topic=topic, frame_id=frame) for topic, frame in (("/a", "x"), ("/b", "x")) for k in range(3)
-    ]
+    rows = [sweep(k, topic=topic, frame_id=frame) for topic, frame in (("/a", "x"), ("/b", "x")) for k in range(3)]
     rows += [sweep(3 + k, topic="/b", frame_id="y", stamp=START + TENTH * 50 * k) for k in range(2)]
     streams = summarise(run_of(rows)).streams.all
     assert [(one.topic, one.frame_id, one.sweeps, one.gaps, one.backward) for one in streams] == [
@@ -109,9 +105,7 @@ def test_logs_add_up() -> None:
     other = run_of([sweep(0, 1, log="b")], [thing(0, 1, log="b", shape="round")])
     sources = (Origin("a", "run"), Origin("b", "b", damage=("byte 5: cut",)))
     run = Run(
-        sources,
-        Rows.join([one.sweeps.table, other.sweeps.table]),
-        Rows.join([one.objects.table, other.objects.table]),
+        sources, Rows.join([one.sweeps.table, other.sweeps.table]), Rows.join([one.objects.table, other.objects.table])
     )
     found = summarise(run)
     assert [found.figures[name] for name in ("logs", "sweeps", "objects", "damage")] == [2, 3, 4, 1]
@@ -213,18 +207,13 @@ def test_of_several_topics_each_has_one_sweep_that_stands_out() -> None:
 def test_sweeps_that_stand_out_fit_a_terminal_whatever_logs_are_called() -> None:
     long = "a_log_whose_name_is_longer_than_half_of_a_terminal_is"
     runs = [
-        run_of([sweep(k, 9 if k == number + 3 else 2, log=log) for k in range(9)])
-        for number, log in enumerate((long, "b"))
+        run_of([sweep(k, 9 if k == number + 3 else 2, log=log) for k in range(9)]) for number, log in enumerate((long, "b"))
     ]
     # The other log goes on over midnight.
     (rest,) = [run_of([sweep(k, 8 if k == 1 else 2, log="b", stamp=START + k * 10**14) for k in range(2)])]
     tables = [run.sweeps.table for run in runs]
     tables[1] = pa.concat_tables([tables[1].slice(0, 8), rest.sweeps.table.slice(1)]).unify_dictionaries()
-    run = Run(
-        (Origin("a", long), Origin("b", "b")),
-        Rows.join(tables),
-        Rows.join([run.objects.table for run in runs]),
-    )
+    run = Run((Origin("a", long), Origin("b", "b")), Rows.join(tables), Rows.join([run.objects.table for run in runs]))
     text = render(Report(summarise(run)))
     lines = text[text.index("Sweeps that stand out") :].splitlines()
     assert max(map(len, lines)) <= 80

@@ -80,11 +80,7 @@ def test_what_kind_of_scene_it_is() -> None:
     assert scene_of(0.25) == "semi-structured"
     nothing = summarise(run_of([], [], [])).tracked
     assert nothing is not None
-    assert (nothing.scene, nothing.figures["tracks"], nothing.figures["tracks.duration.p50"]) == (
-        None,
-        0,
-        None,
-    )
+    assert (nothing.scene, nothing.figures["tracks"], nothing.figures["tracks.duration.p50"]) == (None, 0, None)
 
 
 def test_without_a_tracks_table_nothing_is_said_of_tracks() -> None:
@@ -94,12 +90,7 @@ def test_without_a_tracks_table_nothing_is_said_of_tracks() -> None:
 
 
 def test_names_of_a_catalogue_count_without_tracks() -> None:
-    objects = [
-        thing(0, 1, label="box"),
-        thing(0, 2, label="box"),
-        thing(0, 3),
-        thing(0, 4, set="S", label="box"),
-    ]
+    objects = [thing(0, 1, label="box"), thing(0, 2, label="box"), thing(0, 3), thing(0, 4, set="S", label="box")]
     assert summarise(run_of([sweep(0, 3)], objects)).labels == (Label("box", None, 2),)
 
 
@@ -154,5 +145,5 @@ def test_the_sweeps_with_most_agents_stand_out() -> None:
     found = summarise(run_of(**crossing())).standing
     assert [(one.sweep, one.words) for one in found if one.kind == "most_agents"] == [
         # Sweeps 6 and 7 are its like, without a break.
-        (5, "2"),
+        (5, "2")
     ]

@@ -39,10 +39,7 @@ def made(tmp_path: Path) -> Callable[..., Path]:
 
     def call(**tables: Any) -> Path:
         write_run(tmp_path / "tables", **tables)
-        assert (
-            run(["-q", "report", str(tmp_path / "tables"), "-o", str(tmp_path / "a.html"), "--overwrite"])
-            == 0
-        )
+        assert run(["-q", "report", str(tmp_path / "tables"), "-o", str(tmp_path / "a.html"), "--overwrite"]) == 0
         return tmp_path / "a.html"
 
     return call
@@ -50,9 +47,7 @@ def made(tmp_path: Path) -> Callable[..., Path]:
 
 def awaited(page: Page, expression: str) -> Any:
     """The value of a promise."""
-    return page.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)[
-        "result"
-    ]["value"]
+    return page.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)["result"]["value"]
 
 
 def press(page: Page, key: str) -> None:
@@ -90,9 +85,7 @@ def two_boxes() -> dict[str, Any]:
     """Five sweeps of two boxes."""
     return {
         "sweeps": [sweep(k, 2) for k in range(5)],
-        "objects": [
-            thing(k, n + 1, box_yaw=0.0, **box, x=0.0, y=0.0) for k in range(5) for n, box in enumerate(BOXES)
-        ],
+        "objects": [thing(k, n + 1, box_yaw=0.0, **box, x=0.0, y=0.0) for k in range(5) for n, box in enumerate(BOXES)],
     }
 
 
@@ -184,10 +177,7 @@ def test_the_address_of_a_sweep(page: Page, made: Callable[..., Path]) -> None:
     page.call("Page.reload")
     awaited(page, WAIT)
     wait_until(lambda: page.evaluate(WORDS).startswith("sweep 7, "))
-    assert (
-        page.evaluate("document.getElementById('stream').selectedOptions[0].textContent")
-        == "run /rear & up (laser)"
-    )
+    assert page.evaluate("document.getElementById('stream').selectedOptions[0].textContent") == "run /rear & up (laser)"
     page.evaluate("location.hash = '#sweep=3&topic=/front'")
     wait_until(lambda: page.evaluate(WORDS).startswith("sweep 3, "))
     assert page.evaluate("document.getElementById('stream').value") == "0"
@@ -211,9 +201,7 @@ def test_the_thumb_stands_under_the_cursor(page: Page, made: Callable[..., Path]
         assert page.evaluate("document.getElementById('slider').value") == "3"
         click(page, (line[0] + 8 + 0.9 * (line[2] - 16), slider[1] + 8))
         assert page.evaluate(WORDS).startswith("sweep 9, ")
-        assert page.evaluate("document.getElementById('slider').getAttribute('aria-valuetext')").startswith(
-            "sweep 9"
-        )
+        assert page.evaluate("document.getElementById('slider').getAttribute('aria-valuetext')").startswith("sweep 9")
     assert page.complaints == []
 
 
@@ -256,9 +244,7 @@ def test_two_fingers_zoom(page: Page, made: Callable[..., Path]) -> None:
     x, y = left + width / 2, top + height / 2
 
     def touch(kind: str, *apart: float) -> None:
-        points = (
-            [{"x": x + side * apart[0], "y": y, "id": k} for k, side in enumerate((-1, 1))] if apart else []
-        )
+        points = [{"x": x + side * apart[0], "y": y, "id": k} for k, side in enumerate((-1, 1))] if apart else []
         page.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
 
     page.call("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
@@ -361,9 +347,7 @@ def test_beams_are_saved(page: Page, tmp_path: Path) -> None:
     rows = list(csv.DictReader(io.StringIO(saved(page, "beams").decode())))
     (batch,) = lidarcli.read(log)
     assert len(rows) == 361
-    assert [float(row["r"] or "nan") for row in rows] == pytest.approx(
-        batch.ranges[0].tolist(), abs=1e-3, nan_ok=True
-    )
+    assert [float(row["r"] or "nan") for row in rows] == pytest.approx(batch.ranges[0].tolist(), abs=1e-3, nan_ok=True)
     assert float(rows[0]["theta"]) == pytest.approx(-3.141593)
     # The beams on objects are those that the sweeps table counts.
     import pyarrow.parquet as pq
@@ -394,21 +378,13 @@ def test_dark_ground_and_paper(page: Page, made: Callable[..., Path]) -> None:
         assert page.evaluate(SCENE) == light[2]
         page.evaluate("window.dispatchEvent(new Event('afterprint'))")
         assert page.evaluate(SCENE) == dark[2]
-        page.call(
-            "Emulation.setEmulatedMedia",
-            media="print",
-            features=[{"name": "prefers-color-scheme", "value": "dark"}],
-        )
+        page.call("Emulation.setEmulatedMedia", media="print", features=[{"name": "prefers-color-scheme", "value": "dark"}])
         assert page.evaluate(GROUND_COLOUR) == "rgb(255, 255, 255)"
         # Pictures keep their sides, whatever room paper leaves them, and are not drawn anew in the colours of the screen.
-        sides = (
-            "['scene', 'timeline'].map(id => document.getElementById(id)).map(one => [one.width, one.height])"
-        )
+        sides = "['scene', 'timeline'].map(id => document.getElementById(id)).map(one => [one.width, one.height])"
         page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
         before = page.evaluate(sides)
-        page.call(
-            "Emulation.setDeviceMetricsOverride", width=703, height=1032, deviceScaleFactor=1, mobile=False
-        )
+        page.call("Emulation.setDeviceMetricsOverride", width=703, height=1032, deviceScaleFactor=1, mobile=False)
         awaited(page, WAIT)
         assert page.evaluate(sides) == before
         shown = "(one => one.clientWidth / one.clientHeight)(document.getElementById('scene'))"
@@ -436,9 +412,7 @@ def test_the_world_frame(page: Page, made: Callable[..., Path]) -> None:
     sweeps[4] = sweep(4, 1)
     objects = [thing(k, 1, world_x=103.0, world_y=51.0) for k in range(6)]
     page.open(made(sweeps=sweeps, objects=objects), 1280)
-    choose = (
-        "const w = document.getElementById('world'); w.value = 'world'; w.dispatchEvent(new Event('change'))"
-    )
+    choose = "const w = document.getElementById('world'); w.value = 'world'; w.dispatchEvent(new Event('change'))"
     page.evaluate(choose)
     words = [text.text for text in ET.fromstring(saved(page, "svg").decode()).iter() if text.text]
     assert {"100", "102", "104"} <= set(words)
@@ -485,9 +459,7 @@ def test_a_log_of_one_sweep_and_one_whose_clock_stands(page: Page, made: Callabl
     page.open(made(sweeps=rows, objects=[]), 400)
     press(page, "ArrowRight")
     assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s, 0 objects")
-    page.evaluate(
-        "const s = document.getElementById('stream'); s.value = 1; s.dispatchEvent(new Event('change'))"
-    )
+    page.evaluate("const s = document.getElementById('stream'); s.value = 1; s.dispatchEvent(new Event('change'))")
     press(page, "End")
     assert page.evaluate(WORDS).startswith("sweep 2, 0.00 s, 1 object,")
     assert page.complaints == []

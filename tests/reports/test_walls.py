@@ -31,11 +31,7 @@ def room(x: float, y: float, yaw: float, side: float = 1.0) -> Float64:
 def raw_of(*ranges: Float64) -> dict[tuple[int, str], Raw]:
     count = len(ranges)
     full = (np.full(count, value) for value in (-np.pi, STEP))
-    return {
-        (0, "/scan"): Raw(
-            np.arange(count), *full, np.full(count, 1, np.uint8), np.full(count, 360), np.array(ranges)
-        )
-    }
+    return {(0, "/scan"): Raw(np.arange(count), *full, np.full(count, 1, np.uint8), np.full(count, 360), np.array(ranges))}
 
 
 def seen(poses: list[tuple[float, float, float]], side: float = 1.0, **of_thing: Any) -> Run:
@@ -204,12 +200,7 @@ def test_sweeps_that_run_clockwise_and_see_a_part() -> None:
 
 
 AHEAD = Raw(
-    np.arange(1),
-    np.zeros(1),
-    np.full(1, np.pi / 2),
-    np.zeros(1, np.uint8),
-    np.array([2]),
-    np.array([[3.0, 7.0, 99.0]]),
+    np.arange(1), np.zeros(1), np.full(1, np.pi / 2), np.zeros(1, np.uint8), np.array([2]), np.array([[3.0, 7.0, 99.0]])
 )
 """One range ahead, one to the left, and what lies beyond the beams."""
 TURN = Raw(

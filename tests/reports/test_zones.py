@@ -17,14 +17,7 @@ from lidarcli.reports.report import Report
 from lidarcli.reports.zone_report import ZonesReport
 from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zoned_of
 from tests.reports.browser import CHROMIUM, browser
-from tests.reports.runs import (
-    crossing,
-    event,
-    watch,
-    watched_of,
-    write_run,
-    write_zones,
-)
+from tests.reports.runs import crossing, event, watch, watched_of, write_run, write_zones
 
 NAMES = ["stop", "left-door", "behind"]
 EVENT_ROWS = [
@@ -101,8 +94,7 @@ def test_every_zone_has_every_figure(watched: Watched) -> None:
 def test_lines_and_areas_lack_the_figures_of_the_other(watched: Watched) -> None:
     figures = figures_of(
         replace(
-            watched_of(EVENT_ROWS, ZONE_ROWS),
-            shapes={name: {"line": []} if name == "left-door" else {} for name in NAMES},
+            watched_of(EVENT_ROWS, ZONE_ROWS), shapes={name: {"line": []} if name == "left-door" else {} for name in NAMES}
         )
     )
     empty = ("events", "share", "nearest", "points.max", "ttc.min", "duration.max", "duration.p50")
@@ -144,9 +136,7 @@ def test_tables_without_rows_have_no_zones() -> None:
         ("events where sweeps >= 7 == 1", 1, True),
     ],
 )
-def test_what_a_check_of_zones_finds(
-    watched: Watched, expression: str, found: float | None, holds: bool
-) -> None:
+def test_what_a_check_of_zones_finds(watched: Watched, expression: str, found: float | None, holds: bool) -> None:
     verdict = judge_zones(parse_zone_check(expression, NAMES), figures_of(watched), watched)
     assert (verdict.found, verdict.holds) == (found, holds)
     assert (verdict.words == "nothing to measure") == (found is None)
@@ -154,25 +144,17 @@ def test_what_a_check_of_zones_finds(
 
 def test_events_of_zones_that_were_never_observed_are_nothing_to_measure() -> None:
     unseen = watched_of([], [watch(k, "behind", observed=False) for k in range(3)])
-    verdict = judge_zones(
-        parse_zone_check("events where set == A == 0", ["behind"]), figures_of(unseen), unseen
-    )
+    verdict = judge_zones(parse_zone_check("events where set == A == 0", ["behind"]), figures_of(unseen), unseen)
     assert (verdict.found, verdict.holds) == (None, False)
 
 
 @pytest.mark.parametrize(
     ("expression", "message"),
     [
-        (
-            "zones.stpo.events == 0",
-            "unknown zone 'stpo'; did you mean stop? at 'zones.stpo.events', column 1",
-        ),
+        ("zones.stpo.events == 0", "unknown zone 'stpo'; did you mean stop? at 'zones.stpo.events', column 1"),
         ("zones.hall.events == 0", "unknown zone 'hall'; there are stop, left-door, behind; at"),
         ("zones.stop.evnts == 0", "unknown figure 'evnts' of zone stop; did you mean events?"),
-        (
-            "zones.stop.weight == 0",
-            "unknown figure 'weight' of zone stop; there are events, share, nearest, points.max",
-        ),
+        ("zones.stop.weight == 0", "unknown figure 'weight' of zone stop; there are events, share, nearest, points.max"),
         ("zones.stop == 0", "unknown figure '' of zone stop; there are events"),
         ("zones.stop.dwell == 0", "zones.stop.dwell has several values, choose one of .mean, .std"),
         ("delta.zones.stop.events == 0", "delta.zones.stop.events needs a --baseline"),
@@ -248,12 +230,7 @@ def test_many_short_events_are_one_span_where_no_picture_tells_them_apart() -> N
 SHAPES = [
     {"name": "stop", "frame": "sensor", "action": "stop", "polygon": [[0.2, 0.5], [2.6, 0.5], [2.6, -0.5]]},
     {"name": "left-door", "frame": "world", "action": "none", "line": [[2.0, 0.0], [2.0, 1.2]]},
-    {
-        "name": "behind",
-        "frame": "robot",
-        "action": "slowdown",
-        "circle": {"x": -1.0, "y": 0.0, "radius": 0.5},
-    },
+    {"name": "behind", "frame": "robot", "action": "slowdown", "circle": {"x": -1.0, "y": 0.0, "radius": 0.5}},
 ]
 
 
@@ -359,9 +336,7 @@ def test_unknown_zones_are_usage_errors(tmp_path: Path, check: str, message: str
 def test_checks_of_zones_need_their_tables(tmp_path: Path) -> None:
     objects = write_run(tmp_path, **crossing())
     for check in ("zones.stop.events == 0", "events where set == A == 0"):
-        with pytest.raises(
-            OptionError, match=r"asks for zones, but .*run.zones.parquet is not there; lidarcli zones LOG"
-        ):
+        with pytest.raises(OptionError, match=r"asks for zones, but .*run.zones.parquet is not there; lidarcli zones LOG"):
             made(objects, checks=[check])
 
 
@@ -390,9 +365,7 @@ def test_zones_that_lie_in_another_folder_than_their_objects(tmp_path: Path) -> 
 
 def test_tables_of_zones_that_do_not_belong_together(tmp_path: Path) -> None:
     write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS[:10])
-    with pytest.raises(
-        UnreadableError, match=r"does not belong to run.zones.parquet, which has no zone left-door"
-    ):
+    with pytest.raises(UnreadableError, match=r"does not belong to run.zones.parquet, which has no zone left-door"):
         made(tmp_path)
     (tmp_path / "run.zones.parquet").unlink()
     with pytest.raises(UnreadableError, match=r"run.zones.parquet: not there; lidarcli zones writes it"):
@@ -502,15 +475,10 @@ def test_words_of_tables_are_shown_and_never_obeyed(tmp_path: Path) -> None:
     for form in ("text", "markdown", "github"):
         text = render(found, form)
         assert not [mark for mark in text if not (mark.isprintable() or mark == "\n")], form
-        assert (
-            not [line for line in text.splitlines() if line.lstrip().startswith(("::error", "<img"))]
-            or form == "github"
-        )
+        assert not [line for line in text.splitlines() if line.lstrip().startswith(("::error", "<img"))] or form == "github"
     markdown = render(found, "markdown")
     assert markdown.count("```") % 2 == 0
-    assert [line for line in markdown.splitlines() if line.startswith("```")] == ["```"] * markdown.count(
-        "```"
-    )
+    assert [line for line in markdown.splitlines() if line.startswith("```")] == ["```"] * markdown.count("```")
     assert "error file=a" not in "".join(
         line for line in render(found, "github").splitlines() if line.startswith("::error")
     )

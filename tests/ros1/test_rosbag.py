@@ -143,10 +143,7 @@ def played(*played_bags: Path) -> list[tuple[str, str]]:
     heard: list[tuple[str, str]] = []
     with master() as environment:
         listener = subprocess.Popen(
-            [PYTHON, str(HERE / "listen.py"), *expected],
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            [PYTHON, str(HERE / "listen.py"), *expected], env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         )
         assert listener.stdout is not None
         try:
@@ -173,9 +170,7 @@ def played(*played_bags: Path) -> list[tuple[str, str]]:
 @pytest.mark.whole
 @pytest.mark.parametrize("kind", ["lz4", "with-map", "sample"])
 def test_rosbag_plays_every_message(bags: dict[str, Path], kind: str) -> None:
-    assert Counter(played(bags[kind])) == Counter(
-        (each.topic, each.data.hex()) for each in read_back(bags[kind])
-    )
+    assert Counter(played(bags[kind])) == Counter((each.topic, each.data.hex()) for each in read_back(bags[kind]))
 
 
 @needs_master

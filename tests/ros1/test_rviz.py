@@ -33,21 +33,9 @@ def screen() -> Iterator[tuple[str, Path]]:
     """A screen that nobody sees: its name, and the file that holds its pixels."""
     with tempfile.TemporaryDirectory() as folder:
         reading, writing = os.pipe()
-        command = [
-            "Xvfb",
-            "-displayfd",
-            str(writing),
-            "-screen",
-            "0",
-            f"{WIDTH}x{HEIGHT}x24",
-            "-fbdir",
-            folder,
-        ]
+        command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", f"{WIDTH}x{HEIGHT}x24", "-fbdir", folder]
         process = subprocess.Popen(
-            [*command, "-nolisten", "tcp"],
-            pass_fds=[writing],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            [*command, "-nolisten", "tcp"], pass_fds=[writing], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
         os.close(writing)
         try:
@@ -77,9 +65,7 @@ def has_scene(shown: UInt8) -> bool:
     background = (least == most) & (most == int(BACKGROUND[1:3], 16))
     free = (most - least < 8) & (most > 60) & (most < 128)
     coloured = most - least > 60
-    return bool(
-        background.mean() > 0.1 and free.mean() > 0.05 and (least == 255).sum() > 100 and coloured.sum() > 200
-    )
+    return bool(background.mean() > 0.1 and free.mean() > 0.05 and (least == 255).sum() > 100 and coloured.sum() > 200)
 
 
 @needs_master

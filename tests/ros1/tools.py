@@ -31,21 +31,16 @@ def missing(*programs: str) -> bool:
     return any(shutil.which(name) is None for name in programs)
 
 
-needs_rosbag = pytest.mark.skipif(
-    missing("rosbag") or not imports("rosbag"), reason="rosbag of ROS 1 is not installed"
-)
+needs_rosbag = pytest.mark.skipif(missing("rosbag") or not imports("rosbag"), reason="rosbag of ROS 1 is not installed")
 needs_master = pytest.mark.skipif(
-    missing("rosbag", "rosmaster") or not imports("rospy"),
-    reason="rosbag, rosmaster and rospy of ROS 1 are not installed",
+    missing("rosbag", "rosmaster") or not imports("rospy"), reason="rosbag, rosmaster and rospy of ROS 1 are not installed"
 )
 
 
 @contextmanager
 def started(*command: object, environment: dict[str, str] | None = None) -> Iterator[subprocess.Popen[bytes]]:
     """A process that is ended with the context."""
-    process = subprocess.Popen(
-        [*map(str, command)], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    process = subprocess.Popen([*map(str, command)], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         yield process
     finally:

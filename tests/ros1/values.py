@@ -25,9 +25,7 @@ if __name__ == "__main__":
     import rosbag
 
     with rosbag.Bag(sys.argv[1]) as bag:
-        plain = [
-            (topic, raw[0], time.to_nsec(), raw[1].hex()) for topic, raw, time in bag.read_messages(raw=True)
-        ]
+        plain = [(topic, raw[0], time.to_nsec(), raw[1].hex()) for topic, raw, time in bag.read_messages(raw=True)]
         told = [values(message) for _, message, _ in bag.read_messages()]
         for message, numbers in zip(plain, told):  # noqa: B905 (the system's Python may be old)
             print(json.dumps([*message, numbers]))

@@ -56,9 +56,7 @@ def test_on_any_route_legs_keep_apart_and_near_the_body(seed):
 
 
 def test_turning_on_the_spot_is_done_leg_by_leg():
-    route = plan_route(
-        [Waypoint(0, 0, 1.0), Waypoint(2, 0, 1.0, wait=1.0), Waypoint(0, 0, 1.0)], turn_rate=1.0
-    )
+    route = plan_route([Waypoint(0, 0, 1.0), Waypoint(2, 0, 1.0, wait=1.0), Waypoint(0, 0, 1.0)], turn_rate=1.0)
     state = route.state(seconds := np.arange(0, route.duration, 0.005))
     turning = state.yaw_rate != 0
     legs = feet(route, GAP, seconds)[turning]

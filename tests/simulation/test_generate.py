@@ -78,9 +78,7 @@ def test_neither_blocks_nor_the_length_of_the_run_change_a_sweep(moving, jitter)
         width = joined.ranges.shape[1]
         assert np.array_equal(joined.ranges, whole.ranges[:13, :width], equal_nan=True)
         assert np.array_equal(joined.angle_increment, whole.angle_increment[:13])
-        owners = [
-            np.pad(b.entity, ((0, 0), (0, width - b.entity.shape[1])), constant_values=-1) for b in blocks
-        ]
+        owners = [np.pad(b.entity, ((0, 0), (0, width - b.entity.shape[1])), constant_values=-1) for b in blocks]
         assert np.array_equal(np.concatenate(owners), entity[:13, :width])
 
 
@@ -148,9 +146,5 @@ def test_nothing_in_a_random_scene_touches_anything(kind, seed):
 
 @pytest.mark.slow
 def test_scenes_without_legs_have_none():
-    kinds = {
-        e.kind
-        for seed in range(10)
-        for e in random_scene("hall", seed, SENSORS["361"], legged=False).entities
-    }
+    kinds = {e.kind for seed in range(10) for e in random_scene("hall", seed, SENSORS["361"], legged=False).entities}
     assert kinds == {"box", "cylinder", "plant", "wall"}

@@ -81,9 +81,7 @@ def test_entities_in_the_order_of_the_file(load):
 
 
 def test_a_robot_on_a_course(load):
-    scene = load(
-        "[robot]\nx = 1\ny = -1\nsuper_ellipse = { a = 2, b = 1, exponent = 2 }\nspeed = 0.3\n[robot.odometry]"
-    )
+    scene = load("[robot]\nx = 1\ny = -1\nsuper_ellipse = { a = 2, b = 1, exponent = 2 }\nspeed = 0.3\n[robot.odometry]")
     assert np.hypot(*((scene.path.points - [1, -1]) / [2, 1]).T) == pytest.approx(1)
     assert scene.odometry is not None
     assert (scene.odometry.topic, scene.odometry.frame_id, scene.odometry.tf) == ("/odom", "odom", True)
@@ -126,11 +124,7 @@ def test_routes_of_all_that_moves(load):
     assert (scene.sensor.time_increment, scene.sensor.flicker) == (0.0002, 0.2)
     assert isinstance(scene.path, Route)
     assert scene.path.loop
-    assert scene.path.waypoints == (
-        Waypoint(0, 0, 0.5),
-        Waypoint(4, 0, 0.5),
-        Waypoint(4, 3, 0.3, wait=2),
-    )
+    assert scene.path.waypoints == (Waypoint(0, 0, 0.5), Waypoint(4, 0, 0.5), Waypoint(4, 3, 0.3, wait=2))
     assert scene.mount.pose == pytest.approx((0.2, 0, np.pi / 2))
     assert not scene.mount.told
     assert scene.odometry is not None
@@ -151,10 +145,7 @@ def test_routes_of_all_that_moves(load):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (
-            "[[person]]\nroute = { waypoints = [[0, 0], [1, 0]] }",
-            "[[person]] number 1, route: 'speed' is missing",
-        ),
+        ("[[person]]\nroute = { waypoints = [[0, 0], [1, 0]] }", "[[person]] number 1, route: 'speed' is missing"),
         (
             "[robot.route]\nspeed = 1\nwaypoints = [[0, 0]]",
             "[robot.route]: 'waypoints' must be a list of 2 to 1,000 values",
@@ -226,10 +217,7 @@ def test_what_is_wrong_with_a_route_is_said_in_one_line(load, text, message):
             "[[cylinder]]\nx=1\ny=1\nradius=1\nvelocty=[1,0]",
             "[[cylinder]] number 1: unknown key 'velocty'; did you mean 'velocity'?",
         ),
-        (
-            "[[cylinder]]\nx='a'\ny=1\nradius=1",
-            "[[cylinder]] number 1: 'x' must be a number, not the text 'a'",
-        ),
+        ("[[cylinder]]\nx='a'\ny=1\nradius=1", "[[cylinder]] number 1: 'x' must be a number, not the text 'a'"),
         ("[[cylinder]]\nx=nan\ny=1\nradius=1", "[[cylinder]] number 1: 'x' must be finite, not nan"),
         (
             "[[cylinder]]\nx=1\ny=1\nradius=1\nvelocity=[1]",
@@ -243,20 +231,11 @@ def test_what_is_wrong_with_a_route_is_said_in_one_line(load, text, message):
             "[[wall]]\npoints = [[1, 2], [3]]",
             "[[wall]] number 1: 'points' must be a list of at least 2 points, as [[0, 0], [2.5, 0]]",
         ),
-        (
-            "[[ladder]]\nx=1\ny=1\nleg=0.3",
-            "[[ladder]] number 1: 'leg' must be above 0 and at most 0.2, not 0.3",
-        ),
+        ("[[ladder]]\nx=1\ny=1\nleg=0.3", "[[ladder]] number 1: 'leg' must be above 0 and at most 0.2, not 0.3"),
         ("[sensor]\nbeams = 0", "[sensor]: 'beams' must be at least 1 and at most 100000, not 0"),
         ("[sensor]\nbeams = 1.5", "[sensor]: 'beams' must be a whole number, not 1.5"),
-        (
-            "[sensor]\nlost_as = 'foo'",
-            "[sensor]: 'lost_as' must be one of inf, nan, mixed, zero, max, not 'foo'",
-        ),
-        (
-            "[sensor]\nfov = 90\nangle_min = 0",
-            "[sensor]: 'fov' and angle_min/angle_max exclude each other: leave one out",
-        ),
+        ("[sensor]\nlost_as = 'foo'", "[sensor]: 'lost_as' must be one of inf, nan, mixed, zero, max, not 'foo'"),
+        ("[sensor]\nfov = 90\nangle_min = 0", "[sensor]: 'fov' and angle_min/angle_max exclude each other: leave one out"),
         (
             "[sensor]\nangle_min = 10\nangle_max = 0",
             "[sensor]: 'angle_max' must be above angle_min; for a sensor turning clockwise set clockwise = true",
@@ -282,16 +261,12 @@ def test_what_is_wrong_is_said_in_one_line(load, text, message):
 def test_broken_files(load, tmp_path):
     with pytest.raises(UnreadableError, match=r"^scene\.toml: not valid TOML: .*line 1"):
         load("[scene\n")
-    with pytest.raises(
-        UnreadableError, match=r"^nowhere\.toml: cannot read the scene: No such file or directory$"
-    ):
+    with pytest.raises(UnreadableError, match=r"^nowhere\.toml: cannot read the scene: No such file or directory$"):
         load_scene("nowhere.toml")
     with pytest.raises(UnreadableError, match=r"cannot read the scene: Is a directory$"):
         load_scene(tmp_path)
     Path("scene.toml").write_bytes(b"name = '\xff'")
-    with pytest.raises(
-        UnreadableError, match=r"^scene\.toml: byte 8: not UTF-8 text; a scene is a TOML file$"
-    ):
+    with pytest.raises(UnreadableError, match=r"^scene\.toml: byte 8: not UTF-8 text; a scene is a TOML file$"):
         load_scene("scene.toml")
     assert issubclass(UnreadableError, LidarcliError)
 
@@ -344,15 +319,9 @@ def test_brackets_and_dots_of_texts_and_comments_do_not_count(load):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (
-            "[sensor]\nrate = 1e-300",
-            "[sensor]: 'rate' must be at least 0.001 and at most 1000000.0, not 1e-300",
-        ),
+        ("[sensor]\nrate = 1e-300", "[sensor]: 'rate' must be at least 0.001 and at most 1000000.0, not 1e-300"),
         ("[sensor]\nnoise = 1e308", "[sensor]: 'noise' must be between -1e+06 and 1e+06, not 1e+308"),
-        (
-            "[sensor]\nfov = 1e-300",
-            "[sensor]: 'beams' leaves 2.77778e-303 degrees from beam to beam; the least is 1e-09",
-        ),
+        ("[sensor]\nfov = 1e-300", "[sensor]: 'beams' leaves 2.77778e-303 degrees from beam to beam; the least is 1e-09"),
         ("[robot]\nx = 1e7", "[robot]: 'x' must be between -1e+06 and 1e+06, not 10000000.0"),
         (f"[robot]\nx = {10**400}", "[robot]: 'x' must be between -1e+06 and 1e+06, not a longer one"),
         (
@@ -387,10 +356,7 @@ def test_brackets_and_dots_of_texts_and_comments_do_not_count(load):
             "[[wall]]\npoints = [" + "[0, 1], " * 12_001 + "]",
             "12,000 sides and circles are more than a scene may have (10,000)",
         ),
-        (
-            "[scene]\nsweeps = 10000001",
-            "[scene]: 'sweeps' must be at least 0 and at most 10000000, not 10000001",
-        ),
+        ("[scene]\nsweeps = 10000001", "[scene]: 'sweeps' must be at least 0 and at most 10000000, not 10000001"),
     ],
     ids=lambda text: text[:30],
 )
@@ -402,9 +368,7 @@ def test_numbers_have_bounds(load, text, message):
 
 def test_an_entity_can_swallow_beams(tmp_path):
     file = tmp_path / "scene.toml"
-    file.write_text(
-        "[[box]]\nx = 2\ny = 0\nlength = 1\nwidth = 1\nlost = 0.5\n[[wall]]\npoints = [[3, -1], [3, 1]]\n"
-    )
+    file.write_text("[[box]]\nx = 2\ny = 0\nlength = 1\nwidth = 1\nlost = 0.5\n[[wall]]\npoints = [[3, -1], [3, 1]]\n")
     scene = load_scene(file)
     assert [entity.lost for entity in scene.entities if not entity.wall] == [0.5]
     assert [entity.lost for entity in scene.entities if entity.wall] == [0.0]

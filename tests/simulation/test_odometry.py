@@ -41,9 +41,7 @@ def test_a_mounted_laser_sees_from_its_own_place():
 
 
 def test_the_log_tells_the_mount_or_not():
-    told, kept = (
-        simulate_odometry(replace(SCENE, mount=Mount((0.3, -0.1, 0.2), told)), 3) for told in (True, False)
-    )
+    told, kept = (simulate_odometry(replace(SCENE, mount=Mount((0.3, -0.1, 0.2), told)), 3) for told in (True, False))
     assert told is not None
     assert kept is not None
     assert told.mount == (0.3, -0.1, 0.2)

@@ -137,9 +137,7 @@ def test_a_course_is_driven_at_constant_speed_facing_ahead():
 
 def test_the_super_ellipse_satisfies_its_equation():
     points = super_ellipse(2.6, 1.9, 4.0)
-    np.testing.assert_allclose(
-        np.abs(points[:, 0] / 2.6) ** 4 + np.abs(points[:, 1] / 1.9) ** 4, 1, rtol=1e-9
-    )
+    np.testing.assert_allclose(np.abs(points[:, 0] / 2.6) ** 4 + np.abs(points[:, 1] / 1.9) ** 4, 1, rtol=1e-9)
 
 
 def test_a_driving_sensor_sees_the_wall_approach():

@@ -12,12 +12,7 @@ STRAIGHT = plan_route([Waypoint(1, 2, 1.0), Waypoint(5, 2, 1.0)])
 def random_route(seed: int) -> Route:
     rng = np.random.default_rng(seed)
     points = [
-        Waypoint(
-            *rng.uniform(-5, 5, 2),
-            rng.uniform(0.15, 1.5),
-            rng.choice([0, 0, 1.0]),
-            rng.choice(["round", "stop"]),
-        )
+        Waypoint(*rng.uniform(-5, 5, 2), rng.uniform(0.15, 1.5), rng.choice([0, 0, 1.0]), rng.choice(["round", "stop"]))
         for _ in range(int(rng.integers(2, 7)))
     ]
     return plan_route(points, loop=bool(rng.integers(2)))
@@ -90,9 +85,7 @@ def test_velocities_are_the_slope_of_the_poses_and_bounded(seed):
     assert np.abs(change).max() <= 2 + 1e-6
     pull = velocity[:, 2] * np.hypot(velocity[:, 0], velocity[:, 1])
     assert np.abs(pull).max() <= 2 + 1e-6
-    assert (
-        np.hypot(velocity[:, 0], velocity[:, 1]).max() <= max(point.speed for point in route.waypoints) + 1e-9
-    )
+    assert np.hypot(velocity[:, 0], velocity[:, 1]).max() <= max(point.speed for point in route.waypoints) + 1e-9
 
 
 def test_it_stops_at_every_pause():

@@ -35,9 +35,7 @@ def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("options", "sweeps"), [({}, 7), ({"sweeps": 3}, 3), ({"sweeps": 0}, 0), ({"duration": 0.5}, 10)]
-)
+@pytest.mark.parametrize(("options", "sweeps"), [({}, 7), ({"sweeps": 3}, 3), ({"sweeps": 0}, 0), ({"duration": 0.5}, 10)])
 def test_how_many_sweeps(scene, tmp_path, options, sweeps):
     result = simulate(scene, tmp_path / "log.mcap", **options)
     assert (result.scene, result.sweeps, result.log.name) == ("small", sweeps, "log.mcap")
@@ -83,8 +81,7 @@ def test_a_bag_folder_is_replaced_and_any_other_folder_is_not(scene, tmp_path):
     with pytest.raises(OutputError) as caught:
         simulate(scene, bag, overwrite=True)
     assert (
-        str(caught.value)
-        == f"{bag} is a folder that holds more than a ROS 2 bag and its metadata.yaml; it is not replaced"
+        str(caught.value) == f"{bag} is a folder that holds more than a ROS 2 bag and its metadata.yaml; it is not replaced"
     )
     assert (bag / "thesis.tex").read_text() == "mine"
 
@@ -116,10 +113,7 @@ def test_bad_options(scene, tmp_path):
     for options, message in [
         ({"sweeps": 1, "duration": 1.0}, "--sweeps and --duration exclude each other: leave one out"),
         ({"sweeps": -1}, "--sweeps must be at least 0 and at most 10,000,000, not -1"),
-        (
-            {"duration": float("nan")},
-            "--duration must be at least 0 and at most 400,000,000 seconds, not nan",
-        ),
+        ({"duration": float("nan")}, "--duration must be at least 0 and at most 400,000,000 seconds, not nan"),
         ({"seed": -1}, "--seed must be at least 0 and at most 9223372036854775807, not -1"),
     ]:
         with pytest.raises(OptionError) as caught:
@@ -136,9 +130,7 @@ def test_bad_options(scene, tmp_path):
 
 def test_a_log_is_not_simulated_into_a_store(scene, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(
-        OptionError, match=r"^s3://bucket/log\.mcap: a simulated log is not written into a store"
-    ):
+    with pytest.raises(OptionError, match=r"^s3://bucket/log\.mcap: a simulated log is not written into a store"):
         simulate(scene, "s3://bucket/log.mcap")
     assert names(tmp_path) == ["small.toml"]
 

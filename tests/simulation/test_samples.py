@@ -63,9 +63,7 @@ def test_samples_are_small_and_documented():
     scenes = set(SAMPLES.glob("*.toml")) - set(SAMPLES.glob("*.catalogue.toml")) - {SAMPLES / "office.toml"}
     assert "lidarcli simulate samples/office.toml" in readme
     for scene in sorted(scenes):
-        command = next(
-            line for line in readme.splitlines() if line.startswith(f"lidarcli simulate samples/{scene.name}")
-        )
+        command = next(line for line in readme.splitlines() if line.startswith(f"lidarcli simulate samples/{scene.name}"))
         # The script works inside samples/, and takes the number of sweeps from the scene.
         inside = command.removeprefix("lidarcli ").replace("samples/", "").replace(" --sweeps 100", "")
         assert inside in script.splitlines()

@@ -210,12 +210,7 @@ def test_walls_of_a_driven_loop_are_thin(path: Any, turn: float) -> None:
             x, y = np.array([0, 1, 1, 0]) + i, np.array([0, 0, 1, 1]) + k
             off = (x * CELL - x0) * dy - (y * CELL - y0) * dx
             along = (x * CELL - x0) * dx + (y * CELL - y0) * dy
-            if (
-                off.min() <= 1e-6
-                and off.max() >= -1e-6
-                and along.max() > 0
-                and along.min() < np.hypot(x1 - x0, y1 - y0)
-            ):
+            if off.min() <= 1e-6 and off.max() >= -1e-6 and along.max() > 0 and along.min() < np.hypot(x1 - x0, y1 - y0):
                 through.add((i, k))
     assert found <= through
     # What is missing are tips of cells that a wall only just touches.
@@ -245,9 +240,7 @@ def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     assert np.array_equal(true_map(scene, 9, CELL).cells, whole.cells)
 
 
-def test_what_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lidarcli: Callable[..., Any]
-) -> None:
+def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lidarcli: Callable[..., Any]) -> None:
     large = Scene("", replace(SENSOR, range_max=1e5), (room(-1500, -1500, 1500, 1500),))
     with pytest.raises(OptionError) as caught:
         true_map(large, 1, CELL)
@@ -263,10 +256,7 @@ def test_what_is_refused(
         ({"map_resolution": math.nan}, "--map-resolution must be at least 0.001 and at most 1000 m, not nan"),
         ({"map_resolution": 0.1}, "--map-resolution is that of --map: name its file, too"),
         ({"map": tmp_path / "log" / "a.yaml"}, f"{tmp_path}/log/a.yaml and {tmp_path}/log are in each"),
-        (
-            {"map": tmp_path / "a.yaml", "sweeps": 0},
-            "--map: no beam of 0 sweeps ends at anything that stands still",
-        ),
+        ({"map": tmp_path / "a.yaml", "sweeps": 0}, "--map: no beam of 0 sweeps ends at anything that stands still"),
     ]:
         with pytest.raises(OptionError) as caught:
             simulate(scene, tmp_path / "log", **options)  # type: ignore[arg-type]
@@ -305,9 +295,7 @@ def test_files_that_exist(tmp_path: Path, taken: str, folder: str) -> None:
 
 
 @pytest.mark.parametrize("folder", [".", "maps"])
-def test_nothing_is_left_when_it_fails_half_way(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str
-) -> None:
+def test_nothing_is_left_when_it_fails_half_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str) -> None:
     def broken(*args: object, **options: object) -> None:
         raise OSError(28, "No space left on device")
 
@@ -319,15 +307,12 @@ def test_nothing_is_left_when_it_fails_half_way(
 
 
 @pytest.mark.parametrize("options", [(), ("--map-resolution", "0.1")])
-def test_the_command_writes_both_files(
-    tmp_path: Path, lidarcli: Callable[..., Any], options: tuple[str, ...]
-) -> None:
+def test_the_command_writes_both_files(tmp_path: Path, lidarcli: Callable[..., Any], options: tuple[str, ...]) -> None:
     scene, log, file = scene_file(tmp_path), tmp_path / "log.mcap", tmp_path / "maps" / "log.map.yaml"
     ran = lidarcli("simulate", scene, "-o", log, "--sweeps", "4", "--map", file, *options)
     assert (ran.code, ran.out) == (0, "")
     assert ran.err.splitlines()[1:] == [
-        f"  wrote    {path}"
-        for path in (log, tmp_path / "log.truth.parquet", tmp_path / "log.truth-beams.parquet", file)
+        f"  wrote    {path}" for path in (log, tmp_path / "log.truth.parquet", tmp_path / "log.truth-beams.parquet", file)
     ]
     assert sorted(path.name for path in file.parent.iterdir()) == ["log.map.pgm", "log.map.yaml"]
     read, made = read_map(file), true_map(load_scene(scene), 4, 0.1 if options else 0.05)

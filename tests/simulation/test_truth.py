@@ -42,15 +42,11 @@ def test_rows_count_exactly_the_beams(tables):
     truth, beams = tables
     assert truth.schema.equals(TRUTH)
     counted = (
-        beams.filter(pc.greater_equal(beams["entity"], 0))
-        .group_by(["sweep", "entity"])
-        .aggregate([([], "count_all")])
+        beams.filter(pc.greater_equal(beams["entity"], 0)).group_by(["sweep", "entity"]).aggregate([([], "count_all")])
     )
     expected = {(r["sweep"], r["entity"]): r["count_all"] for r in counted.to_pylist()}
     assert {(r["sweep"], r["entity"]): r["beams"] for r in truth.to_pylist()} == expected
-    assert truth.select(["sweep", "entity"]).to_pylist() == [
-        {"sweep": s, "entity": e} for s, e in sorted(expected)
-    ]
+    assert truth.select(["sweep", "entity"]).to_pylist() == [{"sweep": s, "entity": e} for s, e in sorted(expected)]
 
 
 def test_who_is_there_and_where(tables):

@@ -73,9 +73,7 @@ def same(messages, scene):
 def test_rosbags_reads_it(tmp_path, scene, name, options):
     write_log(tmp_path / name, blocks(scene), **options)
     with AnyReader([tmp_path / name], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        assert [(c.topic, c.msgtype) for c in reader.connections] == [
-            (scene.sensor.topic, "sensor_msgs/msg/LaserScan")
-        ]
+        assert [(c.topic, c.msgtype) for c in reader.connections] == [(scene.sensor.topic, "sensor_msgs/msg/LaserScan")]
         messages = list(reader.messages())
         same([reader.deserialize(data, connection.msgtype) for connection, _, data in messages], scene)
     raw = concatenate(blocks(scene))
@@ -105,19 +103,11 @@ def test_mcap_in_every_encoding(tmp_path, options):
     assert [message.log_time for *_, message in entries] == raw.record_ns.tolist()
     assert [message.sequence for *_, message in entries] == list(range(SWEEPS))
     if encoding == "cdr-idl":
-        assert (schema.name, schema.encoding, channel.message_encoding) == (
-            "sensor_msgs/msg/LaserScan",
-            "ros2idl",
-            "cdr",
-        )
+        assert (schema.name, schema.encoding, channel.message_encoding) == ("sensor_msgs/msg/LaserScan", "ros2idl", "cdr")
         store = get_typestore(Stores.ROS2_HUMBLE)
         same([store.deserialize_cdr(item, schema.name) for item in data], CHANGING)
     elif encoding == "ros1":
-        assert (schema.name, schema.encoding, channel.message_encoding) == (
-            "sensor_msgs/LaserScan",
-            "ros1msg",
-            "ros1",
-        )
+        assert (schema.name, schema.encoding, channel.message_encoding) == ("sensor_msgs/LaserScan", "ros1msg", "ros1")
         store = get_typestore(Stores.ROS1_NOETIC)
         same([store.deserialize_ros1(item, "sensor_msgs/msg/LaserScan") for item in data], CHANGING)
     else:
@@ -155,14 +145,10 @@ def same_foxglove(data, schema, encoding):
         assert frame == "/laser_1"
         assert start == raw.angle_min[row]
         assert (end - start) / (beams - 1) == pytest.approx(raw.angle_increment[row], rel=1e-12)
-        assert np.array_equal(
-            np.float32([float(value) for value in ranges]), raw.ranges[row, :beams], equal_nan=True
-        )
+        assert np.array_equal(np.float32([float(value) for value in ranges]), raw.ranges[row, :beams], equal_nan=True)
 
 
-@pytest.mark.parametrize(
-    ("name", "options"), [("a.mcap", {}), ("a.bag", {}), ("a", {}), ("a.mcap", {"encoding": "ros1"})]
-)
+@pytest.mark.parametrize(("name", "options"), [("a.mcap", {}), ("a.bag", {}), ("a", {}), ("a.mcap", {"encoding": "ros1"})])
 def test_poses_travel_along(tmp_path, name, options):
     poses = simulate_odometry(DRIVEN, SWEEPS, 3)
     assert poses is not None
@@ -175,11 +161,7 @@ def test_poses_travel_along(tmp_path, name, options):
     with AnyReader([tmp_path / name]) as reader:
         messages = [(c.topic, reader.deserialize(data, c.msgtype)) for c, _, data in reader.messages()]
     static = next(message for topic, message in messages if topic == "/tf_static").transforms[0]
-    assert (static.header.frame_id, static.child_frame_id, static.transform.rotation.w) == (
-        "base_link",
-        "laser",
-        1,
-    )
+    assert (static.header.frame_id, static.child_frame_id, static.transform.rotation.w) == ("base_link", "laser", 1)
     odometry = [message for topic, message in messages if topic == "/odom"]
     transforms = [message.transforms[0] for topic, message in messages if topic == "/tf"]
     for row in range(SWEEPS):
@@ -237,14 +219,10 @@ def test_two_publishers_on_one_topic(tmp_path):
 
 def digest(path: Path) -> str:
     files = sorted(path.rglob("*")) if path.is_dir() else [path]
-    return hashlib.sha256(
-        b"".join(f.name.encode() + f.read_bytes() for f in files if f.is_file())
-    ).hexdigest()
+    return hashlib.sha256(b"".join(f.name.encode() + f.read_bytes() for f in files if f.is_file())).hexdigest()
 
 
-@pytest.mark.parametrize(
-    ("name", "options"), [*ROSBAGS, *CSVS, *(("log.mcap", options) for options in MCAPS)]
-)
+@pytest.mark.parametrize(("name", "options"), [*ROSBAGS, *CSVS, *(("log.mcap", options) for options in MCAPS)])
 def test_same_sweeps_same_bytes(tmp_path, name, options):
     poses = simulate_odometry(DRIVEN, SWEEPS)
     for folder in ("first", "second"):
@@ -261,16 +239,7 @@ def test_no_sweeps_make_a_valid_log(tmp_path, name):
 
 def test_the_suffix_says_the_container():
     names = ("a.mcap", "A.BAG", "a.db3", "a.csv", "a.csv.gz", "a.txt", "folder", "folder/")
-    assert [container_of(Path(name)) for name in names] == [
-        "mcap",
-        "bag",
-        "db3",
-        "csv",
-        "csv",
-        "rplidar",
-        "ros2",
-        "ros2",
-    ]
+    assert [container_of(Path(name)) for name in names] == ["mcap", "bag", "db3", "csv", "csv", "rplidar", "ros2", "ros2"]
 
 
 @pytest.mark.parametrize(

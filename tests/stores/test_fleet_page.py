@@ -20,16 +20,8 @@ from tests.stores.conftest import Store
 from tools import examples
 
 PAGE = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")
-LOGS = {
-    "2026-11-21/room.mcap": "room.mcap",
-    "2026-11-21/corridor.bag": "corridor.bag",
-    "2026-11-22/room.mcap": "room.mcap",
-}
-TABLES = [
-    f"tables/{log.partition('.')[0]}.{table}.parquet"
-    for log in sorted(LOGS)
-    for table in ("objects", "sweeps")
-]
+LOGS = {"2026-11-21/room.mcap": "room.mcap", "2026-11-21/corridor.bag": "corridor.bag", "2026-11-22/room.mcap": "room.mcap"}
+TABLES = [f"tables/{log.partition('.')[0]}.{table}.parquet" for log in sorted(LOGS) for table in ("objects", "sweeps")]
 
 
 @pytest.fixture
@@ -49,12 +41,7 @@ def file(name: str) -> str:
 def shell(command: list[str], folder: Path, **variables: str) -> None:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     ran = subprocess.run(
-        command,
-        cwd=folder,
-        env={**os.environ, "PATH": path, **variables},
-        capture_output=True,
-        text=True,
-        check=False,
+        command, cwd=folder, env={**os.environ, "PATH": path, **variables}, capture_output=True, text=True, check=False
     )
     assert ran.returncode == 0, ran.stderr
 
@@ -82,11 +69,7 @@ def test_the_array_of_slurm(folder: Path, store: Store) -> None:
     script = folder / "lidarcli.sbatch"
     script.write_text(file("lidarcli.sbatch"))
     for task in range(1, 4):
-        variables = {
-            "SLURM_ARRAY_TASK_ID": str(task),
-            "SLURM_ARRAY_TASK_COUNT": "3",
-            "SLURM_CPUS_PER_TASK": "1",
-        }
+        variables = {"SLURM_ARRAY_TASK_ID": str(task), "SLURM_ARRAY_TASK_COUNT": "3", "SLURM_CPUS_PER_TASK": "1"}
         shell(["bash", str(script)], folder, **variables)
     assert written(store) == sorted(TABLES)
 

@@ -51,23 +51,16 @@ def gs(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """A bucket of Google's store."""
     with emulator("gcp-storage-emulator", "start", "--host=127.0.0.1", "--port=PORT", "--in-memory") as port:
         monkeypatch.setenv("STORAGE_EMULATOR_HOST", f"http://127.0.0.1:{port}")
-        fs.GcsFileSystem(
-            anonymous=True, scheme="http", endpoint_override=f"127.0.0.1:{port}", project_id="p"
-        ).create_dir("robots")
+        fs.GcsFileSystem(anonymous=True, scheme="http", endpoint_override=f"127.0.0.1:{port}", project_id="p").create_dir(
+            "robots"
+        )
         yield "gs://robots"
 
 
 @pytest.fixture
 def az(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """A container of Azure's store."""
-    arguments = (
-        "--blobHost",
-        "127.0.0.1",
-        "--blobPort",
-        "PORT",
-        "--skipApiVersionCheck",
-        "--inMemoryPersistence",
-    )
+    arguments = ("--blobHost", "127.0.0.1", "--blobPort", "PORT", "--skipApiVersionCheck", "--inMemoryPersistence")
     with emulator("azurite-blob", *arguments) as port:
         monkeypatch.setenv(
             "AZURE_STORAGE_CONNECTION_STRING",

@@ -92,14 +92,7 @@ def test_credentials_in_a_url_are_refused_and_not_repeated(url: str, lidarcli: C
     ],
 )
 def test_folders_and_patterns(pattern: str, found: list[str], store: Store) -> None:
-    for key in (
-        "one.mcap",
-        "two words.mcap",
-        "deep/one.mcap",
-        "deep/er/one.mcap",
-        ".hidden.mcap",
-        "notes.txt",
-    ):
+    for key in ("one.mcap", "two words.mcap", "deep/one.mcap", "deep/er/one.mcap", ".hidden.mcap", "notes.txt"):
         store.put(f"logs/{key}", b"x")
     store.put("logs2/other.mcap", b"x")
     for name in CONTAINERS["hall"]:
@@ -123,12 +116,7 @@ def test_parts_are_joined_as_those_on_the_disk(store: Store, lidarcli: CommandLi
     parts = split_mcap(SAMPLES / "room.mcap", tmp_path / "parts")
     urls = [store.put(f"parts/{part.name}", part.read_bytes()) for part in parts]
     lidarcli("-q", "detect", "--join", tmp_path / "parts", "-o", tmp_path)
-    for log in (
-        [f"s3://{store.bucket}/parts/"],
-        [f"s3://{store.bucket}/parts/*"],
-        urls[::-1],
-        [urls[0], *parts[1:]],
-    ):
+    for log in ([f"s3://{store.bucket}/parts/"], [f"s3://{store.bucket}/parts/*"], urls[::-1], [urls[0], *parts[1:]]):
         ran = lidarcli("-q", "detect", "--join", *log, "-o", tmp_path / "there", "--overwrite")
         assert (ran.code, ran.err) == (0, "")
         for table in ("room.objects.parquet", "room.sweeps.parquet"):
@@ -236,17 +224,13 @@ def test_what_is_not_there_is_one_line(log: str, cause: str, store: Store, lidar
     assert ran.err.splitlines()[0] == f"lidarcli: {log}: {cause}"
 
 
-def test_a_bucket_that_is_not_there_takes_no_output(
-    store: Store, lidarcli: CommandLine, tmp_path: Path
-) -> None:
+def test_a_bucket_that_is_not_there_takes_no_output(store: Store, lidarcli: CommandLine, tmp_path: Path) -> None:
     ran = lidarcli("detect", SAMPLES / "room.mcap", "-o", "s3://nobody-has-this/tables")
     assert ran.code == 5
     assert ran.err.startswith("lidarcli: cannot write s3://nobody-has-this/tables: there is no such bucket")
 
 
-def test_a_store_that_is_not_there(
-    store: Store, process: Callable[..., subprocess.CompletedProcess[bytes]]
-) -> None:
+def test_a_store_that_is_not_there(store: Store, process: Callable[..., subprocess.CompletedProcess[bytes]]) -> None:
     environment = {**os.environ, "AWS_ENDPOINT_URL": "http://127.0.0.1:1"}
     ran = process("detect", "s3://robots/run.mcap", env=environment)
     assert ran.returncode == 3
@@ -276,10 +260,7 @@ def test_a_damaged_log_has_tables_and_none_has_none(store: Store, logs: Path, li
         ("s3:///b.mcap", "names no bucket"),
         ("s3://robots/caf\udce9.mcap", "is not UTF-8"),
         ("s3://robots/a.mcap?access_key=A&secret_key=SECRET", "credentials do not belong in a URL"),
-        (
-            "s3://robots/a.mcap?endpoint_override=http://k:SECRET@h",
-            "an endpoint is named without credentials",
-        ),
+        ("s3://robots/a.mcap?endpoint_override=http://k:SECRET@h", "an endpoint is named without credentials"),
     ],
 )
 def test_urls_that_are_refused(url: str, cause: str, store: Store, lidarcli: CommandLine) -> None:
@@ -292,13 +273,7 @@ def test_urls_that_are_refused(url: str, cause: str, store: Store, lidarcli: Com
 
 def test_odd_names_are_read_or_told(store: Store, lidarcli: CommandLine, tmp_path: Path) -> None:
     data = (SAMPLES / "room.mcap").read_bytes()
-    for key in (
-        "odd/br[1].mcap",
-        "odd/50%.mcap",
-        "odd/a b#c.mcap",
-        "odd/x.mcap?region=eu",
-        "odd/z.mcap?token=1.mcap",
-    ):
+    for key in ("odd/br[1].mcap", "odd/50%.mcap", "odd/a b#c.mcap", "odd/x.mcap?region=eu", "odd/z.mcap?token=1.mcap"):
         store.put(key, data)
     for name in CONTAINERS["hall"]:
         store.put(f"odd/hall[1]/{name.partition('/')[2]}", (SAMPLES / name).read_bytes())
@@ -317,9 +292,7 @@ def test_odd_names_are_read_or_told(store: Store, lidarcli: CommandLine, tmp_pat
         assert (ran.code, len(ran.err.splitlines())) == (3, 1), ran.err
 
 
-def test_a_key_that_is_none_does_not_end_the_process(
-    process: Callable[..., subprocess.CompletedProcess[bytes]],
-) -> None:
+def test_a_key_that_is_none_does_not_end_the_process(process: Callable[..., subprocess.CompletedProcess[bytes]]) -> None:
     told = {"AZURE_STORAGE_CONNECTION_STRING": "AccountName=a;AccountKey=not-base64-SECRET"}
     ran = process("detect", "az://container/run.mcap", env={**os.environ, **told})
     assert ran.returncode == 2

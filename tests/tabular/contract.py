@@ -13,14 +13,7 @@ FACES = (
     "rms: float not null> not null>"
 )
 
-SOURCE = [
-    ("log", TEXT),
-    ("topic", TEXT),
-    ("frame_id", TEXT),
-    ("sweep", "int64"),
-    ("stamp", STAMP),
-    ("t", "double"),
-]
+SOURCE = [("log", TEXT), ("topic", TEXT), ("frame_id", TEXT), ("sweep", "int64"), ("stamp", STAMP), ("t", "double")]
 
 
 def doubles(names: str) -> list[tuple[str, str]]:

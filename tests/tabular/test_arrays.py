@@ -17,8 +17,6 @@ def test_codes_and_their_names() -> None:
     assert names_of(values[:0], VERTEX_KINDS).to_pylist() == []
 
 
-@pytest.mark.parametrize(
-    "values", [[], [1.0, -2.0], [np.nan, 1.0], [np.inf, -np.inf], [-1.0, np.nan, np.inf]]
-)
+@pytest.mark.parametrize("values", [[], [1.0, -2.0], [np.nan, 1.0], [np.inf, -np.inf], [-1.0, np.nan, np.inf]])
 def test_only_nan_is_null(values: list[float]) -> None:
     assert floats(np.array(values)).to_pylist() == [None if np.isnan(value) else value for value in values]

@@ -39,9 +39,7 @@ METADATA = table_metadata({"every": 1}, [{"name": "a.mcap"}])
 
 def sensor(posed: bool = False, topic: str = "/scan") -> Background:
     """Five beams: a surface, an edge, an open beam, one that nobody knows, and one with noise."""
-    ranges = np.array(
-        [[2.0, 3.0, np.inf, np.nan, 4.0], [2.0, 5.0, np.inf, np.nan, 4.1], [2.0, 5.0, np.inf, np.nan, 4.1]]
-    )
+    ranges = np.array([[2.0, 3.0, np.inf, np.nan, 4.0], [2.0, 5.0, np.inf, np.nan, 4.1], [2.0, 5.0, np.inf, np.nan, 4.1]])
     batch = sweep(ranges, angle_min=-0.2, angle_increment=0.1, range_max=10.0)
     if posed:
         places = np.array([0.0, 0.0, 1.0])
@@ -140,9 +138,7 @@ def test_a_folder_is_no_background(tmp_path: Path) -> None:
 def test_another_table_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "x.parquet"
     pq.write_table(pa.table({"theta": [0.0]}), file)
-    with pytest.raises(
-        UnreadableError, match="not a table of lidarcli background build: no column beam, frame_id"
-    ):
+    with pytest.raises(UnreadableError, match="not a table of lidarcli background build: no column beam, frame_id"):
         read_background(file)
 
 
@@ -181,9 +177,7 @@ def test_rows_of_a_background(path: Path) -> None:
     assert rows["pose_y"].to_pylist() == [0.0] * 5 + [2.0] * 5
 
 
-@pytest.mark.parametrize(
-    ("kind", "maker"), [("sweeps", "detect"), ("tracks", "track"), ("objects", "detect")]
-)
+@pytest.mark.parametrize(("kind", "maker"), [("sweeps", "detect"), ("tracks", "track"), ("objects", "detect")])
 def test_another_table_is_called_by_its_name(tmp_path: Path, kind: str, maker: str) -> None:
     path = tmp_path / "run.parquet"
     pq.write_table(SCHEMAS[kind].empty_table(), path)

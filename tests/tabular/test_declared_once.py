@@ -48,12 +48,7 @@ def test_no_meaning_is_told_twice() -> None:
 
 def test_a_meaning_stands_only_where_it_is_declared() -> None:
     meanings = {one.meaning for table in TABLES.values() for one in table if one.meaning.count(" ") > 3}
-    found = Counter(
-        meaning
-        for text in SOURCES.values()
-        for meaning in meanings
-        for _ in range(text.count(f'"{meaning}"'))
-    )
+    found = Counter(meaning for text in SOURCES.values() for meaning in meanings for _ in range(text.count(f'"{meaning}"')))
     assert len(found) > 50
     assert [meaning for meaning, count in found.items() if count > 1] == []
 
@@ -75,11 +70,7 @@ def test_names_leave_out_what_entries_and_units_say() -> None:
     tracks = columns_of(Tracks)
     assert (COLUMNS["vertex_theta"].name, tracks["first_stamp_ns"].name) == ("theta", "first_stamp")
     assert (COLUMNS["sweep_d_th"].name, COLUMNS["beam_i"].name) == ("d_th", "beam_i")
-    assert (tracks["first_stamp_ns"].kind, COLUMNS["set"].kind, COLUMNS["r_min"].kind) == (
-        "stamp",
-        "text",
-        "float32",
-    )
+    assert (tracks["first_stamp_ns"].kind, COLUMNS["set"].kind, COLUMNS["r_min"].kind) == ("stamp", "text", "float32")
 
 
 def test_fields_without_a_declaration_are_no_columns() -> None:

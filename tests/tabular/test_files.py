@@ -22,9 +22,7 @@ from tests.tabular.contract import OPEN
 from tests.tabular.writing import METADATA, write_files
 
 
-def test_file_read_back_equals_rows_and_metadata(
-    tmp_path: Path, batch: SweepBatch, detection: Detection
-) -> None:
+def test_file_read_back_equals_rows_and_metadata(tmp_path: Path, batch: SweepBatch, detection: Detection) -> None:
     rows = objects_rows("run", batch, detection)
     path = write_files(tmp_path, [("/scan", rows)], "/scan")
     table = pq.read_table(path)
@@ -53,9 +51,7 @@ def test_empty_tables_are_valid(tmp_path: Path) -> None:
         assert list(empty.to_pandas().columns) == SCHEMAS[table].names
 
 
-def test_same_rows_same_bytes_whatever_the_batches(
-    tmp_path: Path, batch: SweepBatch, detection: Detection
-) -> None:
+def test_same_rows_same_bytes_whatever_the_batches(tmp_path: Path, batch: SweepBatch, detection: Detection) -> None:
     rows = objects_rows("run", batch, detection)
     one = write_files(tmp_path / "one", [("/scan", rows)], "/scan").read_bytes()
     each = [("/scan", rows.slice(k, 1)) for k in range(rows.num_rows)]
@@ -71,10 +67,7 @@ def test_failure_leaves_nothing(
         with TableFiles(table_paths(tmp_path, "run", ("objects", "sweeps")), None) as files:
             files.write("objects", "/scan", objects_rows("run", batch, detection))
             (scratch,) = tmp_path.iterdir()
-            assert sorted(path.name for path in scratch.iterdir()) == [
-                "run.objects.parquet",
-                "run.sweeps.parquet",
-            ]
+            assert sorted(path.name for path in scratch.iterdir()) == ["run.objects.parquet", "run.sweeps.parquet"]
             raise error
 
     with pytest.raises(error):

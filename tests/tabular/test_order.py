@@ -29,9 +29,7 @@ def test_interleaved_topics_come_out_in_order(
     assert [path.name for path in tmp_path.iterdir()] == ["run.objects.parquet"]
 
 
-def test_growing_frame_names_stay_right_over_batches(
-    tmp_path: Path, batch: SweepBatch, detection: Detection
-) -> None:
+def test_growing_frame_names_stay_right_over_batches(tmp_path: Path, batch: SweepBatch, detection: Detection) -> None:
     other = replace(batch, frame_ids=("c", "a"))
     rows = [objects_rows("run", batch, detection), objects_rows("run", other, detection)]
     table = pq.read_table(write_files(tmp_path, [("/scan", part) for part in rows], None))

@@ -80,9 +80,7 @@ except OutputError as err:
     print(err)
 """
     path = tmp_path / "run.objects.parquet"
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(path)], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", script, str(path)], capture_output=True, text=True, check=True)
     assert done.stdout == f"cannot write {path}: File too large\n"
     assert list(tmp_path.iterdir()) == []
 

@@ -35,14 +35,7 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("room", "room_empty"):
         scene = str(SAMPLES / f"{name}.toml")
         assert run(["-q", "simulate", scene, "-o", str(folder / f"{name}.mcap"), "--sweeps", "6"]) == 0
-    background = [
-        "-q",
-        "background",
-        "build",
-        str(folder / "room_empty.mcap"),
-        "-o",
-        str(folder / "b.parquet"),
-    ]
+    background = ["-q", "background", "build", str(folder / "room_empty.mcap"), "-o", str(folder / "b.parquet")]
     assert run(background) == 0
     assert run(["-q", "detect", str(folder / "room.mcap"), "-o", str(folder), "--beams"]) == 0
     return folder
@@ -57,9 +50,7 @@ def tables(original: Path, tmp_path: Path) -> Path:
         (folder / file.name).write_bytes(file.read_bytes())
     (folder / "base").mkdir()
     for kind in ("objects", "sweeps"):
-        (folder / "base" / f"room.{kind}.parquet").write_bytes(
-            (original / f"room.{kind}.parquet").read_bytes()
-        )
+        (folder / "base" / f"room.{kind}.parquet").write_bytes((original / f"room.{kind}.parquet").read_bytes())
     return folder
 
 
@@ -122,9 +113,7 @@ def test_what_other_programs_write_gives_the_same_report(
 ) -> None:
     def report() -> dict[str, Any]:
         check = "objects where vertices > 0 and change is null and track is null > 0"
-        assert (
-            run(["report", str(tables / "room.objects.parquet"), "--format", "json", "--check", check]) == 0
-        )
+        assert run(["report", str(tables / "room.objects.parquet"), "--format", "json", "--check", check]) == 0
         found: dict[str, Any] = json.loads(capfd.readouterr().out)
         # The metadata of a table is not the other program's to keep.
         return {name: value for name, value in found.items() if name != "sources"}
@@ -151,9 +140,7 @@ def test_single_precision_is_read(tables: Path, capfd: pytest.CaptureFixture[str
     assert "/scan" in capfd.readouterr().out
 
 
-def test_a_background_by_another_program_needs_its_metadata(
-    tables: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_background_by_another_program_needs_its_metadata(tables: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = file_of(tables, "background")
     table = pq.read_table(path)
     narrow(path)
@@ -197,12 +184,7 @@ def test_nan_is_null(tables: Path) -> None:
             "column beams holds a value that is no int32: Integer value 1099511627776 not in range: "
             "-2147483648 to 2147483647",
         ),
-        (
-            "sweeps",
-            "valid",
-            lambda n: pa.array([-1] * n),
-            "column valid holds -1; the least that it can be is 0",
-        ),
+        ("sweeps", "valid", lambda n: pa.array([-1] * n), "column valid holds -1; the least that it can be is 0"),
         (
             "sweeps",
             "sweep",
@@ -243,12 +225,7 @@ def test_nan_is_null(tables: Path) -> None:
     ],
 )
 def test_what_cannot_be_cast_is_one_line(
-    tables: Path,
-    kind: str,
-    name: str,
-    change: Callable[[int], Any],
-    message: str,
-    capfd: pytest.CaptureFixture[str],
+    tables: Path, kind: str, name: str, change: Callable[[int], Any], message: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = file_of(tables, kind)
     table = pq.read_table(path)
@@ -265,14 +242,10 @@ def test_text_that_is_no_utf8(tables: Path, capfd: pytest.CaptureFixture[str]) -
     broken = pa.array([b"/\xff"] * table.num_rows).view(pa.string())
     pq.write_table(replaced(table, "topic", broken), path)
     assert run(["report", str(path)]) == 3
-    assert capfd.readouterr().err.startswith(
-        f"lidarcli: {path}: column topic holds a value that is no text: "
-    )
+    assert capfd.readouterr().err.startswith(f"lidarcli: {path}: column topic holds a value that is no text: ")
 
 
-def test_a_column_there_twice_and_one_that_is_missing(
-    tables: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_column_there_twice_and_one_that_is_missing(tables: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = file_of(tables, "sweeps")
     table = pq.read_table(path)
     pq.write_table(table.append_column("beams", table["beams"]), path)
@@ -346,11 +319,7 @@ COMMANDS: dict[str, Callable[[Path, Path], list[list[str]]]] = {
             ["report", str(folder / "room.objects.parquet"), "--format", form, "--check", CHECK]
             for form in ("text", "markdown", "json", "junit", "html")
         ),
-        [
-            "report",
-            str(folder / "room.objects.parquet"),
-            *("--format", "html", "--log", str(logs / "room.mcap")),
-        ],
+        ["report", str(folder / "room.objects.parquet"), *("--format", "html", "--log", str(logs / "room.mcap"))],
         ["report", str(folder / "base"), "--baseline", str(folder / "room.objects.parquet")],
     ],
     "background": lambda folder, logs: [
@@ -391,12 +360,7 @@ READ = {
 @pytest.mark.whole
 @pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in READ for name in sorted(READ[kind])])
 def test_any_change_of_a_column_ends_with_a_documented_code(
-    original: Path,
-    tables: Path,
-    kind: str,
-    name: str,
-    capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    original: Path, tables: Path, kind: str, name: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = file_of(tables, kind)
     table = pq.read_table(path)
@@ -424,40 +388,15 @@ GEOMETRIES = [
     [{}],
     None,
     *(
-        [
-            {
-                "topic": "/scan",
-                "frame_id": "laser",
-                **dict.fromkeys(("angle_min", "angle_increment"), 0.1),
-                **more,
-            }
-        ]
+        [{"topic": "/scan", "frame_id": "laser", **dict.fromkeys(("angle_min", "angle_increment"), 0.1), **more}]
         for more in ({"beams": "x"}, {"beams": 10**30}, {"beams": None}, {})
     ),
 ]
-VALUES = [
-    None,
-    [],
-    {},
-    "x",
-    -1,
-    0,
-    0.5,
-    1e308,
-    -1e308,
-    5e-324,
-    10**400,
-    float("inf"),
-    float("nan"),
-    True,
-    [[[]]],
-]
+VALUES = [None, [], {}, "x", -1, 0, 0.5, 1e308, -1e308, 5e-324, 10**400, float("inf"), float("nan"), True, [[[]]]]
 
 
 @pytest.mark.whole
-def test_any_geometry_ends_with_a_documented_code(
-    original: Path, tables: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_any_geometry_ends_with_a_documented_code(original: Path, tables: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = file_of(tables, "background")
     table = pq.read_table(path)
     entry = json.loads(table.schema.metadata[GEOMETRY.encode()])[0]
@@ -482,9 +421,7 @@ def test_any_metadata_of_a_run_ends_with_a_documented_code(
     monkeypatch.setattr("lidarcli.reports.html.charts", lambda *_: ())
     path = file_of(tables, "sweeps")
     table = pq.read_table(path)
-    parameters = [
-        {name: value} for name in ("csv", "range", "no_return") for value in (*VALUES, [None, None])
-    ]
+    parameters = [{name: value} for name in ("csv", "range", "no_return") for value in (*VALUES, [None, None])]
     parameters += [{"csv": {"fov": value, "range_scale": value}, "no_return": [value]} for value in VALUES]
     parameters += [{"range": [value, value], "no_return": ["inf"]} for value in VALUES]
     texts = [*map(json.dumps, [*VALUES, *parameters]), "[" * 100_000, "[" * 300 + "]" * 300]
@@ -503,9 +440,7 @@ def test_any_metadata_of_a_run_ends_with_a_documented_code(
 
 
 @pytest.mark.slow
-def test_bad_names_of_tables(
-    original: Path, tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]
-) -> None:
+def test_bad_names_of_tables(original: Path, tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     """`detect bad\\xff.mcap` writes such tables."""
     for kind in ("objects", "sweeps", "beams"):
         data = (original / f"room.{kind}.parquet").read_bytes()

@@ -29,10 +29,7 @@ TABLES = ("objects", "sweeps", "tracks")
 def tracked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Tables in which every second object is an agent; things that never moved have no stamp of it."""
     monkeypatch.setattr(following, "Tracker", Patient)
-    assert (
-        run(["-q", "track", str(SAMPLES / "room.mcap"), "-o", str(tmp_path), "--end", "0.5", "--no-memory"])
-        == 0
-    )
+    assert run(["-q", "track", str(SAMPLES / "room.mcap"), "-o", str(tmp_path), "--end", "0.5", "--no-memory"]) == 0
     return tmp_path
 
 
@@ -62,9 +59,7 @@ def test_a_table_from_before_has_nulls_for_what_it_did_not_know(tracked: Path, t
     pq.write_table(today.drop_columns([*LATER[table]]), path)
     found = read_columns(path, table, SCHEMAS[table])
     assert found.schema.equals(read_schema(SCHEMAS[table]))
-    assert {name for name in found.column_names if found[name].null_count == today.num_rows > 0} >= LATER[
-        table
-    ]
+    assert {name for name in found.column_names if found[name].null_count == today.num_rows > 0} >= LATER[table]
     kept = [name for name in today.column_names if name not in LATER[table]]
     assert found.select(kept).to_pylist() == today.select(kept).to_pylist()
     assert read_columns(path, table, SCHEMAS[table], ["t"])["t"].null_count == today.num_rows
@@ -78,10 +73,7 @@ def test_a_report_takes_tables_from_before(tracked: Path, capfd: pytest.CaptureF
         found: dict[str, object] = json.loads(capfd.readouterr().out)
         return found["figures"]  # type: ignore[return-value]
 
-    assert (
-        run(["-q", "detect", str(SAMPLES / "room.mcap"), "-o", str(tracked), "--end", "0.5", "--overwrite"])
-        == 0
-    )
+    assert run(["-q", "detect", str(SAMPLES / "room.mcap"), "-o", str(tracked), "--end", "0.5", "--overwrite"]) == 0
     (tracked / "room.tracks.parquet").unlink()
     wanted = report()
     for table in ("objects", "sweeps"):
@@ -128,10 +120,7 @@ def test_tables_in_double_precision_say_the_same(tmp_path: Path) -> None:
         objects = str(folder / "people.objects.parquet")
         check = ["--check", "objects where thing > 0.5 and width <= 0.5 > 0", "--check", "d_th.min >= 0.08"]
         commands = [
-            *(
-                ["report", objects, "-o", str(folder / name), *check]
-                for name in ("r.json", "r.xml", "r.html")
-            ),
+            *(["report", objects, "-o", str(folder / name), *check] for name in ("r.json", "r.xml", "r.html")),
             ["overlay", log, "--objects", objects, "-o", str(folder / "o.mcap")],
             ["plot", log, "--sweep", "15", "--tracks", objects, "-o", str(folder / "p.svg")],
             ["diff", str(other), str(folder / "people.tracks.parquet"), "-o", str(folder / "m.csv")],

@@ -29,9 +29,7 @@ def test_object_rows_equal_the_detection(batch: SweepBatch, detection: Detection
         for name, kind in CONTRACT["objects"]:
             value = getattr(detection, name, None)
             if value is not None and kind in ("double", "float", "int32") and name not in ("row",):
-                expected = (
-                    None if np.isnan(value[k]) else np.float32(value[k]) if kind == "float" else value[k]
-                )
+                expected = None if np.isnan(value[k]) else np.float32(value[k]) if kind == "float" else value[k]
                 assert row[name] == expected, name
         first, last = detection.vertex_offsets[k : k + 2]
         assert row["vertices"] == [

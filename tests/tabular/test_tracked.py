@@ -90,18 +90,14 @@ def test_without_tracks_only_the_verdict_is_told(batch: SweepBatch, detection: D
 
 
 @pytest.mark.parametrize("walls", [False, True])
-def test_what_is_building_after_all_is_wall_or_has_no_row(
-    batch: SweepBatch, detection: Detection, walls: bool
-) -> None:
+def test_what_is_building_after_all_is_wall_or_has_no_row(batch: SweepBatch, detection: Detection, walls: bool) -> None:
     found = without(detection, followed(detection, []), [0])
     rows = tracked_objects(objects_rows("run", batch, detection), found, walls=walls, tracks=True).to_pylist()
     here = [(row["object"], row["set"], row["shape"]) for row in rows if row["sweep"] == 0]
     shapes = [SHAPES[shape] for shape in detection.shape[detection.row == 0]]
     wall = [(len(shapes), "S", "wall")] if walls else []
     assert here == [(k, "O", shape) for k, shape in enumerate(shapes[1:], 1)] + wall
-    beams = tracked_beams(
-        beams_rows("run", batch, detection), batch, detection, found, tracks=True
-    ).to_pylist()
+    beams = tracked_beams(beams_rows("run", batch, detection), batch, detection, found, tracks=True).to_pylist()
     counts = tracked_sweeps(sweeps_rows("run", batch, detection), found, tracks=True).to_pylist()[0]
     sets = [beam["set"] for beam in beams if beam["sweep"] == 0]
     assert (sets.count("O"), sets.count("S")) == (counts["object_beams"], counts["noise_beams"])
@@ -114,9 +110,7 @@ def test_sets_sum_over_the_tables(batch: SweepBatch, detection: Detection) -> No
     """Def. 4: every beam is in O, A or S, and the tables agree on how many are in each."""
     found = followed(detection, [1, 2])
     sweeps = tracked_sweeps(sweeps_rows("run", batch, detection), found, tracks=True).to_pylist()
-    beams = tracked_beams(
-        beams_rows("run", batch, detection), batch, detection, found, tracks=True
-    ).to_pylist()
+    beams = tracked_beams(beams_rows("run", batch, detection), batch, detection, found, tracks=True).to_pylist()
     objects = tracked_objects(
         objects_rows("run", batch, detection), found, ("box", "person"), walls=False, tracks=True
     ).to_pylist()
@@ -142,13 +136,7 @@ def test_rows_of_things() -> None:
     assert rows.schema.names == [name for name, _ in CONTRACT["tracks"]]
     one, two = rows.to_pylist()
     assert (one["log"], one["topic"], one["frame_id"]) == ("run", "/scan", "laser")
-    assert (one["track"], one["set"], one["label"], one["moved_at"], one["length"]) == (
-        1,
-        "O",
-        None,
-        None,
-        None,
-    )
+    assert (one["track"], one["set"], one["label"], one["moved_at"], one["length"]) == (1, "O", None, None, None)
     assert (two["track"], two["set"], two["label"], two["label_score"]) == (2, "A", "person", 0.75)
     assert two["moved_at"].value == two["first_stamp"].value == STAMPS[0]
     assert (two["last_stamp"].value, two["shape"], two["end"]) == (STAMPS[0] + 10**9, "round", "lost")

@@ -26,12 +26,7 @@ def is_in_circle(radius: float, point: Point) -> bool:
     return point[0] * point[0] + point[1] * point[1] < radius * radius
 
 
-def is_covered(
-    velocity: tuple[float, float, float],
-    linear: Point,
-    turning: Point,
-    direction: Point | None,
-) -> bool:
+def is_covered(velocity: tuple[float, float, float], linear: Point, turning: Point, direction: Point | None) -> bool:
     """Tell whether a case of a velocity polygon is for a velocity; only holonomic robots have a direction."""
     ahead, left, turn = velocity
     if not turning[0] <= turn <= turning[1]:

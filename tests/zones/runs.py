@@ -71,14 +71,9 @@ def where(entity: Entity, scene: Scene) -> Float64:
     return np.column_stack([x, y])
 
 
-def scans(
-    blocks: Iterable[RawSweeps], poses: SimulatedPoses | None = None, record_after_ns: int = 0
-) -> list[Outgoing]:
+def scans(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None = None, record_after_ns: int = 0) -> list[Outgoing]:
     """Messages of sweeps and poses, recorded so long after their stamps."""
-    return [
-        each._replace(record_ns=each.record_ns + record_after_ns)
-        for each in outgoing(blocks, poses, ROS1_BYTES)
-    ]
+    return [each._replace(record_ns=each.record_ns + record_after_ns) for each in outgoing(blocks, poses, ROS1_BYTES)]
 
 
 def odometry_of(scene: Scene) -> SimulatedPoses | None:
@@ -95,9 +90,7 @@ def polygon_at(stamp_ns: int, frame: str, corners: list[tuple[float, float]], to
     return Outgoing(topic, "geometry_msgs/msg/PolygonStamped", stamp_ns, stamp_ns, data)
 
 
-def transform_at(
-    stamp_ns: int, parent: str, child: str, pose: tuple[float, ...], topic: str = "/tf_static"
-) -> Outgoing:
+def transform_at(stamp_ns: int, parent: str, child: str, pose: tuple[float, ...], topic: str = "/tf_static") -> Outgoing:
     data = ROS1_MAKER.transforms((stamp_ns, parent, child, pose))
     return Outgoing(topic, "tf2_msgs/msg/TFMessage", stamp_ns, stamp_ns, data)
 

@@ -52,9 +52,7 @@ def straight(sweeps: int = 72, **sensor: Any) -> tuple[Scene, Float64]:
     """A robot that drives towards a wall at x = 3, from x = -1; and (S,) the way from its front to the wall."""
     path = Course(np.array([[-1.0, 0.0], [2.65, 0.0], [2.65, -4.0], [-1.0, -4.0]]), speed=SPEED)
     room = (make.wall([[3.0, -8.0], [3.0, 3.0], [-6.0, 3.0], [-6.0, -8.0], [3.0, -8.0]]),)
-    scene = scene_of(
-        room=room, path=path, sweeps=sweeps, odometry=Odometry(), sensor=replace(SENSOR, noise=0.0, **sensor)
-    )
+    scene = scene_of(room=room, path=path, sweeps=sweeps, odometry=Odometry(), sensor=replace(SENSOR, noise=0.0, **sensor))
     return scene, 3.0 - 0.3 - path.poses(np.arange(sweeps) / 10.0)[:, 0]
 
 
@@ -83,9 +81,7 @@ def test_straight_ahead(source: str, tmp_path: Path) -> None:
         log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)))
         tables = watched(log, APPROACH, no_objects=True)
     else:
-        log = write_bag(
-            tmp_path / "a.bag", scans(sweeps_of(scene)), twists(times_of(scene) - 1000, (SPEED, 0.0, 0.0))
-        )
+        log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene)), twists(times_of(scene) - 1000, (SPEED, 0.0, 0.0)))
         tables = lidarcli.zones(log, zones=str(zone_file(tmp_path, NAV2, "nav2.yaml")), no_objects=True)
     is_right(tables, way, SPEED)
     assert rows(tables.events)[0]["speed"] == pytest.approx(SPEED, abs=0.01)
@@ -155,9 +151,7 @@ def test_each_zone_has_the_velocity_of_its_own_topic(tmp_path: Path) -> None:
     )
     files = []
     for topic in ("cmd_vel", "other", "bad"):
-        text = (
-            NAV2.replace('"cmd_vel"', f'"{topic}"').replace("ahead", topic).replace('"laser"', '"base_link"')
-        )
+        text = NAV2.replace('"cmd_vel"', f'"{topic}"').replace("ahead", topic).replace('"laser"', '"base_link"')
         files.append(str(zone_file(tmp_path, text, f"{topic}.yaml")))
     with pytest.warns(UserWarning, match="topic /bad: 1 message left out"):
         tables = sound(lidarcli.zones(log, zones=files, no_objects=True))
@@ -190,9 +184,7 @@ def test_turning_on_the_spot(hangs: bool, tmp_path: Path) -> None:
     blocks = sweeps_of(scene)
     if hangs:
         # A sensor that hangs head down has its beams in the other order.
-        blocks = [
-            replace(block, ranges=block.ranges[:, (-np.arange(1440)) % 1440].copy()) for block in blocks
-        ]
+        blocks = [replace(block, ranges=block.ranges[:, (-np.arange(1440)) % 1440].copy()) for block in blocks]
     log = write_bag(tmp_path / "a.bag", scans(blocks), twists(times_of(scene) - 1000, (0.0, 0.0, turning)))
     shape = "[[1.2, 0.1], [1.2, -0.1], [-0.1, -0.1], [-0.1, 0.1]]"
     mount = f'[[mount]]\nframe = "laser"\nparent = "base_link"\nupside_down = {str(hangs).lower()}\n'
@@ -253,9 +245,7 @@ def test_agents_come_with_their_own_velocity(tmp_path: Path) -> None:
 def test_a_robot_of_which_nothing_tells_the_velocity(tmp_path: Path) -> None:
     scene, _ = straight(10)
     log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene)))
-    with pytest.raises(
-        NoScanError, match=r"zone 'ahead' needs the velocity of the robot, which no poses tell: give"
-    ):
+    with pytest.raises(NoScanError, match=r"zone 'ahead' needs the velocity of the robot, which no poses tell: give"):
         watched(log, APPROACH.replace('"robot"', '"sensor"'), no_objects=True, pose="none")
     with pytest.raises(NoScanError, match="which neither /cmd_vel nor poses tell"):
         lidarcli.zones(log, zones=str(zone_file(tmp_path, NAV2, "nav2.yaml")), no_objects=True, pose="none")

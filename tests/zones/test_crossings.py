@@ -34,9 +34,7 @@ def walked(corners: Sequence[tuple[float, float]], step: float) -> Float64:
 ACTS = ("cross", "touch", "dip", "beside", "away")
 
 
-def drawn_route(
-    rng: np.random.Generator, margin: float = 0.0
-) -> tuple[Line, list[tuple[float, float]], int, int]:
+def drawn_route(rng: np.random.Generator, margin: float = 0.0) -> tuple[Line, list[tuple[float, float]], int, int]:
     """A line, the corners of a route across or beside it, and how often it goes in and out.
 
     The route is drawn along a line on the x axis, whose left side is y > 0, and both are moved to some place. With a
@@ -55,11 +53,7 @@ def drawn_route(
                 side = -side
                 ways[side] += 1
             case "touch":
-                route += [
-                    (along, side * 0.25),
-                    (along, side * (margin + rng.choice([0.0, 0.01]))),
-                    (along, side * deep),
-                ]
+                route += [(along, side * 0.25), (along, side * (margin + rng.choice([0.0, 0.01]))), (along, side * deep)]
             case "dip":
                 turn = -side * rng.uniform(0.02, CLEAR - 0.02 - margin)
                 route += [(along, side * 0.25), (along, turn), (along, side * deep)]
@@ -162,10 +156,7 @@ def test_visits_of_a_circle_by_random_walks() -> None:
 def test_visits_of_a_square() -> None:
     square = Polygon(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
     x = np.array([-0.5, -0.05, 0.1, 0.5, 1.05, 0.9, 1.05, 1.09, 1.11, 0.5])
-    assert visits_of(square, path_of(np.column_stack([x, np.full(10, 0.5)]))) == [
-        (2, 7, False),
-        (9, 9, True),
-    ]
+    assert visits_of(square, path_of(np.column_stack([x, np.full(10, 0.5)]))) == [(2, 7, False), (9, 9, True)]
     corner = path_of([(0.5, 0.5), (1.07, 1.07), (1.08, 1.08), (3.0, 3.0)])
     assert visits_of(square, corner) == [(0, 1, True)], "beyond a corner the distance is that from it"
 
@@ -197,10 +188,7 @@ def test_two_agents_side_by_side_of_one_sensor_are_two() -> None:
     x = np.linspace(0.0, 3.0, 60)
     whole = np.column_stack([x, 0 * x])
     number = same_agents(
-        [
-            {1: path_of(whole), 2: path_of(whole + np.array([0, 0.4]))},
-            {7: path_of(whole + np.array([0, 0.15]))},
-        ]
+        [{1: path_of(whole), 2: path_of(whole + np.array([0, 0.4]))}, {7: path_of(whole + np.array([0, 0.15]))}]
     )
     assert number[0, 1] != number[0, 2]
     assert number[1, 7] == number[0, 1]

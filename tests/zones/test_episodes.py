@@ -87,10 +87,7 @@ def test_it_ends_when_release_and_hold_are_over() -> None:
 def test_a_gap_ends_it() -> None:
     enough = np.ones(4, np.bool_)
     time_ns = np.array([0, 1, 10, 11], np.int64)
-    assert episodes(enough, time_ns, trigger=1, release=1, hold_ns=100, longest_gap_ns=5) == [
-        (0, 1, True),
-        (2, 3, True),
-    ]
+    assert episodes(enough, time_ns, trigger=1, release=1, hold_ns=100, longest_gap_ns=5) == [(0, 1, True), (2, 3, True)]
 
 
 def test_no_sweeps_have_no_episodes() -> None:

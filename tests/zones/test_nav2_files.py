@@ -141,12 +141,7 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_monitor_is_read() -> None:
     read = read_text(MONITOR)
-    both = {
-        "topics": ("/scan", "/rear/scan"),
-        "velocity_topic": "/cmd_vel_raw",
-        "timeout": 5.0,
-        "frame": ROBOT,
-    }
+    both = {"topics": ("/scan", "/rear/scan"), "velocity_topic": "/cmd_vel_raw", "timeout": 5.0, "frame": ROBOT}
     square = Polygon(((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5)))
     cases = (
         Case("ahead", box(1.0, 0.5, 0.0), (0.0, 1.0), (-1.0, 1.0), (-0.75, 0.75)),
@@ -154,12 +149,7 @@ def test_a_monitor_is_read() -> None:
     )
     expected = (
         Zone("Halt", box(0.5, 0.25, 0.0), action="stop", min_points=6, trigger=2, release=3, **both),
-        Zone(
-            "Slow",
-            Circle(0.0, 0.0, 1.5),
-            action="slowdown",
-            **both | {"topics": ("/rear/scan",), "timeout": 0.0},
-        ),
+        Zone("Slow", Circle(0.0, 0.0, 1.5), action="slowdown", **both | {"topics": ("/rear/scan",), "timeout": 0.0}),
         Zone("Limited", box(0.4, 0.4, -0.4), action="limit", **both | {"topics": ("/scan",)}),
         Zone(
             "Foot",
@@ -216,13 +206,7 @@ def test_keys_that_nav2_does_not_have_are_told() -> None:
 def test_a_detector_in_a_namespace_is_read() -> None:
     read = read_text(DETECTOR)
     assert read.zones == (
-        Zone(
-            "front",
-            box(0.5, 0.5, 0.0),
-            ROBOT,
-            topics=("/robot1/scan",),
-            velocity_topic="/robot1/cmd_vel_smoothed",
-        ),
+        Zone("front", box(0.5, 0.5, 0.0), ROBOT, topics=("/robot1/scan",), velocity_topic="/robot1/cmd_vel_smoothed"),
     )
     assert (read.robot, read.notes) == ("base_footprint", ()), "the default of Nav2"
 
@@ -285,15 +269,11 @@ REFUSALS = {
     changed('["front"]', "[3]"): NODE + ": 'polygons' must be a list of names",
     changed('["front"]', "[front, rear]"): NODE + ", rear: 'type' is missing",
     changed('["front"]', "[front, front]"): "nav2.yaml: 'front' is there twice",
-    changed(
-        "front", "front.left"
-    ): "nav2.yaml: the name 'front.left' must be of letters, digits, _ and - only",
-    changed('"polygon"', '"square"'): FRONT
-    + "'type' must be one of polygon, circle, velocity_polygon, not 'square'",
+    changed("front", "front.left"): "nav2.yaml: the name 'front.left' must be of letters, digits, _ and - only",
+    changed('"polygon"', '"square"'): FRONT + "'type' must be one of polygon, circle, velocity_polygon, not 'square'",
     changed('"polygon"', '"circle"'): FRONT + "'radius' is missing",
     changed('"polygon"', '"velocity_polygon"'): FRONT + "'velocity_polygons' is missing",
-    changed('"none"', '"halt"'): FRONT
-    + "'action_type' must be one of stop, slowdown, limit, approach, none, not 'halt'",
+    changed('"none"', '"halt"'): FRONT + "'action_type' must be one of stop, slowdown, limit, approach, none, not 'halt'",
     changed('      action_type: "none"\n'): FRONT + "'action_type' is missing",
     changed(POINTS, ""): FRONT + "'points' is missing, and so is 'polygon_sub_topic'",
     changed(", [0.0, 0.5]]"): FRONT + PAIRS,
@@ -304,13 +284,11 @@ REFUSALS = {
     changed("[0.0, 0.5]", "[0.0, nan]"): FRONT + "'points' must hold finite numbers between -1e+06 and 1e+06",
     changed(POINTS, "points: [[0.5, 0.5], [0.5, -0.5], [0.0, -0.5], [0.0, 0.5]]"): FRONT + AS_TEXT,
     changed(POINTS, "points: [0.5, 0.5, 0.5, -0.5, 0.0]"): FRONT + AS_TEXT,
-    changed(POINTS, "points: [0.5, 0.5, 0.5, -0.5, 0.0, 0.0]"): FRONT
-    + "'points' must be 4 to 100 corners, not 3",
+    changed(POINTS, "points: [0.5, 0.5, 0.5, -0.5, 0.0, 0.0]"): FRONT + "'points' must be 4 to 100 corners, not 3",
     changed(POINTS, "points: [0.5, 0.5, 0.5, -0.5, 0.0, .nan]"): FRONT
     + "'points' must be a list of finite numbers, as [0.5, 1.0]",
     changed(POINTS, "points: 3"): FRONT + AS_TEXT,
-    changed(POINTS, f"{POINTS}\n      min_points: 0"): FRONT
-    + "'min_points' must be at least 1 and at most 1000000, not 0",
+    changed(POINTS, f"{POINTS}\n      min_points: 0"): FRONT + "'min_points' must be at least 1 and at most 1000000, not 0",
     **{
         changed(POINTS, f"{POINTS}\n      min_points: {text}"): FRONT
         + f"'min_points' must be a number, not the text '{text}'"
@@ -338,9 +316,7 @@ REFUSALS = {
     changed(
         "theta_max: 1.0\n        direction", "direction", MONITOR
     ): "nav2.yaml: collision_monitor, Cases, ahead: 'theta_max' is missing",
-    changed(
-        "0.02", "0.0", MONITOR
-    ): "nav2.yaml: collision_monitor, Foot: 'simulation_time_step' must be above 0 "
+    changed("0.02", "0.0", MONITOR): "nav2.yaml: collision_monitor, Foot: 'simulation_time_step' must be above 0 "
     "and at most 3600.0, not 0.0",
     DETECTOR + MONITOR: "nav2.yaml: collision_monitor: 'base_frame_id' is base_link, of another node "
     "base_footprint: leave one out",
@@ -388,9 +364,7 @@ def test_files_must_be_of_one_robot() -> None:
     Path("two.YML").write_text(MONITOR)
     with pytest.raises(OptionError) as err:
         read_zones(["own.toml", "one.yaml", "two.YML"])
-    assert (
-        str(err.value) == "two.YML: the robot is base_link, in one.yaml it is base_footprint: leave one out"
-    )
+    assert str(err.value) == "two.YML: the robot is base_link, in one.yaml it is base_footprint: leave one out"
 
 
 @pytest.mark.slow
@@ -422,10 +396,7 @@ def test_names_with_stars_tell_what_the_node_does_not() -> None:
         (zone,) = read.zones
         assert (read.robot, zone.timeout, zone.topics) == ("base_link", 3.0, ("/robot1/scan",))
     # What the node tells itself goes before, key by key.
-    assert (
-        read_text(common + DETECTOR.replace("    frequency", "    base_frame_id: laser\n    frequency")).robot
-        == "laser"
-    )
+    assert read_text(common + DETECTOR.replace("    frequency", "    base_frame_id: laser\n    frequency")).robot == "laser"
     other = common.replace("/**", "/robot2/**")
     assert read_text(other + DETECTOR).robot == "base_footprint"
     # Polygons under a star alone are those of one node, and of one that takes them no second time.
@@ -466,14 +437,7 @@ def test_numbers_are_those_of_ros() -> None:
         assert isinstance(zone.shape, Circle)
         return zone.shape.radius
 
-    assert [radius(told) for told in ("030", "0x1F", "08", "1e1", "+7", "0.25")] == [
-        24.0,
-        31.0,
-        8.0,
-        10.0,
-        7.0,
-        0.25,
-    ]
+    assert [radius(told) for told in ("030", "0x1F", "08", "1e1", "+7", "0.25")] == [24.0, 31.0, 8.0, 10.0, 7.0, 0.25]
     for told in ("1_5", "0o17", "1_0.5", "9" * 5000):
         with pytest.raises(OptionError, match="'radius'"):
             radius(told)

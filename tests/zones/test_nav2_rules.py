@@ -138,22 +138,14 @@ def test_a_bar_that_turns_on_the_spot_meets_what_is_beside_it() -> None:
 def test_agents_come_to_a_robot_that_stands() -> None:
     x, y = np.array([2.5, 2.5]), np.array([0.0, 0.1])
     coming = np.array([[-1.0, 0.0], [1.0, 0.0]])
-    counts = collision_steps(
-        Polygon(SQUARE), x, y, np.zeros(2, int), np.zeros((1, 3)), 3.0, 0.1, point_velocity=coming
-    )
+    counts = collision_steps(Polygon(SQUARE), x, y, np.zeros(2, int), np.zeros((1, 3)), 3.0, 0.1, point_velocity=coming)
     assert first(counts, 3.0, 0.1) == pytest.approx(2.0, abs=0.11)
     assert counts.max() == 1
 
 
 def test_nothing_is_met_at_a_velocity_that_nobody_knows() -> None:
     counts = collision_steps(
-        Circle(0.0, 0.0, 1.0),
-        np.zeros(3),
-        np.zeros(3),
-        np.array([0, 1, 1]),
-        np.array([[np.nan] * 3, [0.0] * 3]),
-        1,
-        0.5,
+        Circle(0.0, 0.0, 1.0), np.zeros(3), np.zeros(3), np.array([0, 1, 1]), np.array([[np.nan] * 3, [0.0] * 3]), 1, 0.5
     )
     assert counts.tolist() == [[0, 0, 0], [2, 2, 2]]
 

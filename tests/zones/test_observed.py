@@ -13,16 +13,7 @@ from lidarcli.simulation.generate import START_NS
 from lidarcli.sweeps import RawSweeps
 from tests.cli.maps import Run
 from tests.sweeping import STEP, raw_sweeps
-from tests.zones.runs import (
-    column,
-    polygon_at,
-    rows,
-    scans,
-    transform_at,
-    watched,
-    write_bag,
-    zone_file,
-)
+from tests.zones.runs import column, polygon_at, rows, scans, transform_at, watched, write_bag, zone_file
 
 NEAR = '[[zone]]\nname = "near"\ncircle = { x = 1.0, y = 0.0, radius = 0.5 }\n'
 SWEEPS = 60
@@ -47,18 +38,10 @@ def changed(raw: RawSweeps, some: slice, values: float | np.ndarray) -> RawSweep
 
 DEAD = {
     "zero": (changed(sweeps(), slice(10, 40), 0.0), 30, "30 of 60 sweeps of /scan have no range at all"),
-    "infinite": (
-        changed(sweeps(), slice(10, 40), np.inf),
-        30,
-        "30 of 60 sweeps of /scan have no range at all",
-    ),
+    "infinite": (changed(sweeps(), slice(10, 40), np.inf), 30, "30 of 60 sweeps of /scan have no range at all"),
     "nan": (changed(sweeps(), slice(10, 40), np.nan), 30, "30 of 60 sweeps of /scan have no range at all"),
     # The first half second of the same ranges is no older than a driver may be.
-    "frozen": (
-        changed(sweeps(), slice(10, 40), 4.0 + NOISE[10]),
-        24,
-        "24 of 60 sweeps of /scan repeat an older one",
-    ),
+    "frozen": (changed(sweeps(), slice(10, 40), 4.0 + NOISE[10]), 24, "24 of 60 sweeps of /scan repeat an older one"),
     "hidden": (changed(sweeps(), slice(10, 40), 0.3 + NOISE[0]), 30, ""),
     "nearer than the sensor measures": (
         replace(sweeps(), range_min=np.where(np.arange(SWEEPS) < 30, 0.1, 2.0).astype(np.float32)),
@@ -105,10 +88,7 @@ def test_a_check_that_fails_by_what_was_seen_ends_with_1(lidarcli: Run, tmp_path
     [
         (changed(sweeps(), slice(0, 1), np.nan), "one sweep"),
         (sweeps(noise=False), "a simulation without noise that stands"),
-        (
-            changed(sweeps(), slice(0, 60), 4.0 + np.repeat(NOISE[::2], 2, axis=0)),
-            "a driver that sends all twice",
-        ),
+        (changed(sweeps(), slice(0, 60), 4.0 + np.repeat(NOISE[::2], 2, axis=0)), "a driver that sends all twice"),
         (changed(sweeps(), slice(10, 50), 1.8 + NOISE[10:50]), "something that hides a part"),
     ],
     ids=lambda each: each if isinstance(each, str) else "",
@@ -143,9 +123,7 @@ def test_what_cannot_be_seen_has_nothing_to_measure(case: str, tmp_path: Path) -
 
 def test_a_zone_that_is_under_a_mask_in_part_is_observed(tmp_path: Path) -> None:
     mask = "[[mask]]\ncircle = { x = 1.4, y = 0.0, radius = 0.6 }\n"
-    assert set(
-        column(watched(log_of(tmp_path, sweeps()), NEAR + mask, no_objects=True).zones, "observed")
-    ) == {True}
+    assert set(column(watched(log_of(tmp_path, sweeps()), NEAR + mask, no_objects=True).zones, "observed")) == {True}
 
 
 @pytest.mark.parametrize(("half", "share"), [(10, 60), (20, 0)])
@@ -182,17 +160,7 @@ def test_a_world_zone_before_the_first_pose(lidarcli: Run, tmp_path: Path) -> No
     for first, code in ((1, 0), (20, 3)):
         links = [transform_at(int(at), "odom", "laser", (0.0, 0.0, 0.0), "/tf") for at in stamps[first:]]
         log = log_of(tmp_path, sweeps(), links)
-        ran = lidarcli(
-            "zones",
-            log,
-            "--zones",
-            zone,
-            "--no-objects",
-            "--pose",
-            "/tf",
-            "--check",
-            "zones.near.events == 0",
-        )
+        ran = lidarcli("zones", log, "--zones", zone, "--no-objects", "--pose", "/tf", "--check", "zones.near.events == 0")
         assert ran.code == code, ran.err
 
 
@@ -236,10 +204,7 @@ def test_a_report_on_objects_knows_what_was_observed(lidarcli: Run, tmp_path: Pa
     assert [row["sweep"] for row in rows(table, observed=False)] == [*range(16, 40)]
     report = ("report", tmp_path / "run.objects.parquet", "--check", "objects == 0")
     ran = lidarcli(*report)
-    assert (
-        ran.code,
-        "run: 36 of 60 sweeps show anything; --check 'observed >= 0.6' accepts that" in ran.err,
-    ) == (3, True)
+    assert (ran.code, "run: 36 of 60 sweeps show anything; --check 'observed >= 0.6' accepts that" in ran.err) == (3, True)
     assert lidarcli(*report, "--check", "observed >= 0.6").code == 0
     assert lidarcli(*report, "--check", "observed > 0.9").code == 1
     assert lidarcli("info", tmp_path / "run.bag", "--check", "findings.observed == 0").code == 1

@@ -52,19 +52,7 @@ monitor:
     observation_sources: [scan]
     scan: {{type: scan, topic: /scan}}
 """
-SAME = (
-    "kind",
-    "first_sweep",
-    "last_sweep",
-    "sweeps",
-    "start",
-    "end",
-    "points",
-    "agents",
-    "set",
-    "track",
-    "cut",
-)
+SAME = ("kind", "first_sweep", "last_sweep", "sweeps", "start", "end", "points", "agents", "set", "track", "cut")
 
 
 def test_events_are_the_same_in_every_form(tmp_path: Path) -> None:
@@ -75,8 +63,7 @@ def test_events_are_the_same_in_every_form(tmp_path: Path) -> None:
     speeds = [twists([at], (0.2 + 0.6 * (k % 2), 0.0, 0.0))[0] for k, at in enumerate(stamps - 1)]
     # The same shape from another corner on is another shape to the reader.
     shapes = [
-        polygon_at(int(at), "base_link", [*ROUND[k % 3 :], *ROUND[: k % 3]], "/shape")
-        for k, at in enumerate(stamps - 1)
+        polygon_at(int(at), "base_link", [*ROUND[k % 3 :], *ROUND[: k % 3]], "/shape") for k, at in enumerate(stamps - 1)
     ]
     log = write_bag(tmp_path / "a.bag", links, scans(sweeps_of(scene)), speeds, shapes)
     tables = sound(lidarcli.zones(log, zones=str(zone_file(tmp_path, FORMS, "forms.yaml"))))
@@ -146,10 +133,7 @@ def test_only_paths_of_one_time_are_compared(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(paths, "_apart", apart)
     place = np.zeros(2)
-    sensors = [
-        {k: Trajectory(np.array([10 * k, 10 * k + 5]) + late, place, place) for k in range(300)}
-        for late in (0, 1)
-    ]
+    sensors = [{k: Trajectory(np.array([10 * k, 10 * k + 5]) + late, place, place) for k in range(300)} for late in (0, 1)]
     begin = time.process_time()
     numbers = same_agents(sensors)
     assert compared == 300

@@ -48,9 +48,7 @@ def test_a_wall_hides_what_is_behind_it_and_the_view_ends(down: bool) -> None:
     ranges[:, 90:] = 2.0
     raw = raw_sweeps(ranges, angle_min=-0.5 * math.pi, angle_increment=math.pi / 180)
     batch = normalise(raw, np.arange(1), RangeRules())
-    places = np.array(
-        [[1.0, 1.0], [2.0, 2.0], [2.0, -2.0], [-1.0, 0.1], [0.05, 0.0], [3.9, -0.5], [4.2, -0.5]]
-    )
+    places = np.array([[1.0, 1.0], [2.0, 2.0], [2.0, -2.0], [-1.0, 0.1], [0.05, 0.0], [3.9, -0.5], [4.2, -0.5]])
     told = seen(batch, here(down=down), places * (1.0, -1.0 if down else 1.0))[0]
     assert told.tolist() == [True, False, True, False, False, True, False]
     turned = seen(batch, here(yaw=math.pi, down=down), -places * (1.0, -1.0 if down else 1.0))[0]
@@ -60,6 +58,4 @@ def test_a_wall_hides_what_is_behind_it_and_the_view_ends(down: bool) -> None:
 def test_distances_are_those_to_the_nearest_edge() -> None:
     x, y = np.array([0.0, 2.0, 4.0, 2.0]), np.array([0.0, 0.0, 2.0, -3.0])
     assert distance_to(SQUARE, x, y).tolist() == pytest.approx([1.0, 0.0, math.sqrt(2.0), 2.0])
-    assert distance_to(Circle(2.0, 0.0, 1.0), x, y).tolist() == pytest.approx(
-        [1.0, 0.0, math.sqrt(8) - 1, 2.0]
-    )
+    assert distance_to(Circle(2.0, 0.0, 1.0), x, y).tolist() == pytest.approx([1.0, 0.0, math.sqrt(8) - 1, 2.0])

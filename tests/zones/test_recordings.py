@@ -31,22 +31,11 @@ monitor:
 def test_a_robot_that_a_person_walks_around(tmp_path: Path) -> None:
     tables = sound(
         lidarcli.zones(
-            LOG,
-            zones=str(zone_file(tmp_path, NAV2, "nav2.yaml")),
-            topic=["/scan"],
-            no_objects=True,
-            pose="none",
+            LOG, zones=str(zone_file(tmp_path, NAV2, "nav2.yaml")), topic=["/scan"], no_objects=True, pose="none"
         )
     )
     first, second = rows(tables.events, zone="half")
-    assert (first["t"], first["duration"]) == (
-        pytest.approx(26.194, abs=1e-3),
-        pytest.approx(3.343, abs=1e-3),
-    )
+    assert (first["t"], first["duration"]) == (pytest.approx(26.194, abs=1e-3), pytest.approx(3.343, abs=1e-3))
     assert (first["points"], first["nearest"]) == (26, pytest.approx(0.324))
-    assert (second["t"], second["points"], second["nearest"]) == (
-        pytest.approx(32.462, abs=1e-3),
-        5,
-        pytest.approx(0.494),
-    )
+    assert (second["t"], second["points"], second["nearest"]) == (pytest.approx(32.462, abs=1e-3), 5, pytest.approx(0.494))
     assert [len(rows(tables.events, zone=name)) for name in ("once", "twice", "thrice")] == [7, 3, 2]

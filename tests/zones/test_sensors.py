@@ -48,16 +48,13 @@ def sensor_at(place: tuple[float, float, float], name: str, scene: Scene, seed: 
     sensor = replace(scene.sensor, topic=f"/scan_{name}", frame_id=name)
     blocks = sweeps_of(replace(scene, path=here, sensor=sensor), seed)
     late = 30_000_000 if name == "rear" else 0
-    return [
-        replace(block, stamp_ns=block.stamp_ns + late, record_ns=block.record_ns + late) for block in blocks
-    ]
+    return [replace(block, stamp_ns=block.stamp_ns + late, record_ns=block.record_ns + late) for block in blocks]
 
 
 def two(path: Path, scene: Scene, *more: Any, rear_until: int | None = None) -> Path:
     """A log of two lasers, of which the rear one falls silent after some sweeps."""
     front, rear = (
-        sensor_at(place, name, scene, seed)
-        for seed, (place, name) in enumerate([(FRONT, "front"), (REAR, "rear")])
+        sensor_at(place, name, scene, seed) for seed, (place, name) in enumerate([(FRONT, "front"), (REAR, "rear")])
     )
     if rear_until is not None:
         rear = [block.rows(np.arange(min(rear_until, len(block)))) for block in rear]
@@ -86,9 +83,7 @@ circle = { x = 0.0, y = 1.5, radius = 0.8 }
 @pytest.mark.parametrize("told_by", ["file", "tf"])
 def test_points_of_two_lasers_are_added(told_by: str, tmp_path: Path) -> None:
     scene = scene_of(make.cylinder(0.0, 1.5, 0.3), sweeps=20)
-    links = [
-        transform_at(START_NS, "base_link", name, place) for name, place in (("front", FRONT), ("rear", REAR))
-    ]
+    links = [transform_at(START_NS, "base_link", name, place) for name, place in (("front", FRONT), ("rear", REAR))]
     log = two(tmp_path / "two.bag", scene, links if told_by == "tf" else [])
     tables = watched(log, (TWO_MOUNTS if told_by == "file" else "") + ROBOT_CIRCLE, no_objects=True)
     own = points_by_hand(log, 0.0, 1.5, 0.8)
@@ -99,11 +94,7 @@ def test_points_of_two_lasers_are_added(told_by: str, tmp_path: Path) -> None:
     assert column(tables.zones, "points", topic="/scan_front") == expected.tolist()
     assert column(tables.zones, "points", topic="/scan_rear") == (front + rear).tolist()
     (event,) = tables.events.to_pylist()
-    assert (event["points"], event["cut"], event["sweeps"]) == (
-        max(expected.max(), (front + rear).max()),
-        True,
-        40,
-    )
+    assert (event["points"], event["cut"], event["sweeps"]) == (max(expected.max(), (front + rear).max()), True, 40)
     assert event["x"] ** 2 + (event["y"] - 1.5) ** 2 == pytest.approx(0.3**2, abs=0.02)
 
 
@@ -123,12 +114,7 @@ def test_one_of_two_lasers_falls_silent(frame: str, tmp_path: Path) -> None:
     zones = TWO_MOUNTS + ROBOT_CIRCLE.replace('"robot"', f'"{frame}"')
     tables = watched(log, zones, no_objects=True)
     (stale,) = rows(tables.events, kind="stale")
-    assert (stale["topic"], stale["cut"], stale["points"], stale["nearest"]) == (
-        "/scan_rear",
-        True,
-        None,
-        None,
-    )
+    assert (stale["topic"], stale["cut"], stale["points"], stale["nearest"]) == ("/scan_rear", True, None, None)
     # Its last sweep is that of 0.93 s, and counts for 2 s; the last one of the other laser is that of 4.9 s.
     assert (stale["t"], stale["duration"]) == (pytest.approx(2.93), pytest.approx(4.9 - 2.93))
     assert (stale["first_sweep"], stale["last_sweep"], stale["sweeps"]) == (9, 9, 0)
@@ -144,9 +130,7 @@ def test_a_zone_names_its_topic(tmp_path: Path) -> None:
     log = two(tmp_path / "two.bag", scene_of(make.cylinder(0.0, 1.5, 0.3), sweeps=5))
     zone = '[[zone]]\nname = "one"\nframe = "sensor"\ncircle = { x = 0, y = 0, radius = 3 }\ntopic = "scan_rear"\n'
     assert set(column(watched(log, zone, no_objects=True).zones, "topic")) == {"/scan_rear"}
-    with pytest.raises(
-        NoScanError, match=r"zone 'one' is for /side, and no sweeps .* \(only of /scan_front, /scan_rear\)"
-    ):
+    with pytest.raises(NoScanError, match=r"zone 'one' is for /side, and no sweeps .* \(only of /scan_front, /scan_rear\)"):
         watched(log, zone.replace("scan_rear", "/side"), no_objects=True)
 
 
@@ -192,13 +176,9 @@ line = [[0.0, 1.0], [0.0, 4.0]]
 @pytest.mark.slow
 def test_two_sensors_whose_paths_are_matched_each_by_itself(tmp_path: Path) -> None:
     """Each path begins at the origin of a world of its own."""
-    log = two(
-        tmp_path / "two.bag", scene_of(make.cylinder(0.0, 1.5, 0.3), make.box(3.0, -1.0, 1.0, 0.5), sweeps=20)
-    )
+    log = two(tmp_path / "two.bag", scene_of(make.cylinder(0.0, 1.5, 0.3), make.box(3.0, -1.0, 1.0, 0.5), sweeps=20))
     zone = ROBOT_CIRCLE.replace('"robot"', '"world"')
-    with pytest.raises(
-        NoScanError, match=r"a world of its own \(match for /scan_front, match for /scan_rear\)"
-    ):
+    with pytest.raises(NoScanError, match=r"a world of its own \(match for /scan_front, match for /scan_rear\)"):
         watched(log, zone, no_objects=True, pose="match")
     one = watched(log, zone + 'topic = "/scan_front"', no_objects=True, pose="match")
     assert set(column(one.zones, "topic")) == {"/scan_front"}
@@ -250,9 +230,7 @@ def test_sweeps_that_turn_the_other_way_and_change_their_beams(tmp_path: Path) -
     )
     hanging = replace(block, ranges=block.ranges[:, (-np.arange(720)) % 720].copy())
     mount = '[[mount]]\nframe = "laser"\nparent = "base_link"\nupside_down = {}\n'
-    zone = (
-        '[[zone]]\nname = "z"\nframe = "robot"\npolygon = [[1.4, 0.5], [2.5, 0.5], [2.5, 1.5], [1.4, 1.5]]\n'
-    )
+    zone = '[[zone]]\nname = "z"\nframe = "robot"\npolygon = [[1.4, 0.5], [2.5, 0.5], [2.5, 1.5], [1.4, 1.5]]\n'
     found = {}
     for name, blocks, head_down in (
         ("plain", block, "false"),
@@ -414,10 +392,7 @@ def test_a_shape_that_a_topic_tells(tmp_path: Path) -> None:
     assert tables.events.to_pylist()[0]["polygon"] is None
     # Polygons that shake are no trouble.
     rng = np.random.default_rng(1)
-    many = [
-        polygon_at(int(at) - 1000, "laser", corners(0.9 + 0.05 * float(rng.random())), "/shape")
-        for at in stamps
-    ]
+    many = [polygon_at(int(at) - 1000, "laser", corners(0.9 + 0.05 * float(rng.random())), "/shape") for at in stamps]
     shaking = lidarcli.zones(write_bag(tmp_path / "b.bag", sweeps, many), zones=file, no_objects=True)
     assert set(column(shaking.zones, "points")) == {0}
     assert set(column(shaking.zones, "observed")) == {True}
@@ -477,10 +452,7 @@ def test_sweeps_without_beams_or_values(tmp_path: Path) -> None:
     beams = np.full(9, 360, np.int32)
     beams[5] = 0
     beams[6] = 1
-    log = write_bag(
-        tmp_path / "a.bag",
-        scans([raw_sweeps(ranges, beams=beams, stamp_ns=START_NS + STEP * np.arange(9))]),
-    )
+    log = write_bag(tmp_path / "a.bag", scans([raw_sweeps(ranges, beams=beams, stamp_ns=START_NS + STEP * np.arange(9))]))
     tables = watched(log, STOP.replace("0.5", "4.5"), no_objects=True)
     points = column(tables.zones, "points")
     assert points == [360, 360, 360, 0, 0, 0, 1, 360, 360]
@@ -496,14 +468,9 @@ def test_sweeps_without_beams_or_values(tmp_path: Path) -> None:
 def test_two_frames_on_one_topic_are_two_sensors(tmp_path: Path) -> None:
     """What both see of a walker is one visit and one crossing, as on two topics, and only copies of agents change."""
     scene = scene_of(walker((-3.0, 1.5), (3.0, 1.5)), sweeps=80)
-    apart = [
-        sensor_at(place, name, scene, seed)
-        for seed, (place, name) in enumerate([(FRONT, "front"), (REAR, "rear")])
-    ]
+    apart = [sensor_at(place, name, scene, seed) for seed, (place, name) in enumerate([(FRONT, "front"), (REAR, "rear")])]
     both = [[replace(block, topic="/scan") for block in blocks] for blocks in apart]
-    links = [
-        transform_at(START_NS, "base_link", name, place) for name, place in (("front", FRONT), ("rear", REAR))
-    ]
+    links = [transform_at(START_NS, "base_link", name, place) for name, place in (("front", FRONT), ("rear", REAR))]
     zones = ROBOT_CIRCLE + '[[zone]]\nname = "door"\nframe = "robot"\nline = [[0.0, 0.5], [0.0, 2.5]]\n'
     told = {}
     for name, sensors in (("two", apart), ("one", both)):
@@ -524,11 +491,7 @@ def test_zones_of_two_frames_on_one_topic_have_names_of_their_own(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = scene_of(sweeps=5)
-    blocks = [
-        replace(block, topic="/scan")
-        for name in ("front", "rear")
-        for block in sensor_at(FRONT, name, scene, 0)
-    ]
+    blocks = [replace(block, topic="/scan") for name in ("front", "rear") for block in sensor_at(FRONT, name, scene, 0)]
     log = write_bag(tmp_path / "one.bag", scans(blocks))
     file = zone_file(tmp_path, ROBOT_CIRCLE.replace('"robot"', '"sensor"'))
     assert run(["zones", str(log), "--zones", str(file), "--no-objects"]) == 0
@@ -545,10 +508,7 @@ def test_a_link_that_is_held_though_it_moved_is_noted(
     turns: float, until: int, noted: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = scene_of(sweeps=100, sensor=replace(SENSOR, beams=36, angle_increment=TURN / 36))
-    links = [
-        transform_at(START_NS + k * STEP, "base_link", "laser", (0.0, 0.0, turns * k), "/tf")
-        for k in range(until)
-    ]
+    links = [transform_at(START_NS + k * STEP, "base_link", "laser", (0.0, 0.0, turns * k), "/tf") for k in range(until)]
     log = write_bag(tmp_path / "held.bag", scans(sweeps_of(scene)), links)
     assert run(["zones", str(log), "--zones", str(zone_file(tmp_path, ROBOT_CIRCLE)), "--no-objects"]) == 0
     told = " ".join(capsys.readouterr().err.split())

@@ -75,9 +75,7 @@ def test_a_twist_has_the_time_of_its_recording(maker: Maker) -> None:
 def test_a_stamped_twist_has_its_own_time_where_it_is_told(maker: Maker) -> None:
     log = FakeLog(
         messages=[
-            message(
-                "/cmd_vel", TWIST_STAMPED, twist(maker, 0.5, 0.1, -0.25, stamp), 9 * SECOND, maker.encoding
-            )
+            message("/cmd_vel", TWIST_STAMPED, twist(maker, 0.5, 0.1, -0.25, stamp), 9 * SECOND, maker.encoding)
             for stamp in (0, 2 * SECOND + 7)
         ]
     )
@@ -141,11 +139,7 @@ def test_polygons_keep_their_frame_and_time(maker: Maker) -> None:
         (2 * SECOND, "base_link", [list(corner) for corner in BOX[:3]]),
         (5 * SECOND, "odom", [list(corner) for corner in BOX]),
     ]
-    assert dict(report.refused) == {
-        ("/footprint", FEW_CORNERS): 1,
-        ("/footprint", NOT_FINITE): 1,
-        ("/footprint", SHORT): 1,
-    }
+    assert dict(report.refused) == {("/footprint", FEW_CORNERS): 1, ("/footprint", NOT_FINITE): 1, ("/footprint", SHORT): 1}
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -42,9 +42,7 @@ def passed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Float64]:
     """A log of somebody who walks through a circle, and (S, 2) where he is."""
     person = walker((4.0, -3.0), (2.0, 3.5))
     scene = scene_of(person, sweeps=90)
-    return write_bag(tmp_path_factory.mktemp("passed") / "a.bag", scans(sweeps_of(scene))), where(
-        person, scene
-    )
+    return write_bag(tmp_path_factory.mktemp("passed") / "a.bag", scans(sweeps_of(scene))), where(person, scene)
 
 
 def test_somebody_walks_through_a_circle(passed: tuple[Path, Float64]) -> None:
@@ -101,9 +99,7 @@ def test_points_are_those_of_the_sweeps(passed: tuple[Path, Float64]) -> None:
         assert column(tables.zones, name) == [None] * 90
     (event,) = tables.events.to_pylist()
     assert event["kind"] == "occupied"
-    assert [event[name] for name in ("set", "track", "label", "agents", "polygon", "direction", "ttc")] == (
-        [None] * 7
-    )
+    assert [event[name] for name in ("set", "track", "label", "agents", "polygon", "direction", "ttc")] == ([None] * 7)
 
 
 @pytest.mark.slow
@@ -116,9 +112,7 @@ def test_things_and_agents_count_alone_where_a_zone_asks_for_them(tmp_path: Path
         for count in ("beams", "things", "agents")
     )
     tables = watched(log, zones)
-    points = {
-        name: np.array(column(tables.zones, "points", zone=name)) for name in ("beams", "things", "agents")
-    }
+    points = {name: np.array(column(tables.zones, "points", zone=name)) for name in ("beams", "things", "agents")}
     assert (points["beams"] > points["things"]).all(), "the wall is at 8 m"
     assert (points["things"] >= points["agents"]).all()
     assert points["things"][5] > 4, "the box"
@@ -216,15 +210,10 @@ def test_a_zone_in_the_world_while_the_robot_drives(tmp_path: Path) -> None:
         y = pose[:, 1:2] + batch.ranges * np.sin(bearing)
         expected += np.sum(np.hypot(x + 0.25, y - 0.9) < 0.4, axis=1).tolist()
     assert np.abs(points - expected).max() <= 1, "points on the edge"
-    matched = watched(
-        log, BESIDE.replace("x = -0.25, y = 0.9", "x = 2.75, y = 0.9"), no_objects=True, pose="match"
-    )
+    matched = watched(log, BESIDE.replace("x = -0.25, y = 0.9", "x = 2.75, y = 0.9"), no_objects=True, pose="match")
     found = np.array(column(matched.zones, "points", zone="bulge"))
     assert np.abs(found - expected).max() <= 12, "the path that sweeps tell begins at 0"
-    assert (
-        column(matched.events, "first_sweep", zone="bulge")[:1]
-        == column(told.events, "first_sweep", zone="bulge")[:1]
-    )
+    assert column(matched.events, "first_sweep", zone="bulge")[:1] == column(told.events, "first_sweep", zone="bulge")[:1]
 
 
 @pytest.mark.slow
@@ -254,8 +243,7 @@ def test_visits_of_several_people(tmp_path: Path) -> None:
             away_from = np.hypot(*(where(person, scene) - centre).T) - 1.1
             begins, ends = np.flatnonzero(away_from < 0.0)[0], np.flatnonzero(away_from <= 0.1)[-1]
             found = [
-                (event["first_sweep"], event["last_sweep"])
-                for event in rows(tables.events, zone=str(side), kind="visit")
+                (event["first_sweep"], event["last_sweep"]) for event in rows(tables.events, zone=str(side), kind="visit")
             ]
             if len(found) != 1 or max(abs(found[0][0] - begins), abs(found[0][1] - ends)) > 1:
                 wrong.append((number, side, found, (int(begins), int(ends))))

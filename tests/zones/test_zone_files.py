@@ -65,14 +65,7 @@ def test_every_key_is_read(tmp_path: Path) -> None:
             topics=("/scan",),
         ),
         Zone("door", Line((2.0, 0.0), (2.0, 1.2)), "world", hold=HOLD),
-        Zone(
-            "near_2-a",
-            Circle(0.1, 0.0, 0.5),
-            action="approach",
-            hold=HOLD,
-            time_before_collision=3.0,
-            time_step=0.2,
-        ),
+        Zone("near_2-a", Circle(0.1, 0.0, 0.5), action="approach", hold=HOLD, time_before_collision=3.0, time_step=0.2),
     )
     assert read.masks.masks == (Mask(Circle(-0.2, 0.0, 0.15)),)
     assert read.masks.mounts == (Mount("laser", "base_link", 0.2, 0.0, 0.0),)
@@ -100,13 +93,10 @@ REFUSALS = {
     "[[mask]]\ncircle = { x = 0, y = 0, radius = 1 }\n": "z.toml: no [[zone]] in this file",
     "zone = 3": "z.toml: the file: 'zone' must be a list of 0 to 1,000 values",
     "[[zones]]\n": "z.toml: the file: unknown key 'zones'; did you mean 'zone'?",
-    CIRCLE
-    + "[[zone]]\n": "z.toml: [[zone]] number 2: 'polygon' is missing: a zone is a polygon, circle or line",
+    CIRCLE + "[[zone]]\n": "z.toml: [[zone]] number 2: 'polygon' is missing: a zone is a polygon, circle or line",
     CIRCLE * 2: "z.toml: [[zone]] number 2: 'a' is there twice",
-    CIRCLE
-    + "[[mask]]\n": "z.toml: [[mask]] number 1: 'circle' is missing: a mask is a circle, polygon or sector",
-    CIRCLE
-    + '[[mount]]\nframe = "a"\nparent = "a"\n': "z.toml: [[mount]] number 1: 'parent' leads back to the "
+    CIRCLE + "[[mask]]\n": "z.toml: [[mask]] number 1: 'circle' is missing: a mask is a circle, polygon or sector",
+    CIRCLE + '[[mount]]\nframe = "a"\nparent = "a"\n': "z.toml: [[mount]] number 1: 'parent' leads back to the "
     "frame itself: a > a",
     CIRCLE + '[[mount]]\nframe = "a"\n': "z.toml: [[mount]] number 1: 'parent' is missing",
     zone(name=""): PLACE + "'name' is missing",
@@ -121,11 +111,9 @@ REFUSALS = {
     zone(circle="{ x = 0, y = 0 }"): PLACE[:-2] + ", circle: 'radius' is missing",
     zone(circle="{ x = 0, y = 0, radius = 0 }"): PLACE[:-2] + ", circle: 'radius' must be above 0, not 0",
     zone(circle="{ x = nan, y = 0, radius = 1 }"): PLACE[:-2] + ", circle: 'x' must be finite, not nan",
-    polygon("[[0, 0], [1, 0]]"): PLACE
-    + "'polygon' must be a list of at least 3 points, as [[0, 0], [2.5, 0]]",
+    polygon("[[0, 0], [1, 0]]"): PLACE + "'polygon' must be a list of at least 3 points, as [[0, 0], [2.5, 0]]",
     polygon("[[0, 0], [1, 0], [1, inf]]"): PLACE + "'polygon' must hold finite numbers",
-    polygon("[[0, 0], [1, 0], [1, 1e7]]"): PLACE
-    + "'polygon' must hold numbers between -1e+06 and 1e+06, not 10000000.0",
+    polygon("[[0, 0], [1, 0], [1, 1e7]]"): PLACE + "'polygon' must hold numbers between -1e+06 and 1e+06, not 10000000.0",
     polygon(f"[{'[0, 0], ' * 101}]"): PLACE + "'polygon' has more than 100 corners",
     polygon("[[0, 0], [1, 1], [1, 0], [0, 1]]"): PLACE
     + "'polygon' crosses itself: the edges from corner 1 to 2 and from 3 to 4",
@@ -140,12 +128,10 @@ REFUSALS = {
     line("[[0, 0], [1, 0], [2, 0]]"): PLACE + "'line' must be two points, not 3",
     line("[[0, 1], [0.0, 1]]"): PLACE + "'line' has no length: both points are the same",
     line("[[0, 1], [nan, 1]]"): PLACE + "'line' must hold finite numbers",
-    line("[[0, 1], [1, 1]]", action='"approach"'): PLACE
-    + "'action' cannot be approach with a line, which has no inside",
+    line("[[0, 1], [1, 1]]", action='"approach"'): PLACE + "'action' cannot be approach with a line, which has no inside",
     line("[[0, 1], [1, 1]]", hold="1"): PLACE
     + "'hold' and 'line' exclude each other: paths that cross a line count, not points",
-    zone(action='"halt"'): PLACE
-    + "'action' must be one of stop, slowdown, limit, approach, none, not 'halt'",
+    zone(action='"halt"'): PLACE + "'action' must be one of stop, slowdown, limit, approach, none, not 'halt'",
     zone(count='"rays"'): PLACE + "'count' must be one of beams, things, agents, not 'rays'",
     zone(min_points="0"): PLACE + "'min_points' must be at least 1 and at most 1000000, not 0",
     zone(min_points="1.5"): PLACE + "'min_points' must be a whole number, not 1.5",
@@ -155,8 +141,7 @@ REFUSALS = {
     zone(frame="1"): PLACE + "'frame' must be a text, not 1",
     zone(topic="['/a']"): PLACE + "'topic' must be a text, not a list",
     zone(time_before_collision="1"): PLACE + "'time_before_collision' is for action approach, not none",
-    zone(action='"stop"', simulation_time_step="1"): PLACE
-    + "'simulation_time_step' is for action approach, not stop",
+    zone(action='"stop"', simulation_time_step="1"): PLACE + "'simulation_time_step' is for action approach, not stop",
     zone(action='"approach"', simulation_time_step="0"): PLACE
     + "'simulation_time_step' must be above 0 and at most 3600.0, not 0",
     zone(action='"approach"', simulation_time_step="0.001"): PLACE
@@ -183,9 +168,7 @@ def test_files_are_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(OptionError, match=r"^b\.toml: \[\[zone\]\] number 1: 'a' is there twice$"):
         read_zones(["b.toml", "b.toml"])
     Path("c.toml").write_text(CIRCLE)
-    with pytest.raises(
-        OptionError, match=r"^c\.toml: \[\[zone\]\] number 1: 'a' is there twice, in b\.toml too$"
-    ):
+    with pytest.raises(OptionError, match=r"^c\.toml: \[\[zone\]\] number 1: 'a' is there twice, in b\.toml too$"):
         read_zones(["b.toml", "c.toml"])
 
 

@@ -86,9 +86,7 @@ def poses() -> SimulatedPoses:
     )
 
 
-def _written(
-    log: str, container: str | None = None, with_poses: bool = True, lit: bool = False, **options: Any
-) -> Sample:
+def _written(log: str, container: str | None = None, with_poses: bool = True, lit: bool = False, **options: Any) -> Sample:
     blocks = [sweeps(lit=lit), sweeps("/rear", BEAMS - 5, 2, lit)]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / log
@@ -102,14 +100,10 @@ def _written(
         return Sample(log, {str(file.relative_to(folder)): file.read_bytes() for file in found})
 
 
-def _mcap(
-    encoding: str, compression: str, lit: bool = False, chunk_size: int = 1500, clouds: bool = False
-) -> Sample:
+def _mcap(encoding: str, compression: str, lit: bool = False, chunk_size: int = 1500, clouds: bool = False) -> Sample:
     """Chunks of half a dozen messages; inside, one chunk without a checksum is packed again."""
     sample, plain = (
-        _written(
-            "run.mcap", encoding=encoding, compression=packed, chunk_size=chunk_size, lit=lit, clouds=clouds
-        )
+        _written("run.mcap", encoding=encoding, compression=packed, chunk_size=chunk_size, lit=lit, clouds=clouds)
         for packed in (compression, "none")
     )
     return _of_chunks(sample, plain.files["run.mcap"], compression)
@@ -152,9 +146,7 @@ def _echo_message(store: Any, kind: str, raw: RawSweeps, row: int, ros1: bool) -
     whole, rest = divmod(int(raw.stamp_ns[row]), 1_000_000_000)
     stamp = types["builtin_interfaces/msg/Time"](whole, rest)
     header = types["std_msgs/msg/Header"](*([row] if ros1 else []), stamp, raw.frame_ids[raw.frame[row]])
-    message = types[kind](
-        header, -1.5, 1.5, 0.125, 0.0, 0.0, 0.1, 8.0, lists(raw.ranges[row]), lists(raw.intensities[row])
-    )
+    message = types[kind](header, -1.5, 1.5, 0.125, 0.0, 0.0, 0.1, 8.0, lists(raw.ranges[row]), lists(raw.intensities[row]))
     return bytes(store.serialize_ros1(message, kind) if ros1 else store.serialize_cdr(message, kind))
 
 
@@ -193,11 +185,7 @@ def _bag(compression: str, clouds: bool = False) -> Sample:
 
     def pack(changed: bytes) -> bytes:
         packed = _PACKERS[compression](changed)
-        fields = (
-            b"compression=" + compression.encode(),
-            b"op=\x05",
-            b"size=" + struct.pack("<I", len(changed)),
-        )
+        fields = (b"compression=" + compression.encode(), b"op=\x05", b"size=" + struct.pack("<I", len(changed)))
         head = b"".join(struct.pack("<I", len(part)) + part for part in fields)
         record = struct.pack("<I", len(head)) + head + struct.pack("<I", len(packed)) + packed
         return plain[:first] + record + plain[start + size :]
@@ -249,13 +237,7 @@ def _zstd(data: bytes) -> bytes:
     return zstandard.ZstdCompressor().compress(data)
 
 
-_PACKERS: Mapping[str, Pack] = {
-    "none": bytes,
-    "lz4": _lz4,
-    "zstd": _zstd,
-    "bz2": bz2.compress,
-    "gzip": gzip.compress,
-}
+_PACKERS: Mapping[str, Pack] = {"none": bytes, "lz4": _lz4, "zstd": _zstd, "bz2": bz2.compress, "gzip": gzip.compress}
 
 _MAKERS: dict[str, Callable[[], Sample]] = {
     **{
@@ -265,15 +247,9 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
     },
     **{f"bag-{compression}": partial(_bag, compression) for compression in ("none", "bz2", "lz4")},
     "db3": partial(_written, "run.db3"),
-    **{
-        f"ros2-{compression}": partial(_folder, "ros2", compression)
-        for compression in ("none", "zstd", "zstd-message")
-    },
+    **{f"ros2-{compression}": partial(_folder, "ros2", compression) for compression in ("none", "zstd", "zstd-message")},
     "ros2-mcap": partial(_folder, "ros2-mcap", "none"),
-    **{
-        f"csv-{layout}": partial(_csv, "run" if layout == "per-sweep" else "run.csv", layout)
-        for layout in LAYOUTS
-    },
+    **{f"csv-{layout}": partial(_csv, "run" if layout == "per-sweep" else "run.csv", layout) for layout in LAYOUTS},
     "csv-gz": partial(_csv, "run.csv.gz", "rostopic"),
     **{
         f"clouds-mcap-{encoding}": partial(_mcap, encoding, "zstd", lit, 8000, True)
@@ -294,14 +270,9 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
     "rplidar-gz": partial(_rplidar, "run.txt.gz"),
     "jsonl": partial(_written, "run.jsonl"),
     "jsonl-gz": partial(_jsonl, "run.jsonl.gz"),
-    **{
-        f"mcap-{encoding}-lit": partial(_mcap, encoding, "none", True) for encoding in ("cdr", "ros1", "json")
-    },
+    **{f"mcap-{encoding}-lit": partial(_mcap, encoding, "none", True) for encoding in ("cdr", "ros1", "json")},
     **{f"mcap-{encoding}-echoes": partial(_echoes, encoding) for encoding in ("cdr", "ros1")},
-    **{
-        f"csv-{layout}-lit": partial(_csv, "run.csv", layout, True)
-        for layout in ("plotjuggler", "bagpy", "list")
-    },
+    **{f"csv-{layout}-lit": partial(_csv, "run.csv", layout, True) for layout in ("plotjuggler", "bagpy", "list")},
     "carmen-remission": partial(_text, "carmen", "run.log", True, True),
     "carmen-raw-lit": partial(_text, "carmen", "run.log", False, True),
 }

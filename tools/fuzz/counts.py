@@ -14,9 +14,7 @@ SWEEPS, BEAMS = 60, 36
 _POSES = "1.1 2.0 0.0 1.0 2.0 0.0"
 _PLAYER = "{stamp:.3f} 16777343 6665 laser 00 001 001 0007 -1.5708 +1.5708 +0.08976 +80.0 {said:04d} {pairs}"
 _FILES = {
-    "run.log": lambda said, stamp, ranges: (
-        f"FLASER {said} {' '.join(ranges)} {_POSES} {stamp:.1f} host {stamp:.1f}"
-    ),
+    "run.log": lambda said, stamp, ranges: f"FLASER {said} {' '.join(ranges)} {_POSES} {stamp:.1f} host {stamp:.1f}",
     "run.txt": lambda said, stamp, ranges: _PLAYER.format(
         said=said, stamp=1e9 + stamp, pairs=" ".join(f"{each} 7" for each in ranges)
     ),
@@ -41,10 +39,7 @@ def write(place: Place, number: int, random: Random) -> None:
         is_odd = odd != (0, 0) and float(random.random()) <= share
         said, given = (BEAMS + odd[0], BEAMS + odd[1]) if is_odd else (BEAMS, BEAMS)
         wrong += said != given
-        ranges = [
-            f"{pile if random.random() < 0.2 else 2.0 + 8.0 * random.random():.3f}"
-            for _ in range(max(given, 0))
-        ]
+        ranges = [f"{pile if random.random() < 0.2 else 2.0 + 8.0 * random.random():.3f}" for _ in range(max(given, 0))]
         lines.append(line(max(said, 0), 10.0 + 0.1 * sweep, ranges))
     (place.input / name).write_text("\n".join([*lines, ""]), encoding="utf-8")
     place.note(log=name, wrong=wrong)

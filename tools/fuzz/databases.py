@@ -57,10 +57,7 @@ def write(place: Place, number: int, random: Random) -> None:
 def judge(place: Place) -> list[str]:
     """As any other log."""
     given = place.noted()
-    return [
-        f"{given['kind']}: {problem}"
-        for problem in judge_log(place, place.input / given["log"], given["least"])
-    ]
+    return [f"{given['kind']}: {problem}" for problem in judge_log(place, place.input / given["log"], given["least"])]
 
 
 def database_targets() -> list[Target]:
@@ -83,8 +80,7 @@ def _sql(*statements: str) -> Crafted:
 def _view(table: str, columns: str, source: str = ENDLESS, where: str = "") -> Crafted:
     """A table of the bag is a view."""
     return _sql(
-        f"ALTER TABLE {table} RENAME TO was_{table}",
-        f"CREATE VIEW {table} AS {source} SELECT {columns} FROM r {where}",
+        f"ALTER TABLE {table} RENAME TO was_{table}", f"CREATE VIEW {table} AS {source} SELECT {columns} FROM r {where}"
     )
 
 
@@ -183,10 +179,7 @@ def _tree(children: Callable[[int, int], list[tuple[int, int]]]) -> Crafted:
         database(path, sweeps=0)
         root = raw.root_of(path, "messages")
         free = len(path.read_bytes()) // 4096 + 1
-        cells = [
-            raw.cell(number + 1, raw.record(0, 1, stamp_of(number), scan_cdr(number)))
-            for number in range(SWEEPS)
-        ]
+        cells = [raw.cell(number + 1, raw.record(0, 1, stamp_of(number), scan_cdr(number))) for number in range(SWEEPS)]
         # The key stands in the cell, in the row it is null.
         sound = raw.leaf(cells, 4096)
         raw.with_pages(path, {free: sound, root: raw.interior(children(root, free), 4096)})
@@ -282,9 +275,7 @@ def _metadata(kind: str) -> Crafted:
 KINDS: dict[str, Crafted] = {
     "messages endless": _view("messages", "i id, 1 topic_id, i timestamp, x'00' data"),
     "topics endless": _view("topics", f"i id, 'n' || i name, '{SCAN}' type, 'cdr' serialization_format"),
-    "randomblob": _view(
-        "messages", "i id, 1 topic_id, i timestamp, randomblob(8000000) data", where="WHERE i < 100000"
-    ),
+    "randomblob": _view("messages", "i id, 1 topic_id, i timestamp, randomblob(8000000) data", where="WHERE i < 100000"),
     "zeroblob name": _view(
         "topics",
         f"1 id, hex(zeroblob(250000000)) name, '{SCAN}' type, 'cdr' serialization_format",
@@ -300,8 +291,7 @@ KINDS: dict[str, Crafted] = {
         "CREATE TRIGGER u AFTER UPDATE ON topics BEGIN DELETE FROM topics; END",
     ),
     "trigger on a view": _sql(
-        "CREATE VIEW v AS SELECT * FROM messages",
-        "CREATE TRIGGER w INSTEAD OF DELETE ON v BEGIN DELETE FROM messages; END",
+        "CREATE VIEW v AS SELECT * FROM messages", "CREATE TRIGGER w INSTEAD OF DELETE ON v BEGIN DELETE FROM messages; END"
     ),
     "generated virtual": _generated("data BLOB GENERATED ALWAYS AS (zeroblob(800000000)) VIRTUAL"),
     "generated stored": _generated("data BLOB GENERATED ALWAYS AS (zeroblob(300000)) STORED"),
@@ -309,9 +299,7 @@ KINDS: dict[str, Crafted] = {
     "generated name": Crafted(_generated_name),
     "default huge": _sql("ALTER TABLE messages ADD COLUMN more BLOB DEFAULT (x'00')"),
     "expression index": _sql("CREATE INDEX e ON messages (hex(data))"),
-    "check": _sql(
-        "CREATE TABLE c (a CHECK (length(hex(zeroblob(200000000))) > 0))", "INSERT INTO c VALUES (1)"
-    ),
+    "check": _sql("CREATE TABLE c (a CHECK (length(hex(zeroblob(200000000))) > 0))", "INSERT INTO c VALUES (1)"),
     "fts5": _sql(
         "ALTER TABLE messages RENAME TO was_messages",
         "CREATE VIRTUAL TABLE messages USING fts5(id, topic_id, timestamp, data)",
@@ -321,9 +309,7 @@ KINDS: dict[str, Crafted] = {
         "ALTER TABLE messages RENAME TO was_messages",
         "CREATE VIRTUAL TABLE messages USING rtree_i32(id, topic_id, timestamp, data, more)",
     ),
-    "dbstat": _sql(
-        "ALTER TABLE topics RENAME TO was_topics", "CREATE VIRTUAL TABLE topics USING dbstat(main)"
-    ),
+    "dbstat": _sql("ALTER TABLE topics RENAME TO was_topics", "CREATE VIRTUAL TABLE topics USING dbstat(main)"),
     "unknown module": _sql(
         "PRAGMA writable_schema = on",
         "INSERT INTO sqlite_master VALUES ('table', 'x', 'x', 0, 'CREATE VIRTUAL TABLE x USING nothing(a)')",

@@ -34,11 +34,7 @@ ODD = (
 def write(place: Place, number: int, random: Random) -> None:
     """One field of all sweeps, then several of some."""
     block = sweeps(seed=number % 7)
-    drawn = (
-        [number]
-        if number < len(ODD)
-        else random.integers(len(ODD), size=1 + int(random.integers(4))).tolist()
-    )
+    drawn = [number] if number < len(ODD) else random.integers(len(ODD), size=1 + int(random.integers(4))).tolist()
     for index in drawn:
         name, value = ODD[index]
         rows = np.ones(SWEEPS, np.bool_) if number < len(ODD) else random.random(SWEEPS) < 0.7

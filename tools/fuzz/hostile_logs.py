@@ -131,9 +131,7 @@ def _plotjuggler(topics: int) -> Callable[[], bytes]:
 
 
 def _columns(many: int) -> Callable[[], bytes]:
-    return lambda: (
-        ",".join(["time", *[f"range_{n}" for n in range(many)]]) + "\n" + "1," * many + "1\n"
-    ).encode()
+    return lambda: (",".join(["time", *[f"range_{n}" for n in range(many)]]) + "\n" + "1," * many + "1\n").encode()
 
 
 KNOWN: dict[str, tuple[str, Callable[[], bytes]]] = {

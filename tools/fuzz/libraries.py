@@ -229,11 +229,7 @@ _MCAP: dict[str, dict[str, Any]] = {
     },
     "one-chunk": {"chunk_size": 1 << 20, "compression": CompressionType.ZSTD},
 }
-_BAG = {
-    "none": None,
-    "bz2": BagWriter.CompressionFormat.BZ2,
-    "lz4": BagWriter.CompressionFormat.LZ4,
-}
+_BAG = {"none": None, "bz2": BagWriter.CompressionFormat.BZ2, "lz4": BagWriter.CompressionFormat.LZ4}
 _FOLDER = {
     "8-sqlite3": (8, StoragePlugin.SQLITE3, CompressionMode.NONE),
     "9-sqlite3": (9, StoragePlugin.SQLITE3, CompressionMode.NONE),

@@ -17,10 +17,7 @@ COMMANDS: tuple[tuple[list[str], tuple[str, ...]], ...] = (
         ["-q", "detect", f"in/{LOG}", "-o", "out", "--beams"],
         tuple(f"run.{it}.parquet" for it in ("objects", "sweeps", "beams")),
     ),
-    *(
-        (["report", TABLE, "-o", f"out/r.{suffix}"], (f"r.{suffix}",))
-        for suffix in ("html", "json", "txt", "xml", "md")
-    ),
+    *((["report", TABLE, "-o", f"out/r.{suffix}"], (f"r.{suffix}",)) for suffix in ("html", "json", "txt", "xml", "md")),
     (["background", "build", f"in/{LOG}", "-o", "out/b.parquet"], ("b.parquet",)),
     (
         ["simulate", "in/scene.toml", "-o", "out/s.csv", "--sweeps", "2"],
@@ -32,19 +29,7 @@ COMMANDS: tuple[tuple[list[str], tuple[str, ...]], ...] = (
 """Command, and the names below out/ that it writes."""
 _RARELY = 1
 """The last so many of `COMMANDS` are slow, and drawn ten times more rarely."""
-KINDS = (
-    "thesis",
-    "thesis.db3",
-    "locked",
-    "folder",
-    "folder/inside",
-    "pipe",
-    "new",
-    "folder/new",
-    "hard",
-    "dir",
-    "loop",
-)
+KINDS = ("thesis", "thesis.db3", "locked", "folder", "folder/inside", "pipe", "new", "folder/new", "hard", "dir", "loop")
 """A victim to link to (`new` ones are not there yet), a hard link to one, a folder, a link to itself."""
 SWAPS: tuple[list[str], ...] = (
     ["background", "build", f"in/{LOG}", "-o", f"in/{LOG}"],
@@ -83,11 +68,7 @@ def write(place: Place, number: int, random: Random) -> None:
         if not random.integers(3):
             continue
         kind = KINDS[int(random.integers(len(KINDS)))]
-        _plant(
-            place,
-            name if not random.integers(3) else _TEMPORARY[int(random.integers(len(_TEMPORARY)))](name),
-            kind,
-        )
+        _plant(place, name if not random.integers(3) else _TEMPORARY[int(random.integers(len(_TEMPORARY)))](name), kind)
     place.note(commands=[[*command, *(["--overwrite"] if random.integers(3) else [])]])
 
 

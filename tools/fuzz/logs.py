@@ -27,9 +27,7 @@ from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.runs.outcomes import INTERNAL_ERROR, attempt, outcome_of
 from tools.fuzz.place import Place
 
-TOLD = OpenOptions(
-    angle_min=-1.5, angle_increment=0.125, range_max=8.0, slice=Slice(-0.1, 0.1, 24, (0.1, 8.0))
-)
+TOLD = OpenOptions(angle_min=-1.5, angle_increment=0.125, range_max=8.0, slice=Slice(-0.1, 0.1, 24, (0.1, 8.0)))
 """For the layouts that hold no geometry, and for point clouds."""
 LONGEST = 1000
 """Characters of one line that is told to a user."""

@@ -19,14 +19,7 @@ OUTPUTS = (
     *("{victims}/folder/inside", "{victims}/new", "s3://b/x?endpoint_override=127.0.0.1:1&scheme=http"),
     *("https://me:pass@host/x", "s3://AK:SK@b/x", "", "-", "\x1b[31m", "a" * 3000, "\\xe9"),
 )
-KNOWN: tuple[tuple[str, ...], ...] = (
-    (),
-    OUTPUTS[3:4],
-    OUTPUTS[6:7],
-    OUTPUTS[:2],
-    OUTPUTS[:1],
-    (OUTPUTS[0],) * 2,
-)
+KNOWN: tuple[tuple[str, ...], ...] = ((), OUTPUTS[3:4], OUTPUTS[6:7], OUTPUTS[:2], OUTPUTS[:1], (OUTPUTS[0],) * 2)
 ODD: dict[str, tuple[Any, ...]] = {
     "outcome": ("ok", "ok", "damaged", "failed", "odd"),
     "exit_code": (0, 0, 3, 70, -1),
@@ -61,9 +54,7 @@ def write(place: Place, number: int, random: Random) -> None:
         "output_sizes": [int(random.integers(0, 3000)) for _ in outputs],
     }
     if number >= len(KNOWN):
-        row |= {
-            name: pool[int(random.integers(len(pool)))] for name, pool in ODD.items() if random.integers(2)
-        }
+        row |= {name: pool[int(random.integers(len(pool)))] for name, pool in ODD.items() if random.integers(2)}
     folder = place.out / "_lidarcli"
     folder.mkdir()
     table = pa.Table.from_pylist([row] * int(random.integers(1, 3)), RUNS)

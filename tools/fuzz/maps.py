@@ -51,15 +51,7 @@ def _image(form: str, mode: str = "L") -> bytes:
 def _images() -> tuple[bytes, ...]:
     plain = b"P2\n4 2\n255\n0 254 205 0\n254 254 0 0\n"
     deep = b"P5\n4 2\n65535\n" + struct.pack(">8H", 0, 65535, 52685, 0, 9, 99, 999, 9999)
-    forms = (
-        ("PNG", "L"),
-        ("PNG", "1"),
-        ("PNG", "RGBA"),
-        ("PNG", "P"),
-        ("PNG", "LA"),
-        ("BMP", "RGB"),
-        ("BMP", "1"),
-    )
+    forms = (("PNG", "L"), ("PNG", "1"), ("PNG", "RGBA"), ("PNG", "P"), ("PNG", "LA"), ("BMP", "RGB"), ("BMP", "1"))
     return (pgm_bytes(_grid()), plain, deep, *(_image(*form) for form in forms))
 
 
@@ -70,12 +62,7 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 def _png(width: int, height: int, data: bytes) -> bytes:
     head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + _chunk(b"IHDR", head)
-        + _chunk(b"IDAT", zlib.compress(data))
-        + _chunk(b"IEND", b"")
-    )
+    return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", head) + _chunk(b"IDAT", zlib.compress(data)) + _chunk(b"IEND", b"")
 
 
 _YAML = yaml_bytes(_grid(), "map.pgm").decode()
@@ -87,32 +74,16 @@ def _with(line: str) -> str:
     return "".join(f"{line}\n" if it.startswith(f"{key}:") else it for it in _YAML.splitlines(keepends=True))
 
 
-_MERGES = "a0: &a0 {x: 1}\n" + "".join(
-    f"a{k}: &a{k} {{<<: [*a{k - 1}, *a{k - 1}], y{k}: 1}}\n" for k in range(1, 40)
-)
+_MERGES = "a0: &a0 {x: 1}\n" + "".join(f"a{k}: &a{k} {{<<: [*a{k - 1}, *a{k - 1}], y{k}: 1}}\n" for k in range(1, 40))
 _KNOWN_MAPS: tuple[tuple[str, bytes], ...] = (
     *((_YAML, image) for image in _images()),
     *(
         (_with(line), pgm_bytes(_grid()))
         for line in (
-            *(
-                f"resolution: {value}"
-                for value in ("1e-320", "1e308", "nan", ".inf", "0", "-1", "0x10", "9" * 5000)
-            ),
+            *(f"resolution: {value}" for value in ("1e-320", "1e308", "nan", ".inf", "0", "-1", "0x10", "9" * 5000)),
             *(f"origin: [{value}, 0, 0]" for value in ("1e308", "-1e308", "nan", "[1]", "''", "1e400")),
-            *(
-                "origin: [0, 0, 1]",
-                "origin: [0, 0]",
-                "origin: 0",
-                "negate: 2",
-                "negate: []",
-                "mode: raw",
-                "mode: \x1b",
-            ),
-            *(
-                f"image: {value}"
-                for value in ("..", ".", "/dev/zero", "/dev/stdin", "../victims/pipe", "map.yaml", "''")
-            ),
+            *("origin: [0, 0, 1]", "origin: [0, 0]", "origin: 0", "negate: 2", "negate: []", "mode: raw", "mode: \x1b"),
+            *(f"image: {value}" for value in ("..", ".", "/dev/zero", "/dev/stdin", "../victims/pipe", "map.yaml", "''")),
             *("image: '\\0'", "image: " + "a" * 5000, "image: ../victims/thesis", "occupied_thresh: 1e308"),
         )
     ),
@@ -160,9 +131,7 @@ def write_map(place: Place, number: int, random: Random) -> None:
     (place.input / "map.pgm").write_bytes(image)
     if not number % 50:
         (place.input / LOG).write_bytes(tables()[LOG])
-    place.note(
-        commands=[["-q", "diff", f"in/{_MAP}", f"in/{LOG}", "--format", "json"]] if not number % 50 else []
-    )
+    place.note(commands=[["-q", "diff", f"in/{_MAP}", f"in/{LOG}", "--format", "json"]] if not number % 50 else [])
 
 
 def judge_map(place: Place) -> Iterator[str]:
@@ -181,9 +150,7 @@ def judge_map(place: Place) -> Iterator[str]:
 
 def _told(err: Exception, path: Path) -> str:
     """A message as a terminal gets it, without the place of the case."""
-    return "".join(
-        one if one.isprintable() or one == "\n" else "?" for one in str(err).replace(str(path), "")
-    )
+    return "".join(one if one.isprintable() or one == "\n" else "?" for one in str(err).replace(str(path), ""))
 
 
 def _sound(grid: Occupancy, folder: Path) -> Iterator[str]:
@@ -221,8 +188,7 @@ _HERE = "0 0 0 0 0 0 1"
 def _moved(place: str) -> str:
     """The path with every second pose elsewhere."""
     return "".join(
-        f"{1_700_000_000 + 0.1 * k:.9f} {place if k % 2 else f'{0.03 * k:.3f} 0'} 0 0 0 0 1\n"
-        for k in range(-5, 60)
+        f"{1_700_000_000 + 0.1 * k:.9f} {place if k % 2 else f'{0.03 * k:.3f} 0'} 0 0 0 0 1\n" for k in range(-5, 60)
     )
 
 
@@ -259,9 +225,7 @@ def write_path(place: Place, number: int, random: Random) -> None:
     if number < len(_KNOWN_PATHS):
         data = _KNOWN_PATHS[number].encode()
     else:
-        data = (mutate_words(_PLAIN, random) if random.integers(3) else _PLAIN).encode(
-            "utf-8", "surrogateescape"
-        )
+        data = (mutate_words(_PLAIN, random) if random.integers(3) else _PLAIN).encode("utf-8", "surrogateescape")
         if not random.integers(3):
             data = mutate(data, random)
     (place.input / _PATH).write_bytes(data)
@@ -269,10 +233,7 @@ def write_path(place: Place, number: int, random: Random) -> None:
     if number < len(_KNOWN_PATHS) or not number % 50:
         (place.input / LOG).write_bytes(tables()[LOG])
         told = [f"in/{LOG}", "--poses", f"in/{_PATH}", "--overwrite", "-o"]
-        commands = [
-            ["-q", "map", *told, "out/m.yaml", "-o", "out/m.ply"],
-            ["-q", "poses", *told, "out/p.tum"],
-        ]
+        commands = [["-q", "map", *told, "out/m.yaml", "-o", "out/m.ply"], ["-q", "poses", *told, "out/p.tum"]]
     place.note(commands=commands)
 
 

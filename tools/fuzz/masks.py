@@ -59,9 +59,7 @@ def write(place: Place, number: int, random: Random) -> None:
             data = mutate(data, random)
     (place.input / "robot.toml").write_bytes(data)
     (place.input / LOG).write_bytes(tables()[LOG])
-    place.note(
-        commands=[["-q", "detect", f"in/{LOG}", "--mask", "in/robot.toml", "-o", "out", "--overwrite"]]
-    )
+    place.note(commands=[["-q", "detect", f"in/{LOG}", "--mask", "in/robot.toml", "-o", "out", "--overwrite"]])
 
 
 def mask_targets() -> list[Target]:

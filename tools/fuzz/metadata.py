@@ -71,12 +71,4 @@ def write(place: Place, number: int, random: Random) -> None:
 
 def metadata_targets() -> list[Target]:
     """Metadata of a bag."""
-    return [
-        Target(
-            "metadata",
-            write,
-            lambda place: judge_log(place, place.input / "run"),
-            weight=100,
-            known=len(KNOWN),
-        )
-    ]
+    return [Target("metadata", write, lambda place: judge_log(place, place.input / "run"), weight=100, known=len(KNOWN))]

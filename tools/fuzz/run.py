@@ -105,9 +105,7 @@ class Plan:
     def _round(self) -> list[tuple[str, int, int]]:
         """One round: target, the how many-eth of its turns, and how many it has. Heavy ones are spread evenly."""
         weights = {name: 1 if self.cases is not None else TARGETS[name].weight for name in self.targets}
-        turns = [
-            ((turn + 0.5) / many, name, turn, many) for name, many in weights.items() for turn in range(many)
-        ]
+        turns = [((turn + 0.5) / many, name, turn, many) for name, many in weights.items() for turn in range(many)]
         return [(name, turn, many) for _, name, turn, many in sorted(turns, key=lambda it: it[0])]
 
 
@@ -159,15 +157,10 @@ def fuzz(
 def _child(plan: Plan, index: int, stride: int, over: float | None) -> Iterator[list[str]]:
     """The problems of every `stride`-th case from `index` on; ends after a case that failed, whose peak of memory
     and open files must not be blamed on the next."""
-    with (
-        tempfile.TemporaryDirectory(prefix="lidarcli-fuzz-", dir=_fast()) as folder,
-        tempfile.TemporaryFile("w+") as err,
-    ):
+    with tempfile.TemporaryDirectory(prefix="lidarcli-fuzz-", dir=_fast()) as folder, tempfile.TemporaryFile("w+") as err:
         task = json.dumps({"plan": asdict(plan), "index": index, "stride": stride, "folder": folder})
         command = [sys.executable, "-W", "error", *CHILD, task]
-        child = subprocess.Popen(
-            command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=err, text=True
-        )
+        child = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=err, text=True)
         said: Queue[str] = Queue()
         listener = Thread(target=_listen, args=(child, said), daemon=True)
         listener.start()

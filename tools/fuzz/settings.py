@@ -12,44 +12,10 @@ from tools.fuzz.target import Random, Target
 from tools.fuzz.words import mutate_words
 
 NAME = "lidarcli.toml"
-TABLES = (
-    "",
-    "detect",
-    "report",
-    "track",
-    "plot",
-    "info",
-    "background",
-    "background.build",
-    "simulate",
-    "odd",
-)
+TABLES = ("", "detect", "report", "track", "plot", "info", "background", "background.build", "simulate", "odd")
 KEYS = (
-    *(
-        "output",
-        "overwrite",
-        "cluster",
-        "files-from",
-        "resume",
-        "base",
-        "partition",
-        "catalogue",
-        "background",
-    ),
-    *(
-        "plot",
-        "map",
-        "log",
-        "baseline",
-        "poses",
-        "jobs",
-        "max_width",
-        "range",
-        "quiet",
-        "verbose",
-        "config",
-        "x",
-    ),
+    *("output", "overwrite", "cluster", "files-from", "resume", "base", "partition", "catalogue", "background"),
+    *("plot", "map", "log", "baseline", "poses", "jobs", "max_width", "range", "quiet", "verbose", "config", "x"),
 )
 VALUES = (
     *('"../victims/thesis"', '"../victims/new"', '["../victims/thesis", "a.md"]', '"a/../../victims/new"'),

@@ -213,9 +213,7 @@ def _extreme(table: pa.Table, random: Random) -> pa.Table:
     numbers = [
         place
         for place, field in enumerate(table.schema)
-        if pa.types.is_integer(field.type)
-        or pa.types.is_floating(field.type)
-        or pa.types.is_timestamp(field.type)
+        if pa.types.is_integer(field.type) or pa.types.is_floating(field.type) or pa.types.is_timestamp(field.type)
     ]
     place = numbers[int(random.integers(len(numbers)))]
     kind = table.schema.field(place).type
@@ -233,26 +231,11 @@ def _extreme(table: pa.Table, random: Random) -> pa.Table:
     for row in range(len(values)):
         if not random.integers(3):
             values[row] = odd
-    column = (
-        pa.array(values, pa.int64()).cast(kind) if pa.types.is_timestamp(kind) else pa.array(values, kind)
-    )
+    column = pa.array(values, pa.int64()).cast(kind) if pa.types.is_timestamp(kind) else pa.array(values, kind)
     return _replace(table, place, column)
 
 
-_WORDS = (
-    "",
-    "\x01",
-    "\x1b[31mred",
-    "<script>",
-    "]]>",
-    "a" * 5000,
-    "\u202e",
-    "line\nline",
-    "'",
-    '"',
-    "O",
-    "round",
-)
+_WORDS = ("", "\x01", "\x1b[31mred", "<script>", "]]>", "a" * 5000, "\u202e", "line\nline", "'", '"', "O", "round")
 
 
 def _words(table: pa.Table, random: Random) -> pa.Table:

@@ -75,17 +75,7 @@ def judge(place: Place) -> Iterator[str]:
     given = place.noted()
     runs = []
     for which in LOGS:
-        command = [
-            sys.executable,
-            "-m",
-            "lidarcli",
-            "-q",
-            "detect",
-            f"in/{which}/run.mcap",
-            "-o",
-            "out",
-            "--beams",
-        ]
+        command = [sys.executable, "-m", "lidarcli", "-q", "detect", f"in/{which}/run.mcap", "-o", "out", "--beams"]
         command += ["--overwrite"] if given["overwrite"] else []
         runs.append(
             subprocess.Popen(

@@ -110,9 +110,7 @@ def _ring(corners: int) -> str:
 def _with(text: str, mark: str, key: str, value: str) -> str:
     """The file with another value of a key, wherever it stands."""
     lines = [
-        f"{line[: len(line) - len(line.lstrip())]}{key}{mark}{value}"
-        if line.lstrip().startswith(f"{key}{mark}")
-        else line
+        f"{line[: len(line) - len(line.lstrip())]}{key}{mark}{value}" if line.lstrip().startswith(f"{key}{mark}") else line
         for line in text.splitlines()
     ]
     return "\n".join(lines) + "\n"
@@ -152,12 +150,7 @@ KNOWN_NAV2: tuple[str, ...] = (
     ),
     *(
         _with(NAV2, ": ", "points", value)
-        for value in (
-            "'[[1e300, 0], [0, 1e300], [-1, -1]]'",
-            "[.nan, 0, 1, 1, 2, 0]",
-            "'[['",
-            f"'{'[' * 900}'",
-        )
+        for value in ("'[[1e300, 0], [0, 1e300], [-1, -1]]'", "[.nan, 0, 1, 1, 2, 0]", "'[['", f"'{'[' * 900}'")
     ),
     *(_with(NAV2, ": ", "points", f'"{_ring(corners)}"') for corners in (100, 1_500)),
     _with(NAV2, ": ", "polygons", "[" + "'Stop', " * 9_000 + "'Stop']"),
@@ -184,9 +177,7 @@ def _write(sound: str, known: tuple[str, ...], name: str) -> Target:
         (place.input / LOG).write_bytes(tables()[LOG])
         told = [f"in/{LOG}", "--zones", file]
         # Without objects it takes half the time.
-        commands = [
-            ["-q", "zones", *told, "-o", "out", "--overwrite", "--footprint", FOOTPRINT, "--no-objects"]
-        ]
+        commands = [["-q", "zones", *told, "-o", "out", "--overwrite", "--footprint", FOOTPRINT, "--no-objects"]]
         if number < len(known) or not number % 16:
             other = (
                 ["zones", *told, "--check", "zones.near.events == 0", "--format", "json"],

@@ -35,12 +35,7 @@ _LISTS = {"vertex_offsets": fields_per("vertex"), "face_offsets": fields_per("fa
 
 
 def changes(
-    batch: SweepBatch,
-    difference: Difference,
-    parameters: Parameters,
-    sigma: Float64,
-    *,
-    per_beam: bool = False,
+    batch: SweepBatch, difference: Difference, parameters: Parameters, sigma: Float64, *, per_beam: bool = False
 ) -> Detection:
     """Return the objects that differ from the background: appeared ones and, where asked for, removed ones.
 
@@ -58,9 +53,7 @@ def changes(
     found = detect(batch, alone, per_beam=per_beam, within=difference.appeared, sigma=sigma)
     found = _described(found, batch, difference.difference, difference.appeared, APPEARED)
     found = replace(
-        found,
-        station=difference.station.astype(np.int32),
-        beam_difference=difference.difference if per_beam else None,
+        found, station=difference.station.astype(np.int32), beam_difference=difference.difference if per_beam else None
     )
     if difference.removed.any():
         found = _with_removed(found, batch, difference, alone)
@@ -69,9 +62,7 @@ def changes(
     return found
 
 
-def _with_removed(
-    found: Detection, batch: SweepBatch, difference: Difference, parameters: Parameters
-) -> Detection:
+def _with_removed(found: Detection, batch: SweepBatch, difference: Difference, parameters: Parameters) -> Detection:
     """Add the removed objects, as the background shows them; they own no beam of the sweep."""
     rows = np.flatnonzero(difference.removed.any(axis=1))
     before = batch.rows(rows)
@@ -90,9 +81,7 @@ def _with_removed(
     return combine(found, gone, rows)
 
 
-def _with_walls(
-    found: Detection, batch: SweepBatch, appeared: Bool, parameters: Parameters, sigma: Float64
-) -> Detection:
+def _with_walls(found: Detection, batch: SweepBatch, appeared: Bool, parameters: Parameters, sigma: Float64) -> Detection:
     """Add the walls of the sweeps without what has appeared."""
     status = np.where(appeared, Status.INVALID, batch.status).astype(np.uint8)
     scene = replace(batch, ranges=np.where(appeared, np.nan, batch.ranges).astype(np.float32), status=status)
@@ -103,17 +92,12 @@ def _with_walls(
     walls = select(seen, seen.shape == WALL)
     count = len(walls)
     walls = replace(
-        walls,
-        difference=np.full(count, np.nan),
-        change=np.full(count, -1, np.int8),
-        thing=np.full(count, np.nan),
+        walls, difference=np.full(count, np.nan), change=np.full(count, -1, np.int8), thing=np.full(count, np.nan)
     )
     return combine(found, walls, np.arange(len(batch)))
 
 
-def _described(
-    found: Detection, batch: SweepBatch, difference: Float32, within: Bool, change: int
-) -> Detection:
+def _described(found: Detection, batch: SweepBatch, difference: Float32, within: Bool, change: int) -> Detection:
     """Fill in the columns that depend on the background."""
     return replace(
         found,
@@ -175,8 +159,7 @@ def select(found: Detection, chosen: Bool) -> Detection:
     """Return the chosen objects (K,), which keep their numbers; the columns of sweeps stay as they are."""
     index = np.flatnonzero(chosen)
     values: dict[str, Any] = {
-        name: None if getattr(found, name) is None else getattr(found, name)[index]
-        for name in (*_OBJECT_FIELDS, "object")
+        name: None if getattr(found, name) is None else getattr(found, name)[index] for name in (*_OBJECT_FIELDS, "object")
     }
     for offsets, names in _LISTS.items():
         starts = getattr(found, offsets).astype(np.int64)
@@ -193,9 +176,7 @@ def _lists(
     first: Detection, second: Detection, offsets: str, names: Iterable[str], order: Int64
 ) -> dict[str, NDArray[Any]]:
     """Return the lists of the objects in a new order."""
-    starts = np.concatenate(
-        [getattr(first, offsets)[:-1], getattr(second, offsets)[:-1] + getattr(first, offsets)[-1]]
-    )
+    starts = np.concatenate([getattr(first, offsets)[:-1], getattr(second, offsets)[:-1] + getattr(first, offsets)[-1]])
     sizes = np.concatenate([np.diff(getattr(first, offsets)), np.diff(getattr(second, offsets))])
     index, _, joined = spans(starts[order].astype(np.int64), sizes[order].astype(np.int64))
     return {offsets: joined.astype(np.int32)} | {name: _joined(first, second, name)[index] for name in names}

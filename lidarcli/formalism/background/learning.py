@@ -116,10 +116,7 @@ class Learning:
         for rows in (np.flatnonzero(here), np.flatnonzero(~here)):
             if len(rows):
                 self._fold(
-                    batch.rows(rows),
-                    station[rows],
-                    bool(here[rows[0]]),
-                    None if moved is None else moved.rows(rows),
+                    batch.rows(rows), station[rows], bool(here[rows[0]]), None if moved is None else moved.rows(rows)
                 )
 
     @property
@@ -206,9 +203,7 @@ class Learning:
         seen: Bool = beam >= 0
         nothing = seen & (batch.status == Status.NO_RETURN)
         count = self.stations * self.grid.beams
-        self._no_return[: self.stations] += np.bincount(place[nothing], minlength=count).reshape(
-            self.stations, -1
-        )
+        self._no_return[: self.stations] += np.bincount(place[nothing], minlength=count).reshape(self.stations, -1)
         valid = seen & (batch.status == Status.VALID)
         self._parts.append(count_ranges(place[valid], ranges[valid]))
         self._pending += len(self._parts[-1])
@@ -353,9 +348,7 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
         near, narrow = _windows(few, SURFACE_BINS), _windows(few, STILL_BINS)
         least = np.maximum(np.maximum(REPEATED_SHARE * observed, no_return), LEAST_REPEATED)
         repeats = _set_apart(few, narrow.backing, BEFORE_BINS) >= least[few.beam]
-        _take(
-            result, few, wanted, _Windows(near.begin, near.end, narrow.backing), repeats, STILL_BINS, observed
-        )
+        _take(result, few, wanted, _Windows(near.begin, near.end, narrow.backing), repeats, STILL_BINS, observed)
     return result
 
 
@@ -377,13 +370,7 @@ class _Windows:
 
 
 def _take(
-    result: Estimate,
-    cells: Cells,
-    wanted: Bool,
-    windows: _Windows,
-    fitting: Bool,
-    reach: int,
-    observed: Int64,
+    result: Estimate, cells: Cells, wanted: Bool, windows: _Windows, fitting: Bool, reach: int, observed: Int64
 ) -> None:
     """Fill in the wanted beams that have a surface `reach` bins wide to either side; they are wanted no more.
 
@@ -427,9 +414,7 @@ def _windows(cells: Cells, reach: int) -> _Windows:
     return _Windows(begin, end, until[end] - until[begin])
 
 
-def _peaks(
-    cells: Cells, enough: Int64, backing: Int64, reach: int, nearest: bool = False
-) -> tuple[Int64, Int64]:
+def _peaks(cells: Cells, enough: Int64, backing: Int64, reach: int, nearest: bool = False) -> tuple[Int64, Int64]:
     """For each beam with cells that have enough backing the one with most, on the farthest surface, or the nearest.
 
     Returns
@@ -449,9 +434,7 @@ def _peaks(
     return found, there[np.append(np.flatnonzero(np.diff(cells.beam[there])), len(there) - 1)]
 
 
-def _describe(
-    result: Estimate, cells: Cells, found: Int64, begin: Int64, end: Int64, observed: Int64
-) -> None:
+def _describe(result: Estimate, cells: Cells, found: Int64, begin: Int64, end: Int64, observed: Int64) -> None:
     """Fill in the beams `found`, whose surface is in the cells from `begin` to before `end`.
 
     People stand before a surface, never behind it: where most ranges are, the farther half of them tells how far they

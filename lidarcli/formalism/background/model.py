@@ -80,9 +80,7 @@ class Background:
             ("open", counted(int(np.count_nonzero(np.isinf(self.r_e))), "beam")),
             ("unknown", counted(unknown, "beam")),
         )
-        return Facts(
-            f"of {self.topic}: {counted(len(self), 'station')} x {counted(self.grid.beams, 'beam')}", rows
-        )
+        return Facts(f"of {self.topic}: {counted(len(self), 'station')} x {counted(self.grid.beams, 'beam')}", rows)
 
     @property
     def posed(self) -> Bool:

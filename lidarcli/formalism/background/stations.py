@@ -61,16 +61,12 @@ class Shift:
         """(S,) True for sensors that stand at their station."""
         still: Bool = (np.hypot(self.x, self.y) <= STILL_DISTANCE) & (np.abs(self.yaw) <= STILL_ANGLE)
         if self.way is not None:
-            still &= (np.hypot(self.way[:, 0], self.way[:, 1]) <= STILL_DISTANCE) & (
-                np.abs(self.way[:, 2]) <= STILL_ANGLE
-            )
+            still &= (np.hypot(self.way[:, 0], self.way[:, 1]) <= STILL_DISTANCE) & (np.abs(self.way[:, 2]) <= STILL_ANGLE)
         return still
 
     def rows(self, index: Int64) -> Shift:
         """Return the shifts at `index`."""
-        return Shift(
-            self.x[index], self.y[index], self.yaw[index], None if self.way is None else self.way[index]
-        )
+        return Shift(self.x[index], self.y[index], self.yaw[index], None if self.way is None else self.way[index])
 
     def during(self, share: Float64) -> tuple[Float64, Float64, Float64]:
         """Return (S, B) the way ahead, left [m], turned [rad] of the sensor at shares (S, B) of its sweep."""
@@ -126,9 +122,7 @@ def _cost(poses: SweepPoses, places: SweepPoses, distance: float, angle: float) 
     return cost, np.where(np.isnan(apart), np.inf, apart)
 
 
-def gather(
-    poses: SweepPoses, places: SweepPoses, distance: float, angle: float, most: int
-) -> tuple[Int64, SweepPoses]:
+def gather(poses: SweepPoses, places: SweepPoses, distance: float, angle: float, most: int) -> tuple[Int64, SweepPoses]:
     """Assign each sweep to the nearest station; a sweep out of reach of all opens a new one at its own pose.
 
     What a sweep opens serves all later ones, so the result does not depend on how sweeps come in batches.
@@ -161,9 +155,7 @@ def gather(
         if not len(lost):
             break
         first = int(lost[0])
-        cost = _cost(poses.rows(slice(first, None)), poses.rows(slice(first, first + 1)), distance, angle)[0][
-            :, 0
-        ]
+        cost = _cost(poses.rows(slice(first, None)), poses.rows(slice(first, first + 1)), distance, angle)[0][:, 0]
         closer = first + np.flatnonzero(cost < best[first:])
         station[closer] = known + len(opened)
         best[closer] = cost[closer - first]
@@ -172,11 +164,7 @@ def gather(
 
 
 def beam_at(
-    angle_min: float | Float64,
-    angle_increment: float | Float64,
-    beams: int | Int32,
-    period: int | Int32,
-    bearing: Float64,
+    angle_min: float | Float64, angle_increment: float | Float64, beams: int | Int32, period: int | Int32, bearing: Float64
 ) -> Int32:
     """Return the beams of a geometry with the nearest bearings, -1 out of view; arrays of any shape.
 

@@ -7,16 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from lidarcli.formalism.background.model import Background, Surroundings, greatest_range, surroundings
-from lidarcli.formalism.background.stations import (
-    Lines,
-    Shift,
-    align,
-    expected,
-    lines,
-    nearest,
-    project,
-    shift,
-)
+from lidarcli.formalism.background.stations import Lines, Shift, align, expected, lines, nearest, project, shift
 from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int64, Status, SweepBatch, record
 
 THRESHOLD_SDS = 4.0
@@ -153,9 +144,7 @@ class Subtraction:
             around.r_near[at] if self._two else None,
         )
 
-    def _elsewhere(
-        self, batch: SweepBatch, station: Int64, sigma: Float64, moved: Shift | None
-    ) -> Difference:
+    def _elsewhere(self, batch: SweepBatch, station: Int64, sigma: Float64, moved: Shift | None) -> Difference:
         """Compare sweeps with other bearings, or taken beside a station."""
         background = self.background
         if moved is not None:
@@ -281,9 +270,7 @@ def _farthest(batch: SweepBatch, seen: Float32) -> Float32:
     return np.where(np.isnan(seen), np.nan, wide)
 
 
-def _runs(
-    own: Float32, beyond: Float32, threshold: Float32, lost: Bool | None = None, most_lost: int = 0
-) -> Bool:
+def _runs(own: Float32, beyond: Float32, threshold: Float32, lost: Bool | None = None, most_lost: int = 0) -> Bool:
     """Return (S, B) True for runs of beams that differ from the background.
 
     Every beam of a run differs from its own r_e, and one of them also from that of its neighbours: a depth edge that

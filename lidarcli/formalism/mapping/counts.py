@@ -57,11 +57,7 @@ class Beams:
     def rows(self, index: Int64) -> Beams:
         """Return the beams of some sweeps."""
         return Beams(
-            np.ascontiguousarray(self.end[:, index]),
-            self.use[index],
-            self.beams[index],
-            self.poses[index],
-            self.way[index],
+            np.ascontiguousarray(self.end[:, index]), self.use[index], self.beams[index], self.poses[index], self.way[index]
         )
 
 
@@ -215,9 +211,7 @@ class Counts:
         # Cells that are never touched take no memory, so the room may be larger.
         column, row = (left // BLOCK) * BLOCK, (low // BLOCK) * BLOCK
         shape = -(-(high - row) // BLOCK) * BLOCK, -(-(right - column) // BLOCK) * BLOCK
-        part = np.s_[
-            self.row - row : self.row - row + height, self.column - column : self.column - column + width
-        ]
+        part = np.s_[self.row - row : self.row - row + height, self.column - column : self.column - column + width]
         for name in self.LAYERS:
             before = getattr(self, name)
             larger = np.zeros(shape, before.dtype)

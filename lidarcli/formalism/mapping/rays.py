@@ -17,9 +17,7 @@ ORIGIN = 1 << 33
 ORIGIN_CELLS = float(ORIGIN)
 
 
-def place(
-    ranges: Any, use: Any, beams: Any, angle_min: Any, angle_increment: Any, poses: Any, way: Any, end: Any
-) -> None:
+def place(ranges: Any, use: Any, beams: Any, angle_min: Any, angle_increment: Any, poses: Any, way: Any, end: Any) -> None:
     """Compute the ends of the beams of S sweeps, each from the pose of the sensor at its own time.
 
     Parameters
@@ -90,10 +88,7 @@ def trace(
         begin = sweep * width
         for k in range(begin, begin + width):
             if says[k] == HIT and ends[k] == ends[k]:
-                along, line = (
-                    int(ends[k] * cells + ORIGIN_CELLS),
-                    int(ends[sweeps * width + k] * cells + ORIGIN_CELLS),
-                )
+                along, line = (int(ends[k] * cells + ORIGIN_CELLS), int(ends[sweeps * width + k] * cells + ORIGIN_CELLS))
                 cell = (line - row) * across + along - column
                 if seen[cell] != stamp + sweep:
                     seen[cell] = stamp + sweep
@@ -112,15 +107,7 @@ def trace(
 
 
 def _pass(
-    passed: Any,
-    seen: Any,
-    stamp: int,
-    across: int,
-    first: int,
-    x: float,
-    y: float,
-    to_x: float,
-    to_y: float,
+    passed: Any, seen: Any, stamp: int, across: int, first: int, x: float, y: float, to_x: float, to_y: float
 ) -> None:
     """Count the cells along a straight way without the last one, one in each column or row of its longer axis."""
     dx, dy = to_x - x, to_y - y

@@ -24,13 +24,7 @@ class Ends:
     """Beams of a batch of S sweeps, the bodies that they belong to, and where they end in the world."""
 
     def __init__(
-        self,
-        batch: sweeps.SweepBatch,
-        found: detection.Detection,
-        poses: Any,
-        way: Any,
-        farthest: float,
-        step: float,
+        self, batch: sweeps.SweepBatch, found: detection.Detection, poses: Any, way: Any, farthest: float, step: float
     ) -> None:
         """
         Parameters
@@ -112,16 +106,7 @@ def place(ends: Ends, rows: Any, end: Any) -> None:
     native.resume(lock)
 
 
-def cast(
-    ends: Ends,
-    rows: Any,
-    vote: Any,
-    building: int,
-    votes: Any,
-    resolution: float,
-    column: int,
-    row: int,
-) -> None:
+def cast(ends: Ends, rows: Any, vote: Any, building: int, votes: Any, resolution: float, column: int, row: int) -> None:
     """Add the votes of some sweeps.
 
     Parameters
@@ -151,16 +136,7 @@ def cast(
     native.resume(lock)
 
 
-def poll(
-    ends: Ends,
-    rows: Any,
-    votes: Any,
-    line: Any,
-    resolution: float,
-    column: int,
-    row: int,
-    found: Any,
-) -> None:
+def poll(ends: Ends, rows: Any, votes: Any, line: Any, resolution: float, column: int, row: int, found: Any) -> None:
     """Sum up what the cells of each body say, and those around them.
 
     Parameters

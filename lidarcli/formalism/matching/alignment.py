@@ -169,21 +169,15 @@ def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Found:
     rivals = [
         each
         for each in whole
-        if each.lies
-        and _explains_as_much(each, best)
-        and _distance(each.motion, best.motion, second.ground) > APART
+        if each.lies and _explains_as_much(each, best) and _distance(each.motion, best.motion, second.ground) > APART
     ]
     if stays:
         # What was driven on is likelier than what was turned round; then more has to speak against it.
         shifted = [
-            each
-            for each in rivals
-            if abs(_turn(each.motion)) <= NEAR_HERE_TURN and each.against <= best.against + CLEARLY
+            each for each in rivals if abs(_turn(each.motion)) <= NEAR_HERE_TURN and each.against <= best.against + CLEARLY
         ]
         rivals, stays = (shifted, False) if shifted else (rivals, True)
-    return Found(
-        best, rivals[0] if rivals else None, stays, best.lies and _slides(first, second, best.motion)
-    )
+    return Found(best, rivals[0] if rivals else None, stays, best.lies and _slides(first, second, best.motion))
 
 
 def _explains_as_much(one: Fit, best: Fit) -> bool:
@@ -271,9 +265,7 @@ def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:
         cos, sin = math.cos(angle), math.sin(angle)
         to = centre + np.array([dx, dy])
         motion = Motion(
-            angle,
-            float(to[0] - cos * middle[0] + sin * middle[1]),
-            float(to[1] - sin * middle[0] - cos * middle[1]),
+            angle, float(to[0] - cos * middle[0] + sin * middle[1]), float(to[1] - sin * middle[0] - cos * middle[1])
         )
         if max(abs(dx), abs(dy), abs(turn)) < SMALL and reach == REACHES[-1]:
             break
@@ -306,9 +298,7 @@ def _tried(one: Nearest, other: Nearest) -> list[Motion]:
         space = _counted((free - middle) @ turn, -radius, -radius, side, shape) > 0
         space &= ~_widened(theirs > 0)
         score = np.fft.irfft2(
-            for_points * np.conj(np.fft.rfft2(theirs))
-            - for_free * np.conj(np.fft.rfft2(space.astype(float))),
-            shape,
+            for_points * np.conj(np.fft.rfft2(theirs)) - for_free * np.conj(np.fft.rfft2(space.astype(float))), shape
         )
         for _ in range(PEAKS):
             at = int(np.argmax(score))
@@ -321,9 +311,7 @@ def _tried(one: Nearest, other: Nearest) -> list[Motion]:
             column -= shape[1] if column * side > extent[0] + side else 0
             x, y = left + column * side + radius, low + row * side + radius
             motion = Motion(
-                angle,
-                float(x - cos * middle[0] + sin * middle[1]),
-                float(y - sin * middle[0] - cos * middle[1]),
+                angle, float(x - cos * middle[0] + sin * middle[1]), float(y - sin * middle[0] - cos * middle[1])
             )
             found.append((worth_it, motion))
     found.sort(key=lambda each: -each[0])

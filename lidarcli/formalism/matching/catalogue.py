@@ -234,14 +234,10 @@ def _within_limits(evidence: Evidence, thing: Thing) -> tuple[Bool, Bool]:
     return known, within
 
 
-def _by_sides(
-    evidence: Evidence, length: float, width: float, tolerance: float
-) -> tuple[Float64, Float64, Bool]:
+def _by_sides(evidence: Evidence, length: float, width: float, tolerance: float) -> tuple[Float64, Float64, Bool]:
     """Compare two sides, either of which may be the longer."""
     seen_1, seen_2 = np.isfinite(evidence.side_1), np.isfinite(evidence.side_2)
-    sd_1, sd_2, least_sd = (
-        np.hypot(sd, tolerance) for sd in (evidence.side_1_sd, evidence.side_2_sd, evidence.least_sd)
-    )
+    sd_1, sd_2, least_sd = (np.hypot(sd, tolerance) for sd in (evidence.side_1_sd, evidence.side_2_sd, evidence.least_sd))
     ways = []
     for a, b in ((length, width), (width, length)):
         one = either(seen_1, measured(evidence.side_1, sd_1, a, a), at_least(evidence.least_1, least_sd, a))
@@ -250,9 +246,7 @@ def _by_sides(
     return *any_way(ways), seen_1 & seen_2
 
 
-def _by_extent(
-    evidence: Evidence, length: float, width: float, tolerance: float
-) -> tuple[Float64, Float64, Bool]:
+def _by_extent(evidence: Evidence, length: float, width: float, tolerance: float) -> tuple[Float64, Float64, Bool]:
     """Compare an extent across the line of sight, which lies between the width and the length."""
     low, high = min(length, width), max(length, width)
     seen = np.isfinite(evidence.across)

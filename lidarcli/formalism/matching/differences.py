@@ -14,15 +14,7 @@ import numpy as np
 
 from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, LEAST_SCORE
 from lidarcli.formalism.mapping.occupancy import UNKNOWN
-from lidarcli.formalism.matching.extents import (
-    BESIDE,
-    LINKED,
-    box_of,
-    clusters,
-    rectangles,
-    unseen_ends,
-    within,
-)
+from lidarcli.formalism.matching.extents import BESIDE, LINKED, box_of, clusters, rectangles, unseen_ends, within
 from lidarcli.formalism.matching.ground import SEEN_FREE, Ground, Nearest
 from lidarcli.formalism.matching.pairs import FREE_SHARE, Side, in_place, probabilities, some_free
 from lidarcli.formalism.matching.runs import HERE, Motion, Standing, placed_at
@@ -385,24 +377,10 @@ class Compared:
 
     def _done(self) -> Changes:
         columns = [*zip(*self._rows, strict=True)] or [()] * 10
-        kinds = (
-            np.int8,
-            np.int8,
-            np.int8,
-            np.float64,
-            np.int64,
-            np.int64,
-            np.float64,
-            np.float64,
-            np.int64,
-            np.float64,
-        )
+        kinds = (np.int8, np.int8, np.int8, np.float64, np.int64, np.int64, np.float64, np.float64, np.int64, np.float64)
         shapes = (-1, -1, -1, -1, -1, -1, (-1, 5), -1, (-1, 2), (-1, 2))
         return Changes(
-            *(
-                np.array(column, kind).reshape(shape)
-                for column, kind, shape in zip(columns, kinds, shapes, strict=True)
-            )
+            *(np.array(column, kind).reshape(shape) for column, kind, shape in zip(columns, kinds, shapes, strict=True))
         )
 
 

@@ -42,12 +42,7 @@ ROUGH = 0.05
 MOST_PARTS = 8
 """Greatest number of legs of a thing whose legs are measured."""
 LEAST_LENGTH = 1e-9
-SEEN_AS = (
-    (0.925, 0.02, 0.005, 0.05),
-    (0.06, 0.855, 0.005, 0.08),
-    (0.06, 0.14, 0.60, 0.20),
-    (0.33, 0.13, 0.005, 0.535),
-)
+SEEN_AS = ((0.925, 0.02, 0.005, 0.05), (0.06, 0.855, 0.005, 0.08), (0.06, 0.14, 0.60, 0.20), (0.33, 0.13, 0.005, 0.535))
 """Shares of the sweeps that take a prismatic, round, legged or irregular thing (rows) for prismatic, round,
 legged or irregular: those of docs/accuracy.md with more room for rare cases, as one sweep is no proof. Sweeps that find
 no shape, as few beams hit the thing, are left out."""
@@ -76,9 +71,7 @@ def evidence_of(batch: SweepBatch, detection: Detection) -> Evidence:
     step = np.abs(batch.angle_increment)[detection.row]
     sigma = np.nan_to_num(detection.noise[detection.row])
     nothing = np.full(count, np.nan)
-    found = {
-        name: nothing.copy() for name in ("side_1", "side_1_sd", "side_2", "side_2_sd", "across", "across_sd")
-    }
+    found = {name: nothing.copy() for name in ("side_1", "side_1_sd", "side_2", "side_2_sd", "across", "across_sd")}
     _sides(detection, step, sigma, found)
     _extents(detection, step, sigma, found)
     legs, span_1, span_2 = _legs(detection)
@@ -211,8 +204,7 @@ def _places(detection: Detection, rows: Int64) -> tuple[Float64, Float64]:
     begin = detection.vertex_offsets[rows].astype(np.int64)
     vertex, row, offsets = spans(begin, np.diff(detection.vertex_offsets)[rows].astype(np.int64))
     face, owner, _ = spans(
-        detection.face_offsets[rows].astype(np.int64),
-        np.diff(detection.face_offsets)[rows].astype(np.int64),
+        detection.face_offsets[rows].astype(np.int64), np.diff(detection.face_offsets)[rows].astype(np.int64)
     )
     theta, r = detection.vertex_theta[vertex], detection.vertex_r[vertex]
     # A part begins with a vertex where no face ends.

@@ -69,10 +69,7 @@ def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, 
     groups = clusters(ground.points, max(LINKED, 2.1 * ground.resolution))
     for number, group in enumerate(groups):
         owner[group] = number
-    hit = [
-        np.unique(owner[within(ground.points, box_of(things, yaw, k), BESIDE)]).tolist()
-        for k in range(len(things))
-    ]
+    hit = [np.unique(owner[within(ground.points, box_of(things, yaw, k), BESIDE)]).tolist() for k in range(len(things))]
     claims: dict[int, list[int]] = {}
     for k, mine in enumerate(hit):
         for number in mine:
@@ -81,9 +78,7 @@ def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, 
     yaw = yaw.copy()
     dropped: set[int] = set()
     for k, mine in enumerate(hit):
-        points = (
-            ground.points[np.concatenate([groups[number] for number in mine])] if mine else np.empty((0, 2))
-        )
+        points = ground.points[np.concatenate([groups[number] for number in mine])] if mine else np.empty((0, 2))
         if k in dropped or len(points) < LEAST_HITS or np.ptp(points, axis=0).max() > LARGEST_SIZE:
             continue
         others = {other for number in mine for other in claims[number]} - {k}
@@ -109,9 +104,7 @@ def rectangles(points: Float64, starts: Int64) -> Float64:
         for tried in angle + turns[:, None]:
             off = np.full(len(points), NEAR_EDGE)
             for values in _turned(points, tried, sizes):
-                low, high = (
-                    np.repeat(each.reduceat(values, starts), sizes) for each in (np.minimum, np.maximum)
-                )
+                low, high = (np.repeat(each.reduceat(values, starts), sizes) for each in (np.minimum, np.maximum))
                 off = np.minimum(off, np.minimum(values - low, high - values))
             cost = np.add.reduceat(off, starts) / sizes
             angle, best = np.where(cost < best, [tried, cost], [angle, best])

@@ -87,9 +87,7 @@ class Ground:
         x, y = motion.of(corners[:, 0] + self.x, corners[:, 1] + self.y)
         points = np.column_stack(motion.of(self.points[:, 0], self.points[:, 1]))
         inverse = motion.inverse
-        left, low, cells, passes, looks = _laid(
-            self.resolution, x, y, lambda x, y: self._at(*inverse.of(x, y))
-        )
+        left, low, cells, passes, looks = _laid(self.resolution, x, y, lambda x, y: self._at(*inverse.of(x, y)))
         # Turned cells may miss a point, and the points are what counts.
         cells[cells == OCCUPIED] = FREE
         moved = Ground(self.resolution, left, low, cells, passes, looks, points, self.counted)
@@ -115,9 +113,7 @@ class Ground:
         left, low, cells, passes, looks = _laid(self.resolution, x, y, read)
         kept = older.points[self.state(older.points[:, 0], older.points[:, 1]) == UNKNOWN]
         points = np.concatenate([self.points, kept])
-        return Ground(
-            self.resolution, left, low, cells, passes, looks, points, self.counted and older.counted
-        )
+        return Ground(self.resolution, left, low, cells, passes, looks, points, self.counted and older.counted)
 
     def _at(self, x: Float64, y: Float64) -> _Layers:
         """Return cells, passes and looks at places."""
@@ -147,9 +143,7 @@ def _laid(
     if height * width > MOST_CELLS:
         raise TooLargeError(f"{width * side:,.0f} x {height * side:,.0f} m")
     layers = np.empty((height, width), np.int8), *np.empty((2, height, width), np.int32)
-    middle_x, middle_y = (
-        (np.arange(many) + first + 0.5) * side for many, first in ((width, left), (height, low))
-    )
+    middle_x, middle_y = ((np.arange(many) + first + 0.5) * side for many, first in ((width, left), (height, low)))
     step = max(1, AT_ONCE // max(width, 1))
     for begin in range(0, height, step):
         rows = slice(begin, begin + step)
@@ -328,11 +322,7 @@ def _lines(ground: Ground, cell: Int64, index: Int32, which: Int64) -> tuple[Flo
     sums = sums.T
     number = np.maximum(sums[:, 0], 1.0)
     mean_x, mean_y = sums[:, 1] / number, sums[:, 2] / number
-    xx, xy, yy = (
-        sums[:, 3] / number - mean_x**2,
-        sums[:, 4] / number - mean_x * mean_y,
-        sums[:, 5] / number - mean_y**2,
-    )
+    xx, xy, yy = (sums[:, 3] / number - mean_x**2, sums[:, 4] / number - mean_x * mean_y, sums[:, 5] / number - mean_y**2)
     root = np.sqrt(0.25 * (xx - yy) ** 2 + xy**2)
     middle = 0.5 * (xx + yy)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)

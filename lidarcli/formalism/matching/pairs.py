@@ -106,9 +106,7 @@ def probabilities(a: Side, b: Side, near: Bool) -> Float64:
     sized = [np.isfinite(each.length) for each in (one, other)]
     named = (one.label >= 0)[:, None] & (one.label[:, None] == other.label)
     length, width = (np.fmax(np.nan_to_num(each.length), SAME_PLACE) for each in (one, other))
-    may = (a.left[:, None] & b.left) | (
-        (away <= np.fmin(length[:, None], width)) & ~(a.stays[:, None] & b.stays)
-    )
+    may = (a.left[:, None] & b.left) | ((away <= np.fmin(length[:, None], width)) & ~(a.stays[:, None] & b.stays))
     may &= (sized[0][:, None] & sized[1]) | named
     moves = np.where(may, MOVES * _nearer(away, one, other) * np.exp(same_sizes(a, b)), 0.0)
     return _marginals(np.where(near, stays, moves))

@@ -123,8 +123,7 @@ def in_place(known: Standing, run: Standing) -> Float64:
 def near(distance: Float64, room: float) -> Float64:
     """Return the log-likelihood ratio of one thing at two places with a distance [m], in a room of an area [m²]."""
     result: Float64 = (
-        math.log(STAYS * max(room, LEAST_AREA) / (4.0 * math.pi * RUN_PLACE_SD**2))
-        - 0.25 * (distance / RUN_PLACE_SD) ** 2
+        math.log(STAYS * max(room, LEAST_AREA) / (4.0 * math.pi * RUN_PLACE_SD**2)) - 0.25 * (distance / RUN_PLACE_SD) ** 2
     )
     return result
 
@@ -159,9 +158,7 @@ def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD, wrong: f
 
 def coded(known: Standing, run: Standing) -> Float64:
     """Return (T, N) the log-likelihood ratio of being one thing by shape and label."""
-    return _codes(known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE) + _codes(
-        known.label, run.label, SAME_LABEL, OTHER_LABEL
-    )
+    return _codes(known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE) + _codes(known.label, run.label, SAME_LABEL, OTHER_LABEL)
 
 
 def _codes(known: Int32, run: Int32, same: float, other: float) -> Float64:
@@ -262,9 +259,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
         gain = gains(known, placed)
         pair = assign(gain.T - LEAST_GAIN)
         one = np.flatnonzero(pair >= 0)
-        standing = int(
-            np.count_nonzero(_distance(known, placed)[pair[one], one] < IN_PLACE_SDS * RUN_PLACE_SD)
-        )
+        standing = int(np.count_nonzero(_distance(known, placed)[pair[one], one] < IN_PLACE_SDS * RUN_PLACE_SD))
         if standing < (min(2, len(known), len(run)) if refined == HERE else LEAST_IN_PLACE):
             continue
         total = float((gain[pair[one], one] - LEAST_GAIN).sum()) - (0.0 if refined == HERE else MOTION_PRIOR)
@@ -290,12 +285,7 @@ def proposals(known: Standing, run: Standing) -> list[Motion]:
     there, here = np.hypot(x0[b] - x0[a], y0[b] - y0[a]), np.hypot(x1[j] - x1[i], y1[j] - y1[i])
     first, second = like[a][:, i], like[b][:, j]
     fits = np.abs(there[:, None] - here) < PAIR_TOLERANCE
-    fits &= (
-        (first > LEAST_ALIKE)
-        & (second > LEAST_ALIKE)
-        & (there[:, None] > SHORTEST_PAIR)
-        & (here > SHORTEST_PAIR)
-    )
+    fits &= (first > LEAST_ALIKE) & (second > LEAST_ALIKE) & (there[:, None] > SHORTEST_PAIR) & (here > SHORTEST_PAIR)
     p, q = np.nonzero(fits)
     weight = (first + second)[p, q] - ((there[p] - here[q]) / (2.0 * RUN_PLACE_SD)) ** 2
     order = np.lexsort((-there[p], -weight))[:MOST_PROPOSALS]
@@ -346,9 +336,7 @@ def _refine(known: Standing, run: Standing, motion: Motion) -> Motion:
     for _ in range(MOTION_REFINEMENTS):
         placed = placed_at(run, *motion.of(run.x, run.y))
         away = _distance(known, placed)
-        gain = np.where(
-            away < IN_PLACE_SDS * RUN_PLACE_SD, like + near(away, area(known, placed)) - LEAST_GAIN, -np.inf
-        )
+        gain = np.where(away < IN_PLACE_SDS * RUN_PLACE_SD, like + near(away, area(known, placed)) - LEAST_GAIN, -np.inf)
         pair = assign(gain.T)
         one = np.flatnonzero(pair >= 0)
         if len(one) < 2:

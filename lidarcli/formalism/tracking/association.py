@@ -354,14 +354,7 @@ class Persons:
 
 
 def follow_persons(
-    persons: Persons,
-    bodies: Bodies,
-    views: Views,
-    scans: Scans,
-    owner: Any,
-    log: Sightings,
-    time: float,
-    sweep: int,
+    persons: Persons, bodies: Bodies, views: Views, scans: Scans, owner: Any, log: Sightings, time: float, sweep: int
 ) -> None:
     """Assign slim views to persons, and let legs that move found new ones.
 
@@ -414,9 +407,7 @@ def _merge_person(persons: Persons, bodies: Bodies, views: Views, owner: Any, lo
             continue
         other_x, other_y = estimation.centre(bodies, c)
         dx, dy = x - other_x, y - other_y
-        if dx * dx + dy * dy < PERSONS_APART * PERSONS_APART and (
-            elder < 0 or bodies.number[c] < bodies.number[elder]
-        ):
+        if dx * dx + dy * dy < PERSONS_APART * PERSONS_APART and (elder < 0 or bodies.number[c] < bodies.number[elder]):
             elder = c
     if elder < 0:
         return
@@ -443,11 +434,7 @@ def _without_leg(bodies: Bodies, views: Views, k: int) -> int:
     """Return the nearest person within reach of a view that has fewer than two legs; -1 for none."""
     best, least = -1, LEG_REACH * LEG_REACH
     for b in range(bodies.high):
-        if (
-            bodies.state[b] != estimation.LIVE
-            or bodies.kind[b] != estimation.PERSON
-            or bodies.settled[b] >= 2
-        ):
+        if bodies.state[b] != estimation.LIVE or bodies.kind[b] != estimation.PERSON or bodies.settled[b] >= 2:
             continue
         x, y = estimation.centre(bodies, b)
         dx, dy = views.middle_x[k] - x, views.middle_y[k] - y
@@ -546,11 +533,7 @@ def _update_person(
     estimation.update(bodies, 2 * b + 1, y / number, 0.0, var)
     if number > 1.0:
         bodies.whole[b] += 1
-    elif (
-        not wide
-        and views.start[bodies.view[b]] == observation.OWN
-        and views.end[bodies.view[b]] == observation.OWN
-    ):
+    elif not wide and views.start[bodies.view[b]] == observation.OWN and views.end[bodies.view[b]] == observation.OWN:
         # A person who never shows two legs has the width of one.
         bodies.boxy[b] += 1
         bodies.size[b] += (views.chord[bodies.view[b]] - bodies.size[b]) / min(bodies.boxy[b], 20)
@@ -594,9 +577,7 @@ def _found_person(
     for i in range(2):
         a = 2 * b + i
         middle = views.middle_x[k] if i == 0 else views.middle_y[k]
-        estimation.begin_axis(
-            bodies, a, middle - PERSON_RADIUS, middle + PERSON_RADIUS, ONE_LEG_VAR, ONE_LEG_VAR
-        )
+        estimation.begin_axis(bodies, a, middle - PERSON_RADIUS, middle + PERSON_RADIUS, ONE_LEG_VAR, ONE_LEG_VAR)
         bodies.v[a] = bodies.v[2 * leg + i]
         bodies.ch[a] = 0.0
     _join_leg(bodies, leg, b)

@@ -89,9 +89,7 @@ def weigh_motion(bodies: Bodies, b: int, sides: Sides, is_whole: bool) -> None:
     if sides.by_centre:
         for i in range(2):
             if not sides.is_doubtful:
-                total += _motion_odds(
-                    bodies, 2 * b + i, sides.z[2 * i], 0.0, sides.var[2 * i], sides.lasting_var
-                )
+                total += _motion_odds(bodies, 2 * b + i, sides.z[2 * i], 0.0, sides.var[2 * i], sides.lasting_var)
     else:
         for i in range(2):
             total += _axis_odds(bodies, 2 * b + i, sides, 2 * i)
@@ -150,9 +148,7 @@ def note_rest(bodies: Bodies, b: int, sweep: int) -> None:
         bodies.birth_x[b], bodies.birth_y[b] = estimation.centre(bodies, b)
 
 
-def is_moving(
-    bodies: Bodies, b: int, views: Views, scans: Scans, k: int, past: Memory, alarm: float, time: float
-) -> bool:
+def is_moving(bodies: Bodies, b: int, views: Views, scans: Scans, k: int, past: Memory, alarm: float, time: float) -> bool:
     """Return whether both witnesses show that a body moves by itself."""
     if bodies.evidence[b] < alarm:
         return False
@@ -212,9 +208,7 @@ def was_free(views: Views, k: int, past: Memory, time: float) -> bool:
     return False
 
 
-def passing(
-    views: Views, scans: Scans, x: float, y: float, near: float, beside: float
-) -> tuple[float, float, float]:
+def passing(views: Views, scans: Scans, x: float, y: float, near: float, beside: float) -> tuple[float, float, float]:
     """Return the shares of the beams at the core of a place that pass it, end at it, and are outside of the view.
 
     Parameters
@@ -254,9 +248,7 @@ def passing(
     return passes / number, hits / number, unseen / number
 
 
-def passing_body(
-    views: Views, scans: Scans, bodies: Bodies, b: int, x: float, y: float
-) -> tuple[float, float, float]:
+def passing_body(views: Views, scans: Scans, bodies: Bodies, b: int, x: float, y: float) -> tuple[float, float, float]:
     """Return the shares of `passing` for a body, as if its centre were at x, y."""
     dx, dy = x - views.x, y - views.y
     r = math.sqrt(dx * dx + dy * dy)
@@ -360,15 +352,8 @@ def note_legs(bodies: Bodies, b: int, views: Views, k: int, scans: Scans) -> Non
     observation.place_sensor(views, views.share[k])
     before = observation.range_at(views, scans, first - 1)
     for position in range(first, last + 1):
-        here, after = (
-            observation.range_at(views, scans, position),
-            observation.range_at(views, scans, position + 1),
-        )
-        run = (
-            run + 1
-            if run > 0 and abs(here - before) < SAME_LEG
-            else (1 if before > here + SPECK_DEPTH else 0)
-        )
+        here, after = (observation.range_at(views, scans, position), observation.range_at(views, scans, position + 1))
+        run = run + 1 if run > 0 and abs(here - before) < SAME_LEG else (1 if before > here + SPECK_DEPTH else 0)
         if 0 < run <= SPECK_BEAMS and here > 0.0 and after > here + SPECK_DEPTH:
             theta = views.first + views.step * position
             x, y = observation.to_world(views, here * math.cos(theta), here * math.sin(theta))

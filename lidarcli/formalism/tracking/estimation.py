@@ -295,8 +295,7 @@ def predict(bodies: Bodies, b: int, dt: float, creep: float) -> None:
     """Predict a body after a time dt [s]. `creep`: variance that is added to standing bodies as poses drift [m²]."""
     if bodies.kind[b] == BOX:
         bodies.yaw_var[b] += (
-            dt * (2.0 * bodies.yaw_cov[b] + dt * bodies.rate_var[b])
-            + ANGULAR_ACCELERATION * dt * dt * dt / 3.0
+            dt * (2.0 * bodies.yaw_cov[b] + dt * bodies.rate_var[b]) + ANGULAR_ACCELERATION * dt * dt * dt / 3.0
         )
         bodies.yaw_cov[b] += dt * bodies.rate_var[b] + 0.5 * ANGULAR_ACCELERATION * dt * dt
         bodies.rate_var[b] += ANGULAR_ACCELERATION * dt
@@ -345,11 +344,7 @@ def update(bodies: Bodies, a: int, z: float, sign: float, var: float) -> None:
     off, s = residual(bodies, a, z, sign, var)
     if off * off > MOST_RESIDUAL * s:
         s = off * off / MOST_RESIDUAL
-    p, q, w = (
-        bodies.cc[a] + sign * bodies.ch[a],
-        bodies.cv[a] + sign * bodies.vh[a],
-        bodies.ch[a] + sign * bodies.hh[a],
-    )
+    p, q, w = (bodies.cc[a] + sign * bodies.ch[a], bodies.cv[a] + sign * bodies.vh[a], bodies.ch[a] + sign * bodies.hh[a])
     gain_c, gain_v, gain_h = p / s, q / s, w / s
     bodies.c[a] += gain_c * off
     bodies.v[a] += gain_v * off
@@ -524,9 +519,7 @@ def _measure_face(sides: Sides, views: Views, f: int, cos: float, sin: float, po
         sides.z[side], sides.var[side] = cos * y - sin * x, var
 
 
-def _measure_end(
-    sides: Sides, views: Views, k: int, p: int, way: float, cos: float, sin: float, pose_var: float
-) -> None:
+def _measure_end(sides: Sides, views: Views, k: int, p: int, way: float, cos: float, sin: float, pose_var: float) -> None:
     """Measure the sides that end at an edge, half a beam past the last point on average."""
     x, y = views.point_x[p], views.point_y[p]
     far_x, far_y = x - views.x, y - views.y
@@ -560,9 +553,7 @@ def _measure_end(
             sides.var[side] = gap * gap / 12.0 + depth * depth + SURFACE_VAR + pose_var
 
 
-def measure_disc(
-    sides: Sides, views: Views, k: int, radius: float, radius_var: float, pose_var: float
-) -> None:
+def measure_disc(sides: Sides, views: Views, k: int, radius: float, radius_var: float, pose_var: float) -> None:
     """Measure the centre of a disc, in the axes of the world.
 
     Parameters
@@ -587,10 +578,7 @@ def measure_disc(
     seen = min(seen, 0.6 * max(views.length[k], views.chord[k]) + gap)
     sides.half_var = AT_LEAST
     if own_start and own_end:
-        sides.half, sides.half_var = (
-            seen,
-            gap * gap / 24.0 + SURFACE_VAR + RAGGED_SHARE * RAGGED_SHARE * seen * seen,
-        )
+        sides.half, sides.half_var = (seen, gap * gap / 24.0 + SURFACE_VAR + RAGGED_SHARE * RAGGED_SHARE * seen * seen)
     if radius_var < 0.0:
         radius, radius_var = seen, 0.0025
         if sides.half_var >= 0.0:
@@ -629,9 +617,7 @@ def measure_disc(
     more = SURFACE_VAR + pose_var + sides.lasting_var
     across_var += more
     # The arc of a round object gives its middle, wherever the arc ends.
-    sides.is_doubtful = views.shape[k] != ROUND and (
-        views.start[k] == observation.OPEN or views.end[k] == observation.OPEN
-    )
+    sides.is_doubtful = views.shape[k] != ROUND and (views.start[k] == observation.OPEN or views.end[k] == observation.OPEN)
     if sides.is_doubtful:
         across_var += _edge_doubt(views.start[k]) + _edge_doubt(views.end[k])
     depth_var += more
@@ -699,15 +685,7 @@ def sighting_arrays(count: int) -> dict[str, NDArray[Any]]:
 
 
 def log_sighting(
-    log: Sightings,
-    bodies: Bodies,
-    b: int,
-    sides: Sides,
-    views: Views,
-    k: int,
-    sweep: int,
-    time: float,
-    at: int,
+    log: Sightings, bodies: Bodies, b: int, sides: Sides, views: Views, k: int, sweep: int, time: float, at: int
 ) -> None:
     """Write a sighting of a body by view k to the log; there is room."""
     i = log.count

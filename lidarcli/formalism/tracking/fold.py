@@ -204,22 +204,13 @@ def _judge_pose(fold: Fold, seen: Seen, row: int, dt: float) -> None:
     x, y, yaw = seen.poses[4 * row], seen.poses[4 * row + 1], seen.poses[4 * row + 2]
     fold.way = fold.turned = fold.correction.speed_x = fold.correction.speed_y = fold.correction.turning = 0.0
     if fold.moves and fold.correction.has_pose and dt > 0.0:
-        dx, dy, turned = (
-            x - fold.correction.last[0],
-            y - fold.correction.last[1],
-            yaw - fold.correction.last[2],
-        )
+        dx, dy, turned = (x - fold.correction.last[0], y - fold.correction.last[1], yaw - fold.correction.last[2])
         turned -= observation.TURN * math.floor(turned / observation.TURN + 0.5)
         fold.way, fold.turned = math.sqrt(dx * dx + dy * dy), abs(turned)
         if dt >= SHORTEST_STEP:
             fold.correction.speed_x, fold.correction.speed_y = dx / dt, dy / dt
             fold.correction.turning = turned / dt
-    fold.correction.last[0], fold.correction.last[1], fold.correction.last[2], fold.correction.has_pose = (
-        x,
-        y,
-        yaw,
-        True,
-    )
+    fold.correction.last[0], fold.correction.last[1], fold.correction.last[2], fold.correction.has_pose = (x, y, yaw, True)
     fold.correction.way += fold.way
     at = 3 * row
     fold.views.way_x, fold.views.way_y = seen.way[at], seen.way[at + 1]
@@ -248,9 +239,7 @@ def _begin(fold: Fold, bodies: Bodies, views: Views, k: int) -> int:
         _make_disc(fold, bodies, views, b, k)
     # A new body inside of a known one may be a piece of it.
     x, y = estimation.centre(bodies, b)
-    other = belief.covering_body(
-        bodies, b, x, y, association.PART_MARGIN if observation.is_partial(views, k) else 0.0
-    )
+    other = belief.covering_body(bodies, b, x, y, association.PART_MARGIN if observation.is_partial(views, k) else 0.0)
     if other >= 0:
         bodies.same_as[b] = bodies.number[other]
     _note_view(fold, bodies, views, b, k)
@@ -313,12 +302,7 @@ def _face_direction(views: Views, k: int) -> tuple[float, float]:
             best = f
     if best < 0:
         first, last = views.begin[k], views.begin[k + 1] - 1
-        return (
-            math.atan2(
-                views.point_y[last] - views.point_y[first], views.point_x[last] - views.point_x[first]
-            ),
-            -1.0,
-        )
+        return (math.atan2(views.point_y[last] - views.point_y[first], views.point_x[last] - views.point_x[first]), -1.0)
     length = max(views.extent[best], 0.01)
     var = 12.0 * views.sigma * views.sigma / (views.face_points[best] * length * length)
     return math.atan2(views.along_y[best], views.along_x[best]), var + LEAST_YAW_VAR
@@ -377,11 +361,7 @@ def _consider_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> N
 
 def _learn_from_body(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
     """Learn the error of the poses from the sides of a body that stands."""
-    tells = (
-        bodies.moved[b] == 0
-        and bodies.settled[b] >= POSE_SIGHTINGS
-        and bodies.evidence[b] < MOST_POSE_EVIDENCE
-    )
+    tells = bodies.moved[b] == 0 and bodies.settled[b] >= POSE_SIGHTINGS and bodies.evidence[b] < MOST_POSE_EVIDENCE
     for i in range(2):
         u_x, u_y = estimation.to_world(bodies, b, 1.0 - i, 1.0 * i)
         a = 2 * b + i
@@ -452,15 +432,7 @@ def _note_view(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None
     belief.note_shape(bodies, b, views, k)
     fold.persons.entry[k] = fold.log.count
     estimation.log_sighting(
-        fold.log,
-        bodies,
-        b,
-        fold.sides,
-        views,
-        k,
-        fold.sweeps - 1,
-        fold.clock,
-        fold.objects + views.object[k],
+        fold.log, bodies, b, fold.sides, views, k, fold.sweeps - 1, fold.clock, fold.objects + views.object[k]
     )
 
 
@@ -513,9 +485,7 @@ def correct_pose(correction: Correction, views: Views, x: float, y: float, yaw: 
     views.pose_var, views.pose_turn_var = speed * var, correction.turning * correction.turning * var
 
 
-def set_effect(
-    correction: Correction, views: Views, x: float, y: float, u_x: float, u_y: float, axis: int
-) -> None:
+def set_effect(correction: Correction, views: Views, x: float, y: float, u_x: float, u_y: float, axis: int) -> None:
     """Fill in `effect`: the derivative of a point x, y along a direction u, for each of the three numbers."""
     dx, dy = x - views.x, y - views.y
     moved_x = correction.speed_x - correction.turning * dy
@@ -525,9 +495,7 @@ def set_effect(
     correction.effect[3 * axis + LEFT] = -views.side * (u_y * views.cos - u_x * views.sin)
 
 
-def learn_pose_error(
-    correction: Correction, bodies: Bodies, a: int, off: float, var: float, axis: int
-) -> None:
+def learn_pose_error(correction: Correction, bodies: Bodies, a: int, off: float, var: float, axis: int) -> None:
     """Update the estimate with the residual of a side of a standing body [m] along axis a, after `set_effect`."""
     s = var + POSE_SIDE_VAR
     expected = 0.0

@@ -82,11 +82,7 @@ def _join_doubles(seen: Any, new: list[Body], bodies: dict[int, Body]) -> None:
         other = bodies.get(body.same_as)
         if other is None or other is body:
             continue
-        if (
-            _goes_with(seen, body, other)
-            if other.kind == PERSON
-            else other.moved == body.moved and _is_inside(body, other)
-        ):
+        if _goes_with(seen, body, other) if other.kind == PERSON else other.moved == body.moved and _is_inside(body, other):
             _track_of(other).absorb(body)
 
 
@@ -135,9 +131,7 @@ def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> bool:
     if not begins:
         return False
     last_sweep = int(seen.sweep.max(initial=0))
-    ends = [
-        _ending(seen, body) for body in bodies.values() if body.last_sweep < last_sweep and not body.member
-    ]
+    ends = [_ending(seen, body) for body in bodies.values() if body.last_sweep < last_sweep and not body.member]
     pairs = []
     off = _misfits(ends, begins)
     for i, k in np.argwhere(off < 1.0).tolist():
@@ -168,11 +162,7 @@ def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> bool:
 
 def _overlap(one: Track, other: Track) -> bool:
     """Return whether two tracks are seen at the same time."""
-    return any(
-        a.last_sweep >= b.first_sweep and b.last_sweep >= a.first_sweep
-        for a in one.parts
-        for b in other.parts
-    )
+    return any(a.last_sweep >= b.first_sweep and b.last_sweep >= a.first_sweep for a in one.parts for b in other.parts)
 
 
 def _misfits(ends: list[_Piece], begins: list[_Piece]) -> Float64:

@@ -126,15 +126,11 @@ def _mean(count: Float64, weight: Float64, size: Float64) -> tuple[float, float]
     order = np.argsort(size, kind="stable")
     half = np.searchsorted(np.cumsum(count[order]), 0.5 * count.sum())
     off = size - size[order[half]]
-    share = (
-        weight * count / (count + HALF_WEIGHT_SWEEPS) / (1.0 + np.square(off) / (SIZE_OUTLIER + 1.0 / weight))
-    )
+    share = weight * count / (count + HALF_WEIGHT_SWEEPS) / (1.0 + np.square(off) / (SIZE_OUTLIER + 1.0 / weight))
     total = share.sum()
     looks = total * total / np.square(share).sum()
     variance = (
-        total
-        / float((share * weight).sum())
-        * (1.0 / looks + SHARED_SD_SHARE * SHARED_SD_SHARE * (1.0 - 1.0 / looks))
+        total / float((share * weight).sum()) * (1.0 / looks + SHARED_SD_SHARE * SHARED_SD_SHARE * (1.0 - 1.0 / looks))
     )
     return float((share * size).sum() / total), float(np.hypot(math.sqrt(variance), LEAST_SIZE_SD))
 

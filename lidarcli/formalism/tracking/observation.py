@@ -17,12 +17,7 @@ from lidarcli.formalism.segmentation import Scans
 from lidarcli.sweeps import Bool
 
 OBJECT, REMOVED = detection.OBJECT, detection.REMOVED
-FULL, START_HIDDEN, END_HIDDEN, CUT = (
-    detection.FULL,
-    detection.START_HIDDEN,
-    detection.END_HIDDEN,
-    detection.CUT,
-)
+FULL, START_HIDDEN, END_HIDDEN, CUT = (detection.FULL, detection.START_HIDDEN, detection.END_HIDDEN, detection.CUT)
 OPEN_VIEW, SHARED = sweeps.Closure.OPEN.value, sweeps.Closure.SHARED.value
 VALID, NO_RETURN = sweeps.Status.VALID.value, sweeps.Status.NO_RETURN.value
 TURN = sweeps.TURN
@@ -53,9 +48,7 @@ FREE_RANGE = 1e9
 class Seen:
     """Columns of a detection of K objects, and the poses of its S sweeps, for the loops over one sweep."""
 
-    def __init__(
-        self, found: Detection, poses: Any, seconds: Any, way: Any, shares: Any, placed: Bool
-    ) -> None:
+    def __init__(self, found: Detection, poses: Any, seconds: Any, way: Any, shares: Any, placed: Bool) -> None:
         """
         Parameters
         ----------
@@ -66,9 +59,7 @@ class Seen:
         shares : (K,) share of the time of its sweep that had passed when each object was seen
         placed : (S,) True where the place of the sensor is known
         """
-        arrays = {
-            name: np.require(getattr(found, name), COLUMNS[name].dtype, ["C", "A"]) for name in REQUIRED
-        }
+        arrays = {name: np.require(getattr(found, name), COLUMNS[name].dtype, ["C", "A"]) for name in REQUIRED}
         change = np.full(len(found), -1, np.int8) if found.change is None else found.change
         offset = np.searchsorted(found.row, np.arange(len(found.noise) + 1)).astype(np.int64)
         numbers = (poses, seconds, way, shares)

@@ -37,9 +37,7 @@ class Followed:
     """
 
     track: Int64 = column(
-        "1",
-        "thing that the object belongs to, 1, 2, ... by first sight; null until tracked",
-        nullable=True,
+        "1", "thing that the object belongs to, 1, 2, ... by first sight; null until tracked", nullable=True
     )
     """0 without a track."""
     vx: Float64 = column(
@@ -48,15 +46,9 @@ class Followed:
         nullable=True,
         later=True,
     )
-    vy: Float64 = column(
-        "m/s", "velocity of the thing over ground; null until tracked", nullable=True, later=True
-    )
+    vy: Float64 = column("m/s", "velocity of the thing over ground; null until tracked", nullable=True, later=True)
     moving: Int8 = column(
-        "",
-        "whether the thing moves in this sweep; null until tracked",
-        kind="bool",
-        nullable=True,
-        later=True,
+        "", "whether the thing moves in this sweep; null until tracked", kind="bool", nullable=True, later=True
     )
     """-1 without a track."""
     set: UInt8
@@ -92,10 +84,7 @@ class Tracks:
     track: Int64 = column("1", "number of the thing, 1, 2, ... by first sight within its topic", per="track")
     set: UInt8 = column("", "A agent: it has moved by itself; O object: it has not", per="track", words=SETS)
     shape: UInt8 = column(
-        "",
-        "prismatic, round, legged, irregular or unknown, by all that was seen of it",
-        per="track",
-        words=SHAPES,
+        "", "prismatic, round, legged, irregular or unknown, by all that was seen of it", per="track", words=SHAPES
     )
     label: Int32
     """(M,) index into the catalogue, -1 for none."""
@@ -108,33 +97,19 @@ class Tracks:
     sweeps: Int64 = column("1", "sweeps in which it was seen", per="track")
     hidden: Float64 = column("s", "time between first and last sight in which it was not seen", per="track")
     x: Float64 = column(
-        "m",
-        "centre, world frame or else sensor frame; of an agent where it was last",
-        per="track",
-        kind="float64",
+        "m", "centre, world frame or else sensor frame; of an agent where it was last", per="track", kind="float64"
     )
     y: Float64 = column("m", "centre, world frame or else sensor frame", per="track", kind="float64")
     yaw: Float64 = column("rad", "direction of the longer side", per="track", kind="float64")
-    length: Float64 = column(
-        "m", "longer side by all that was seen of it; null where unknown", per="track", nullable=True
-    )
-    width: Float64 = column(
-        "m", "shorter side by all that was seen of it; null where unknown", per="track", nullable=True
-    )
-    length_sd: Float64 = column(
-        "m", "standard deviation of the length; null with it", per="track", nullable=True
-    )
-    width_sd: Float64 = column(
-        "m", "standard deviation of the width; null with it", per="track", nullable=True
-    )
+    length: Float64 = column("m", "longer side by all that was seen of it; null where unknown", per="track", nullable=True)
+    width: Float64 = column("m", "shorter side by all that was seen of it; null where unknown", per="track", nullable=True)
+    length_sd: Float64 = column("m", "standard deviation of the length; null with it", per="track", nullable=True)
+    width_sd: Float64 = column("m", "standard deviation of the width; null with it", per="track", nullable=True)
     distance: Float64 = column("m", "way travelled over ground, in the sweeps in which it moves", per="track")
     speed_mean: Float64 = column("m/s", "mean speed from the first sight to the last", per="track")
     speed_max: Float64 = column("m/s", "greatest speed", per="track")
     moved_at_ns: Int64 = column(
-        "ns",
-        "stamp at which it began to move; null for what never moved",
-        per="track",
-        nullable=True,
+        "ns", "stamp at which it began to move; null for what never moved", per="track", nullable=True
     )
     end: UInt8 = column("", "left view, free, lost or end of log: why it ends", per="track", words=ENDS)
     moved: Bool
@@ -154,14 +129,9 @@ class Trajectories:
     stamp_ns: Int64
     seconds: Float64
     """(N,) stamp of the sweep [ns], and seconds since the first sweep of the topic."""
-    frame: UInt8 = column(
-        "", "frame of x and y: world where poses are known, else sensor", per="trajectory", words=FRAMES
-    )
+    frame: UInt8 = column("", "frame of x and y: world where poses are known, else sensor", per="trajectory", words=FRAMES)
     x: Float64 = column(
-        "m",
-        "middle of the thing by all sweeps that saw it, before and after",
-        per="trajectory",
-        kind="float64",
+        "m", "middle of the thing by all sweeps that saw it, before and after", per="trajectory", kind="float64"
     )
     y: Float64 = column("m", "middle of the thing", per="trajectory", kind="float64")
     vx: Float64 = column("m/s", "velocity over ground; 0 while it stands", per="trajectory")
@@ -171,9 +141,7 @@ class Trajectories:
     xy_cov: Float64 = column("m²", "covariance of x and y", per="trajectory")
     vx_sd: Float64 = column("m/s", "standard deviation of vx", per="trajectory")
     vy_sd: Float64 = column("m/s", "standard deviation of vy", per="trajectory")
-    seen: UInt8 = column(
-        "", "seen, partly (of a person one leg) or hidden in this sweep", per="trajectory", words=VIEWS
-    )
+    seen: UInt8 = column("", "seen, partly (of a person one leg) or hidden in this sweep", per="trajectory", words=VIEWS)
     parts: Int32 = column("1", "objects of this sweep that are parts of it; 0 while hidden", per="trajectory")
 
     def __len__(self) -> int:

@@ -84,9 +84,7 @@ class Smoother:
         self.product = native.doubles(self.owner, SQUARE)
         """Adjoint state of the backward pass, its matrix, and a product of that."""
 
-    def locate(
-        self, begin: int, log: dict[str, Any], rows: Any, half: Any, half_var: Any, kind: int, several: bool
-    ) -> int:
+    def locate(self, begin: int, log: dict[str, Any], rows: Any, half: Any, half_var: Any, kind: int, several: bool) -> int:
         """Write the places of a body at its sightings, from `begin` on; return the begin of the next body.
 
         Parameters
@@ -137,17 +135,7 @@ class Smoother:
             native.at_bytes(legs),
         )
 
-    def smooth(
-        self,
-        time: Any,
-        parts: Any,
-        legs: Any,
-        state: Any,
-        keep: int,
-        onset: int,
-        path: Any,
-        moving: Any,
-    ) -> None:
+    def smooth(self, time: Any, parts: Any, legs: Any, state: Any, keep: int, onset: int, path: Any, moving: Any) -> None:
         """Fill in the path (S, 9) float64 at the measured sweeps, in the order of time, and moving (S,) uint8.
 
         Parameters
@@ -188,20 +176,10 @@ def locate_sightings(
         row, side = rows[i], 4 * rows[i]
         c, s = cos[row], sin[row]
         middle_1, noise_1, size_1 = centre_of(
-            z[side],
-            z[side + 1],
-            var[side],
-            var[side + 1],
-            half[0] if kind == BOX else half_1[row],
-            half_var[0],
+            z[side], z[side + 1], var[side], var[side + 1], half[0] if kind == BOX else half_1[row], half_var[0]
         )
         middle_2, noise_2, size_2 = centre_of(
-            z[side + 2],
-            z[side + 3],
-            var[side + 2],
-            var[side + 3],
-            half[1] if kind == BOX else half_2[row],
-            half_var[1],
+            z[side + 2], z[side + 3], var[side + 2], var[side + 3], half[1] if kind == BOX else half_2[row], half_var[1]
         )
         if centred[row]:
             middle_1, noise_1, size_1 = z[side], var[side], 0.0
@@ -233,9 +211,7 @@ def centre_of(
     return middle, noise, size
 
 
-def join_parts(
-    room: Smoother, sightings: int, sweeps: int, order: Any, sweep: Any, parts: Any, legs: Any
-) -> None:
+def join_parts(room: Smoother, sightings: int, sweeps: int, order: Any, sweep: Any, parts: Any, legs: Any) -> None:
     """Compute the mean place of the parts that each sweep shows; legs count alike."""
     for i in range(sweeps):
         parts[i] = 0
@@ -266,9 +242,7 @@ def join_parts(
             room.r[3 * i + 2] += LEGS_VAR
 
 
-def smooth_path(
-    room: Smoother, time: Any, parts: Any, legs: Any, state: Any, count: int, keep: int, path: Any
-) -> None:
+def smooth_path(room: Smoother, time: Any, parts: Any, legs: Any, state: Any, count: int, keep: int, path: Any) -> None:
     """Smooth a path, at each time with the acceleration that fits the sightings around it best."""
     for c in range(LIVELINESSES):
         for i in range(count):
@@ -296,9 +270,7 @@ def choose_accelerations(room: Smoother, parts: Any, legs: Any, count: int) -> N
         room.acceleration[i] = room.liveliness[best]
 
 
-def filter_forward(
-    room: Smoother, time: Any, parts: Any, legs: Any, state: Any, count: int, keep: int, trial: int
-) -> None:
+def filter_forward(room: Smoother, time: Any, parts: Any, legs: Any, state: Any, count: int, keep: int, trial: int) -> None:
     """Estimate the state in each sweep by those before it; for a trial, also the misfit of each sweep."""
     # True for a number, which a time is once there was a sweep before.
     known = state[0] == state[0]

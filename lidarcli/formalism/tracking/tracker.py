@@ -64,9 +64,7 @@ class _Sensor:
     """Memory of one sensor: its bodies, their sightings, and their tracks."""
 
     def __init__(self, significance: float, register: Register) -> None:
-        self.fold = Fold(
-            -math.log(significance), Bodies(BODIES_AT_FIRST), Views(VIEWS_AT_FIRST, 1), Memory(1)
-        )
+        self.fold = Fold(-math.log(significance), Bodies(BODIES_AT_FIRST), Views(VIEWS_AT_FIRST, 1), Memory(1))
         self.register = register
         self.standing = Standing()
         self.log = sighting_arrays(SIGHTINGS_AT_FIRST)
@@ -120,11 +118,7 @@ class _Sensor:
 class Tracker:
     """Tracks the objects of one topic in bounded memory; the size of the batches does not change the result."""
 
-    def __init__(
-        self,
-        parameters: TrackParameters | None = None,
-        catalogue: Catalogue | None = None,
-    ) -> None:
+    def __init__(self, parameters: TrackParameters | None = None, catalogue: Catalogue | None = None) -> None:
         """
         Parameters
         ----------
@@ -234,9 +228,7 @@ class Tracker:
                 window.sweeps.append(detection.row[first:last] + (before - begin))
                 window.index.append(batch.sweep[begin:row])
                 window.stamps.append(batch.stamp_ns[begin:row])
-                register.sweeps.add(
-                    batch.sweep[begin:row], batch.stamp_ns[begin:row], times[begin:row], fold.moves
-                )
+                register.sweeps.add(batch.sweep[begin:row], batch.stamp_ns[begin:row], times[begin:row], fold.moves)
                 window.frames.append(frames[begin:row])
                 window.placed.append(placed[begin:row])
                 if looks is not None:
@@ -282,9 +274,7 @@ class Tracker:
         """Return the results for the objects of a batch."""
         which = np.minimum(self._frames(one.batch), MOST_SENSORS - 1)[one.detection.row]
         counts = np.bincount(which, minlength=1).tolist()
-        found = Settled.joined(
-            [self._sensors[number].take(count) for number, count in enumerate(counts) if count]
-        )
+        found = Settled.joined([self._sensors[number].take(count) for number, count in enumerate(counts) if count])
         if len(which) in counts:
             return found
         return found.rows(np.argsort(np.argsort(which, kind="stable")))
@@ -390,9 +380,7 @@ def _of_poses(topic: str, correction: Correction) -> list[str]:
     lines = []
     if abs(delay) > max(NOTED_DELAY, NOTED_SDS * delay_sd):
         when = "late" if delay > 0 else "early"
-        lines.append(
-            f"{topic}: static objects show the poses {abs(delay):.2f} s {when}: corrected for tracks"
-        )
+        lines.append(f"{topic}: static objects show the poses {abs(delay):.2f} s {when}: corrected for tracks")
     if math.hypot(ahead, left) > max(NOTED_DISTANCE, NOTED_SDS * place_sd):
         lines.append(
             f"{topic}: static objects show the sensor {_place(ahead, left)} of where its poses are told: "

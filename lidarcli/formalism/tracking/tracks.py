@@ -110,9 +110,7 @@ def columns_of(arrays: dict[str, NDArray[Any]], slots: Int64) -> dict[str, list[
     columns["legs"] = [()] * len(slots)
     for k in np.flatnonzero(often.any(axis=1)).tolist():
         at = often[k]
-        columns["legs"][k] = tuple(
-            zip(rows["leg_x"][k, at].tolist(), rows["leg_y"][k, at].tolist(), strict=True)
-        )
+        columns["legs"][k] = tuple(zip(rows["leg_x"][k, at].tolist(), rows["leg_y"][k, at].tolist(), strict=True))
     return columns
 
 
@@ -165,10 +163,7 @@ class Track:
         self.several = self.several or any(part.has_legs for part in self.parts)
         over = [part for part in self.parts if part.has_ended and part.last_sweep < stop]
         if len(over) > 2:
-            kept = (
-                max(over, key=lambda part: (part.sightings, -part.number)),
-                max(over, key=lambda part: part.last_sweep),
-            )
+            kept = (max(over, key=lambda part: (part.sightings, -part.number)), max(over, key=lambda part: part.last_sweep))
             self.parts = [part for part in self.parts if part in kept or part not in over]
 
     def absorb(self, body: Body) -> None:
@@ -225,13 +220,7 @@ def _row(track: Track) -> dict[str, float]:
     last = max(track.parts, key=lambda part: (part.last_sweep, -part.number))
     shape, end = _shape(track, body), last.end if last.has_ended else END_OF_LOG
     if (frame := frame_of_legs(track)) is not None:
-        return {
-            **asdict(frame),
-            "length_sd": LEG_DISTANCE_SD,
-            "width_sd": LEG_DISTANCE_SD,
-            "shape": shape,
-            "end": end,
-        }
+        return {**asdict(frame), "length_sd": LEG_DISTANCE_SD, "width_sd": LEG_DISTANCE_SD, "shape": shape, "end": end}
     sides = [_side(body, axis) for axis in range(2)]
     yaw = body.yaw
     if sides[1][0] > sides[0][0]:
@@ -257,13 +246,7 @@ def place_of(track: Track) -> tuple[float, float, float, float, float]:
     row, body = _row(track), main(track)
     c, s = math.cos(body.yaw), math.sin(body.yaw)
     along, across = body.still_cc
-    return (
-        row["x"],
-        row["y"],
-        c * c * along + s * s * across,
-        c * s * (along - across),
-        s * s * along + c * c * across,
-    )
+    return (row["x"], row["y"], c * c * along + s * s * across, c * s * (along - across), s * s * along + c * c * across)
 
 
 def main(track: Track) -> Body:

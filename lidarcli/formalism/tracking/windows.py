@@ -15,26 +15,11 @@ from lidarcli.formalism.ragged import starts
 from lidarcli.formalism.tracking import grouping
 from lidarcli.formalism.tracking.estimation import Bodies
 from lidarcli.formalism.tracking.naming import Looks, Naming
-from lidarcli.formalism.tracking.results import (
-    CONFIRMED_SIGHTINGS,
-    EMPTY,
-    ENDED,
-    LEAST_WAY,
-    LIVE,
-    PERSON,
-    Trajectories,
-)
+from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LEAST_WAY, LIVE, PERSON, Trajectories
 from lidarcli.formalism.tracking.settling import LEG_WIDTH, MOST_CROWDED
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
 from lidarcli.formalism.tracking.tracks import Body, Track, columns_of, main, row_shape
-from lidarcli.formalism.tracking.trajectories import (
-    PARTLY_BIT,
-    PARTS_MASK,
-    Path,
-    Sweeps,
-    joined,
-    standing,
-)
+from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, Path, Sweeps, joined, standing
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, UInt8
 
 EVERYTHING = slice(None)
@@ -120,9 +105,7 @@ class Settled:
             return Settled(*nothing)
         if len(parts) == 1:
             return parts[0]
-        return Settled(
-            *(np.concatenate([getattr(one, each.name) for one in parts]) for each in fields(Settled))
-        )
+        return Settled(*(np.concatenate([getattr(one, each.name) for one in parts]) for each in fields(Settled)))
 
 
 class Register:
@@ -206,9 +189,7 @@ class Register:
 
     def _sum_up(self, window: Window, seen: WindowSightings) -> None:
         """Add the sightings of a window to the sums of the tracks."""
-        index, stamps, frames = (
-            np.concatenate(values) for values in (window.index, window.stamps, window.frames)
-        )
+        index, stamps, frames = (np.concatenate(values) for values in (window.index, window.stamps, window.frames))
         for track, at in seen.by_track():
             # The first of several parts in one sweep stands for all.
             firsts = at[starts(seen.sweep[at])]
@@ -242,9 +223,7 @@ class Register:
         number, axes = np.zeros(len(found), np.int64), np.full(len(found), np.nan)
         number[found] = np.where(seen.owner[at] == seen.number[at], seen.number[at], 0)
         axes[found] = np.where(
-            seen.column("centred")[at] != 0,
-            np.nan,
-            np.arctan2(seen.column("sin")[at], seen.column("cos")[at]),
+            seen.column("centred")[at] != 0, np.nan, np.arctan2(seen.column("sin")[at], seen.column("cos")[at])
         )
         naming.take(window.looks, number, axes, self.bodies)
         naming.name([track for track, _ in seen.by_track()])
@@ -342,11 +321,7 @@ class WindowSightings:
         self._runs = np.diff(begins, append=len(self.owner))
         self._owner_of_run = self.owner[begins].tolist()
         later = np.iinfo(np.int64).max
-        first = (
-            np.minimum.reduceat(np.where(self.now, self.object, later), begins).tolist()
-            if len(begins)
-            else []
-        )
+        first = np.minimum.reduceat(np.where(self.now, self.object, later), begins).tolist() if len(begins) else []
         seen: dict[int, int] = {}
         for number, at in zip(self._owner_of_run, first, strict=True):
             if number and at < later:
@@ -411,9 +386,7 @@ def _rows(seen: WindowSightings, at: Int64, found: Bool) -> Settled:
     at, found : sightings of the objects that have one, and (K,) which these are (`WindowSightings.find`)
     """
     label_of = seen.of_owner(lambda body: -1 if body.track is None else body.track.label, -1, np.int32)
-    score_of = seen.of_owner(
-        lambda body: np.nan if body.track is None else body.track.label_score, np.nan, np.float64
-    )
+    score_of = seen.of_owner(lambda body: np.nan if body.track is None else body.track.label_score, np.nan, np.float64)
     shape = seen.of_owner(lambda body: body.row_shape, UNKNOWN, np.uint8)
 
     def column(values: NDArray[Any], empty: Any) -> NDArray[Any]:
@@ -496,9 +469,7 @@ def _share_again(near: Bool, first: Int64, now: Int64, stop: Int64) -> Float64:
     return shares
 
 
-def _smooth_track(
-    seen: WindowSightings, bodies: dict[int, Body], track: Track, at: Int64, smoother: Smoother
-) -> Path:
+def _smooth_track(seen: WindowSightings, bodies: dict[int, Body], track: Track, at: Int64, smoother: Smoother) -> Path:
     """Fill in the velocities of a track, by all of its sightings, and return its path in the window."""
     is_person = any(part.kind == PERSON for part in track.parts)
     several = track.several or any(part.has_legs for part in track.parts)
@@ -517,9 +488,7 @@ def _smooth_track(
     for number, own in zip(seen.number[at[begins]].tolist(), np.split(rows, begins[1:]), strict=True):
         body = bodies.get(number) or Body(number)
         half = np.array([_half(body, 0), _half(body, 1)])
-        stop = smoother.locate(
-            stop, seen.log, own, half, np.array(body.hh), body.kind, several and not is_person
-        )
+        stop = smoother.locate(stop, seen.log, own, half, np.array(body.hh), body.kind, several and not is_person)
     state = track.state
     if state is None:
         state = track.state = np.full(KEPT, np.nan)

@@ -122,9 +122,7 @@ def same_agents(sensors: Sequence[dict[int, Path]]) -> dict[tuple[int, int], int
     -------
     (sensor, track) → number of the agent, 0, 1, ...
     """
-    paths = {
-        (sensor, track): path for sensor, own in enumerate(sensors) for track, path in sorted(own.items())
-    }
+    paths = {(sensor, track): path for sensor, own in enumerate(sensors) for track, path in sorted(own.items())}
     members = {name: [name] for name in paths}
     together: list[tuple[float, tuple[int, int], tuple[int, int]]] = []
     there: list[tuple[int, int]] = []
@@ -138,9 +136,7 @@ def same_agents(sensors: Sequence[dict[int, Path]]) -> dict[tuple[int, int], int
         there.append(name)
     for _, one, other in sorted(together):
         mine, its = members[one], members[other]
-        if mine is not its and not any(
-            a[0] == b[0] and _at_one_time(paths[a], paths[b]) for a in mine for b in its
-        ):
+        if mine is not its and not any(a[0] == b[0] and _at_one_time(paths[a], paths[b]) for a in mine for b in its):
             mine += its
             members |= dict.fromkeys(its, mine)
     number: dict[int, int] = {}

@@ -88,9 +88,7 @@ def candidates(batch: SweepBatch, ranges: Float32, place: SweepPoses, shape: Cir
     reach = radius + 1e-3
     rows = np.flatnonzero(np.isfinite(far))
     some = ranges if len(rows) == len(ranges) else ranges[rows]
-    farthest, nearest = (
-        (edge[rows, None]).astype(np.float32) for edge in (far + reach, far - 2.0 * way - reach)
-    )
+    farthest, nearest = ((edge[rows, None]).astype(np.float32) for edge in (far + reach, far - 2.0 * way - reach))
     with np.errstate(invalid="ignore"):
         row, beam = np.nonzero((some <= farthest) & (some >= nearest))
     row = rows[row]

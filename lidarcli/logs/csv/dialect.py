@@ -28,9 +28,7 @@ _YAML_KEY = rb"[ \t]*(?:- )?[A-Za-z_][\w.-]*:"
 _LOGGED = rb"(?:\[[A-Z]+\][^\n]*?)?"
 """Begin of a line that a node has logged."""
 _ANY_WAY = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
-_RECORD = (
-    "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
-)
+_RECORD = "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
 _POSES = "it holds poses, no ranges"
 _POINTS = "it holds points, no sweeps; record the LaserScan topic itself"
 
@@ -88,9 +86,7 @@ def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
         return None
     trailing = separator != b" " and all(line.rstrip(b" ").endswith(separator) for line in lines)
     comma = separator in b";\t" and any(
-        _DECIMAL_COMMA.fullmatch(cell.strip(b'"'))
-        for line in lines
-        for cell in line[:_ENOUGH].split(separator)
+        _DECIMAL_COMMA.fullmatch(cell.strip(b'"')) for line in lines for cell in line[:_ENOUGH].split(separator)
     )
     return Dialect(separator, comma, trailing)
 
@@ -130,9 +126,7 @@ def plain_text(text: bytes, dialect: Dialect) -> bytes:
     return text
 
 
-def read_lines(
-    block: TextBlock, dialect: Dialect | None, skip: bytes, start: int, report: ReadReport
-) -> Lines:
+def read_lines(block: TextBlock, dialect: Dialect | None, skip: bytes, start: int, report: ReadReport) -> Lines:
     """Return the lines of a block that can be rows, made plain where a dialect is given.
 
     Parameters
@@ -205,9 +199,7 @@ class Other:
 
 
 TRAJECTORY = Other(
-    "a trajectory (TUM)",
-    _POSES,
-    re.compile(_COMMENTS + rb"#?[^\n]*\btx[ ,]+ty[ ,]+tz[ ,]+qx[ ,]+qy[ ,]+qz[ ,]+qw\b"),
+    "a trajectory (TUM)", _POSES, re.compile(_COMMENTS + rb"#?[^\n]*\btx[ ,]+ty[ ,]+tz[ ,]+qx[ ,]+qy[ ,]+qz[ ,]+qw\b")
 )
 OTHERS = (
     Other("a point cloud (PCD)", _POINTS, re.compile(rb"# \.PCD |VERSION \S+\r?\nFIELDS ")),
@@ -215,9 +207,7 @@ OTHERS = (
     TRAJECTORY,
     Other("a pose graph (g2o)", _POSES, re.compile(rb"%s(?:VERTEX|EDGE)_SE[23]\S*[ \t]+\d" % _COMMENTS)),
     Other(
-        "a pointer of Git LFS, not the file itself",
-        "fetch it with `git lfs pull`",
-        re.compile(rb"version https://git-lfs"),
+        "a pointer of Git LFS, not the file itself", "fetch it with `git lfs pull`", re.compile(rb"version https://git-lfs")
     ),
     Other("JSON", _ANY_WAY, re.compile(rb"\s*(?:\{\s*[\"}]|\[\s*[\[{\"])")),
     Other("XML or HTML", "look whether a download has failed", re.compile(rb"\s*<[?!A-Za-z]")),

@@ -229,9 +229,7 @@ def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
     number, first = numbered[0]
     if is_header(cells[0]):
         names = [*map(_name, cells[0])]
-        return Head(
-            path, dialect, names, first, number + 1, [line for _, line in numbered[1:]], cells[1:], options
-        )
+        return Head(path, dialect, names, first, number + 1, [line for _, line in numbered[1:]], cells[1:], options)
     names = []
     if comment:
         words = split_line(comment.lstrip().lstrip(b"#").lstrip(), dialect)

@@ -40,9 +40,7 @@ Paths = Sequence[str | os.PathLike[str]]
 class CsvLog(TextLog):
     """A CSV file, a stream of CSV text, or many files with one sweep each (a folder, a list of paths)."""
 
-    def __init__(
-        self, source: str | os.PathLike[str] | Paths | BinaryIO, options: OpenOptions | None = None
-    ) -> None:
+    def __init__(self, source: str | os.PathLike[str] | Paths | BinaryIO, options: OpenOptions | None = None) -> None:
         self._read = 0
         if isinstance(source, Sequence) and not isinstance(source, str):
             self._files = _in_order([Path(item) for item in source])
@@ -211,11 +209,7 @@ def _sweep_files(folder: Path) -> list[Path]:
     """Return the files of a folder that may hold a sweep each, in order."""
     with unreadable(folder):
         files = [item for item in folder.iterdir() if item.name[:1] != "." and item.is_file()]
-    files = [
-        item
-        for item in files
-        if item.suffix.lower() in _SUFFIXES or not item.suffix.lower().strip(".0123456789")
-    ]
+    files = [item for item in files if item.suffix.lower() in _SUFFIXES or not item.suffix.lower().strip(".0123456789")]
     if not files:
         raise UnreadableError(f"{folder}: no file in it that could hold a sweep ({' '.join(_SUFFIXES)})")
     return _in_order(files)

@@ -122,10 +122,7 @@ class LongDecoder(Decoder):
                     self._broken = True
                     continue
                 usual = self.layout.width
-                self._damage(
-                    lines.numbers[row],
-                    f"{cells.count[row]} cells where {usual} are usual: the row is dropped",
-                )
+                self._damage(lines.numbers[row], f"{cells.count[row]} cells where {usual} are usual: the row is dropped")
         return cells, np.flatnonzero(fits)
 
     def _is_cut(self, beams: int) -> bool:
@@ -181,9 +178,7 @@ class LongDecoder(Decoder):
         runs, causes, uneven = even_runs(BeamRuns(angle, rows.ranges, starts, ends - starts))
         if uneven and not self._noted:
             self._noted = True
-            self.report.notes.append(
-                "bearings are not evenly spaced: beams are placed on a grid, gaps have no range"
-            )
+            self.report.notes.append("bearings are not evenly spaced: beams are placed on a grid, gaps have no range")
         for cause in causes:
             if cause:
                 self.report.refused[(self._scan.topic, cause)] += 1
@@ -271,9 +266,7 @@ def cut_turns(angle: Float64, begins: Bool) -> Int64:
     start = np.zeros(1, np.int64)
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.abs(np.diff(angle))
-        usual = (
-            steps <= _USUAL * np.median(np.minimum(steps, np.abs(TURN - steps))) if len(steps) else steps > 0
-        )
+        usual = steps <= _USUAL * np.median(np.minimum(steps, np.abs(TURN - steps))) if len(steps) else steps > 0
         ahead, behind = np.append(steps, np.inf), np.append(False, usual)
         flags = np.flatnonzero(begins)
         # What ends a turn goes on as the turn did, and the bearing, if any follows, starts over.

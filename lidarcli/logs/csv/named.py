@@ -41,9 +41,7 @@ _LIST = re.compile(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(")
 _INDEX = re.compile(r"(\d{1,7})\]?(?:[._/]echoes[\[._]?0\]?)?\Z")
 _BEFORE_INDEX = "[._/-" + whitespace
 """Characters between a word and its index."""
-_RANGE_WORD = re.compile(
-    r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|l|v|rho|col(?:umn)?|)$"
-)
+_RANGE_WORD = re.compile(r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|l|v|rho|col(?:umn)?|)$")
 _UNIT = r"(?:_?\(?(?:s|secs?|seconds|ms|msec|us|usec|µs|ns|nsecs?|nanosec)\)?)?"
 _FIELDS = {
     name: re.compile(pattern)
@@ -72,17 +70,13 @@ _ANGLE = re.compile(
     r"(?:.*_)?(?:angle|theta|bearing|azimuth|phi)s?(?:_?\(?(?P<unit>deg|degrees?|°|rad|radians?)\)?)?"
     r"|(?P<bare>deg|degrees?|rad|radians?)"
 )
-_RANGE = re.compile(
-    r"(?:.*_)?(?:ranges?|r|rho|distance|dist|radius|depth)(?:_?\(?(?:m|mm|cm|met[er]{2}s?)\)?)?"
-)
+_RANGE = re.compile(r"(?:.*_)?(?:ranges?|r|rho|distance|dist|radius|depth)(?:_?\(?(?:m|mm|cm|met[er]{2}s?)\)?)?")
 _LAYER = re.compile(
     r"(?:.*_)?(?:elevations?|inclination|vertical(?:_angle)?|layer|ring|channel|laser)"
     r"(?:_?\(?(?:deg|degrees?|°|rad|radians?|id|index|idx|number|no|nr|num)\)?)?"
 )
 _SPHERE = re.compile(r"(theta|phi)(?:_?\(?(?:deg|degrees?|°|rad|radians?)\)?)?")
-_SWEEP = re.compile(
-    r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id"
-)
+_SWEEP = re.compile(r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id")
 
 _SHOWN = 3
 """Most values of a column in a message."""
@@ -167,10 +161,7 @@ def _endings(name: str) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yield every way to read a canonical name as a prefix and a field: the prefix, and the fields it may be."""
     for place in range(max(len(name) - _LONGEST_FIELD, 0), len(name)):
         if (not place or name[place - 1] == "_") and _ANY_FIELD.fullmatch(name, place):
-            yield (
-                name[:place],
-                tuple(field for field, pattern in _FIELDS.items() if pattern.fullmatch(name, place)),
-            )
+            yield (name[:place], tuple(field for field, pattern in _FIELDS.items() if pattern.fullmatch(name, place)))
 
 
 def _series(names: Iterable[str]) -> dict[str, dict[int, int]]:
@@ -198,9 +189,7 @@ def find_families(names: Sequence[str]) -> list[Family]:
             families.append((ranged, Family(prefix, np.array([columns[i] for i in indices], np.int64))))
     if any(ranged for ranged, _ in families):
         return [family for ranged, family in families if ranged]
-    return (
-        [max((family for _, family in families), key=lambda family: len(family.columns))] if families else []
-    )
+    return [max((family for _, family in families), key=lambda family: len(family.columns))] if families else []
 
 
 def find_intensities(names: Sequence[str]) -> dict[str, Int64]:
@@ -300,9 +289,7 @@ def ros_name(names: Sequence[str]) -> str:
 def has_ros_header(names: Sequence[str]) -> bool:
     """Tell whether there are columns of a ROS header: without ranges, a log of something else."""
     plain = {canonical(name) for name in names}
-    return bool(
-        plain & {"header", "header_stamp", "header_frame_id", "header_stamp_secs", "header_stamp_sec"}
-    )
+    return bool(plain & {"header", "header_stamp", "header_frame_id", "header_stamp_secs", "header_stamp_sec"})
 
 
 def with_header(head: Head) -> Layout:
@@ -317,9 +304,7 @@ def with_header(head: Head) -> Layout:
             return _named_long_layout(head, columns)
         name = ros_name(names)
         if name != WIDE or has_ros_header(names):
-            return Layout(
-                name if name != WIDE else LIST, head.dialect, head.start, notes=("no ranges in it",)
-            )
+            return Layout(name if name != WIDE else LIST, head.dialect, head.start, notes=("no ranges in it",))
         refuse_numbered(head)
         raise head.unknown(f"a table with the columns {shown(', '.join(names).encode())}")
     name = ros_name(names)
@@ -464,9 +449,7 @@ def _named_long_layout(head: Head, columns: LongColumns) -> Layout:
     for name in ("stamp", "record"):
         if key is None and name in fields and repeats(cells := head.column(fields[name])):
             # A time with few digits changes within a turn as well.
-            turns = len(
-                cut_restarts(np.array([value_of(cell) for cell in head.column(columns.angle)], np.float64))
-            )
+            turns = len(cut_restarts(np.array([value_of(cell) for cell in head.column(columns.angle)], np.float64)))
             key = fields[name] if turns == 1 or sum(1 for _ in groupby(cells)) <= 2 * turns else None
     layout = head.long_layout(columns.angle, columns.range, key, columns.degrees, fields)
     if layout.degrees and "quality" in map(canonical, head.names):

@@ -145,11 +145,7 @@ def _ros2_layout(head: Head, row: Sequence[bytes]) -> Layout:
     expected = expected_beams(*(np.array([values[i]], np.float64) for i in range(3)))[0]
     doubled = rest % 2 == 0 and abs(rest // 2 - expected) < abs(rest - expected)
     scan = Columns(
-        DEFAULT_TOPIC,
-        {name: column for column, name in enumerate(names.split())},
-        first=10,
-        doubled=doubled,
-        open_end=True,
+        DEFAULT_TOPIC, {name: column for column, name in enumerate(names.split())}, first=10, doubled=doubled, open_end=True
     )
     notes = ("intensities follow the ranges",) if doubled else ()
     return Layout(ROS2, head.dialect, head.start, width=len(row), scans=(scan,), notes=notes)
@@ -269,13 +265,9 @@ def find_coreslam(head: Head) -> Layout | None:
         return None
     table = np.array([[value_of(cell) for cell in row] for row in rows], np.float64)
     time, ticks, ranges = table[:, 0], table[:, 1:_CORESLAM_STATE], table[:, _CORESLAM_STATE:]
-    if not (
-        (np.diff(time) > 0).all() and (time == np.rint(time)).all() and (ticks > _CORESLAM_FARTHEST).any()
-    ):
+    if not ((np.diff(time) > 0).all() and (time == np.rint(time)).all() and (ticks > _CORESLAM_FARTHEST).any()):
         return None
-    if not (
-        (ranges == np.rint(ranges)).all() and (ranges >= 0).all() and (ranges <= _CORESLAM_FARTHEST).all()
-    ):
+    if not ((ranges == np.rint(ranges)).all() and (ranges >= 0).all() and (ranges <= _CORESLAM_FARTHEST).all()):
         return None
     scan = Columns(
         DEFAULT_TOPIC,
@@ -287,9 +279,7 @@ def find_coreslam(head: Head) -> Layout | None:
         nearest=_CORESLAM_NEAREST,
     )
     notes = ("682 ranges of a URG-04LX in millimetres, times in microseconds",)
-    return Layout(
-        CORESLAM, head.dialect, head.start, width=width, scans=(scan,), scale=MILLIMETRE, notes=notes
-    )
+    return Layout(CORESLAM, head.dialect, head.start, width=width, scans=(scan,), scale=MILLIMETRE, notes=notes)
 
 
 def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int) -> None:
@@ -376,12 +366,7 @@ def _behind(table: Float64, column: int) -> list[str]:
     rest = [table[:, place] for place in range(column + 2, table.shape[1])]
     if len(rest) == 1:
         return ["quality"]
-    if (
-        len(rest) == 2
-        and _is_quality(rest[0])
-        and bool((np.diff(rest[1]) >= 0).all())
-        and np.ptp(rest[1]) > 0
-    ):
+    if len(rest) == 2 and _is_quality(rest[0]) and bool((np.diff(rest[1]) >= 0).all()) and np.ptp(rest[1]) > 0:
         return ["quality", "time"]
     return []
 
@@ -464,9 +449,7 @@ def _counters(table: Float64, varying: Bool) -> Bool:
     around = np.concatenate([[False], varying & ~rising, [False]])
     few = _in_few(rising)
     edges = np.diff(np.concatenate([[False], rising, [False]]).astype(np.int8))
-    for start, end in zip(
-        np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True
-    ):
+    for start, end in zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True):
         few[start:end] &= not around[start] and not around[end + 1]
     return few
 

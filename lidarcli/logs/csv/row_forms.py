@@ -28,15 +28,7 @@ from lidarcli.logs.text import MAX_LINE, TextBlock
 from lidarcli.logs.times import DATED, going_on, seconds_and_nanoseconds, to_ns
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
 
-_GEOMETRY = (
-    "angle_min",
-    "angle_max",
-    "angle_increment",
-    "time_increment",
-    "scan_time",
-    "range_min",
-    "range_max",
-)
+_GEOMETRY = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
 _LIST_GEOMETRY = ("angle_min", "angle_increment", "range_min", "range_max")
 _VIEW = ("angle_min", "angle_max", "angle_increment")
 NO_TIME = "the time cannot be read"
@@ -265,14 +257,7 @@ class WideDecoder(Decoder):
                 yield block
 
     def _decode(
-        self,
-        scan: Columns,
-        cells: Cells,
-        rows: Int64,
-        numbers: Int64,
-        known: dict[str, Float64],
-        beams: Int64,
-        view: Int64,
+        self, scan: Columns, cells: Cells, rows: Int64, numbers: Int64, known: dict[str, Float64], beams: Int64, view: Int64
     ) -> RawSweeps | None:
         """Decode rows of known beam counts, which may be padded to one width."""
         given = beams
@@ -283,9 +268,7 @@ class WideDecoder(Decoder):
         for line in numbers[rows[untimed & good]].tolist():
             self._damage(line, NO_TIME)
         frames = read_frames(scan, partial(cells.column, rows), len(rows))
-        return self._block(
-            scan, (times[0], times[1]), frames, known, beams, ranges, good & ~untimed, intensities
-        )
+        return self._block(scan, (times[0], times[1]), frames, known, beams, ranges, good & ~untimed, intensities)
 
     def _ranges(
         self, scan: Columns, cells: Cells, rows: Int64, beams: Int64, view: Int64
@@ -313,18 +296,14 @@ class WideDecoder(Decoder):
         return ranges, beams, good, found.bad
 
     def _long_enough(self, scan: Columns, cells: Cells, rows: Int64, numbers: Int64) -> Int64:
-        need = (
-            max([scan.first - 1, *scan.fields.values(), *([] if scan.open_end else scan.ranges.tolist())]) + 1
-        )
+        need = max([scan.first - 1, *scan.fields.values(), *([] if scan.open_end else scan.ranges.tolist())]) + 1
         enough = cells.count[rows] >= need
         if not enough.all():
             self._misfits(cells, rows[~enough], numbers)
         kept: Int64 = rows[enough]
         return kept
 
-    def _geometry(
-        self, scan: Columns, cells: Cells, rows: Int64
-    ) -> tuple[dict[str, Float64], dict[int, bytes]]:
+    def _geometry(self, scan: Columns, cells: Cells, rows: Int64) -> tuple[dict[str, Float64], dict[int, bytes]]:
         """Return the geometry of each row, as exact as its message has it, and the bad cells of rows without."""
         columns = {name: scan.fields[name] for name in _GEOMETRY if name in scan.fields}
         if not columns:
@@ -376,9 +355,7 @@ def _intensity_columns(scan: Columns, cells: Cells, rows: Int64, beams: Int64, w
     """Return intensities (S, `width`) of rows of so many ranges, NaN for a row without; None where no row has any."""
     count = cells.count[rows]
     if scan.doubled:
-        return pad_cells(
-            cells, rows, scan.first + beams, np.where(count >= scan.first + 2 * beams, beams, 0), width
-        )
+        return pad_cells(cells, rows, scan.first + beams, np.where(count >= scan.first + 2 * beams, beams, 0), width)
     columns = scan.intensities
     if not len(columns):
         return None
@@ -495,9 +472,7 @@ class ListDecoder(Decoder):
         if sum(map(len, plain)) > _MOST_TEXT:
             return None
         try:
-            cells = csv_cells(
-                b"".join(plain).decode("utf-8", "replace"), self.layout.dialect.separator.decode()
-            )
+            cells = csv_cells(b"".join(plain).decode("utf-8", "replace"), self.layout.dialect.separator.decode())
         except ValueError:
             return None
         if self.layout.dialect.trailing and cells and not cells[-1]:
@@ -526,9 +501,7 @@ class ListDecoder(Decoder):
             if block is not None:
                 yield block
 
-    def _decode(
-        self, scan: Columns, records: list[_Record], parts: list[bytes], counts: np.ndarray
-    ) -> RawSweeps | None:
+    def _decode(self, scan: Columns, records: list[_Record], parts: list[bytes], counts: np.ndarray) -> RawSweeps | None:
         found = parse_rows(parts, counts, b",", self._number)
         causes = {row: not_a_number(cell) for row, cell in found.bad.items()}
         known: dict[str, np.ndarray] = {}

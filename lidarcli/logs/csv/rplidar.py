@@ -13,16 +13,7 @@ import numpy as np
 
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.csv.dialect import Dialect, Lines, read_lines
-from lidarcli.logs.csv.layouts import (
-    DEFAULT_TOPIC,
-    MILLIMETRE,
-    PER_SWEEP,
-    RPLIDAR,
-    TITLES,
-    Columns,
-    Head,
-    Layout,
-)
+from lidarcli.logs.csv.layouts import DEFAULT_TOPIC, MILLIMETRE, PER_SWEEP, RPLIDAR, TITLES, Columns, Head, Layout
 from lidarcli.logs.csv.nameless import is_turn, restarts
 from lidarcli.logs.numbers import say
 from lidarcli.logs.text import TextBlock
@@ -37,21 +28,14 @@ COUNTER_CLOCKWISE = "bearings run counter-clockwise; " + TITLES
 
 _NUMBER = rb"\d++(?:\.\d*+)?+"
 _PRINTED = re.compile(
-    rb"[ \t]*+(?:(S)[ \t]*+)?theta:[ \t]*+(%s)[ \t]++Dist:[ \t]*+(%s)[ \t]++Q:[ \t]*+(\d++)[ \t]*+"
-    % (_NUMBER, _NUMBER)
+    rb"[ \t]*+(?:(S)[ \t]*+)?theta:[ \t]*+(%s)[ \t]++Dist:[ \t]*+(%s)[ \t]++Q:[ \t]*+(\d++)[ \t]*+" % (_NUMBER, _NUMBER)
 )
 _MEASURED = re.compile(rb"\s*\(?(?:True|False)[ \t,;]+\d+[ \t,;]+%s[ \t,;]+%s\)?\s*" % (_NUMBER, _NUMBER))
 _NEW_SCAN = re.compile(rb"\W*new_scan\W+quality\W+angle\W+distance\W*", re.IGNORECASE)
 _LISTED = re.compile(rb"\s*\[\(\d+(?:\.\d*)?, ?%s, ?%s\)(?:,|\])" % (_NUMBER, _NUMBER))
 _BEAM = re.compile(rb"(\d+)[ \t,;]+(%s)[ \t,;]+(%s)" % (_NUMBER, _NUMBER))
 _SAVED = re.compile(rb"\s*#\s*RPLIDAR\s+SCAN\s+DATA\b", re.IGNORECASE)
-_NAMES = {
-    b"angle": "angle",
-    b"angule": "angle",
-    b"distance": "distance",
-    b"quality": "quality",
-    b"time": "time",
-}
+_NAMES = {b"angle": "angle", b"angule": "angle", b"distance": "distance", b"quality": "quality", b"time": "time"}
 _WORD = re.compile(rb"[A-Za-z]+")
 _MOST_BEFORE = 100
 """Most lines of other text before the first beam."""

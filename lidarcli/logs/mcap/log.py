@@ -206,10 +206,7 @@ class McapLog:
         for key, channel in known.channels.items():
             topic = (channel.topic, known.type(key), channel.message_encoding, self._read_as(key))
             messages[topic] = messages.get(topic, 0) + (counts or {}).get(key, 0)
-        return [
-            Topic(*topic[:3], count if counts is not None else None, topic[3])
-            for topic, count in messages.items()
-        ]
+        return [Topic(*topic[:3], count if counts is not None else None, topic[3]) for topic, count in messages.items()]
 
     def _read_as(self, key: int) -> str:
         """Return the type as which the messages of a channel are read as sweeps; empty where they are none."""
@@ -358,16 +355,12 @@ class McapLog:
         for key, count in sorted(unknown.items()):
             channel = self._catalogue.channels.get(key)
             name, what = ("", "channel record") if channel is None else (f" ({channel.topic})", "schema")
-            report.add_damage(
-                f"channel {key}{name}", f"its {what} is missing: {count} messages are lost{hint}"
-            )
+            report.add_damage(f"channel {key}{name}", f"its {what} is missing: {count} messages are lost{hint}")
 
     def _walker(self, report: ReadReport, skip: Callable[[int, Mapping[int, int]], bool]) -> Walker:
         if self.size is None:
             if self._used:
-                raise UnreadableError(
-                    f"{self.path}: a stream can be read only once; give the file's name instead"
-                )
+                raise UnreadableError(f"{self.path}: a stream can be read only once; give the file's name instead")
             self._used = True
         else:
             self._source = Cursor(self._stream, self.size)

@@ -41,14 +41,7 @@ CHUNK_PEEK = _CHUNK.size + 16 + 8
 """Bytes that hold the beginning of any chunk record up to its data."""
 
 _MESSAGE = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log", "<u8"),
-        ("publish", "<u8"),
-    ]
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
 )
 _ENTRY = np.dtype([("log", "<u8"), ("offset", "<u8")])
 
@@ -141,9 +134,7 @@ class Records:
     end: int
 
 
-def list_records(
-    data: bytes, first: int, last: int, most: int = PART, messages_only: bool = False
-) -> Records:
+def list_records(data: bytes, first: int, last: int, most: int = PART, messages_only: bool = False) -> Records:
     """Go from record to record; stop at the first that is not whole, or has no opcode, or after `most` messages."""
     messages: array[int] = array("q")
     others: list[tuple[int, int, int]] = []

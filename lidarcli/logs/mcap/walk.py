@@ -143,9 +143,7 @@ def read_summary(source: Cursor, report: ReadReport) -> Summary | None:
     if start == 0:
         return Summary()
     if not len(MAGIC) <= start <= footer_at or footer_at - start > MAX_SUMMARY:
-        report.add_damage(
-            f"footer at byte {footer_at}", f"its summary cannot begin at byte {start}; not used"
-        )
+        report.add_damage(f"footer at byte {footer_at}", f"its summary cannot begin at byte {start}; not used")
         return None
     data = source.read_at(start, footer_at - start)
     if crc and zlib.crc32(tail[: _FOOTER.size - 4], zlib.crc32(data)) != crc:
@@ -305,9 +303,7 @@ class Walker:
             place = self.source.position
             head = self.source.peek(RECORD.size)
             if len(head) < RECORD.size:
-                self._damage(
-                    place, "the log is cut off here" if head else "the log ends here without an end mark"
-                )
+                self._damage(place, "the log is cut off here" if head else "the log ends here without an end mark")
                 return
             opcode, length = RECORD.unpack_from(head)
             if _END_LENGTHS.get(opcode) == length:
@@ -334,11 +330,7 @@ class Walker:
             return f"a record that declares {length} bytes"
         if opcode == Opcode.CHUNK:
             if chunk_head(self.source.peek(CHUNK_PEEK)) is None:
-                return (
-                    _CUT
-                    if left is not None and left < CHUNK_PEEK
-                    else "a chunk whose lengths contradict each other"
-                )
+                return _CUT if left is not None and left < CHUNK_PEEK else "a chunk whose lengths contradict each other"
             if length > MAX_CHUNK + CHUNK_PEEK:
                 return f"a chunk of {length} bytes, more than the {MAX_CHUNK} that are believed"
         after = self._next_chunk(place)
@@ -378,9 +370,7 @@ class Walker:
         elif not self._search():
             self._damage(place, _CUT if wrong == _CUT else f"{wrong}; nothing readable follows")
             return False
-        self._damage(
-            place, f"{_OVERRUN if wrong == _CUT else wrong}; reading goes on at byte {self.source.position}"
-        )
+        self._damage(place, f"{_OVERRUN if wrong == _CUT else wrong}; reading goes on at byte {self.source.position}")
         return True
 
     def _search(self) -> bool:
@@ -466,9 +456,7 @@ class Walker:
                 raise CodecError("its checksum does not hold")
         except (CodecError, OSError, MemoryError) as err:
             lost = f", {sum(counts.values())} messages are lost" if chunk.sound and counts else ""
-            self._damage(
-                chunk.place, f"the chunk cannot be read: {err or 'out of memory'}{lost}", "chunk at byte"
-            )
+            self._damage(chunk.place, f"the chunk cannot be read: {err or 'out of memory'}{lost}", "chunk at byte")
             self._rescue_definitions(chunk, data)
             return
         offsets = np.concatenate(list(chunk.offsets.values())) if chunk.sound and counts else None
@@ -493,9 +481,7 @@ class Walker:
         """Return True after more messages than any compression can hide in the bytes so far."""
         beyond = self._messages > FREE_MESSAGES + self.source.position
         if beyond:
-            cause = (
-                f"more messages than bytes, which is not believed: {seen:,} of it are read, the rest is lost"
-            )
+            cause = f"more messages than bytes, which is not believed: {seen:,} of it are read, the rest is lost"
             self._damage(chunk.place, cause, "chunk at byte")
         return beyond
 
@@ -559,9 +545,7 @@ class Walker:
             while piece := self.source.take(WINDOW):
                 tail = (tail + piece)[-len(MAGIC) :]
         if tail != MAGIC:
-            self._damage(
-                place, "the log is cut off in its summary, after the last message; no message is lost"
-            )
+            self._damage(place, "the log is cut off in its summary, after the last message; no message is lost")
 
     def _damage(self, place: int, cause: str, where: str = "byte") -> None:
         self.report.add_damage(f"{where} {place}", cause)

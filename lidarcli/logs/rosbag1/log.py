@@ -235,9 +235,7 @@ class RecordRun:
         self._damaged(self._base + inside, "a record has a wrong length")
         return inside
 
-    def _block(
-        self, walked: Walk, judged: Judged, cut: int | None = None, rows: int | None = None
-    ) -> MessageBlock:
+    def _block(self, walked: Walk, judged: Judged, cut: int | None = None, rows: int | None = None) -> MessageBlock:
         """Return the first rows of a walk; `cut` is where the last of them really ends."""
         rows = judged.good if rows is None else rows
         starts = walked.starts[:rows] + 8 + walked.header_lengths[:rows]
@@ -245,14 +243,10 @@ class RecordRun:
         if cut is not None:
             lengths[-1] = cut - starts[-1]
         connections = [
-            (record, self._data[starts[row] : starts[row] + lengths[row]])
-            for row, record in judged.others
-            if row < rows
+            (record, self._data[starts[row] : starts[row] + lengths[row]]) for row, record in judged.others if row < rows
         ]
         data = np.frombuffer(self._data, np.uint8)
-        return MessageBlock(
-            data, judged.connection[:rows], judged.time_ns[:rows], starts, lengths, connections
-        )
+        return MessageBlock(data, judged.connection[:rows], judged.time_ns[:rows], starts, lengths, connections)
 
 
 def _single(data: bytes, record: Record, end: int) -> MessageBlock:
@@ -380,9 +374,7 @@ class Pass:
         elif codec in CODECS:
             yield from self._unpack(record, codec)
         else:
-            self._damaged(
-                f"chunk at byte {record.start}", f"unknown compression '{codec}': the chunk is lost"
-            )
+            self._damaged(f"chunk at byte {record.start}", f"unknown compression '{codec}': the chunk is lost")
             yield from self._pass_over(record, record.end)
 
     def _codec(self, record: Record) -> str:
@@ -402,12 +394,8 @@ class Pass:
         size = record.number(b"size")
         packed = min(record.end, self._size) - record.data_start
         room = self._unpacking.room(packed)
-        feed = ChunkFeed(
-            self._file, record.data_start, record.end if sane else self._size, codec, min(size, room)
-        )
-        run = RecordRun(
-            feed, self._search, lambda _, cause: self._damaged(place, cause), others_end=False, expected=size
-        )
+        feed = ChunkFeed(self._file, record.data_start, record.end if sane else self._size, codec, min(size, room))
+        run = RecordRun(feed, self._search, lambda _, cause: self._damaged(place, cause), others_end=False, expected=size)
         before = self.counts.total()
         for block in run.blocks():
             yield self._take(block)
@@ -508,8 +496,7 @@ class Rosbag1Log:
         if self._index.encryptor:
             self._file.close()
             raise UnreadableError(
-                f"{path}: the bag is encrypted ({self._index.encryptor}); write a plain one with"
-                " 'rosbag decrypt'"
+                f"{path}: the bag is encrypted ({self._index.encryptor}); write a plain one with 'rosbag decrypt'"
             )
         self._scanned: list[Topic] | None = None
         self._codecs: dict[str, None] = {}
@@ -543,9 +530,7 @@ class Rosbag1Log:
         for block in reading.blocks():
             for connections in _by_topic(block, reading, wanted):
                 first = reading.connections[connections[0]]
-                gather = gathers.setdefault(
-                    first, Gather(first.topic, first.read_as, "ros1", report, self._echo)
-                )
+                gather = gathers.setdefault(first, Gather(first.topic, first.read_as, "ros1", report, self._echo))
                 yield from _decode(block, np.flatnonzero(np.isin(block.connection, connections)), gather)
             self._progress(reading)
         for gather in gathers.values():
@@ -556,11 +541,7 @@ class Rosbag1Log:
         """Yield raw messages of the given types in log order."""
         reading = self._pass(lambda connection: connection.type in types, report)
         for block in reading.blocks():
-            known = {
-                c: reading.connections[c]
-                for c in np.unique(block.connection).tolist()
-                if c in reading.connections
-            }
+            known = {c: reading.connections[c] for c in np.unique(block.connection).tolist() if c in reading.connections}
             rows = np.isin(block.connection, [c for c, it in known.items() if it.type in types])
             for row in np.flatnonzero(rows).tolist():
                 connection = known[int(block.connection[row])]
@@ -647,9 +628,7 @@ def _by_topic(block: MessageBlock, reading: Pass, wanted: Wanted) -> list[list[i
     return list(groups.values())
 
 
-def _decode(
-    block: MessageBlock, rows: np.ndarray[tuple[int], np.dtype[np.intp]], gather: Gather
-) -> Iterator[RawSweeps]:
+def _decode(block: MessageBlock, rows: np.ndarray[tuple[int], np.dtype[np.intp]], gather: Gather) -> Iterator[RawSweeps]:
     """Decode many messages where they lie, gather few."""
     starts, lengths, times = block.starts[rows], block.lengths[rows], block.time_ns[rows]
     if len(rows) >= DENSE:

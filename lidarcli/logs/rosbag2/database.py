@@ -23,16 +23,7 @@ from urllib.parse import quote
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import MAX_MESSAGE, ReadReport, ros_type
 from lidarcli.logs.laserscan import scan_type
-from lidarcli.logs.rosbag2.salvage import (
-    BEFORE_ALL,
-    HEADER,
-    MAGIC,
-    Found,
-    MessageRow,
-    Salvage,
-    TopicRow,
-    guess_topics,
-)
+from lidarcli.logs.rosbag2.salvage import BEFORE_ALL, HEADER, MAGIC, Found, MessageRow, Salvage, TopicRow, guess_topics
 from lidarcli.newfiles import scratch_folder
 
 JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
@@ -380,9 +371,7 @@ class SqliteBag:
         database.execute("PRAGMA cell_size_check = on")
         for kind, name, sql in self._ask(database, _SCHEMA):
             if sql is not None and not (isinstance(sql, str) and _PLAIN.match(sql)):
-                raise UnsoundError(
-                    f"{name} is a {kind} that would run; a bag has plain tables and indexes alone"
-                )
+                raise UnsoundError(f"{name} is a {kind} that would run; a bag has plain tables and indexes alone")
         for table in _TABLES:
             _refuse_computed(database, table)
         columns = {str(column[1]).lower() for column in database.execute("PRAGMA table_xinfo(messages)")}
@@ -437,9 +426,7 @@ class SqliteBag:
         needed = 2 * sum(file.stat().st_size for file in [path, *sidecars])
         if needed > DISK_SHARE * shutil.disk_usage(target.parent).free:
             names = ", ".join(sidecar.name for sidecar in sidecars)
-            self._report.add_damage(
-                names, "not read: no room in the temporary folder to merge it into a copy of the bag"
-            )
+            self._report.add_damage(names, "not read: no room in the temporary folder to merge it into a copy of the bag")
             return None
         shutil.copyfile(path, target)
         return target
@@ -505,9 +492,7 @@ def _refuse_computed(database: sqlite3.Connection, table: object) -> None:
         raise UnsoundError(f"{table} has columns that would be computed")
 
 
-def _authorize(
-    action: int, first: str | None, second: str | None, _database: str | None, inside: str | None
-) -> int:
+def _authorize(action: int, first: str | None, second: str | None, _database: str | None, inside: str | None) -> int:
     """Authorize an action of a statement; nothing in a view or a trigger is allowed."""
     wanted = second if action == sqlite3.SQLITE_FUNCTION else first
     allowed: Collection[str] | None = _ALLOWED.get(action, ())

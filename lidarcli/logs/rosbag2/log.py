@@ -153,11 +153,7 @@ class DatabaseLog:
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Yield raw messages of the given types in log order."""
-        wanted = {
-            topic.id: topic
-            for topic in self.bag.topics.values()
-            if is_cdr(topic) and ros_type(topic.type) in types
-        }
+        wanted = {topic.id: topic for topic in self.bag.topics.values() if is_cdr(topic) and ros_type(topic.type) in types}
         try:
             for batch in self.bag.batches(wanted) if wanted else ():
                 for _, topic_id, timestamp, data in batch:
@@ -194,9 +190,7 @@ class DatabaseLog:
         if not present or not present[0].startswith(ZSTD_MAGIC):
             return present, at
         self.compression = "zstd"
-        unpacked = [
-            (unpack_message(data, self._unpacking), time) for data, time in zip(present, at, strict=True)
-        ]
+        unpacked = [(unpack_message(data, self._unpacking), time) for data, time in zip(present, at, strict=True)]
         usable = [(data, time) for data, time in unpacked if data is not None]
         if len(usable) < len(unpacked):
             report.refused[(topic, PACKED_CAUSE)] += len(unpacked) - len(usable)

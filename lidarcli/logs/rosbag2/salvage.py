@@ -267,11 +267,7 @@ def _serial_types(row: bytes) -> list[int] | None:
 
 def _number(row: bytes, at: int, serial: int) -> int:
     """Return the integer of this serial type at a byte of a row; 8 and 9 stand for 0 and 1."""
-    return (
-        serial - 8
-        if serial > 6
-        else int.from_bytes(row[at : at + _INT_BYTES.get(serial, 0)], "big", signed=True)
-    )
+    return serial - 8 if serial > 6 else int.from_bytes(row[at : at + _INT_BYTES.get(serial, 0)], "big", signed=True)
 
 
 def _topic_row(row: bytes, rowid: int, types: list[int]) -> TopicRow | None:
@@ -291,9 +287,7 @@ def guess_topics(salvage: Salvage, found: Found) -> dict[int, TopicRow]:
     guessed = {}
     for topic in sorted(set(found.topic_ids)):
         sample = [
-            row.data
-            for row in islice(salvage.messages(found, {topic}, BEFORE_ALL), 5)
-            if isinstance(row, MessageRow)
+            row.data for row in islice(salvage.messages(found, {topic}, BEFORE_ALL), 5) if isinstance(row, MessageRow)
         ]
         if sample and all(map(_is_scan, sample)):
             guessed[topic] = TopicRow(topic, f"/topic_{topic}", LASERSCAN, "cdr")

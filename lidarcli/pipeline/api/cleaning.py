@@ -31,12 +31,7 @@ from lidarcli.stores.url import place
 
 @with_keywords
 def clean(
-    log: AnyPath,
-    output: AnyPath,
-    overwrite: bool = False,
-    *,
-    progress: Progress = False,
-    **options: Unpack[Cleaning],
+    log: AnyPath, output: AnyPath, overwrite: bool = False, *, progress: Progress = False, **options: Unpack[Cleaning]
 ) -> pa.Table:
     """Write a log once more, bit for bit but for the beams of what moves, and beside it the table `.cleaned.parquet`.
 
@@ -75,9 +70,7 @@ def clean_options(told: Values, *, overwrite: bool = False) -> CleanOptions:
     tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
     remove = told["remove"]
     words = [remove] if isinstance(remove, str) else remove
-    if not isinstance(words, list | tuple | set | frozenset) or not all(
-        isinstance(each, str) for each in words
-    ):
+    if not isinstance(words, list | tuple | set | frozenset) or not all(isinstance(each, str) for each in words):
         raise TypeError(f"remove is a list of words, or one text, not {remove!r}")
     return CleanOptions(
         detect_options({**told, "catalogue": None}, logs, tracking),

@@ -20,14 +20,7 @@ from lidarcli.pipeline.api.options import (
     watched,
     with_keywords,
 )
-from lidarcli.pipeline.differing import (
-    Difference,
-    DiffOptions,
-    diff_inputs,
-    inputs_of,
-    refuse_outputs,
-    write_changes,
-)
+from lidarcli.pipeline.differing import Difference, DiffOptions, diff_inputs, inputs_of, refuse_outputs, write_changes
 from lidarcli.stores.url import place
 
 

@@ -41,11 +41,7 @@ LogsOrBatches = Paths | SweepBatch | Iterable[SweepBatch]
 
 @with_keywords
 def detect(
-    log: LogsOrBatches,
-    parameters: Parameters | None = None,
-    *,
-    progress: Progress = False,
-    **options: Unpack[Detecting],
+    log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Detecting]
 ) -> pa.Table:
     """The objects of every sweep as a table.
 
@@ -72,11 +68,7 @@ def detect(
 
 @with_keywords
 def track(
-    log: LogsOrBatches,
-    parameters: Parameters | None = None,
-    *,
-    progress: Progress = False,
-    **options: Unpack[Tracking],
+    log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Tracking]
 ) -> TrackTables:
     """The objects and the sweeps of every log, and the things that its objects belong to, as tables.
 
@@ -125,11 +117,7 @@ class Tables(_Tables):
 
 @with_keywords
 def tables(
-    log: LogsOrBatches,
-    parameters: Parameters | None = None,
-    *,
-    progress: Progress = False,
-    **options: Unpack[Tabling],
+    log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Tabling]
 ) -> Tables:
     """All tables of one or more logs as pandas data frames: what `track` finds.
 
@@ -176,10 +164,7 @@ def narrowed(tables: Mapping[str, pa.Table], columns: Sequence[str]) -> dict[str
             near = get_close_matches(name, there, 1)
             hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(there)}"
             raise OptionError(f"--columns: no table has a column {name}; {hint}")
-    return {
-        kind: table.select([name for name in columns if name in table.column_names])
-        for kind, table in tables.items()
-    }
+    return {kind: table.select([name for name in columns if name in table.column_names]) for kind, table in tables.items()}
 
 
 def _frame(table: pa.Table) -> pd.DataFrame:

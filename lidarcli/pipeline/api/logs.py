@@ -151,9 +151,7 @@ def background(
     """
     building = Building(
         BuildOptions(
-            *log_options(options),
-            distance=options["station_distance"],
-            angle=math.radians(options["station_angle"]),
+            *log_options(options), distance=options["station_distance"], angle=math.radians(options["station_angle"])
         )
     )
     sources = sources_of(log, options["join"])
@@ -172,9 +170,7 @@ def background(
 
 
 @with_keywords
-def map(
-    log: Paths, output: Paths = (), *, progress: Progress = False, **options: Unpack[Mapping]
-) -> Occupancy:
+def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options: Unpack[Mapping]) -> Occupancy:
     """One occupancy grid of one or several logs whose sensors moved.
 
     Parameters

@@ -80,8 +80,7 @@ def with_keywords(function: F) -> F:
 
     types = keyword_types(group)
     keyword_only = [
-        Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=types[name])
-        for name in known
+        Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=types[name]) for name in known
     ]
     called.__signature__ = own.replace(parameters=[*positional, *keyword_only])  # type: ignore[attr-defined]
     lines = [f"progress : {_PROGRESS}"] if "progress" in own.parameters else []
@@ -139,9 +138,7 @@ def watched(progress: Progress, sources: Sequence[Source | Nothing]) -> Iterator
 
 
 @contextmanager
-def counting(
-    progress: Progress, description: str, unit: str
-) -> Iterator[Callable[[int, int | None], object] | None]:
+def counting(progress: Progress, description: str, unit: str) -> Iterator[Callable[[int, int | None], object] | None]:
     """Yield what work that is no reading calls with the number of things done, and of all."""
     if progress is True:
         with count_bar(description, None, unit, Screen()) as show:
@@ -202,9 +199,7 @@ def several(values: Paths) -> list[str]:
         return [fspath(values)]
     # A data frame would give the names of its columns one by one.
     if not isinstance(values, Iterable) or hasattr(values, "columns"):
-        raise TypeError(
-            f"logs, files and outputs are named by their paths, not given as {type(values).__name__}"
-        )
+        raise TypeError(f"logs, files and outputs are named by their paths, not given as {type(values).__name__}")
     return [path_text(each) for each in values]
 
 
@@ -261,10 +256,7 @@ def _masks(mask: str | PathLike[str] | None) -> Masks | None:
 def opening_options(told: Values) -> OpenOptions:
     """Return what a log has to be told; range limits also say which points of a cloud are the robot itself."""
     return open_options(
-        **{name: told[name] for name in OPENING},
-        heights=told["slice"],
-        bins=told["bins"],
-        limits=told["range"],
+        **{name: told[name] for name in OPENING}, heights=told["slice"], bins=told["bins"], limits=told["range"]
     )
 
 
@@ -275,11 +267,7 @@ def pose_options(told: Values) -> PoseOptions:
 
 
 def detect_options(
-    told: Values,
-    logs: LogOptions,
-    tracking: TrackOptions | None = None,
-    parameters: Parameters | None = None,
-    **more: Any,
+    told: Values, logs: LogOptions, tracking: TrackOptions | None = None, parameters: Parameters | None = None, **more: Any
 ) -> DetectOptions:
     """Return how objects are found; `parameters` replace the keywords of what an object is."""
     from lidarcli.pipeline.objects.options import DetectOptions

@@ -32,12 +32,7 @@ from lidarcli.stores.url import place
 
 @with_keywords
 def overlay(
-    log: Paths,
-    output: AnyPath,
-    overwrite: bool = False,
-    *,
-    progress: Progress = False,
-    **options: Unpack[Overlaying],
+    log: Paths, output: AnyPath, overwrite: bool = False, *, progress: Progress = False, **options: Unpack[Overlaying]
 ) -> list[str]:
     """Write objects and tracks as markers that viewers play in step with the log.
 

@@ -39,15 +39,7 @@ from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import Pair, table_files
 from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_pictures, write_pictures
-from lidarcli.pipeline.reporting import (
-    Made,
-    ReportOptions,
-    encoded,
-    format_of,
-    make_report,
-    render,
-    understand,
-)
+from lidarcli.pipeline.reporting import Made, ReportOptions, encoded, format_of, make_report, render, understand
 from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.checks import Verdict
 from lidarcli.reports.drawing import Axes, Figure, figure_of
@@ -222,9 +214,7 @@ class RunReport:
 
 @with_keywords
 def report(
-    tables: Tables | Changed | Iterable[TableOrPath | Changed],
-    output: Paths = (),
-    **options: Unpack[Reporting],
+    tables: Tables | Changed | Iterable[TableOrPath | Changed], output: Paths = (), **options: Unpack[Reporting]
 ) -> RunReport:
     """The figures of one or many runs, held against checks, from tables that are in memory or in files.
 

@@ -42,9 +42,7 @@ def export(tables: Tables, output: AnyPath, overwrite: bool = False, **options: 
     path = place(fspath(output))
     form = format_of(path)
     wanted = chosen(
-        tables_to_export(tables),
-        parse_names(columns) if isinstance(columns, str) else [*columns],
-        options["stamps"],
+        tables_to_export(tables), parse_names(columns) if isinstance(columns, str) else [*columns], options["stamps"]
     )
     rows, notes = export_file(wanted, path, form, overwrite)
     for line in [*map(str, wanted.problems), *notes]:
@@ -54,12 +52,7 @@ def export(tables: Tables, output: AnyPath, overwrite: bool = False, **options: 
 
 @with_keywords
 def simulate(
-    scene: AnyPath,
-    output: AnyPath,
-    overwrite: bool = False,
-    *,
-    progress: Progress = False,
-    **options: Unpack[Simulating],
+    scene: AnyPath, output: AnyPath, overwrite: bool = False, *, progress: Progress = False, **options: Unpack[Simulating]
 ) -> Simulated:
     """Ray-cast a scene into a log, with the truth beside it.
 

@@ -47,9 +47,7 @@ def read_catalogue(path: str | PathLike[str]) -> Catalogue:
     if not items:
         raise OptionError(f"{file}: no [[thing]] in this catalogue")
     if len(items) > MOST_THINGS:
-        raise OptionError(
-            f"{file}: {len(items):,} things are more than a catalogue may have ({MOST_THINGS:,})"
-        )
+        raise OptionError(f"{file}: {len(items):,} things are more than a catalogue may have ({MOST_THINGS:,})")
     things: dict[str, Thing] = {}
     for number, item in enumerate(items, 1):
         fields = Fields(file, f"[[thing]] number {number}", item)
@@ -128,8 +126,6 @@ def _spacing(fields: Fields, legs: int) -> tuple[float, ...]:
     spacing = fields.numbers("spacing", above=0, high=LONGEST)
     wanted = 1 if legs == 2 else 2
     if len(spacing) != wanted:
-        of = (
-            "two legs is one number, as [0.3]" if wanted == 1 else "more legs is two numbers, as [0.55, 0.45]"
-        )
+        of = "two legs is one number, as [0.3]" if wanted == 1 else "more legs is two numbers, as [0.55, 0.45]"
         fields.fail("spacing", f"of {of}")
     return tuple(spacing)

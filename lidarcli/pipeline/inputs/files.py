@@ -64,9 +64,7 @@ def _below(folder: Path) -> tuple[list[Path], list[OSError]]:
 
 def _entered(files: Sequence[Path], denied: Sequence[OSError]) -> tuple[list[Place], list[UnreadableError]]:
     """Return the files in folders that may be entered, and an error for each folder that may not."""
-    shut = [
-        folder for folder in dict.fromkeys(file.parent for file in files) if not os.access(folder, os.X_OK)
-    ]
+    shut = [folder for folder in dict.fromkeys(file.parent for file in files) if not os.access(folder, os.X_OK)]
     lines = [
         *(f"{err.filename}: cannot be searched: {err.strerror or err}" for err in denied),
         *(f"{folder}: cannot be searched: {os.strerror(errno.EACCES)}" for folder in shut),
@@ -208,12 +206,8 @@ def _stored(url: Url) -> tuple[Named, list[Place], list[UnreadableError]]:
         return Named.FILE, [url], []
     below = [found for found, _ in listing(url)]
     if not below:
-        raise UnreadableError(
-            f"{url}: {'no such object or folder' if has_bucket(url) else 'there is no such bucket'}"
-        )
-    shown: list[Place] = [
-        found for found in below if _is_shown(PurePosixPath(found.key.removeprefix(url.key).strip("/")))
-    ]
+        raise UnreadableError(f"{url}: {'no such object or folder' if has_bucket(url) else 'there is no such bucket'}")
+    shown: list[Place] = [found for found in below if _is_shown(PurePosixPath(found.key.removeprefix(url.key).strip("/")))]
     return Named.FOLDER, shown, []
 
 

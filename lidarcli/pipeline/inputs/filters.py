@@ -62,11 +62,7 @@ def _filters(shape: object, view: View) -> Iterator[dict[str, str]]:
     """Yield the parameters of the filters for one mask of a sensor."""
     if not isinstance(shape, Sector):
         raise OptionError("laser_filters takes sectors of bearings; write other masks to a .toml file")
-    width = (
-        shape.end - shape.begin
-        if 0.0 <= shape.end - shape.begin <= TURN
-        else (shape.end - shape.begin) % TURN
-    )
+    width = shape.end - shape.begin if 0.0 <= shape.end - shape.begin <= TURN else (shape.end - shape.begin) % TURN
     # A filter knows nothing of turns; a mask and a sensor may count their bearings from different ones.
     first = shape.begin + TURN * np.ceil((view.low - shape.begin - width - CLOSE) / TURN)
     while first <= view.high + CLOSE:

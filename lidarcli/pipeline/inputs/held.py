@@ -57,9 +57,7 @@ def arrow_of(value: Any) -> pa.Table:
             return pa.table(value)
         table = pa.Table.from_pandas(value, preserve_index=False)
     except (pa.ArrowException, ValueError, TypeError) as err:
-        raise OptionError(
-            f"a {type(value).__name__} that is no table: {' '.join(str(err).split())}"
-        ) from None
+        raise OptionError(f"a {type(value).__name__} that is no table: {' '.join(str(err).split())}") from None
     # A category without a value has no type.
     for at, field in enumerate(table.schema):
         if pa.types.is_dictionary(field.type) and pa.types.is_null(field.type.value_type):
@@ -190,9 +188,7 @@ def _kind_of(table: pa.Table) -> str:
     names = {*table.column_names}
     if not names.issuperset(KEYS):
         some = ", ".join(table.column_names[:10])
-        raise OptionError(
-            f"a table with the columns {some} is none of lidarcli: no column {' or '.join(KEYS)}"
-        )
+        raise OptionError(f"a table with the columns {some} is none of lidarcli: no column {' or '.join(KEYS)}")
     for name in KEYS:
         if (times := table.column_names.count(name)) > 1:
             raise OptionError(f"a table in memory has {times} columns {name}, not one")

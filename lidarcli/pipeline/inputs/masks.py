@@ -51,8 +51,7 @@ def numbered(top: Fields, kind: str) -> list[Fields]:
     if not top.has(kind):
         return []
     return [
-        Fields(top.file, f"[[{kind}]] number {number}", item)
-        for number, item in enumerate(top.items(kind, 0, MOST), 1)
+        Fields(top.file, f"[[{kind}]] number {number}", item) for number, item in enumerate(top.items(kind, 0, MOST), 1)
     ]
 
 
@@ -161,12 +160,7 @@ def _mask_table(mask: Mask) -> dict[str, Any]:
         case Polygon(corners):
             return names | {"polygon": [[_short(x), _short(y)] for x, y in corners]}
         case Sector(begin, end, nearest, farthest):
-            told = {
-                "from": math.degrees(begin),
-                "to": math.degrees(end),
-                "nearest": nearest,
-                "farthest": farthest,
-            }
+            told = {"from": math.degrees(begin), "to": math.degrees(end), "nearest": nearest, "farthest": farthest}
             return names | {"sector": {key: _short(value) for key, value in told.items()}}
 
 

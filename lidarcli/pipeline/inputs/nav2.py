@@ -153,8 +153,7 @@ def approach_times(fields: Fields) -> tuple[float, float]:
     step = fields.number("simulation_time_step", TIME_STEP, above=0, high=LONGEST)
     if ahead > MOST_STEPS * step:
         fields.fail(
-            "simulation_time_step",
-            f"must be at least {ahead / MOST_STEPS:g}: no more than {MOST_STEPS:,} times are tested",
+            "simulation_time_step", f"must be at least {ahead / MOST_STEPS:g}: no more than {MOST_STEPS:,} times are tested"
         )
     return ahead, step
 
@@ -385,9 +384,7 @@ def _topics(node: _Node, polygon: Fields, name: str) -> tuple[tuple[str, ...], f
     topics = tuple(dict.fromkeys(source.topic for source in sources))
     timeouts = sorted({source.timeout or math.inf for source in sources} or {_timeout(node.fields)})
     if len(timeouts) > 1 and polygon.flag("enabled", True):
-        node.note(
-            f"{name}: the shortest source_timeout of its sources, {timeouts[0]:g} s, is taken for all of them"
-        )
+        node.note(f"{name}: the shortest source_timeout of its sources, {timeouts[0]:g} s, is taken for all of them")
     return topics, timeouts[0] if math.isfinite(timeouts[0]) else 0.0
 
 
@@ -405,10 +402,7 @@ def _cases(node: _Node, polygon: Fields, name: str) -> Iterator[Case]:
         _note_crossing(node, f"{name}.{case}", shape)
         direction = None
         if holonomic:
-            direction = (
-                fields.number("direction_start_angle", -math.pi),
-                fields.number("direction_end_angle", math.pi),
-            )
+            direction = (fields.number("direction_start_angle", -math.pi), fields.number("direction_end_angle", math.pi))
         linear = fields.number("linear_min"), fields.number("linear_max")
         yield Case(case, shape, linear, (fields.number("theta_min"), fields.number("theta_max")), direction)
 
@@ -434,9 +428,7 @@ def _polygon(fields: Fields, least: int) -> Polygon:
     given = fields.values.get("points")
     if isinstance(given, str):
         corners = _of_text(fields, given)
-    elif (
-        isinstance(given, list) and len(given) % 2 == 0 and not any(isinstance(each, list) for each in given)
-    ):
+    elif isinstance(given, list) and len(given) % 2 == 0 and not any(isinstance(each, list) for each in given):
         numbers = fields.numbers("points", above=-LARGEST, high=LARGEST) if given else []
         corners = list(zip(numbers[::2], numbers[1::2], strict=True))
     else:

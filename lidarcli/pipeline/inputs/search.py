@@ -20,14 +20,7 @@ from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.rosbag2.folder import is_bag
-from lidarcli.pipeline.inputs.files import (
-    Objects,
-    fixed_part,
-    folder_of_pattern,
-    matcher_of,
-    matching,
-    read_file,
-)
+from lidarcli.pipeline.inputs.files import Objects, fixed_part, folder_of_pattern, matcher_of, matching, read_file
 from lidarcli.pipeline.inputs.joining import joined, joined_by_name, split_notes
 from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source, hold_one_sweep_each
 from lidarcli.stores.url import Place, State, Url, has_bucket, head, is_folder, is_url, listing, place
@@ -35,20 +28,7 @@ from lidarcli.stores.url import Place, State, Url, has_bucket, head, is_folder, 
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *TEXT_LOG_SUFFIXES)
 """Suffixes of logs in a folder that is searched; a file that is named is opened whatever its suffix."""
 
-_CONTAINER = (
-    ".mcap",
-    ".bag",
-    ".db3",
-    ".csv",
-    ".tsv",
-    ".txt",
-    ".log",
-    ".clf",
-    ".gfs",
-    ".2d",
-    ".jsonl",
-    ".ndjson",
-)
+_CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt", ".log", ".clf", ".gfs", ".2d", ".jsonl", ".ndjson")
 _WRAPPER = (".gz", ".zstd", ".active")
 
 
@@ -94,9 +74,7 @@ def _named(text: str, left: Counter[str] | None) -> list[Source | Nothing]:
     if not path.exists():
         return [*_pattern(text)]
     if path.is_dir() and not is_one_log(path):
-        return _search(path, left) or [
-            Nothing(text, UnreadableError(f"no log in this folder ({known_suffixes()})"))
-        ]
+        return _search(path, left) or [Nothing(text, UnreadableError(f"no log in this folder ({known_suffixes()})"))]
     return [Source(text, log_name(path))]
 
 
@@ -114,9 +92,7 @@ def one_log(logs: Sequence[str], join: bool = False) -> Source:
         raise OptionError("no log is named")
     log = logs[0]
     if len(logs) > 1 and not join:
-        raise OptionError(
-            f"{log} and {logs[1]}: name one log; --join reads parts of one recording as one log"
-        )
+        raise OptionError(f"{log} and {logs[1]}: name one log; --join reads parts of one recording as one log")
     sources = find_logs(logs, join)
     first = sources[0]
     if isinstance(first, Nothing) and (join or len(sources) == 1):
@@ -149,9 +125,7 @@ def refuse_clashes(sources: Sequence[Source | Nothing]) -> None:
             continue
         if source.name in taken:
             first, second = taken[source.name], source.label
-            raise OptionError(
-                f"{first} and {second} would both write {source.name}.*; run them apart with -o"
-            )
+            raise OptionError(f"{first} and {second} would both write {source.name}.*; run them apart with -o")
         taken[source.name] = source.label
 
 
@@ -253,9 +227,7 @@ def _search(folder: Path, left: Counter[str] | None) -> list[Source | Nothing]:
                 shut += [inside for inside in log.iterdir() if inside.is_dir()]
             for each in shut:
                 with suppress(OSError):
-                    left.update(
-                        f"in {each}" for item in each.iterdir() if item.name.lower().endswith(SUFFIXES)
-                    )
+                    left.update(f"in {each}" for item in each.iterdir() if item.name.lower().endswith(SUFFIXES))
             others = (at / name for name in files if name[0] != "." and not name.lower().endswith(SUFFIXES))
             for path in filter(_is_readable, others):
                 left["*" + "".join(path.suffixes[-2 if path.suffix == ".gz" else -1 :])] += 1
@@ -493,9 +465,7 @@ def _lines(listed: str) -> list[tuple[int, str]]:
     data = sys.stdin.buffer.read() if listed == STDIN else read_file(listed)
     data = data.removeprefix(codecs.BOM_UTF8)
     if b"\0" in data:
-        raise UnreadableError(
-            f"{listed}: is no list of logs: it holds NUL bytes; write one name a line, in UTF-8"
-        )
+        raise UnreadableError(f"{listed}: is no list of logs: it holds NUL bytes; write one name a line, in UTF-8")
     lines = [(number, os.fsdecode(line).strip()) for number, line in enumerate(data.split(b"\n"), 1)]
     return [(number, line) for number, line in lines if line and not line.startswith("#")]
 

@@ -131,9 +131,7 @@ def read_pose_messages(log: Log) -> PoseMessages:
     report = ReadReport()
     tracks.add(log.messages(POSED_TYPES, report))
     found = tracks.finish()
-    notes = [
-        f"{count:,} of {topic} left out: {cause}" for (topic, cause), count in sorted(tracks.refused.items())
-    ]
+    notes = [f"{count:,} of {topic} left out: {cause}" for (topic, cause), count in sorted(tracks.refused.items())]
     if tracks.left_out:
         notes.append(f"{tracks.left_out:,} poses left out: too many to keep")
     return PoseMessages(tuple(found), tuple(notes), report)
@@ -168,9 +166,7 @@ def _opened_source(source: Source, opening: OpenOptions | None) -> Iterator[Log]
             yield log
         return
     if (url := source.url) is not None:
-        with open_stored(
-            url, [found for file in source.files if isinstance(found := place(file), Url)], opening
-        ) as log:
+        with open_stored(url, [found for file in source.files if isinstance(found := place(file), Url)], opening) as log:
             yield log
         return
     with _of_files(source.files, opening) if source.files else open_log(source.path, opening=opening) as log:
@@ -229,9 +225,7 @@ def open_stored(url: Url, files: Sequence[Url], opening: OpenOptions | None) -> 
         There is none of this name, the store does not hand it out, or it is no log.
     """
     with ExitStack() as stack:
-        log = stack.enter_context(
-            _fetched(url, files, opening, stack) if files else _opened(url, opening, stack)
-        )
+        log = stack.enter_context(_fetched(url, files, opening, stack) if files else _opened(url, opening, stack))
         log.path = str(url)
         yield log
 

@@ -166,9 +166,7 @@ def _tables_named(text: str) -> Found:
     """Return the tables that a name stands for, and the errors of folders that cannot be searched."""
     named, files, denied = files_named(text)
     changes = [file for file in files if _is_of_changes(file, named)]
-    tables = [
-        (file, *known) for file in files if file not in changes and (known := _table_of(file)) is not None
-    ]
+    tables = [(file, *known) for file in files if file not in changes and (known := _table_of(file)) is not None]
     if named is Named.FOLDER:
         # A log whose objects are gone cannot be read; it is not absent.
         tables = sorted(
@@ -179,9 +177,7 @@ def _tables_named(text: str) -> Found:
             raise UnreadableError(f"{text}: no *{_OBJECTS} in this folder; write some with lidarcli detect")
     if not tables and not changes and not denied:
         if named is Named.FILE:
-            raise UnreadableError(
-                f"{text}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})"
-            )
+            raise UnreadableError(f"{text}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})")
         raise UnreadableError(f"{text}: no tables match this pattern")
     return Found([pair for _, _, pair in tables], [*changes], denied)
 
@@ -209,9 +205,7 @@ def _is_named_below(folder: str, file: Place) -> bool:
     """Tell whether a file is a table by its path below a folder, whatever the folders above that are called."""
     root = str(place(folder)).rstrip("/")
     below = str(file).removeprefix(f"{root}/").split("/")
-    return file.name.endswith(tuple(map(table_suffix, SCHEMAS))) or any(
-        part in SCHEMAS for part in below[:-1]
-    )
+    return file.name.endswith(tuple(map(table_suffix, SCHEMAS))) or any(part in SCHEMAS for part in below[:-1])
 
 
 def _table_of(file: Place) -> tuple[str, Pair] | None:
@@ -290,9 +284,7 @@ def _numbers(table: pa.Table) -> set[tuple[str, float]]:
     code, topics = rows.words("topic")
     track = rows.numbers("track")
     mine = [np.unique(track[(code == k) & ~np.isnan(track)]) for k in range(len(topics))]
-    return {
-        (topic, number) for topic, numbers in zip(topics, mine, strict=True) for number in numbers.tolist()
-    }
+    return {(topic, number) for topic, numbers in zip(topics, mine, strict=True) for number in numbers.tolist()}
 
 
 def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:

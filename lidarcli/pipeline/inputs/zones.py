@@ -11,18 +11,7 @@ from lidarcli.masks import Circle, Masks, Polygon, same_name
 from lidarcli.pipeline.inputs.masks import mask_of, mounts_of, numbered, refuse_shapes, shape_of
 from lidarcli.pipeline.inputs.nav2 import LONGEST, MOST_POINTS, approach_times, read_nav2
 from lidarcli.tomlfiles import Fields, read_toml
-from lidarcli.zone import (
-    ACTIONS,
-    COUNTS,
-    HOLD,
-    MIN_POINTS,
-    SENSOR,
-    Line,
-    Zone,
-    Zones,
-    crossing_edges,
-    on_one_line,
-)
+from lidarcli.zone import ACTIONS, COUNTS, HOLD, MIN_POINTS, SENSOR, Line, Zone, Zones, crossing_edges, on_one_line
 
 SHAPES = ("polygon", "circle", "line")
 _APPROACH_KEYS = ("time_before_collision", "simulation_time_step")
@@ -56,9 +45,7 @@ def read_zones(files: Sequence[str]) -> Zones:
                 raise OptionError(f"{place}the name '{zone.name}' must be of letters, digits, _ and - only")
             if zone.name in owners:
                 other = owners[zone.name]
-                raise OptionError(
-                    f"{place}'{zone.name}' is there twice{'' if other == file else f', in {other} too'}"
-                )
+                raise OptionError(f"{place}'{zone.name}' is there twice{'' if other == file else f', in {other} too'}")
             owners[zone.name] = file
     return Zones(
         tuple(zone for each in read for zone in each.zones),

@@ -109,9 +109,7 @@ def rows_of(
     return [(table, batch.topic, _rows(table, log, batch, detection, labels)) for table in tables]
 
 
-def _rows(
-    table: str, log: str, batch: SweepBatch, detection: Detection, labels: Sequence[str]
-) -> pa.RecordBatch:
+def _rows(table: str, log: str, batch: SweepBatch, detection: Detection, labels: Sequence[str]) -> pa.RecordBatch:
     if table == "objects":
         return objects_rows(log, batch, detection, labels)
     return _ROWS[table](log, batch, detection)
@@ -319,8 +317,6 @@ class Splitting:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._helpers is not None:
             self._helpers.close()

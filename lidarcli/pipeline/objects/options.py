@@ -93,13 +93,7 @@ class DetectOptions:
         catalogue = None if followed else self.catalogue
         parameters = self.parameters if self.tracking is None else self.tracking.found_with(self.parameters)
         return Recipe(
-            source.name,
-            of_batches,
-            parameters,
-            self.background,
-            catalogue,
-            followed=followed,
-            explain=self.explain,
+            source.name, of_batches, parameters, self.background, catalogue, followed=followed, explain=self.explain
         )
 
     def as_dict(self) -> dict[str, Any]:

@@ -98,9 +98,7 @@ class Subtracting:
         threshold = parameters.threshold
         fixed = None if isinstance(threshold, str) else float(threshold)
         if fixed is not None:
-            parameters = replace(
-                parameters, threshold="mean" if parameters.profile == "paper" else "adaptive"
-            )
+            parameters = replace(parameters, threshold="mean" if parameters.profile == "paper" else "adaptive")
         self._options = options
         self._parameters = parameters
         self._tolerance = Tolerance(
@@ -259,9 +257,7 @@ def _view(bearings: np.ndarray[Any, np.dtype[np.float64]]) -> str:
 
 
 def _without_station(name: str, seen: _Seen) -> str:
-    line = (
-        f"without a station: {seen.without_station:,} of {seen.sweeps:,} sweeps of frame {name}, not compared"
-    )
+    line = f"without a station: {seen.without_station:,} of {seen.sweeps:,} sweeps of frame {name}, not compared"
     if seen.without_pose:
         line += f"; {seen.without_pose:,} of them have no pose"
     if np.isfinite(seen.nearest):

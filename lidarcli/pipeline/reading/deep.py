@@ -136,24 +136,18 @@ def deep_findings(
 class _Deep:
     """A second look at one log."""
 
-    def __init__(
-        self, log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[str] | None
-    ) -> None:
+    def __init__(self, log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[str] | None) -> None:
         choice = TopicChoice(topics, log.topics())
         self._masking, self._posing = _masking(log, rules, poses, choice)
         self._sees_poses, self._delay = poses.source != NONE, poses.delay or 0.0
         self._sensors: dict[Key, _Sensor] = {}
-        for batch in read_batches(
-            log, ReadOptions(choice.wanted or None, rules=self._masking.rules), ReadReport(), choice
-        ):
+        for batch in read_batches(log, ReadOptions(choice.wanted or None, rules=self._masking.rules), ReadReport(), choice):
             for frame, _, mine in batch.by_frame():
                 key = batch.topic, frame
                 if key not in self._sensors:
                     if len(self._sensors) == MOST_SENSORS:
                         continue
-                    self._sensors[key] = _Sensor(
-                        *key, self._posing.paths.get(key), self._told(*key), self._delay
-                    )
+                    self._sensors[key] = _Sensor(*key, self._posing.paths.get(key), self._told(*key), self._delay)
                 self._sensors[key].add(mine)
 
     def _told(self, topic: str, frame: str) -> Way | None:
@@ -270,9 +264,7 @@ def _body(topic: str, frame: str, masks: list[Mask], step: float) -> Finding:
 class _Sensor:
     """Samples and counts of one topic and frame."""
 
-    def __init__(
-        self, topic: str, frame: str, path: CheckedPath | None, told: Way | None, delay: float
-    ) -> None:
+    def __init__(self, topic: str, frame: str, path: CheckedPath | None, told: Way | None, delay: float) -> None:
         self.topic, self.frame, self.told, self.asked_delay = topic, frame, told, delay
         self.path = path or CheckedPath("none")
         self.delay = delay + (0.0 if self.path.fit is None else self.path.fit.delay)
@@ -338,9 +330,7 @@ class _Sensor:
         if way is None:
             return
         there = planar(way.at(batch.stamp_ns))
-        for row, (x, y, yaw) in enumerate(
-            zip(there.x.tolist(), there.y.tolist(), there.yaw.tolist(), strict=True)
-        ):
+        for row, (x, y, yaw) in enumerate(zip(there.x.tolist(), there.y.tolist(), there.yaw.tolist(), strict=True)):
             if not math.isfinite(x + y + yaw):
                 continue
             if self._last is not None:
@@ -541,9 +531,7 @@ def _mount_by_steps(path: CheckedPath, carrier: Float64) -> Float64 | None:
     if len(begin) < LEAST_TURNS:
         return None
     return np.array(
-        mount_between(
-            steps_between(path.matched[begin], path.matched[end]), steps_between(carrier[begin], carrier[end])
-        )
+        mount_between(steps_between(path.matched[begin], path.matched[end]), steps_between(carrier[begin], carrier[end]))
     )
 
 
@@ -674,13 +662,7 @@ def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
 def _fit_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
     """Return the finding that the matched path fills far fewer cells than the told one, whose steps do not agree."""
     path = sensor.path
-    if (
-        found is None
-        or path.fit is None
-        or path.fit.verdict == "unchecked"
-        or path.follows_told
-        or sensor.stood
-    ):
+    if found is None or path.fit is None or path.fit.verdict == "unchecked" or path.follows_told or sensor.stood:
         return []
     values = found.settled.values if found.differs and found.settled is not None else found.start
     told = mounted(found.base(float(values[3]), float(values[4])), values[:3])
@@ -720,11 +702,7 @@ def _matched_at(path: CheckedPath, at_ns: Float64) -> Float64:
     poses = np.column_stack([poses[:, :2], np.unwrap(poses[:, 2])])
     found = np.column_stack([np.interp(at_ns, stamps, one) for one in poses.T])
     after = np.clip(np.searchsorted(stamps, at_ns), 1, max(len(stamps) - 1, 1))
-    wide = (
-        np.full(len(at_ns), True)
-        if len(stamps) < 2
-        else stamps[after] - stamps[after - 1] > LONGEST_STEP * SECOND_NS
-    )
+    wide = np.full(len(at_ns), True) if len(stamps) < 2 else stamps[after] - stamps[after - 1] > LONGEST_STEP * SECOND_NS
     found[wide | (at_ns < stamps[0]) | (at_ns > stamps[-1])] = np.nan
     return found
 
@@ -742,9 +720,7 @@ def _lasers_findings(
     found : the mount of the first one, where it was found
     told : (3,) x, y [m], yaw [rad] of the second in the frame of the first that the log tells; None for nothing
     """
-    beside = (
-        _standing(first, second) if first.stood and second.stood else _driving(first, second, found, told)
-    )
+    beside = _standing(first, second) if first.stood and second.stood else _driving(first, second, found, told)
     if isinstance(beside, str):
         return [_no_lasers(first, second, beside)], []
     floor = np.array([LEAST_DEVIATION, LEAST_DEVIATION, LEAST_UNSURE]) * (3.0 if first.stood else 1.0)
@@ -778,17 +754,11 @@ def _lasers_findings(
 
 def _no_lasers(first: _Sensor, second: _Sensor, why: str) -> Finding:
     return Finding(
-        "lasers",
-        "hint",
-        second.topic,
-        second.frame,
-        f"{second.topic} beside {first.topic}: cannot be told: {why}",
+        "lasers", "hint", second.topic, second.frame, f"{second.topic} beside {first.topic}: cannot be told: {why}"
     )
 
 
-def _driving(
-    first: _Sensor, second: _Sensor, found: _Calibrated | None, told: Float64 | None
-) -> Settled | str:
+def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, told: Float64 | None) -> Settled | str:
     """Place both lasers by the path of the first, and find where the second is by the map of both."""
     way = first.path.way
     if way is None or (found is not None and found.settled is None and found.turned < LEAST_TURN):
@@ -940,11 +910,7 @@ def _flickering(sensor: _Sensor) -> list[Finding]:
 
 
 def _sectors(
-    sensor: _Sensor,
-    sectors: Int64,
-    words: str,
-    evidence: dict[str, float],
-    threshold: dict[str, float],
+    sensor: _Sensor, sectors: Int64, words: str, evidence: dict[str, float], threshold: dict[str, float]
 ) -> Finding:
     middles = [round(math.degrees(math.remainder(one * SECTOR, TURN))) for one in sectors.tolist()]
     half = math.degrees(SECTOR) / 2.0

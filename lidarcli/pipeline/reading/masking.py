@@ -170,9 +170,7 @@ def _watch(
             key = batch.topic, frame
             if key not in bodies:
                 if len(bodies) == MOST_SENSORS:
-                    raise OptionError(
-                        f"--mask auto: the log has more than {MOST_SENSORS} sensors; name some with --topic"
-                    )
+                    raise OptionError(f"--mask auto: the log has more than {MOST_SENSORS} sensors; name some with --topic")
                 bodies[key] = _Body(mine)
             bodies[key].add(mine)
     return bodies, posing
@@ -263,9 +261,7 @@ class _Body:
 
     def _moved(self, poses: SweepPoses) -> Iterator[int]:
         """Yield the sweeps before which the sensor has moved, and measure its way."""
-        for row, (x, y, yaw) in enumerate(
-            zip(poses.x.tolist(), poses.y.tolist(), poses.yaw.tolist(), strict=True)
-        ):
+        for row, (x, y, yaw) in enumerate(zip(poses.x.tolist(), poses.y.tolist(), poses.yaw.tolist(), strict=True)):
             if not math.isfinite(x + y + yaw):
                 continue
             if self._last is None:
@@ -326,9 +322,7 @@ class _Body:
 
     def mask(self, topic: str, run: Run) -> Mask:
         """Return the mask of such beams: half a step around them."""
-        ends = [
-            self._first + (beam + side) * self._step for beam, side in ((run[0][0], -0.5), (run[-1][0], 0.5))
-        ]
+        ends = [self._first + (beam + side) * self._step for beam, side in ((run[0][0], -0.5), (run[-1][0], 0.5))]
         low, high = min(low for _, low in run), max(low for _, low in run) + WINDOW
         return Mask(Sector(min(ends), max(ends), low, high), topic)
 

@@ -111,9 +111,7 @@ class RunSummary:
         """Count the objects and agents of one batch, and the beams of each set."""
         self.objects += int(found.objects.sum())
         self.agents += int(found.agents.sum())
-        for letter, beams in zip(
-            "OAS", (found.object_beams, found.agent_beams, found.noise_beams), strict=True
-        ):
+        for letter, beams in zip("OAS", (found.object_beams, found.agent_beams, found.noise_beams), strict=True):
             self.by_set[letter] += int(beams.sum())
 
     def add_things(self, things: int, moved: int) -> None:
@@ -177,11 +175,7 @@ def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions)
         "every": read.every,
         "range": list(rules.limits) if rules.limits else None,
         "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
-        **(
-            {}
-            if rules.masks is None
-            else {"mask": AUTO if rules.masks.learn else Path(rules.masks.path).name}
-        ),
+        **({} if rules.masks is None else {"mask": AUTO if rules.masks.learn else Path(rules.masks.path).name}),
         **({"csv": told} if told else {}),
         **({} if part is None else {"slice": [part.low, part.high], "bins": part.bins}),
         **({"echo": opening.echo} if opening.echo != _AS_IT_IS.echo else {}),
@@ -367,10 +361,7 @@ def named_files(options: ReadingOptions) -> list[str]:
 @contextmanager
 def read_log(source: Source, options: ReadingOptions, need: Need = Need.TOLD) -> Iterator[Reading]:
     """Open a log for its sweeps; `need` as of `Reading`."""
-    with (
-        open_source(source, options.opening) as log,
-        Reading(log, options.read, options.poses, need) as reading,
-    ):
+    with open_source(source, options.opening) as log, Reading(log, options.read, options.poses, need) as reading:
         yield reading
 
 
@@ -398,9 +389,7 @@ def opening_of(parameters: dict[str, Any]) -> OpenOptions:
     """Return the options of opening a log of a run, by the parameters in the metadata of its tables."""
     told, echo = parameters.get("csv"), parameters.get("echo")
     told = told if isinstance(told, dict) else {}
-    known: dict[str, Any] = {
-        name: float(value) for name, value in told.items() if name in GEOMETRY and _is_number(value)
-    }
+    known: dict[str, Any] = {name: float(value) for name, value in told.items() if name in GEOMETRY and _is_number(value)}
     if echo in ECHOES:
         known["echo"] = echo
     if parameters.get("segments") == KEEP:

@@ -116,13 +116,7 @@ class _Look:
     """A look at the sweeps of one topic and frame, in log order."""
 
     def __init__(
-        self,
-        told: Way | None,
-        order: str,
-        *,
-        whole: bool = False,
-        guess: Way | None = None,
-        wanted: bool = True,
+        self, told: Way | None, order: str, *, whole: bool = False, guess: Way | None = None, wanted: bool = True
     ) -> None:
         self.told = told
         self.path = MatchedPath(Timing(order))
@@ -361,11 +355,7 @@ def _checked(key: Key, look: _Look, named: bool, match: bool) -> CheckedPath:
     way = replace(way, correction=replace(correction, gaps=gaps, moves=motion))
     topic = way.topics[0]
     notes: list[str | Finding] = [
-        _jump(
-            key,
-            fit,
-            f"poses from {topic} jump by {jump:,.1f} m at {(after - stamp_ns[0]) / SECOND_NS:.1f} s: cut there",
-        )
+        _jump(key, fit, f"poses from {topic} jump by {jump:,.1f} m at {(after - stamp_ns[0]) / SECOND_NS:.1f} s: cut there")
         for jump, (_, after) in zip(fit.jumps[:SHOWN_JUMPS], fit.cuts, strict=False)
     ]
     if len(fit.jumps) > SHOWN_JUMPS:
@@ -388,24 +378,16 @@ def _unposed(key: Key, look: _Look, mine: CheckedPath, match: bool) -> CheckedPa
     track = path.track(topic, frame)
     name = frame or "without a name"
     if track is None:
-        return replace(
-            mine, notes=(*mine.notes, f"no path of frame {name}: the sweeps of {topic} cannot be matched")
-        )
+        return replace(mine, notes=(*mine.notes, f"no path of frame {name}: the sweeps of {topic} cannot be matched"))
     notes = []
     if path.restarts:
         notes.append(
             f"the path of frame {name} was lost {times(path.restarts)}, and begins anew "
-            + (
-                "where told steps lead"
-                if look.is_guided
-                else "at its last known pose: what was driven unseen is missing"
-            )
+            + ("where told steps lead" if look.is_guided else "at its last known pose: what was driven unseen is missing")
         )
     sliding = float(np.nanmean(path.slides))
     if sliding > SLIDING:
-        notes.append(
-            f"{sliding:.0%} of the sweeps of {topic} may slide along their walls: the path may be too short there"
-        )
+        notes.append(f"{sliding:.0%} of the sweeps of {topic} may slide along their walls: the path may be too short there")
     way = Way((topic,), frame, track.parent, (Step(track, down=False),))
     if len(gaps := path.gaps):
         way = replace(way, correction=Correction(gaps=gaps))
@@ -440,9 +422,7 @@ def _fit_notes(key: Key, way: Way, fit: PoseFit, named: bool) -> tuple[str | Fin
     evidence = {"share": fit.share, "steps": fit.pairs}
     if fit.verdict == "corrected":
         words = "; ".join(_changes(fit))
-        hint = (
-            "" if fit.share >= WELL_CORRECTED else f"; the path is matched from the sweeps, guided by {topic}"
-        )
+        hint = "" if fit.share >= WELL_CORRECTED else f"; the path is matched from the sweeps, guided by {topic}"
         hint = "; they are taken as they are, because they were named" if named else hint
         message = f"poses from {topic} fit the sweeps if corrected ({words}): {steps}{hint}"
         x, y, yaw = fit.mount
@@ -461,11 +441,7 @@ def _fit_notes(key: Key, way: Way, fit: PoseFit, named: bool) -> tuple[str | Fin
         causes.append(f"they jump by up to {fit.jumps[0]:,.1f} m and back: two publishers that disagree?")
     cause = f"; {'; '.join(causes)}" if causes else ""
     end = "they are taken because they were named" if named else "the path is matched from the sweeps"
-    words = (
-        f"fit the sweeps in {len(fit.good)} stretches only"
-        if fit.verdict == "stretches"
-        else "do not fit the sweeps"
-    )
+    words = f"fit the sweeps in {len(fit.good)} stretches only" if fit.verdict == "stretches" else "do not fit the sweeps"
     message = f"poses from {topic} {words} ({steps}{cause}): {end}"
     return (Finding("pose_fit", "warning", *key, message, evidence, {"share": ACCEPTED}),)
 

@@ -64,9 +64,7 @@ class PoseOptions:
     def __post_init__(self) -> None:
         """Refuse options that exclude each other."""
         if self.source is not None and self.file is not None:
-            raise OptionError(
-                f"--pose {self.source} and --poses {self.file} exclude each other: leave one out"
-            )
+            raise OptionError(f"--pose {self.source} and --poses {self.file} exclude each other: leave one out")
         if self.delay is None:
             return
         if not abs(self.delay) <= MOST_DELAY:
@@ -74,9 +72,7 @@ class PoseOptions:
         if self.source == NONE and self.delay:
             raise OptionError("--pose-delay is for poses, and --pose none leaves them out")
         if self.source == MATCH and self.delay:
-            raise OptionError(
-                "--pose-delay is for poses of the log, and --pose match finds them in its sweeps"
-            )
+            raise OptionError("--pose-delay is for poses of the log, and --pose match finds them in its sweeps")
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options that are not the default, as plain values, for the tables' metadata."""
@@ -131,9 +127,7 @@ def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | Non
         return FoundPoses(GivenPaths((read_trajectory(Path(options.file)),)))
     if options.source == MATCH:
         if log.size is None:
-            raise OptionError(
-                "--pose match reads a log twice, and a pipe is read only once: give the file's name"
-            )
+            raise OptionError("--pose match reads a log twice, and a pipe is read only once: give the file's name")
         return None
     wanted = options.source
     listed = log.topics()

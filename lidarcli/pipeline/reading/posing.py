@@ -47,10 +47,7 @@ class _Seen:
     def add(self, stamps: Int64, records: Int64) -> None:
         """Add the times of some sweeps: those of their poses, and those of the recording."""
         self.sweeps += len(stamps)
-        self.first_ns, self.last_ns = (
-            min(self.first_ns, int(stamps.min())),
-            max(self.last_ns, int(stamps.max())),
-        )
+        self.first_ns, self.last_ns = (min(self.first_ns, int(stamps.min())), max(self.last_ns, int(stamps.max())))
         low, high = self.record_ns
         self.record_ns = min(low, int(records.min())), max(high, int(records.max()))
 
@@ -81,13 +78,7 @@ class Posing:
 
     @classmethod
     def of(
-        cls,
-        log: Log,
-        options: PoseOptions,
-        choice: TopicChoice,
-        rules: RangeRules,
-        *,
-        need: Need = Need.TOLD,
+        cls, log: Log, options: PoseOptions, choice: TopicChoice, rules: RangeRules, *, need: Need = Need.TOLD
     ) -> Posing:
         """Find the poses of a log, as far as it has some and can be read twice, and check them by its sweeps.
 
@@ -108,9 +99,7 @@ class Posing:
             options.deskew,
             levelled=frozenset(made_of_clouds(log)),
         )
-        posing.named = found is not None and any(
-            one is not None for one in (options.source, options.file, options.delay)
-        )
+        posing.named = found is not None and any(one is not None for one in (options.source, options.file, options.delay))
         match = options.source == MATCH
         if log.size is not None and (found is not None or need is not Need.TOLD or match):
             from lidarcli.pipeline.reading.path_check import check_paths
@@ -180,9 +169,7 @@ class Posing:
             if batch.topic not in self.levelled:
                 seen.tilt = max(seen.tilt, tilt(motion))
         poses = replace(poses, absent=absent) if absent.any() else poses
-        return replace(
-            batch, poses=poses if some else None, still=still if knows else None, fits=fits if some else None
-        )
+        return replace(batch, poses=poses if some else None, still=still if knows else None, fits=fits if some else None)
 
     def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
         """Yield for each frame of a batch that has poses: its name, its rows, their poses in space, and the world frame."""
@@ -228,10 +215,7 @@ class Posing:
 
     def path_notes(self) -> list[str]:
         """Return the notes on the paths that were checked or matched, and the messages of the findings among them."""
-        return [
-            self._of_sensor(key, note.message if isinstance(note, Finding) else note)
-            for key, note in self._of_paths()
-        ]
+        return [self._of_sensor(key, note.message if isinstance(note, Finding) else note) for key, note in self._of_paths()]
 
     def findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
         """Return the notes on the paths without the findings; and these, with those on the poses of topics and frames."""
@@ -303,9 +287,7 @@ class Posing:
         if seen.without:
             lines.append(_gap(name, way, seen))
         if seen.tilt > TILTED:
-            lines.append(
-                f"frame {name} leans by up to {np.rad2deg(seen.tilt):.0f} degrees: its poses are their projection"
-            )
+            lines.append(f"frame {name} leans by up to {np.rad2deg(seen.tilt):.0f} degrees: its poses are their projection")
         links = [one for one in sources.tracks if one.is_link and nearness(one.topic, seen.topic) is not None]
         return lines + [found.message for found in way_findings(way, links)]
 

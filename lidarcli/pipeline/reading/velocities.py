@@ -64,11 +64,7 @@ def polygons(log: Log, topic: str, report: ReadReport) -> list[ToldPolygon] | No
 
 
 def _told(
-    log: Log,
-    topic: str,
-    types: frozenset[str],
-    report: ReadReport,
-    decode: Callable[[Message], Told],
+    log: Log, topic: str, types: frozenset[str], report: ReadReport, decode: Callable[[Message], Told]
 ) -> list[Told] | None:
     """Decode every message of a topic; None where there is none."""
     messages = _of_topic(log, topic, types, report)

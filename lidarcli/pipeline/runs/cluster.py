@@ -45,9 +45,7 @@ try:
     import dask
     import distributed
 except ImportError as err:
-    raise OptionError(
-        "--cluster needs distributed, which is not installed: pip install 'lidarcli[fleet]'"
-    ) from err
+    raise OptionError("--cluster needs distributed, which is not installed: pip install 'lidarcli[fleet]'") from err
 
 LOCAL = "local"
 """`local:N` starts N workers on this machine."""
@@ -221,9 +219,7 @@ class Cluster:
                 if what in theirs and theirs[what] != mine[what]
             ]
         if others:
-            raise OptionError(
-                f"--cluster {self._address}: workers have to be of the same build: {'; '.join(others)}"
-            )
+            raise OptionError(f"--cluster {self._address}: workers have to be of the same build: {'; '.join(others)}")
 
     def _connect(self) -> None:
         kind, _, number = self._address.partition(":")
@@ -304,18 +300,11 @@ def refuse_address(address: str) -> None:
     except ValueError:
         port = None
     if "@" in url.netloc:
-        raise OptionError(
-            "--cluster: an address holds no credentials; tls:// takes certificates (docs/fleet.md)"
-        )
+        raise OptionError("--cluster: an address holds no credentials; tls:// takes certificates (docs/fleet.md)")
     if url.scheme not in ("tcp", "tls") or not url.hostname or not port:
         raise OptionError(f"--cluster {address}: write tls://HOST:PORT, tcp://HOST:PORT or local:N")
-    if (
-        url.scheme == "tls"
-        and distributed.Security().get_connection_args("client").get("ssl_context") is None
-    ):
-        raise OptionError(
-            f"--cluster {address}: Dask's configuration names no certificates for tls:// (docs/fleet.md)"
-        )
+    if url.scheme == "tls" and distributed.Security().get_connection_args("client").get("ssl_context") is None:
+        raise OptionError(f"--cluster {address}: Dask's configuration names no certificates for tls:// (docs/fleet.md)")
 
 
 def danger(address: str) -> str | None:

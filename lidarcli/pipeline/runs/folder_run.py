@@ -94,11 +94,7 @@ class FolderRun:
             self._parameters = parameters_hash(self._options)
         there = There(self._folder) if resume or self._options.layout == BY_DATE else None
         if there is not None and self._options.layout == BY_DATE:
-            self._days = {
-                _url(source): self._existing(source, there)
-                for source in sources
-                if isinstance(source, Source)
-            }
+            self._days = {_url(source): self._existing(source, there) for source in sources if isinstance(source, Source)}
         if not resume or there is None:
             plan = Plan([Step(source) for source in sources])
             if there is not None and not overwrite:
@@ -109,8 +105,7 @@ class FolderRun:
         # A later failure, as for tables that were there, has left these as they are.
         by_url = newest(entry for entry in entries if entry.is_done)
         self._before = {
-            url: [output for output in entry.outputs if _is_below(self._folder, output)]
-            for url, entry in by_url.items()
+            url: [output for output in entry.outputs if _is_below(self._folder, output)] for url, entry in by_url.items()
         }
         told_of = {entry.url for entry in entries}
         mine = {output for entry in entries for output in entry.outputs}
@@ -130,9 +125,7 @@ class FolderRun:
             existing = self._existing(source, there) if done is None and not overwrite else []
             foreign = [out for out in existing if out not in mine and not _is_of(out, source)]
             if foreign:
-                error = OutputError(
-                    f"{foreign[0]} exists and is not of this log; use --overwrite to replace it"
-                )
+                error = OutputError(f"{foreign[0]} exists and is not of this log; use --overwrite to replace it")
                 plan.steps.append(Step(Nothing(source.path, error)))
                 continue
             plan.steps.append(Step(source, done=done))
@@ -154,9 +147,7 @@ class FolderRun:
         """Yield the steps of a plan with their files, as far as they are known before reading, and whether these exist."""
         there = There(self._folder)
         for step in plan.steps:
-            outputs = (
-                self._outputs(step.source) if isinstance(step.source, Source) and step.done is None else ()
-            )
+            outputs = self._outputs(step.source) if isinstance(step.source, Source) and step.done is None else ()
             yield step, [(output, there(absolute(output))) for output in outputs]
 
     def record(self, outcome: Outcome) -> list[str]:
@@ -166,9 +157,7 @@ class FolderRun:
             return []
         state = source.state() if isinstance(source, Source) else None
         summary = outcome.summary
-        words = outcome.error or (
-            "; ".join(summary.damage) if summary is not None and summary.damage else None
-        )
+        words = outcome.error or ("; ".join(summary.damage) if summary is not None and summary.damage else None)
         outputs = [absolute(output) for output in summary.outputs] if summary else []
         result = FAILED if summary is None else DAMAGED if summary.damage else OK
         self._manifest.add(
@@ -241,11 +230,7 @@ class FolderRun:
 
     def _counts(self, done: Entry, source: Source, there: There) -> bool:
         """Tell whether an entry counts: the same log, parameters and version, and its tables are still there."""
-        if (
-            done.parameters != self._parameters
-            or done.version != __version__
-            or not is_unchanged(source, done)
-        ):
+        if done.parameters != self._parameters or done.version != __version__ or not is_unchanged(source, done):
             return False
         # A manifest may name any files: the tables of this log in this folder count, and all of them.
         existing = self._days[done.url] if self._options.layout == BY_DATE else self._existing(source, there)
@@ -273,16 +258,13 @@ class FolderRun:
             return None
         # The reader of a folder does not count all of its files.
         counts_all = all(
-            not part.files and (part.url is not None or not Path(part.path).is_dir())
-            for part in source.parts or (source,)
+            not part.files and (part.url is not None or not Path(part.path).is_dir()) for part in source.parts or (source,)
         )
         if told.get("name") != source.file_name or (counts_all and told.get("size") != state.size):
             return None
         # As make does: the inputs of the tables are older than these.
         written = [found.mtime_ns for output in outputs if (found := there.state(output)) is not None]
-        depends = [
-            found.mtime_ns for file in self._options.inputs([]) if (found := state_of(file)) is not None
-        ]
+        depends = [found.mtime_ns for file in self._options.inputs([]) if (found := state_of(file)) is not None]
         if len(written) < len(outputs) or min(written) < max([state.mtime_ns, *depends]):
             return None
         lines = [str(line) for line in note_value(notes, DAMAGE, list)]
@@ -324,12 +306,7 @@ def _url(source: Source | Nothing) -> str:
 def parameters_hash(options: DetectOptions) -> str:
     """Hash everything that the tables of a log depend on, beside the log and the version."""
     digest = blake2b(digest_size=16)
-    told = {
-        **options.as_dict(),
-        "tables": options.tables,
-        "explain": options.explain,
-        "layout": options.layout,
-    }
+    told = {**options.as_dict(), "tables": options.tables, "explain": options.explain, "layout": options.layout}
     digest.update(json.dumps(told, sort_keys=True, default=str).encode())
     # The options hold only the names of files.
     for file in options.inputs([]):
@@ -340,11 +317,7 @@ def parameters_hash(options: DetectOptions) -> str:
 def _as_before(source: Source | Nothing, done: Entry) -> Outcome:
     """Return the outcome of a log in an earlier run."""
     return Outcome(
-        source.label,
-        done.exit_code,
-        error=done.message if done.exit_code else None,
-        source=source,
-        skipped=True,
+        source.label, done.exit_code, error=done.message if done.exit_code else None, source=source, skipped=True
     )
 
 

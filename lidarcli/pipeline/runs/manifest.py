@@ -114,9 +114,7 @@ class There:
             name = self._dated.get(absolute(path / f"{log}.parquet"))
             return [name] if name is not None else []
         days = all_files(path, "")
-        return [
-            *filter(self, (absolute(day / f"{log}.parquet") for day in days if day.name.startswith("date=")))
-        ]
+        return [*filter(self, (absolute(day / f"{log}.parquet") for day in days if day.name.startswith("date=")))]
 
 
 FOLDER = "_lidarcli"
@@ -179,9 +177,7 @@ def refuse_folder(folder: Place) -> None:
         if not there:
             raise OutputError(f"cannot write {folder}: there is no such bucket")
     elif os.path.lexists(folder / FOLDER) and not os.path.isdir(folder / FOLDER):  # noqa: PTH112 (never raises)
-        raise OutputError(
-            f"{folder / FOLDER}: is no folder, and manifests of runs belong there; write elsewhere with -o"
-        )
+        raise OutputError(f"{folder / FOLDER}: is no folder, and manifests of runs belong there; write elsewhere with -o")
 
 
 def read_entries(folder: Place) -> tuple[list[Entry], list[str]]:

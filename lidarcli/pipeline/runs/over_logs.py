@@ -26,10 +26,7 @@ class LogWork(Protocol):
 
 
 def over_logs(
-    sources: Sequence[Source | Nothing],
-    work: LogWork,
-    report: LogProgress | None = None,
-    at_once: int = 1,
+    sources: Sequence[Source | Nothing], work: LogWork, report: LogProgress | None = None, at_once: int = 1
 ) -> Iterator[Outcome]:
     """Do the work for one log after the other, or for several at the same time in worker processes.
 
@@ -62,9 +59,7 @@ def progress_of(source: Source, report: LogProgress | None) -> Callable[[int], N
     return None if report is None else lambda position: report(source, position)
 
 
-def summed(
-    sources: Sequence[Source | Nothing], show: Callable[[int, int | None, str], object]
-) -> LogProgress:
+def summed(sources: Sequence[Source | Nothing], show: Callable[[int, int | None, str], object]) -> LogProgress:
     """Return the progress of several logs that tells `show` of the bytes read, of all (None: not known), and the log."""
     sizes = [source.size for source in sources if isinstance(source, Source)]
     total = sum(sizes) if all(sizes) else None

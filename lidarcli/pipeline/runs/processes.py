@@ -160,9 +160,7 @@ def _again(work: Work, source: Source | Nothing) -> Outcome:
     try:
         outcome = pool.submit(_do, work, source).result()
     except BrokenProcessPool:
-        error = (
-            "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"
-        )
+        error = "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"
         return Outcome(source.label, INTERNAL_ERROR, error=error, source=source)
     except BaseException:
         stop_workers(pool)

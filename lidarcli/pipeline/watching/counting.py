@@ -59,9 +59,7 @@ class Objects(NamedTuple):
         track, there = held(rows["track"])
         velocity = np.column_stack([numbers(rows["vx"]), numbers(rows["vy"])])
         track = np.where(there, track, -1)
-        return Objects(
-            row[mine], first[mine], beam_i[mine], beam_f[mine], its[mine], track[mine], velocity[mine]
-        )
+        return Objects(row[mine], first[mine], beam_i[mine], beam_f[mine], its[mine], track[mine], velocity[mine])
 
     def of_rows(self, rows: Int64) -> Objects:
         """Return the objects of some sweeps of the batch, which are numbered anew."""
@@ -211,9 +209,7 @@ class Told(NamedTuple):
 class Counting:
     """Folds the batches of one topic into a `TopicSeries`."""
 
-    def __init__(
-        self, series: TopicSeries, frames: Frames, masks: Masks, told: dict[str, Told | None]
-    ) -> None:
+    def __init__(self, series: TopicSeries, frames: Frames, masks: Masks, told: dict[str, Told | None]) -> None:
         """`told`: topic of velocities → what it tells, None where the log has no such topic."""
         self.series = series
         self._frames = frames
@@ -394,9 +390,7 @@ class _Look(NamedTuple):
             fastest += float(np.nanmax(np.hypot(*self.objects.velocity.T), initial=0.0))
         way = fastest * (zone.time_before_collision + zone.time_step)
         near = candidates(self.batch, self.ranges, self.place, _around(shape, way))
-        return self._counted(zone, candidates(self.batch, self.ranges, self.place, shape)), self._counted(
-            zone, near
-        )
+        return self._counted(zone, candidates(self.batch, self.ranges, self.place, shape)), self._counted(zone, near)
 
     def _counted(self, zone: Zone, found: Inside) -> Inside:
         """Return the points on what counts in a zone."""
@@ -409,9 +403,7 @@ class _Look(NamedTuple):
             counts &= agents[np.maximum(owner, 0)] if len(agents) else False
         return found.of(counts)
 
-    def approach(
-        self, zone: Zone, shape: Circle | Polygon, now: Inside, near: Inside
-    ) -> tuple[Inside, Float64]:
+    def approach(self, zone: Zone, shape: Circle | Polygon, now: Inside, near: Inside) -> tuple[Inside, Float64]:
         """Return the points that will be met first, or those inside now, and the time to collision (S,) [s]."""
         own = self._own_velocity(near) if zone.count == "agents" else None
         ahead = zone.time_before_collision, zone.time_step

@@ -186,9 +186,7 @@ class _Settling:
         by_topic = [
             np.full((5, len(self.own)), np.nan)
             if is_line
-            else np.stack(
-                [self._picked(index, name, np.nan) for name in ("nearest", "bearing", "x", "y", "ttc")]
-            )
+            else np.stack([self._picked(index, name, np.nan) for name in ("nearest", "bearing", "x", "y", "ttc")])
             for index in range(len(self.counted.topics))
         ]
         away = np.where(np.isnan(stacked := np.stack([each[0] for each in by_topic])), np.inf, stacked)
@@ -338,9 +336,7 @@ class _Settling:
         if not self.counted.tracked or all(one is None for one in self.counted.tracked):
             return None
         found: list[dict[int, Path]] = []
-        for topic, series, tracked in zip(
-            self.counted.topics, self.counted.series, self.counted.tracked, strict=True
-        ):
+        for topic, series, tracked in zip(self.counted.topics, self.counted.series, self.counted.tracked, strict=True):
             paths: dict[int, Path] = {}
             if tracked is not None and len(tracked.track):
                 x, y = _in_zone(self.zone, topic, series, tracked)
@@ -461,9 +457,7 @@ class _Settling:
 
     # Events.
 
-    def _event(
-        self, index: int, kind: str, first: int, last: int, sweeps: int, start: int, end: int
-    ) -> dict[str, Any]:
+    def _event(self, index: int, kind: str, first: int, last: int, sweeps: int, start: int, end: int) -> dict[str, Any]:
         """Return an event with what all kinds have."""
         topic = self.counted.topics[index]
         return {
@@ -548,11 +542,7 @@ def _once(events: Sequence[tuple[int, dict[str, Any]]]) -> list[dict[str, Any]]:
         longest = BOTH_CROSS_NS if event["kind"] == CROSSING else 0
         mine = event["topic"], event["frame_id"]
         same = next(
-            (
-                one
-                for sensor, one in reversed(its.items())
-                if sensor != mine and event["start"] - one["end"] <= longest
-            ),
+            (one for sensor, one in reversed(its.items()) if sensor != mine and event["start"] - one["end"] <= longest),
             None,
         )
         if same is None:
@@ -583,13 +573,7 @@ def _in_sensor(topic: TopicSeries, tracked: Tracked) -> tuple[Float64, Float64]:
 
 
 def _from_sensor(
-    topic: TopicSeries,
-    series: ZoneSeries,
-    zone: Zone,
-    tracked: Tracked,
-    rows: NDArray[np.intp],
-    x: Float64,
-    y: Float64,
+    topic: TopicSeries, series: ZoneSeries, zone: Zone, tracked: Tracked, rows: NDArray[np.intp], x: Float64, y: Float64
 ) -> tuple[Float64, Float64]:
     """Return how far places in the frame of the zone are from the sensor, and in which direction it sees them."""
     placed = topic.column("pose") if zone.frame == WORLD else series.column("placed")

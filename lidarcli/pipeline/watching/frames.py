@@ -108,9 +108,7 @@ class Frames:
         if self.robot:
             return self.robot
         here, left = sensor, len(self.mounts)
-        while left and (
-            parent := next((one.parent for one in self.mounts if same_name(one.frame, here)), "")
-        ):
+        while left and (parent := next((one.parent for one in self.mounts if same_name(one.frame, here)), "")):
             here, left = parent, left - 1
         if here != sensor or any(same_name(one.parent, sensor) for one in self.mounts):
             return here

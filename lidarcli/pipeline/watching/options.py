@@ -52,10 +52,7 @@ class ZoneOptions:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all options that the result depends on, as plain values, for the tables' metadata."""
-        told: dict[str, Any] = {
-            "zones": [zone_dict(zone) for zone in self.zones.zones],
-            "find": self.has_objects,
-        }
+        told: dict[str, Any] = {"zones": [zone_dict(zone) for zone in self.zones.zones], "find": self.has_objects}
         if masks := plain(self.zones.masks):
             told["zone_masks"] = masks
         if self.zones.robot:
@@ -70,17 +67,7 @@ def zone_dict(zone: Zone) -> dict[str, Any]:
     shape = zone.shape
     told: dict[str, Any] = {
         name: getattr(zone, name)
-        for name in (
-            "name",
-            "frame",
-            "action",
-            "count",
-            "min_points",
-            "trigger",
-            "release",
-            "hold",
-            "timeout",
-        )
+        for name in ("name", "frame", "action", "count", "min_points", "trigger", "release", "hold", "timeout")
     }
     if zone.topics:
         told["topics"] = [*zone.topics]
@@ -116,9 +103,7 @@ def refuse_options(options: ZoneOptions) -> None:
     for zone in options.zones.zones:
         needs = isinstance(zone.shape, Line) or zone.count != "beams"
         if needs and not options.has_objects:
-            what = (
-                "is a line, and crossings" if isinstance(zone.shape, Line) else f"counts {zone.count}, which"
-            )
+            what = "is a line, and crossings" if isinstance(zone.shape, Line) else f"counts {zone.count}, which"
             raise OptionError(f"zone '{zone.name}' {what} need tracks: leave out --no-objects")
         if zone.frame == WORLD:
             refuse_resting(zone)

@@ -74,9 +74,7 @@ class Watching:
         """Sensor → the fixed frame of its poses."""
         self._counting: dict[Key, Counting] = {}
         self._report = ReadReport()
-        self._told = {
-            zone.velocity_topic: self._velocities(zone) for zone in options.zones.zones if zone.velocity_topic
-        }
+        self._told = {zone.velocity_topic: self._velocities(zone) for zone in options.zones.zones if zone.velocity_topic}
         self._lost: dict[str, NoScanError] = {}
         """Zones that cannot be judged in this log → why."""
         self._shapes = dict(self._judged(zone, self._shapes_of) for zone in options.zones.zones)
@@ -102,9 +100,7 @@ class Watching:
         found = velocities(self._log, zone.velocity_topic, self._report)
         if found is None or not len(found[0]):
             return None
-        types = {
-            topic.type for topic in self._log.topics() or () if same_name(topic.name, zone.velocity_topic)
-        }
+        types = {topic.type for topic in self._log.topics() or () if same_name(topic.name, zone.velocity_topic)}
         return Told(*found, recorded=types == {TWIST})
 
     def _shapes_of(self, zone: Zone) -> Shapes:
@@ -137,9 +133,7 @@ class Watching:
             raise UnreadableError(f"zone '{zone.name}': no polygon of {zone.shape_topic} can be read")
         return Shapes([Polygon(key) for key in shapes], np.array(times, np.int64), np.array(parts, np.int64))
 
-    def run(
-        self, source: Source, progress: Progress | None
-    ) -> tuple[RunSummary, list[Settled], dict[str, Any]]:
+    def run(self, source: Source, progress: Progress | None) -> tuple[RunSummary, list[Settled], dict[str, Any]]:
         """Read the sweeps; returns the counts, the zones and the description of the source."""
         detect = self._options.detect
         with Reading(self._log, self._read, detect.poses, Need.MOVING) as reading:
@@ -212,11 +206,7 @@ class Watching:
         index = np.asarray(sweeps["sweep"])
         stamps = np.asarray(sweeps["stamp"].view(pa.int64()))
         at = np.minimum(np.searchsorted(index, batch.sweep), max(len(index) - 1, 0))
-        if (
-            not len(index)
-            or (index[at] != batch.sweep).any()
-            or (np.abs(stamps[at] - batch.stamp_ns) >= COARSE).any()
-        ):
+        if not len(index) or (index[at] != batch.sweep).any() or (np.abs(stamps[at] - batch.stamp_ns) >= COARSE).any():
             raise UnreadableError(
                 f"{self._pair.sweeps}: not the table of these sweeps of {batch.topic}, which are not in it or have other "
                 f"stamps: give the same --start, --end and --every, or {AGAIN}"
@@ -310,9 +300,7 @@ class Watching:
         pair = self._pair
         if pair is None or not pair.trajectories.exists() or not pair.tracks.exists():
             return None
-        tracks = read_columns(
-            pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "frame_id", "track", "set", "label")
-        )
+        tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "frame_id", "track", "set", "label"))
         mine = [row for row in tracks.to_pylist() if (row["topic"], row["frame_id"]) == series.sensor]
         agents = np.array([row["track"] for row in mine if row["set"] == "A"], np.int64)
         labels = {row["track"]: row["label"] for row in mine if row["label"] is not None}
@@ -355,9 +343,7 @@ class Watching:
                         f"sweeps of {topic}: nothing written; give other poses (--pose TOPIC, --poses FILE)"
                     )
                 if world_in(told, topic) == MATCH and where == WORLD:
-                    notes[
-                        f"zone '{name}' is in the world of the path that is matched from the sweeps of {topic}"
-                    ] = None
+                    notes[f"zone '{name}' is in the world of the path that is matched from the sweeps of {topic}"] = None
         return [*notes]
 
 

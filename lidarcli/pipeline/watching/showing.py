@@ -101,8 +101,6 @@ class Showing:
         if not zone.is_for(topic):
             return False
         if zone.count in COUNTED and sets is None:
-            self._notes[f"zone {zone.name} counts {zone.count}, and nobody knows which beams are on them"] = (
-                None
-            )
+            self._notes[f"zone {zone.name} counts {zone.count}, and nobody knows which beams are on them"] = None
             return False
         return True

@@ -74,11 +74,7 @@ def start_of(batch: SweepBatch, poses: SweepPoses, s: int, k: int) -> tuple[floa
     """x, y, yaw of the sensor when it takes beam k of sweep s."""
     way = (0.0, 0.0, 0.0) if poses.way is None else poses.way[s].tolist()
     share = k / (int(batch.beams[s]) - 1) if batch.beams[s] > 1 else 0.0
-    return (
-        float(poses.x[s]) + share * way[0],
-        float(poses.y[s]) + share * way[1],
-        float(poses.yaw[s]) + share * way[2],
-    )
+    return (float(poses.x[s]) + share * way[0], float(poses.y[s]) + share * way[1], float(poses.yaw[s]) + share * way[2])
 
 
 def cells_of(
@@ -98,9 +94,7 @@ def cells_of(
             here = start_of(batch, poses, s, k)[:2]
             if use[s, k] == HIT:
                 hit.add(_cell(there, resolution))
-            passed |= _on_the_way(
-                [value / resolution for value in here], [value / resolution for value in there]
-            )
+            passed |= _on_the_way([value / resolution for value in here], [value / resolution for value in there])
         hits.update(hit)
         passes.update(passed - hit)
     return hits, passes
@@ -115,11 +109,7 @@ def _on_the_way(here: list[float], there: list[float]) -> set[Cell]:
     first, last = math.floor(here[along]), math.floor(there[along])
     found = set()
     for number in [*(range(first, last) if first <= last else range(last + 1, first + 1))] or [first]:
-        part = (
-            (number + 0.5 - here[along]) / (there[along] - here[along])
-            if there[along] != here[along]
-            else 0.0
-        )
+        part = (number + 0.5 - here[along]) / (there[along] - here[along]) if there[along] != here[along] else 0.0
         across = math.floor(here[1 - along] + part * (there[1 - along] - here[1 - along]))
         found.add((number, across) if along == 0 else (across, number))
     return found
@@ -139,19 +129,13 @@ def counted(beams: Beams, size: int | None = None, resolution: float = RESOLUTIO
 
 def cut(beams: Beams, size: int) -> list[Beams]:
     """The beams in batches of so many sweeps."""
-    return [
-        chosen(beams, np.arange(first, min(first + size, len(beams)))) for first in range(0, len(beams), size)
-    ]
+    return [chosen(beams, np.arange(first, min(first + size, len(beams)))) for first in range(0, len(beams), size)]
 
 
 def chosen(beams: Beams, rows: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Beams:
     """The beams of some sweeps."""
     return Beams(
-        np.ascontiguousarray(beams.end[:, rows]),
-        beams.use[rows],
-        beams.beams[rows],
-        beams.poses[rows],
-        beams.way[rows],
+        np.ascontiguousarray(beams.end[:, rows]), beams.use[rows], beams.beams[rows], beams.poses[rows], beams.way[rows]
     )
 
 
@@ -176,10 +160,5 @@ def beams_of(ranges: object, poses: SweepPoses, use: object = HIT, **columns: ob
 
 def assert_same_map(one: Occupancy, other: Occupancy) -> None:
     """Every cell and the place of two maps is the same."""
-    assert (one.x, one.y, one.resolution, one.frame_id) == (
-        other.x,
-        other.y,
-        other.resolution,
-        other.frame_id,
-    )
+    assert (one.x, one.y, one.resolution, one.frame_id) == (other.x, other.y, other.resolution, other.frame_id)
     np.testing.assert_array_equal(one.cells, other.cells, strict=True)

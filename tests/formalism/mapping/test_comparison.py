@@ -141,9 +141,7 @@ def test_origins_between_the_cells_are_those_of_the_nearest() -> None:
 
 @pytest.mark.parametrize("resolution", [0.1, 0.0501, 0.0499])
 def test_cells_of_another_size_are_not_compared(resolution: float) -> None:
-    with pytest.raises(
-        UnlikeError, match=rf"^cells of {resolution:g} m cannot be compared with cells of 0.05 m$"
-    ):
+    with pytest.raises(UnlikeError, match=rf"^cells of {resolution:g} m cannot be compared with cells of 0.05 m$"):
         compare(grid([[OCCUPIED]], resolution=resolution), grid([[OCCUPIED]]))
     # As a float32 tells it, it is the same.
     same = compare(grid([[OCCUPIED]], resolution=float(np.float32(CELL))), grid([[OCCUPIED]]))

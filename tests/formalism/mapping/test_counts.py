@@ -143,11 +143,7 @@ def test_no_more_ground_than_allowed() -> None:
     counts = Counts(RESOLUTION, 600 * 600)
     counts.add(line_of(0.02, 0.02))
     before = told(counts)
-    for far in (
-        line_of(50.02, 30.02),
-        line_of(-9000.02, 5.02),
-        beams_of([[5000.0]], poses_at((0.0, 0.0, 0.7))),
-    ):
+    for far in (line_of(50.02, 30.02), line_of(-9000.02, 5.02), beams_of([[5000.0]], poses_at((0.0, 0.0, 0.7)))):
         with pytest.raises(TooLargeError, match=r"^[\d,]+ x [\d,]+ m$"):
             counts.add(far)
         with pytest.raises(TooLargeError):
@@ -205,15 +201,10 @@ def test_a_point_on_the_edge_of_a_cell_is_in_the_same_one_whatever_came_before()
 
 
 def test_what_is_occupied_free_and_unknown() -> None:
-    counts = of_cells(
-        [[0, 1, 2, 3, 3, 3], [0, 0, 5, 0, 1, 0]], [[0, 0, 0, 3, 2, 1], [0, 1, 5, 0, 0, 9]], -4, 6
-    )
+    counts = of_cells([[0, 1, 2, 3, 3, 3], [0, 0, 5, 0, 1, 0]], [[0, 0, 0, 3, 2, 1], [0, 1, 5, 0, 0, 9]], -4, 6)
     grid = counts.occupancy(2, 0.5, "odom")
     # Hit once is too seldom; by exactly half of those that saw it is not by more than half.
-    expected = [
-        [UNKNOWN, UNKNOWN, OCCUPIED, FREE, OCCUPIED, OCCUPIED],
-        [UNKNOWN, FREE, FREE, UNKNOWN, UNKNOWN, FREE],
-    ]
+    expected = [[UNKNOWN, UNKNOWN, OCCUPIED, FREE, OCCUPIED, OCCUPIED], [UNKNOWN, FREE, FREE, UNKNOWN, UNKNOWN, FREE]]
     inner = grid.cells[1:-1, 1:-1]
     # The first column is not known at all: the map begins after it.
     assert inner.tolist() == [row[1:] for row in expected]
@@ -225,16 +216,7 @@ def test_what_is_occupied_free_and_unknown() -> None:
 
 @pytest.mark.parametrize(
     ("min_hits", "ratio", "occupied"),
-    [
-        (1, 0.0, 5),
-        (2, 0.0, 4),
-        (3, 0.0, 3),
-        (4, 0.0, 1),
-        (1, 0.25, 4),
-        (1, 0.5, 3),
-        (1, 0.74, 3),
-        (1, 1.0, 0),
-    ],
+    [(1, 0.0, 5), (2, 0.0, 4), (3, 0.0, 3), (4, 0.0, 1), (1, 0.25, 4), (1, 0.5, 3), (1, 0.74, 3), (1, 1.0, 0)],
 )
 def test_hits_and_ratio(min_hits: int, ratio: float, occupied: int) -> None:
     # Shares of hits: 1, 1, 3/4, 1/4 of 12, 1/2.
@@ -281,9 +263,7 @@ def test_the_origin_is_a_whole_number_of_cells(resolution: float) -> None:
             assert value == round(value, 9)
         # The beam's own cells are where they belong.
         row, column = np.nonzero(grid.cells == OCCUPIED)
-        assert (
-            grid.x + column[0] * resolution <= x + 1.0 + 1e-9 <= grid.x + (column[0] + 1) * resolution + 1e-8
-        )
+        assert grid.x + column[0] * resolution <= x + 1.0 + 1e-9 <= grid.x + (column[0] + 1) * resolution + 1e-8
         assert grid.y + row[0] * resolution <= y + 1e-9 <= grid.y + (row[0] + 1) * resolution + 1e-8
     assert counted(line_of(0.22, 0.22)).occupancy(1, 0.0, "map").x == 0.15
 
@@ -313,9 +293,7 @@ def test_ranges_may_be_others_than_those_of_the_sweeps() -> None:
     other = placed(replace(batch, ranges=shorter), poses, use)
     assert one.end.tobytes() == other.end.tobytes()
     # Neither order of memory nor kind of numbers matters.
-    third = placed(
-        batch, poses, np.asfortranarray(use.astype(np.int64)), np.asfortranarray(shorter, np.float64)
-    )
+    third = placed(batch, poses, np.asfortranarray(use.astype(np.int64)), np.asfortranarray(shorter, np.float64))
     assert third.end.tobytes() == one.end.tobytes()
 
 
@@ -323,9 +301,7 @@ def test_a_room_of_four_walls() -> None:
     # 3 by 2 m, seen from three places: its walls are occupied, its inside is free, the outside unknown.
     poses = poses_at((0.513, 0.487, 0.0), (2.411, 1.533, 1.0), (1.207, 0.911, 2.5))
     bearing = np.linspace(-np.pi, np.pi, 721)[:-1]
-    ranges = np.array(
-        [_to_walls(x, y, yaw + bearing) for x, y, yaw in zip(poses.x, poses.y, poses.yaw, strict=True)]
-    )
+    ranges = np.array([_to_walls(x, y, yaw + bearing) for x, y, yaw in zip(poses.x, poses.y, poses.yaw, strict=True)])
     beams = beams_of(ranges, poses, angle_min=-np.pi, angle_increment=2 * np.pi / 720)
     grid = counted(beams).occupancy(1, 0.3, "map")
     row, column = np.indices(grid.cells.shape)

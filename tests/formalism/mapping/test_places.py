@@ -291,9 +291,7 @@ def heard(ranges: list[float], begin: list[int], end: list[int]) -> list[tuple[i
 def test_a_body_within_another_has_its_own_beams_and_scraps_are_no_surface() -> None:
     nothing, surface = (0, 0), (-9, 1)
     ranges = 11 * [3.0] + 2 * [2.0] + 2 * [3.0] + [np.nan] + 4 * [15.1]
-    row = [nothing, (1, 1), (1, 1), (2, 1), (1, 1), nothing, (3, 1), (3, 1), nothing, surface] + 10 * [
-        nothing
-    ]
+    row = [nothing, (1, 1), (1, 1), (2, 1), (1, 1), nothing, (3, 1), (3, 1), nothing, surface] + 10 * [nothing]
     assert heard(ranges, [1, 3, 6], [4, 3, 7]) == row
     # Across the seam.
     whole = heard(16 * [3.0], [14], [1])

@@ -66,9 +66,7 @@ def test_hits_and_passes_are_those_of_sets_of_cells(seed: int) -> None:
 @pytest.mark.parametrize("resolution", [0.01, 0.3, 50.0])
 def test_cells_of_any_size(resolution: float) -> None:
     batch, poses, use = random_sweeps(3, sweeps=4)
-    assert told(counted(placed(batch, poses, use), resolution=resolution)) == cells_of(
-        batch, poses, use, resolution
-    )
+    assert told(counted(placed(batch, poses, use), resolution=resolution)) == cells_of(batch, poses, use, resolution)
 
 
 def test_a_row_of_cells_by_hand() -> None:
@@ -101,9 +99,7 @@ def test_what_one_beam_hits_no_other_passes(order: int) -> None:
 
 
 def test_many_beams_of_one_cell_count_once() -> None:
-    beams = beams_of(
-        np.full((3, 50), 0.2), poses_at(*[(0.125, 0.025, 0.0)] * 3), angle_min=0.0, angle_increment=1e-9
-    )
+    beams = beams_of(np.full((3, 50), 0.2), poses_at(*[(0.125, 0.025, 0.0)] * 3), angle_min=0.0, angle_increment=1e-9)
     hits, passes = told(counted(beams))
     assert hits == {(6, 0): 3}
     assert passes == {(column, 0): 3 for column in (2, 3, 4, 5)}
@@ -116,9 +112,7 @@ def test_the_sensor_s_own_cell_and_a_range_of_nothing() -> None:
 
 def test_each_beam_starts_where_the_sensor_is_then() -> None:
     # It goes 1 m to the left while it looks ahead three times, and turns back by what the beams are apart.
-    beams = beams_of(
-        [[1.0, 1.0, 1.0]], poses_at((0.0, 0.0, 0.0, 0.0, 1.0, -0.2)), angle_min=0.0, angle_increment=0.1
-    )
+    beams = beams_of([[1.0, 1.0, 1.0]], poses_at((0.0, 0.0, 0.0, 0.0, 1.0, -0.2)), angle_min=0.0, angle_increment=0.1)
     np.testing.assert_allclose(beams.end[:, 0], [[1.0, 1.0, 1.0], [0.0, 0.5, 1.0]], atol=1e-15)
     off_the_edges = np.array([0.01, 0.01, 0.0, 0.0])
     beams = replace(beams, end=beams.end + 0.01, poses=beams.poses + off_the_edges)
@@ -153,9 +147,7 @@ def test_nothing_is_no_map() -> None:
 
 @pytest.mark.skipif(rays.__file__.endswith(".py"), reason="the core was not compiled")
 @pytest.mark.parametrize("seed", SEEDS)
-def test_compiled_and_source_give_the_same_bits(
-    source: ModuleType, seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compiled_and_source_give_the_same_bits(source: ModuleType, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(native, "_BOUNDS", True)
     batch, poses, use = random_sweeps(seed)
     one = counted(one_beams := placed(batch, poses, use), 5)

@@ -71,9 +71,7 @@ def outline(
                 raise Ambiguous
             if away > 0:
                 corner = None
-        corners.append(
-            (places[one.last] if corner is None else corner, nearest if corner is None else corner)
-        )
+        corners.append((places[one.last] if corner is None else corner, nearest if corner is None else corner))
     reported = [places[0], *(corner for corner, _ in corners), places[-1]]
     lengths = [dist(a, b) for a, b in pairwise(reported)]
     drawn = [on_line(faces[0], places[0]), *(corner for _, corner in corners), on_line(faces[-1], places[-1])]
@@ -110,9 +108,7 @@ def box(places: list[Place], faces: list[Face]) -> tuple[Place, float, float, fl
     first = rectangle(places, order[0].direction)
     if len(order) < 2:
         return first
-    angle = degrees(
-        atan2(*reversed(order[0].direction)) - atan2(*reversed(order[1].direction)),
-    )
+    angle = degrees(atan2(*reversed(order[0].direction)) - atan2(*reversed(order[1].direction)))
     from_square = abs((angle + 45) % 90 - 45)
     if abs(from_square - 5) < 1e-6:
         raise Ambiguous

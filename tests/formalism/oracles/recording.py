@@ -147,9 +147,7 @@ def state_of(everything: core.Core, result: Any, before: State | None) -> State:
         verdict=Plain(everything.verdict, before and before.verdict),
         breaks=list(everything.breakpoints.at[: everything.breakpoints.count]),
         protrusions=[(found.segment[k], found.first[k], found.last[k]) for k in range(found.count)],
-        segments=[
-            Segment(*(getattr(these, name)[j] for name in Segment._fields)) for j in range(these.count)
-        ],
+        segments=[Segment(*(getattr(these, name)[j] for name in Segment._fields)) for j in range(these.count)],
         faces=[Face(*(getattr(faces, name)[f] for name in Face._fields)) for f in range(faces.count)],
         result=result,
     )

@@ -41,11 +41,7 @@ def split(places: list[Place], tolerance: float) -> list[int]:
     if len(order) > 1 and order[0] - order[1] < ALIKE:
         raise Ambiguous
     at = int(np.argmax(away)) + 1
-    return [
-        *split(places[: at + 1], tolerance),
-        at,
-        *(at + k for k in split(places[at:], tolerance)),
-    ]
+    return [*split(places[: at + 1], tolerance), at, *(at + k for k in split(places[at:], tolerance))]
 
 
 def chord_distance(a: Place, b: Place, c: Place) -> float:
@@ -62,15 +58,9 @@ def without_flat(places: list[Place], inner: list[int], tolerance: float) -> lis
         for k in range(1, len(kept) - 1):
             a, b, c = (places[kept[k + side]] for side in (-1, 0, 1))
             flat[k] = chord_distance(a, b, c) if dist(a, c) > tolerance else inf
-        drop = {
-            k
-            for k in range(1, len(kept) - 1)
-            if flat[k] <= tolerance and flat[k] < min(flat[k - 1], flat[k + 1])
-        }
+        drop = {k for k in range(1, len(kept) - 1) if flat[k] <= tolerance and flat[k] < min(flat[k - 1], flat[k + 1])}
         for k in range(1, len(kept) - 1):
-            if abs(flat[k] - tolerance) < ALIKE or (
-                flat[k] <= tolerance and abs(flat[k] - flat[k + 1]) < ALIKE
-            ):
+            if abs(flat[k] - tolerance) < ALIKE or (flat[k] <= tolerance and abs(flat[k] - flat[k + 1]) < ALIKE):
                 raise Ambiguous
         if not drop:
             break
@@ -156,10 +146,7 @@ def turn(one: Face, other: Face) -> float:
 
 def farthest_vertex(places: list[Place], vertices: Iterable[int]) -> float:
     """How far a segment reaches [m]."""
-    return max(
-        (dist(places[k], places[end]) for k in [0, *vertices, len(places) - 1] for end in (0, -1)),
-        default=0.0,
-    )
+    return max((dist(places[k], places[end]) for k in [0, *vertices, len(places) - 1] for end in (0, -1)), default=0.0)
 
 
 def before_line(face: Face, place: Place) -> float:
@@ -174,11 +161,7 @@ CORNER = sin(radians(25))
 
 
 def protrusions(
-    places: list[Place],
-    faces: list[Face],
-    own: tuple[bool, bool],
-    past: tuple[Place, Place],
-    sigma: float,
+    places: list[Place], faces: list[Face], own: tuple[bool, bool], past: tuple[Place, Place], sigma: float
 ) -> list[tuple[int, int]]:
     """Things that touch a wall: first and last point of each.
 
@@ -224,9 +207,7 @@ def protrusions(
         corners = [places[k] for k in [first, *(faces[k].last for k in group)]]
         if max(max(dist(corner, places[first]), dist(corner, places[last])) for corner in corners) > 1.5:
             continue
-        if any(
-            max(before_line(wall, corner) for corner in corners) <= 0.1 + 2 * sigma for wall in there.values()
-        ):
+        if any(max(before_line(wall, corner) for corner in corners) <= 0.1 + 2 * sigma for wall in there.values()):
             continue
         if len(there) == 1:
             ((side, wall),) = there.items()

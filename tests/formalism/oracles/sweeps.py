@@ -149,9 +149,7 @@ def is_discontinuous(circle: Circle, sigma: float, step: Step, max_gap: int) -> 
     before, after = circle.beams[step.before].r, circle.beams[step.after].r
     from_left = foreseen(circle, step.before, -1, step.lost + 1, max_gap) - before
     from_right = after - foreseen(circle, step.after, 1, step.lost + 1, max_gap)
-    return all(
-        not min(0.0, limit) - allowed <= s <= max(0.0, limit) + allowed for limit in (from_left, from_right)
-    )
+    return all(not min(0.0, limit) - allowed <= s <= max(0.0, limit) + allowed for limit in (from_left, from_right))
 
 
 def breakpoints(circle: Circle, sigma: float, max_gap: int) -> list[int]:

@@ -126,16 +126,10 @@ def test_what_the_points_of_an_object_say() -> None:
         first, last = state.segments[thing.members[0]], state.segments[thing.members[-1]]
         circle = circle_of(one)
         position = state.points.position
-        at = [
-            position[p]
-            for j in thing.members
-            for p in range(state.segments[j].first, state.segments[j].last + 1)
-        ]
+        at = [position[p] for j in thing.members for p in range(state.segments[j].first, state.segments[j].last + 1)]
         beams = [circle.beams[n].number for n in at]
         ends = [beams[0], beams[-1]]
-        assert columns(found, "beam_i beam_f", k) == (
-            ends[::-1] if one.batch.angle_increment[0] < 0 else ends
-        )
+        assert columns(found, "beam_i beam_f", k) == (ends[::-1] if one.batch.angle_increment[0] < 0 else ends)
         assert found.beams[k] == len(beams)
         assert found.beam_object is not None
         expected = 0 if thing.is_wall else k + 1
@@ -147,9 +141,7 @@ def test_what_the_points_of_an_object_say() -> None:
         np.testing.assert_array_equal(exact, [r[0], r[-1], min(r), first.s_start, last.s_end])
         close = columns(found, "theta_i theta_f x y width", k)
         middle = np.mean(places, axis=0).tolist()
-        assert close == pytest.approx(
-            [thing.theta[0], thing.theta[-1], *middle, dist(places[0], places[-1])], abs=1e-9
-        )
+        assert close == pytest.approx([thing.theta[0], thing.theta[-1], *middle, dist(places[0], places[-1])], abs=1e-9)
         assert r.count(min(r)) > 1 or found.theta_min[k] == pytest.approx(thing.theta[nearest], abs=1e-9)
         visible = descriptions.visibility((EDGES[first.start_edge], EDGES[last.end_edge]))
         assert VISIBILITIES[found.visibility[k]] == visible
@@ -157,9 +149,7 @@ def test_what_the_points_of_an_object_say() -> None:
     assert seen == set(VISIBILITIES)
 
 
-def expected_outline(
-    one: Recorded, state: State, thing: Thing
-) -> tuple[list[Place], list[Place], list[float]]:
+def expected_outline(one: Recorded, state: State, thing: Thing) -> tuple[list[Place], list[Place], list[float]]:
     """Vertices as they are reported, as the box has them, and lengths of the faces."""
     reported, drawn, lengths = [], [], []
     for j in thing.members:
@@ -223,9 +213,7 @@ def test_shapes_by_their_information() -> None:
         try:
             whole = joined(state, thing)
             places, faces = described(state, thing)
-            expected = descriptions.shape(
-                places, faces, state.points.sigma, max_width=ROBUST.max_width, whole=whole
-            )
+            expected = descriptions.shape(places, faces, state.points.sigma, max_width=ROBUST.max_width, whole=whole)
         except Ambiguous:
             ambiguous += 1
             continue
@@ -303,9 +291,7 @@ def test_circles_through_noisy_arcs(noise: float) -> None:
         radius, centre = rng.uniform(0.05, 1.0), rng.uniform(-5, 5, 2)
         angles = rng.uniform(0, 2 * pi) + np.sort(rng.uniform(0, rng.uniform(1.5, 3.0), count))
         r = radius + noise * radius * rng.standard_normal(count)
-        places = [
-            (float(x), float(y)) for x, y in centre + np.stack([r * np.cos(angles), r * np.sin(angles)], 1)
-        ]
+        places = [(float(x), float(y)) for x, y in centre + np.stack([r * np.cos(angles), r * np.sin(angles)], 1)]
         circle = shape.Circle(count)
         circle.n = count
         for k, place in enumerate(places):

@@ -44,9 +44,7 @@ def plain_faces(state: State, j: int) -> list[surfaces.Face]:
     ]
 
 
-def assert_same_faces(
-    found: list[CoreFace], expected: list[surfaces.Face], first: int, kept: list[int]
-) -> None:
+def assert_same_faces(found: list[CoreFace], expected: list[surfaces.Face], first: int, kept: list[int]) -> None:
     """The same stretches, and lines."""
     ends = [(first + kept[one.first], first + kept[one.last]) for one in expected]
     assert [(one.first, one.last) for one in found] == ends

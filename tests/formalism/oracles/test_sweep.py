@@ -100,9 +100,7 @@ def test_the_gentlest_slope_of_either_side(max_gap: int) -> None:
         for k, n in enumerate(circle.points):
             for way in (-1, 1):
                 expected = sweeps.slope(circle, n, way, max_gap) * way
-                assert segmentation.slope(points, k, way, max_gap) == pytest.approx(
-                    expected, rel=1e-9, abs=1e-12
-                )
+                assert segmentation.slope(points, k, way, max_gap) == pytest.approx(expected, rel=1e-9, abs=1e-12)
                 looked_at += expected != 0
     assert looked_at > 1000
 

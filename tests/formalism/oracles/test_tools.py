@@ -27,9 +27,7 @@ def corner(rng: np.random.Generator, noise: float) -> tuple[list[Place], list[su
     local = [(sides[0] * (1 - k / points[0]), 0.0) for k in range(points[0])]
     local += [(0.0, sides[1] * k / points[1]) for k in range(points[1])]
     turned = np.array(local) @ np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
-    places = [
-        (float(x), float(y)) for x, y in turned + [centre, 0] + noise * rng.standard_normal(turned.shape)
-    ]
+    places = [(float(x), float(y)) for x, y in turned + [centre, 0] + noise * rng.standard_normal(turned.shape)]
     return places, surfaces.faces_between(places, [int(points[0])])
 
 
@@ -118,10 +116,7 @@ def test_how_far_a_face_goes_on_past_its_last_beam() -> None:
         points = Points(4)
         points.cos_half, points.sin_half = cos(step / 2), sin(step / 2)
         theta, r = rng.uniform(-pi, pi), rng.uniform(0.5, 5, 2)
-        places = [
-            (float(d * cos(t)), float(d * sin(t)))
-            for d, t in zip(r, (theta, theta - side * step), strict=True)
-        ]
+        places = [(float(d * cos(t)), float(d * sin(t))) for d, t in zip(r, (theta, theta - side * step), strict=True)]
         for k, (x, y) in enumerate(places):
             points.x[k], points.y[k] = x, y
         face = surfaces.faces_between(places, [])[0]
@@ -130,9 +125,7 @@ def test_how_far_a_face_goes_on_past_its_last_beam() -> None:
         assert found == pytest.approx(expected, rel=1e-9)
         limited += found == pytest.approx(face.length)
         # It ends at the bearing half a step further, if not earlier.
-        way = np.array(face.direction) * (
-            -1 if np.dot(np.subtract(places[0], places[1]), face.direction) < 0 else 1
-        )
+        way = np.array(face.direction) * (-1 if np.dot(np.subtract(places[0], places[1]), face.direction) < 0 else 1)
         end = np.array(places[0]) + found * way
         turned = (atan2(end[1], end[0]) - theta) * side
         assert (turned + pi) % (2 * pi) - pi <= step / 2 + 1e-9
@@ -150,12 +143,7 @@ def test_columns_have_the_names_of_a_detection() -> None:
 
 def test_columns_take_a_sweep_only_if_they_have_room_for_any() -> None:
     some = description.Columns()
-    for objects, vertices, faces, room in (
-        (10, 20, 10, True),
-        (9, 20, 10, False),
-        (10, 19, 10, False),
-        (10, 20, 9, False),
-    ):
+    for objects, vertices, faces, room in ((10, 20, 10, True), (9, 20, 10, False), (10, 19, 10, False), (10, 20, 9, False)):
         some.room_objects, some.room_vertices, some.room_faces = objects, vertices, faces
         assert description.has_room(some, 10) == room
 

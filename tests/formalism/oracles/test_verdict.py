@@ -15,9 +15,7 @@ from tests.formalism.oracles.test_sweep import EDGES
 def bodies_of(state: State) -> list[tuple[int, list[int]]]:
     """Every body with its segments."""
     count = len(state.segments)
-    return [
-        (k, [j for j in range(count) if state.features.body[j] == k]) for k in range(state.features.count)
-    ]
+    return [(k, [j for j in range(count) if state.features.body[j] == k]) for k in range(state.features.count)]
 
 
 def value(state: State, k: int, name: str) -> float:
@@ -67,9 +65,7 @@ def test_how_far_points_leave_the_chord() -> None:
             if len(members) > 1:
                 continue
             segment = state.segments[members[0]]
-            places = np.array(
-                [(state.points.x[p], state.points.y[p]) for p in range(segment.first, segment.last + 1)]
-            )
+            places = np.array([(state.points.x[p], state.points.y[p]) for p in range(segment.first, segment.last + 1)])
             chord = places[-1] - places[0]
             width = float(np.hypot(*chord))
             assert value(state, k, "width") == pytest.approx(width)
@@ -103,9 +99,7 @@ def test_the_direction_of_a_building_is_that_of_most_faces() -> None:
         near = weight[off <= np.radians(6.0)].sum()
         # No other whole degree has more length within a degree of it.
         most = max(
-            weight[
-                np.abs((turn - 4.0 * np.radians(d) + np.pi) % (2 * np.pi) - np.pi) / 4.0 <= np.radians(1.0)
-            ].sum()
+            weight[np.abs((turn - 4.0 * np.radians(d) + np.pi) % (2 * np.pi) - np.pi) / 4.0 <= np.radians(1.0)].sum()
             for d in range(90)
         )
         assert near >= 0.5 * most

@@ -71,9 +71,7 @@ def batches(batch: SweepBatch, size: int) -> list[SweepBatch]:
 
 
 def follow(
-    log: SweepBatch | Sequence[SweepBatch],
-    parameters: Parameters | None = None,
-    track: TrackParameters | None = None,
+    log: SweepBatch | Sequence[SweepBatch], parameters: Parameters | None = None, track: TrackParameters | None = None
 ) -> GivenPaths:
     """Detect and follow what is in the batches of a log; each answer comes in its turn and fits its batch."""
     pieces = [log] if isinstance(log, SweepBatch) else list(log)
@@ -95,10 +93,7 @@ def follow(
         {name: np.concatenate([getattr(one, name) for one in followed]) for name in PER_OBJECT + PER_SWEEP},
         tracks,
         tracker,
-        {
-            name: np.concatenate([getattr(detection, name) for detection in found])
-            for name in ("x", "y", "beams")
-        },
+        {name: np.concatenate([getattr(detection, name) for detection in found]) for name in ("x", "y", "beams")},
     )
 
 
@@ -114,9 +109,7 @@ def assert_same(one: GivenPaths, other: GivenPaths) -> None:
 def assert_sums(told: GivenPaths, found: Detection) -> None:
     """Definition 4 sums as before: U = A ∪ S ∪ O, in objects and in beams."""
     np.testing.assert_array_equal(told.columns["objects"] + told.columns["agents"], found.objects)
-    np.testing.assert_array_equal(
-        told.columns["object_beams"] + told.columns["agent_beams"], found.object_beams
-    )
+    np.testing.assert_array_equal(told.columns["object_beams"] + told.columns["agent_beams"], found.object_beams)
     agent = told.columns["set"] == AGENT
     sweeps = len(found.objects)
     np.testing.assert_array_equal(np.bincount(found.row[agent], minlength=sweeps), told.columns["agents"])
@@ -143,9 +136,7 @@ def simulated(
     batch = normalise(raw, np.arange(count), RangeRules())
     if poses if poses is not None else not scene.path.parked:
         told = scene.path.poses(np.arange(count) / scene.sensor.rate - delay)
-        batch = replace(
-            batch, poses=SweepPoses(told[:, 0], told[:, 1], np.unwrap(told[:, 2]), np.zeros(count, np.bool_))
-        )
+        batch = replace(batch, poses=SweepPoses(told[:, 0], told[:, 1], np.unwrap(told[:, 2]), np.zeros(count, np.bool_)))
     return batch
 
 

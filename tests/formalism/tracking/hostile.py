@@ -69,9 +69,7 @@ def _ranges(rng: np.random.Generator, count: int, width: int) -> Any:
     slip, fresh = float(rng.choice([0.0, 0.02, 0.1])), float(rng.choice([0.0, 0.05, 0.5]))
     noise, lost = float(rng.choice([0.0, 0.01, 0.3])), float(rng.choice([0.0, 0.1, 0.6]))
     for row in range(count):
-        levels = np.where(
-            rng.random(len(levels)) < fresh, rng.choice([0.7, 1.0, 4.0, 9.0], len(levels)), levels
-        )
+        levels = np.where(rng.random(len(levels)) < fresh, rng.choice([0.7, 1.0, 4.0, 9.0], len(levels)), levels)
         levels = np.maximum(levels + slip * rng.normal(size=len(levels)), 0.01)
         shift = row % size if slip else 0
         ranges[row] = np.roll(np.repeat(levels, size), shift)[:width]

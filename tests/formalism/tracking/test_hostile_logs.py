@@ -16,15 +16,7 @@ from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation import entities as make
 from lidarcli.simulation.scene import Course, super_ellipse
 from lidarcli.sweeps import SweepBatch, SweepPoses
-from tests.formalism.tracking.following import (
-    assert_same,
-    assert_sums,
-    batches,
-    follow,
-    moving_log,
-    scene_of,
-    simulated,
-)
+from tests.formalism.tracking.following import assert_same, assert_sums, batches, follow, moving_log, scene_of, simulated
 from tests.formalism.tracking.hostile import hostile_logs
 from tests.formalism.tracking.test_tracking_steps import run
 from tests.places import ROOT
@@ -50,9 +42,7 @@ def joined(log: list[SweepBatch]) -> SweepBatch:
     if log[0].poses is not None:
         told = ("x", "y", "yaw", "upside_down")
         poses = SweepPoses(*(np.concatenate([getattr(batch.poses, name) for batch in log]) for name in told))
-    return replace(
-        log[0], ranges=padded("ranges", np.nan), status=padded("status", 4), poses=poses, **columns
-    )
+    return replace(log[0], ranges=padded("ranges", np.nan), status=padded("status", 4), poses=poses, **columns)
 
 
 def test_some_hostile_logs_are_followed_and_definition_4_sums() -> None:
@@ -93,9 +83,7 @@ def test_scenes_touch_nothing_outside_of_their_arrays() -> None:
         "    print(len(follow(log).tracks))\n"
     )
     environment = {"LIDARCLI_COMPILED": "no", "LIDARCLI_BOUNDS": "1", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert all(int(line) > 0 for line in done.stdout.split())
 
@@ -190,11 +178,7 @@ def test_the_number_of_beams_may_change() -> None:
     for piece in pieces:
         before = sum(map(len, turned))
         turned.append(
-            replace(
-                piece,
-                sweep=before + np.arange(len(piece)),
-                stamp_ns=first + step * (before + np.arange(len(piece))),
-            )
+            replace(piece, sweep=before + np.arange(len(piece)), stamp_ns=first + step * (before + np.arange(len(piece))))
         )
     told = follow(turned)
     assert len(told.tracks) == 2

@@ -15,14 +15,7 @@ from lidarcli.simulation import entities as make
 from lidarcli.simulation.route import Waypoint, plan_route
 from lidarcli.simulation.scene import Course, Entity, Motion, super_ellipse
 from lidarcli.sweeps import TURN, SweepBatch
-from tests.formalism.tracking.following import (
-    SENSOR,
-    GivenPaths,
-    assert_sums,
-    follow,
-    scene_of,
-    simulated,
-)
+from tests.formalism.tracking.following import SENSOR, GivenPaths, assert_sums, follow, scene_of, simulated
 
 CORNER = make.wall([[0.8, 4.0], [0.8, 2.6], [1.4, 2.6], [1.4, 4.0]])
 ROUND_TRIP = Course(super_ellipse(2.6, 1.9, 2.5, points=36_000), speed=0.7)
@@ -50,9 +43,7 @@ def on_route(*waypoints: tuple[float, float, float]) -> Motion:
 def rows_of(told: GivenPaths, number: int) -> dict[str, np.ndarray]:
     """The rows of a track."""
     at = told.of(number)
-    return {name: values[at] for name, values in told.columns.items() if len(values) == len(at)} | {
-        "sweep": told.row[at]
-    }
+    return {name: values[at] for name, values in told.columns.items() if len(values) == len(at)} | {"sweep": told.row[at]}
 
 
 def main_agent(told: GivenPaths) -> int:
@@ -83,14 +74,7 @@ def test_past_a_driving_sensor_nothing_moves(thing: str, seed: int) -> None:
     assert (told.tracks.moved_at_ns == 0).all()
 
 
-@pytest.mark.parametrize(
-    "thing",
-    [
-        "box",
-        "pillar",
-        "person",
-    ],
-)
+@pytest.mark.parametrize("thing", ["box", "pillar", "person"])
 def test_past_a_driving_sensor_a_thing_stays_one(thing: str) -> None:
     told = follow(simulated(scene_of(STANDING[thing], path=ROUND_TRIP), 400))
     near = np.hypot(told.tracks.x - 0.2, told.tracks.y - 0.1) < 0.5
@@ -296,10 +280,7 @@ def test_a_thing_on_four_legs_is_one_legged_track(kind: str) -> None:
 
 
 def test_a_thing_on_legs_stays_legged_however_long_it_is_seen() -> None:
-    for thing, sweeps in (
-        (make.person(1.6, 0.4, 0.3), 400),
-        (make.legged("chair", 1.6, 0.4, 0.5, 0.5, 0.05), 3000),
-    ):
+    for thing, sweeps in ((make.person(1.6, 0.4, 0.3), 400), (make.legged("chair", 1.6, 0.4, 0.5, 0.5, 0.05), 3000)):
         assert follow(simulated(scene_of(thing), sweeps)).tracks.shape.tolist() == [LEGGED]
 
 
@@ -307,10 +288,7 @@ def test_a_pillar_is_round_and_as_wide_as_it_is() -> None:
     told = follow(simulated(scene_of(make.cylinder(1.5, 0.5, 0.2)), 60))
     assert told.tracks.shape.tolist() == [ROUND]
     assert told.tracks.length[0] == pytest.approx(0.4, abs=0.04)
-    assert (told.tracks.x[0], told.tracks.y[0]) == (
-        pytest.approx(1.5, abs=0.03),
-        pytest.approx(0.5, abs=0.03),
-    )
+    assert (told.tracks.x[0], told.tracks.y[0]) == (pytest.approx(1.5, abs=0.03), pytest.approx(0.5, abs=0.03))
 
 
 def test_with_less_significance_motion_is_told_earlier() -> None:

@@ -20,9 +20,7 @@ def driven(scene: Scene) -> Scene:
     return replace(scene, path=Course(super_ellipse(0.5, 0.35, 2.5, points=36_000) + here, speed=0.4))
 
 
-def told_of(
-    kind: str, seed: int, sensor: str, noise: float, *, drive: bool = False, log_seed: int = 0
-) -> GivenPaths:
+def told_of(kind: str, seed: int, sensor: str, noise: float, *, drive: bool = False, log_seed: int = 0) -> GivenPaths:
     """What is told of a standing scene."""
     lost = {0.003: 0.0, 0.01: 0.003, 0.03: 0.01}[noise]
     scene = random_scene(kind, seed, sensor_with(SENSORS[sensor], noise, lost))  # type: ignore[arg-type]
@@ -31,12 +29,7 @@ def told_of(
 
 
 PLACES = [
-    pytest.param(
-        drive,
-        kind,
-        id=f"{name}-{kind}",
-        marks=[pytest.mark.whole] if drive else [],
-    )
+    pytest.param(drive, kind, id=f"{name}-{kind}", marks=[pytest.mark.whole] if drive else [])
     for name, drive in (("parked", False), ("driving", True))
     for kind in KINDS
 ]

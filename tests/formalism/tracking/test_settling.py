@@ -32,10 +32,7 @@ def settled(*others: tuple[Any, Any, Any], moved: int = 1, owners: bool = True) 
         width=np.full(len(x), 0.12),
         owner=np.where((number == 1) | owners, number, 0),
     )
-    bodies = {
-        n: Body(n, kind=PERSON if n == 1 else DISC, moved=1 if n == 1 else moved)
-        for n in range(1, len(parts) + 1)
-    }
+    bodies = {n: Body(n, kind=PERSON if n == 1 else DISC, moved=1 if n == 1 else moved) for n in range(1, len(parts) + 1)}
     Track().absorb(bodies[1])
     settling.settle_legs(seen, bodies)
     return [seen.owner[number == n] for n in bodies]

@@ -65,9 +65,7 @@ def test_numbers_are_finite_and_fit_together(kind: str, driving: bool) -> None:
     known = ~np.isnan(tracks.length) & ~np.isnan(tracks.width)
     assert (tracks.length[known] >= tracks.width[known]).all()
     for size in ("length", "width"):
-        np.testing.assert_array_equal(
-            np.isnan(getattr(tracks, size)), np.isnan(getattr(tracks, f"{size}_sd"))
-        )
+        np.testing.assert_array_equal(np.isnan(getattr(tracks, size)), np.isnan(getattr(tracks, f"{size}_sd")))
     assert (tracks.length_sd[known] > 0).all()
 
 

@@ -71,9 +71,7 @@ def test_the_pace_is_that_of_the_line_through_its_places() -> None:
 
 def test_a_track_moves_from_the_first_onset_of_its_bodies() -> None:
     track = Track()
-    for number, (moved, first, onset) in enumerate(
-        ((0, 0, 3), (1, 20, 50), (1, 40, 40 + windows.ARRIVAL_SWEEPS))
-    ):
+    for number, (moved, first, onset) in enumerate(((0, 0, 3), (1, 20, 50), (1, 40, 40 + windows.ARRIVAL_SWEEPS))):
         track.absorb(Body(number, moved=moved, first_sweep=first, onset=onset))
     seen, at = sightings(0.1 * np.arange(40.0)), np.arange(40)
     assert windows._moves(seen, track, at)
@@ -151,9 +149,7 @@ def test_what_stands_on_more_than_two_legs_is_no_person_who_stopped() -> None:
 
 
 @pytest.mark.parametrize(
-    ("half", "off", "joins"),
-    [(0.1, 0.3, True), (0.6, 0.3, False), (0.1, 1.5, False)],
-    ids=["leg", "wall", "pole"],
+    ("half", "off", "joins"), [(0.1, 0.3, True), (0.6, 0.3, False), (0.1, 1.5, False)], ids=["leg", "wall", "pole"]
 )
 def test_only_what_is_slim_and_goes_with_a_person_joins_it(half: float, off: float, joins: bool) -> None:
     time = np.arange(10) / 10

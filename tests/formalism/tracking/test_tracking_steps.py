@@ -22,12 +22,7 @@ def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run Python with some variables of the environment."""
     environment = os.environ | {"PYTEST_ADDOPTS": "", **variables}
     return subprocess.run(
-        [sys.executable, "-m", *arguments],
-        cwd=ROOT,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, "-m", *arguments], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
     )
 
 
@@ -35,13 +30,10 @@ def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
 def test_every_step_agrees_with_its_reference() -> None:
     # Compiled modules do not show their steps, so these tests run on the source, in a process of their own.
     folder = HERE.relative_to(ROOT) / "steps"
-    done = run(
-        "pytest", "-q", "-p", "no:cacheprovider", str(folder), LIDARCLI_COMPILED="no", LIDARCLI_BOUNDS="1"
-    )
+    done = run("pytest", "-q", "-p", "no:cacheprovider", str(folder), LIDARCLI_COMPILED="no", LIDARCLI_BOUNDS="1")
     assert done.returncode == 0, done.stdout
     written = sum(
-        len(re.findall(r"^def test_", path.read_text(), re.MULTILINE))
-        for path in (HERE / "steps").glob("test_*.py")
+        len(re.findall(r"^def test_", path.read_text(), re.MULTILINE)) for path in (HERE / "steps").glob("test_*.py")
     )
     counts = {kind: int(number) for number, kind in re.findall(r"(\d+) (\w+)", done.stdout.splitlines()[-1])}
     assert counts["passed"] + counts.get("xfailed", 0) >= written > 30

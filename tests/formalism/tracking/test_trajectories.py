@@ -46,9 +46,7 @@ def test_every_track_has_a_row_in_every_sweep_from_its_first_to_its_last(run: Ru
         assert rows.parts[mine].tolist() == parts.tolist()
         assert ((rows.seen[mine] == HIDDEN) == (parts == 0)).all()
     assert 0 < np.mean(rows.seen == PARTLY) < 0.5
-    assert all(
-        np.isfinite(values).all() for values in (rows.x, rows.y, rows.vx, rows.vy, rows.x_sd, rows.vx_sd)
-    )
+    assert all(np.isfinite(values).all() for values in (rows.x, rows.y, rows.vx, rows.vy, rows.x_sd, rows.vx_sd))
     assert (rows.xy_cov**2 <= (rows.x_sd * rows.y_sd) ** 2 * (1 + 1e-9)).all()
 
 

@@ -36,17 +36,13 @@ def of_sensors() -> tuple[SweepBatch, SweepBatch]:
 def in_turns(one: SweepBatch, other: SweepBatch) -> SweepBatch:
     """Both on one topic, in turns."""
     rows = np.arange(2 * COUNT).reshape(2, COUNT).T.ravel()
-    joined = {
-        name: np.concatenate([getattr(one, name), getattr(other, name)])[rows] for name in _BATCH_ROW_FIELDS
-    }
+    joined = {name: np.concatenate([getattr(one, name), getattr(other, name)])[rows] for name in _BATCH_ROW_FIELDS}
     joined |= {"sweep": np.arange(2 * COUNT), "frame": np.tile(np.array([0, 1], np.int32), COUNT)}
     return replace(one, frame_ids=("front", "rear"), **joined)
 
 
 def of_frame(tracks: Tracks, frame: int) -> Tracks:
-    return Tracks(
-        **{field.name: getattr(tracks, field.name)[tracks.frame == frame] for field in fields(Tracks)}
-    )
+    return Tracks(**{field.name: getattr(tracks, field.name)[tracks.frame == frame] for field in fields(Tracks)})
 
 
 def test_each_is_followed_as_if_it_were_alone() -> None:
@@ -56,20 +52,8 @@ def test_each_is_followed_as_if_it_were_alone() -> None:
     assert both.tracks.track.tolist() == [1, 2, 3]
     for frame, sensor in enumerate(pair):
         alone, mine = follow(sensor), of_frame(both.tracks, frame)
-        for name in (
-            "set",
-            "shape",
-            "x",
-            "y",
-            "length",
-            "distance",
-            "speed_mean",
-            "sweeps",
-            "first_stamp_ns",
-        ):
-            np.testing.assert_allclose(
-                getattr(mine, name), getattr(alone.tracks, name), rtol=1e-6, err_msg=name
-            )
+        for name in ("set", "shape", "x", "y", "length", "distance", "speed_mean", "sweeps", "first_stamp_ns"):
+            np.testing.assert_allclose(getattr(mine, name), getattr(alone.tracks, name), rtol=1e-6, err_msg=name)
         rows = both.row % 2 == frame
         numbers = np.concatenate([[0], mine.track])
         for name in PER_OBJECT:
@@ -102,9 +86,7 @@ def test_further_frames_count_as_the_last_sensor(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(tracking, "MOST_SENSORS", 2)
     one, other = of_sensors()
     both = in_turns(one, other)
-    third = replace(
-        both, frame_ids=("front", "rear", "third"), frame=np.where(both.frame == 1, 2, 0).astype(np.int32)
-    )
+    third = replace(both, frame_ids=("front", "rear", "third"), frame=np.where(both.frame == 1, 2, 0).astype(np.int32))
     told = follow([both[:40], third[40:]])
     assert told.tracks.moved.sum() == 2
     assert told.tracker.frames == ["front", "rear", "third"]

@@ -90,9 +90,7 @@ def test_a_log_that_ends_early_was_told_alike_before(kind: Kind, driving: bool) 
         settled = max((stop // WINDOW - 1) * WINDOW, 0)
         same = told.row < settled
         for name in ("track", "vx", "vy", "moving", "set"):
-            np.testing.assert_array_equal(
-                told.columns[name][same], short.columns[name][: same.sum()], err_msg=name
-            )
+            np.testing.assert_array_equal(told.columns[name][same], short.columns[name][: same.sum()], err_msg=name)
         # The log has ended, so has nothing else that was there in the last sweep.
         there = np.isin(short.tracks.track, short.columns["track"][short.row == stop - 1])
         assert (short.tracks.end[there] == END_OF_LOG).all()
@@ -120,9 +118,7 @@ def full_turn(kind: Kind, seed: int) -> SweepBatch:
 UNDOUBTED = Parameters(min_thing=0.1)
 """Where a verdict is close, the beam on the bearing that is measured twice may turn it: here none is."""
 PLACES: tuple[tuple[Kind, int], ...] = (("room", 3), ("hall", 4), ("crossing", 5), ("people", 6))
-SWAPPED = pytest.mark.xfail(
-    reason="which piece of a track goes on as which person may depend on the last bit"
-)
+SWAPPED = pytest.mark.xfail(reason="which piece of a track goes on as which person may depend on the last bit")
 
 
 def matched(one: GivenPaths, other: GivenPaths, order: Any) -> float:
@@ -181,8 +177,7 @@ def test_a_sensor_that_is_turned_tells_the_same(kind: Kind, seed: int, beams: in
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"),
-    [pytest.param(*place, marks=SWAPPED if place[0] == "crossing" else ()) for place in PLACES],
+    ("kind", "seed"), [pytest.param(*place, marks=SWAPPED if place[0] == "crossing" else ()) for place in PLACES]
 )
 def test_a_mirrored_world_is_told_mirrored(kind: Kind, seed: int) -> None:
     log = full_turn(kind, seed)
@@ -208,12 +203,7 @@ def in_world(log: SweepBatch, x: float, y: float, yaw: float) -> SweepBatch:
     cos, sin, poses = np.cos(yaw), np.sin(yaw), log.poses
     return replace(
         log,
-        poses=replace(
-            poses,
-            x=x + cos * poses.x - sin * poses.y,
-            y=y + sin * poses.x + cos * poses.y,
-            yaw=poses.yaw + yaw,
-        ),
+        poses=replace(poses, x=x + cos * poses.x - sin * poses.y, y=y + sin * poses.x + cos * poses.y, yaw=poses.yaw + yaw),
     )
 
 
@@ -243,14 +233,7 @@ def test_where_the_axes_of_the_world_lie_changes_nothing(kind: Kind, yaw: float)
     assert_alike(one, other, np.arange(len(one.row)), np.cos(yaw), np.sin(yaw), 1.0)
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        "people",
-        "hall",
-        "room",
-    ],
-)
+@pytest.mark.parametrize("kind", ["people", "hall", "room"])
 def test_a_sensor_that_is_told_to_stand_tells_what_one_without_a_pose_does(kind: Kind) -> None:
     log = moving_log(kind, 3)
     nothing = np.zeros(len(log))

@@ -22,10 +22,7 @@ Pose = tuple[float, float, float, float]
 
 
 def look_at(
-    batch: SweepBatch,
-    pose: Pose = (0.0, 0.0, 0.0, 1.0),
-    row: int = 0,
-    way: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    batch: SweepBatch, pose: Pose = (0.0, 0.0, 0.0, 1.0), row: int = 0, way: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> tuple[Views, Scans]:
     """The objects of a sweep whose sensor is there at its first beam, and goes so far until its last."""
     found = detect(batch, Parameters())

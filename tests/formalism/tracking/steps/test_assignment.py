@@ -37,9 +37,7 @@ def least(cost: np.ndarray, without: float) -> float:
 
 def random_cost(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
     """Costs of which some are equal and some are infinite."""
-    cost = rng.choice([0.0, 1.0, 2.0, 5.0, 9.0], (rows, columns)) + rng.choice([0.0, 1.0]) * rng.random(
-        (rows, columns)
-    )
+    cost = rng.choice([0.0, 1.0, 2.0, 5.0, 9.0], (rows, columns)) + rng.choice([0.0, 1.0]) * rng.random((rows, columns))
     return np.where(rng.random((rows, columns)) < rng.choice([0.0, 0.3, 0.9]), inf, cost)
 
 

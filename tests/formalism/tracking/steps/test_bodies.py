@@ -53,12 +53,7 @@ def state_of(bodies: Bodies, a: int, prefix: str = "") -> tuple[np.ndarray, np.n
     """What an axis knows, in matrices; the twin knows no v."""
     names = "ch" if prefix else "cvh"
     x = np.array([getattr(bodies, prefix + name)[a] for name in names])
-    p = np.array(
-        [
-            [getattr(bodies, prefix + "".join(sorted((i, j), key="cvh".index)))[a] for j in names]
-            for i in names
-        ]
-    )
+    p = np.array([[getattr(bodies, prefix + "".join(sorted((i, j), key="cvh".index)))[a] for j in names] for i in names])
     return x, p
 
 
@@ -139,10 +134,7 @@ def test_a_turn_keeps_all_that_is_known_in_the_world() -> None:
         fill(bodies, i, Filter(rng), still(rng))
     variances = [(bodies.cc[i], bodies.vv[i]) for i in range(2)]
     estimation.turn(bodies, 0, math.pi / 2)
-    assert [(bodies.cc[i], bodies.vv[i]) for i in range(2)] == [
-        pytest.approx(variances[1]),
-        pytest.approx(variances[0]),
-    ]
+    assert [(bodies.cc[i], bodies.vv[i]) for i in range(2)] == [pytest.approx(variances[1]), pytest.approx(variances[0])]
 
 
 def test_faces_tell_the_direction_up_to_quarter_turns() -> None:

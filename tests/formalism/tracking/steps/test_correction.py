@@ -32,9 +32,7 @@ def driven(mount: Mount, delay: float) -> SweepBatch:
     scene = replace(scene_of(*PARKED_WORLD, path=path, sensor=sensor), mount=mount)
     batch = simulated(scene, SWEEPS, poses=False)
     told = path.poses(np.arange(SWEEPS) / sensor.rate - delay)
-    return replace(
-        batch, poses=SweepPoses(told[:, 0], told[:, 1], np.unwrap(told[:, 2]), np.zeros(SWEEPS, np.bool_))
-    )
+    return replace(batch, poses=SweepPoses(told[:, 0], told[:, 1], np.unwrap(told[:, 2]), np.zeros(SWEEPS, np.bool_)))
 
 
 def value_of(told: GivenPaths) -> list[float]:

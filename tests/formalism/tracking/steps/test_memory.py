@@ -21,9 +21,7 @@ STEP = TURN / BEAMS
 HERE: Pose = (0.0, 0.0, 0.0, 1.0)
 
 
-def sweep_of(
-    ranges: np.ndarray, first: float = -math.pi, step: float = STEP, pose: Pose = HERE
-) -> tuple[Views, Scans]:
+def sweep_of(ranges: np.ndarray, first: float = -math.pi, step: float = STEP, pose: Pose = HERE) -> tuple[Views, Scans]:
     """One sweep, seen from there."""
     raw = raw_sweeps(ranges[None], angle_min=first, angle_increment=step, range_max=50.0)
     return look_at(normalise(raw, np.arange(1), RangeRules()), pose)
@@ -58,12 +56,7 @@ def test_beams_passed_what_is_nearer_than_their_ends(geometry: str, pose: Pose) 
     views, scans = sweep_of(np.full(beams, 4.0), first, step, pose)
     past = remembered(views, scans)
     for bearing in np.arange(-3.2, 3.2, 0.1):
-        for r, passed, hit in (
-            (2.0, True, False),
-            (3.6, True, False),
-            (4.0, False, True),
-            (5.0, False, False),
-        ):
+        for r, passed, hit in ((2.0, True, False), (3.6, True, False), (4.0, False, True), (5.0, False, False)):
             x, y = at(r, float(bearing), pose)
             assert observation.was_passed(past, 0, x, y, 0.1) == passed
             assert observation.was_hit(past, 0, x, y) == hit

@@ -61,9 +61,7 @@ def faces_sensor(pose: Pose, x: float, y: float, yaw: float) -> list[bool]:
     return [along < true[0], along > true[1], across < true[2], across > true[3]]
 
 
-@pytest.mark.parametrize(
-    "sensor", [TURNING, CLOCKWISE, TWICE, PARTIAL], ids=["turn", "clockwise", "twice", "part"]
-)
+@pytest.mark.parametrize("sensor", [TURNING, CLOCKWISE, TWICE, PARTIAL], ids=["turn", "clockwise", "twice", "part"])
 @pytest.mark.parametrize("pose", POSES)
 def test_all_sides_that_can_be_known_are_where_they_are(sensor: Sensor, pose: Pose) -> None:
     corners = 0

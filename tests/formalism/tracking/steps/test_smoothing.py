@@ -210,16 +210,8 @@ def test_one_leg_swings_beside_its_person() -> None:
 def test_the_middle_between_two_sides_of_which_one_may_be_unknown() -> None:
     assert smoothing.centre_of(1.0, 2.0, 0.04, 0.08, 0.7, 0.01) == (1.5, pytest.approx(0.03), 0.0)
     # The error of the size is the same in every sweep: it is told apart, too.
-    assert smoothing.centre_of(1.0, 1.2, 0.04, -1.0, 0.7, 0.01) == (
-        pytest.approx(1.7),
-        pytest.approx(0.05),
-        0.01,
-    )
-    assert smoothing.centre_of(1.8, 2.0, -1.0, 0.04, 0.7, 0.01) == (
-        pytest.approx(1.3),
-        pytest.approx(0.05),
-        0.01,
-    )
+    assert smoothing.centre_of(1.0, 1.2, 0.04, -1.0, 0.7, 0.01) == (pytest.approx(1.7), pytest.approx(0.05), 0.01)
+    assert smoothing.centre_of(1.8, 2.0, -1.0, 0.04, 0.7, 0.01) == (pytest.approx(1.3), pytest.approx(0.05), 0.01)
     assert smoothing.centre_of(1.0, 2.0, -1.0, -1.0, 0.7, 0.01) == (1.5, smoothing.UNKNOWN_VAR, 0.0)
 
 

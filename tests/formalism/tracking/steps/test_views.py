@@ -79,9 +79,7 @@ def test_a_place_of_the_world_lies_where_the_beams_found_it(drive: str, sensor: 
         k = at(views, x, y)
         ahead, left = observation.to_sensor(views, views.middle_x[k], views.middle_y[k])
         beam = views.share[k] * (batch.beams[0] - 1)
-        off = math.remainder(
-            math.atan2(left, ahead) - float(np.interp(beam, np.arange(len(bearings)), bearings)), math.tau
-        )
+        off = math.remainder(math.atan2(left, ahead) - float(np.interp(beam, np.arange(len(bearings)), bearings)), math.tau)
         assert abs(off) < 3 * abs(batch.angle_increment[0])
         # And it is as far away as its nearest point and a bit.
         assert 0.0 < math.hypot(ahead, left) - views.near[k] < RADIUS
