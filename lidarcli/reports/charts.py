@@ -28,9 +28,8 @@ from lidarcli.reports.map_picture import WALLS, MapPicture, draw_walls, map_figu
 from lidarcli.reports.palette import HEAT, themed
 from lidarcli.reports.picture import printable
 from lidarcli.reports.report import Report
-from lidarcli.reports.streams import Stream
-from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import beams_by_set, has_agents, kind_counts, quantity, track_kinds
+from lidarcli.reports.summary import Stream, Summary, beams_by_set, has_agents, kind_counts, track_kinds
+from lidarcli.reports.wording import quantity
 from lidarcli.sweeps import Float64, Int64
 
 CHART_SIZE = (4.2, 2.5)

@@ -20,21 +20,18 @@ from lidarcli._version import __version__
 from lidarcli.display import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
-from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.charts import changes_chart, charts, constants, overview_chart
-from lidarcli.reports.ci import clean
 from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.reports.document import PAGE, Code, Document, FromAbove
+from lidarcli.reports.document import PAGE, Code, Document, FromAbove, PartsReport
 from lidarcli.reports.ground import Ground, Raw, Walls, ground_of, limits_of, rows_of
 from lidarcli.reports.map_picture import MapPicture
 from lidarcli.reports.palette import page_style
+from lidarcli.reports.programs import clean
 from lidarcli.reports.report import TRACK_CELLS_RIGHT, Report, track_cells
 from lidarcli.reports.runs import RunsReport
-from lidarcli.reports.streams import KINDS, Stream
-from lidarcli.reports.summary import Summary
+from lidarcli.reports.summary import KINDS, Stream, Summary
 from lidarcli.reports.wording import number
-from lidarcli.reports.zone_report import ZonesReport
-from lidarcli.reports.zones import Zoned
+from lidarcli.reports.zones import ZonesPart
 from lidarcli.sweeps import Float64, Int64, UInt8
 from lidarcli.tabular.runs import Entry
 
@@ -84,10 +81,8 @@ def render(report: Document, shown: Page | None = None) -> str:
     """Return the page; one of a `Report` needs what is shown of its sweeps."""
     if isinstance(report, Report) and shown is not None:
         return _page("report.html", report, report.summary.sources, **_shown(report, shown))
-    if isinstance(report, ZonesReport):
+    if isinstance(report, PartsReport):
         return _page("runs.html", report, report.sources)
-    if isinstance(report, ChangesReport):
-        return _page("runs.html", report, report.changed.sources)
     assert isinstance(report, RunsReport)
     return _page("runs.html", report, report.summary.logs)
 
@@ -108,7 +103,7 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
         "data": Markup(embedded(viewer)),
         "viewer": viewer,
         "has_raw": any("raw" in stream for stream in viewer["streams"]),
-        "has_zones": summary.zoned is not None,
+        "has_zones": summary.zones is not None,
         "viewer_style": Markup(_part("viewer.css")),
         "overview": overview,
         "has_map": shown.grid is not None,
@@ -227,7 +222,7 @@ def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str
             objects,
             raw.get((summary.streams.all[k].source, summary.streams.all[k].topic)),
         )
-        | ({} if summary.zoned is None else _zones(summary.zoned, summary.streams.all[k]))
+        | ({} if summary.zones is None else _zones(summary.zones, summary.streams.all[k]))
         for k, rows in enumerate(choice.rows)
     ]
     return {
@@ -350,12 +345,12 @@ def _corners(x: Float64, y: Float64, length: Float64, width: Float64, yaw: Float
     )
 
 
-def _zones(zoned: Zoned, stream: Stream) -> dict[str, Any]:
+def _zones(zones: ZonesPart, stream: Stream) -> dict[str, Any]:
     """Return the zones of a stream: outline, and the times of events and of visits since its start [s]."""
-    if stream.source not in zoned.courses:
+    if stream.source not in zones.timelines:
         return {}
-    begin = (zoned.starts_ns[stream.source] - stream.start_ns) * 1e-9
-    length = zoned.seconds[stream.source]
+    begin = (zones.starts_ns[stream.source] - stream.start_ns) * 1e-9
+    length = zones.seconds[stream.source]
 
     def times(spans: Sequence[tuple[float, float]]) -> list[list[float]]:
         return [[round(begin + share * length, 3) for share in span] for span in spans]
@@ -370,7 +365,7 @@ def _zones(zoned: Zoned, stream: Stream) -> dict[str, Any]:
                 "frame": one.frame,
                 "outline": [[round(x, 4), round(y, 4)] for x, y in one.outline],
             }
-            for one in zoned.courses[stream.source]
+            for one in zones.timelines[stream.source]
         ]
     }
 

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from lidarcli.reports.charts import charts, constants
-from lidarcli.reports.compare import compare
 from lidarcli.reports.figures import Density
 from lidarcli.reports.palette import COLOURS, HEAT, page_style, themed
 from lidarcli.reports.report import Report
-from lidarcli.reports.summary import summarise
+from lidarcli.reports.summary import compare, summarise
 from tests.reports.runs import crossing, run_of, sweep, thing
 
 

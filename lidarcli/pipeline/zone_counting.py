@@ -15,7 +15,7 @@ from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones.approach import collision_steps, meeting, times
 from lidarcli.formalism.zones.points import Inside, candidates, reach, samples
 from lidarcli.masks import Circle, Masks, Polygon
-from lidarcli.pipeline.watching.frames import Frames
+from lidarcli.pipeline.zone_frames import Frames
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8
 from lidarcli.tabular.arrays import held, numbers
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
