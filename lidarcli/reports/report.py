@@ -291,9 +291,9 @@ def _kinds(summary: Summary) -> Iterator[tuple[str, Section]]:
     for name in ("shape", "visibility", "change"):
         if counts := kind_counts(summary, name):
             shares = Shares(name, "objects", counts, sum(counts.values()))
-            yield name, Section(f"Objects by {name}", [shares], (TEXT, MARKDOWN), fold)
+            yield name, Section(f"Objects by {name}", [shares], fold=fold)
     beams = Shares("beams", "number", _beams(summary), sum(summary.status.values()))
-    yield "beams", Section("Beams", [beams], (MARKDOWN,), fold)
+    yield "beams", Section("Beams", [beams], (MARKDOWN, PAGE), fold)
 
 
 def _beams(summary: Summary) -> dict[str, int]:
@@ -310,7 +310,7 @@ def _tracks(tracked: Tracked) -> Iterator[tuple[str, Section]]:
         if counts := track_kinds(tracked, name):
             shares = Shares(name.removeprefix("tracks."), "tracks", counts, sum(counts.values()))
             title = name.replace(".", " by ").capitalize()
-            yield name, Section(title, [shares], formats, "Tracks")
+            yield name, Section(title, [shares], fold="Tracks")
     shown = tracked.most(TRACKS)
     if not shown:
         return
