@@ -94,15 +94,6 @@ class Notes:
     alarming: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Listing:
-    """Groups of names, each below a line of words."""
-
-    groups: Sequence[tuple[str, Sequence[str]]]
-    more: str = ""
-    """Groups that are left out, in words."""
-
-
 class Band(NamedTuple):
     """Stretches in which something went on, in shares of a time."""
 
@@ -133,7 +124,7 @@ class FromAbove:
     changes: RunPair
 
 
-Block = Bands | Table | Facts | Shares | Drawing | Notes | Listing | FromAbove
+Block = Bands | Table | Facts | Shares | Drawing | Notes | FromAbove
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,20 +138,6 @@ class Section:
     """Formats that have the section."""
     fold: str = ""
     """Title of the fold in which Markdown puts the section; empty where it stays in sight."""
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """A test case of JUnit."""
-
-    name: str
-    classname: str = "lidarcli.report"
-    failure: str | None = None
-    """The reason of a failure; None where the case passed."""
-    kind: str = "check"
-    """Kind of failure."""
-    seconds: float | None = None
-    """Duration of the case; None where it is unknown."""
 
 
 class Card(NamedTuple):
@@ -206,11 +183,6 @@ class Document(ABC):
     @abstractmethod
     def cards(self) -> list[Card]:
         """Return the key figures."""
-
-    @property
-    def cases(self) -> tuple[Case, ...]:
-        """Test cases beside the checks."""
-        return ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
