@@ -35,11 +35,11 @@ from lidarcli.pipeline.zone_counting import (
     Counting,
     Objects,
     Shapes,
-    Told,
     TopicSeries,
+    Velocities,
     ZoneSeries,
 )
-from lidarcli.pipeline.zone_events import Counted, Settled, Tracked, settle
+from lidarcli.pipeline.zone_events import AgentPaths, EventFinder, ZoneEvents
 from lidarcli.pipeline.zone_frames import Frames
 from lidarcli.pose.faults import Key
 from lidarcli.pose.messages import frame_name
@@ -183,7 +183,7 @@ class Watching:
         # Beams under a mask are counted here, and left out.
         self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
         self._topics: set[str] = set()
-        self._agents: dict[Key, Tracked | None] = {}
+        self._agents: dict[Key, AgentPaths | None] = {}
         self._worlds: dict[Key, str] = {}
         """Sensor → the fixed frame of its poses."""
         self._counting: dict[Key, Counting] = {}
@@ -210,12 +210,12 @@ class Watching:
             self._lost.setdefault(zone.name, err)
             return zone.name, None
 
-    def _velocities(self, zone: Zone) -> Told | None:
+    def _velocities(self, zone: Zone) -> Velocities | None:
         found = velocities(self._log, zone.velocity_topic, self._report)
         if found is None or not len(found[0]):
             return None
         types = {topic.type for topic in self._log.topics() or () if same_name(topic.name, zone.velocity_topic)}
-        return Told(*found, recorded=types == {TWIST})
+        return Velocities(*found, recorded=types == {TWIST})
 
     def _shapes_of(self, zone: Zone) -> Shapes:
         """Return the shapes of a zone."""
@@ -247,7 +247,7 @@ class Watching:
             raise UnreadableError(f"zone '{zone.name}': no polygon of {zone.shape_topic} can be read")
         return Shapes([Polygon(key) for key in shapes], np.array(times, np.int64), np.array(parts, np.int64))
 
-    def run(self, source: Source, progress: Progress | None) -> tuple[RunSummary, list[Settled], dict[str, Any]]:
+    def run(self, source: Source, progress: Progress | None) -> tuple[RunSummary, list[ZoneEvents], dict[str, Any]]:
         """Read the sweeps; returns the counts, the zones and the description of the source."""
         detect = self._options.detect
         with Reading(self._log, self._read, detect.poses, Need.MOVING) as reading:
@@ -281,7 +281,7 @@ class Watching:
                 series = TopicSeries(
                     batch.topic,
                     sensor,
-                    [ZoneSeries.of(zone, shapes) for zone in resolved if (shapes := self._shapes[zone.name])],
+                    [ZoneSeries(zone, shapes) for zone in resolved if (shapes := self._shapes[zone.name])],
                     batch.first_ns,
                 )
                 frames = self._frames.of_topic(batch.topic)
@@ -384,7 +384,7 @@ class Watching:
                 "one 'topic', or poses in one world (--pose TOPIC, --poses FILE)"
             )
 
-    def _settled(self, zone: Zone) -> Iterator[Settled]:
+    def _settled(self, zone: Zone) -> Iterator[ZoneEvents]:
         """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
         counted_in = self._counted_in(zone)
         groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
@@ -392,24 +392,19 @@ class Watching:
             if one.sensor not in self._agents:
                 self._agents[one.sensor] = self._tracked(one)
         for group in groups:
-            series = [one.of_zone(zone.name) for one in group]
-            topics = [each.series for each in self._counting.values()]
-            stamps = [each.column("stamp_ns") for each in topics]
-            yield settle(
-                Counted(
-                    series[0].zone,
-                    tuple(group),
-                    tuple(series),
-                    tuple(case.name for case in zone.cases),
-                    tuple(self._agents[one.sensor] for one in group),
-                    self._pair is not None,
-                    (min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
-                    min(each.first_ns for each in topics),
-                    self._read.every,
-                )
-            )
+            every = [each.series for each in self._counting.values()]
+            stamps = [each.column("stamp_ns") for each in every]
+            yield EventFinder(
+                group[0].of_zone(zone.name).zone,
+                group,
+                [self._agents[one.sensor] for one in group],
+                has_objects=self._pair is not None,
+                span_ns=(min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
+                first_ns=min(each.first_ns for each in every),
+                every=self._read.every,
+            ).find()
 
-    def _tracked(self, series: TopicSeries) -> Tracked | None:
+    def _tracked(self, series: TopicSeries) -> AgentPaths | None:
         """Return the agents that a sensor sees; None where nobody followed them."""
         pair = self._pair
         if pair is None or not pair.trajectories.exists() or not pair.tracks.exists():
@@ -430,7 +425,7 @@ class Watching:
         some = np.flatnonzero(here & np.isin(track, agents) & (sweeps[at] == sweep))
         order = some[np.lexsort((series.column("stamp_ns")[at[some]], track[some]))]
         world, hidden = are(rows["frame"], WORLD), are(rows["seen"], "hidden")
-        return Tracked(
+        return AgentPaths(
             track[order],
             at[order],
             np.asarray(rows["x"])[order],
@@ -627,7 +622,7 @@ class Gates:
         return verdicts, unobserved(self._checks, watched)
 
 
-def _tables(log: str, settled: Sequence[Settled], metadata: dict[bytes, bytes]) -> ZoneTables:
+def _tables(log: str, settled: Sequence[ZoneEvents], metadata: dict[bytes, bytes]) -> ZoneTables:
     """Return the tables of a log."""
     events = [event for each in settled for event in each.events]
     order = sorted(range(len(events)), key=lambda at: (events[at]["start"], at))
@@ -648,7 +643,7 @@ def _event_rows(events: Sequence[Mapping[str, Any]]) -> pa.RecordBatch:
     return pa.RecordBatch.from_arrays(arrays, schema=schema)
 
 
-def _zone_rows(log: str, settled: Settled) -> pa.RecordBatch:
+def _zone_rows(log: str, settled: ZoneEvents) -> pa.RecordBatch:
     count = len(settled.topic)
     columns: dict[str, Any] = {
         "log": constant(log, count),
@@ -660,7 +655,7 @@ def _zone_rows(log: str, settled: Settled) -> pa.RecordBatch:
     return FORMS["zones"].fill(columns, None, count)
 
 
-def _names(settled: Sequence[Settled]) -> list[str]:
+def _names(settled: Sequence[ZoneEvents]) -> list[str]:
     """Return a name for each zone, with its topic, or also its frame, where several sensors see one of their own."""
     count = Counter(each.zone.name for each in settled)
     names = [
@@ -672,7 +667,7 @@ def _names(settled: Sequence[Settled]) -> list[str]:
     ]
 
 
-def _words(settled: Settled) -> str:
+def _words(settled: ZoneEvents) -> str:
     """Return what was in a zone, for people."""
     zone, events = settled.zone, settled.events
     columns = settled.columns
@@ -710,7 +705,7 @@ def _words(settled: Settled) -> str:
     return words
 
 
-def _stale(settled: Sequence[Settled], is_nav2: bool) -> list[str]:
+def _stale(settled: Sequence[ZoneEvents], is_nav2: bool) -> list[str]:
     """Return a line for each topic that told nothing for too long, be it in one zone or in several."""
     counts = Counter(
         (event["topic"], each.zone.timeout, each.zone.name)
