@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ from lidarcli.formalism.zones.paths import Path, crossings, same_agents, visits
 from lidarcli.masks import Circle, Polygon
 from lidarcli.pipeline.reading.masking import REACH
 from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries
-from lidarcli.sweeps import TURN, Bool, Float64, Int64
+from lidarcli.sweeps import TURN, Bool, Float64, Int64, UInt8
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
 from lidarcli.zone import WORLD, Line, Zone
 
@@ -44,6 +45,19 @@ class AgentPaths(NamedTuple):
     """(N,) True where the sweep sees at least a part of it."""
     labels: Mapping[int, str]
     """Track → its name in the catalogue, where it has one; also of what is no agent."""
+
+
+class HitRows(NamedTuple):
+    """Points on objects: one entry for each object that a row of the zone sees in it, by row."""
+
+    row: NDArray[np.intp]
+    topic: Int64
+    agent: Int64
+    """(H,) number of the agent that it is, the same for all sensors; -1 for none."""
+    set: UInt8
+    track: Int64
+    object: Int64
+    points: Int64
 
 
 @dataclass(slots=True)
@@ -108,11 +122,10 @@ class EventFinder:
         self.velocity = self._joined([each.column("velocity") for each in self.series])
         self.part = self._part()
         self.sweep = self._own("sweep")
-        self.hits = [each.ordered_hits() for each in self.series]
-        """For each topic."""
         self.points_of = self._of_topics("points")
         self.points: Int64 = self.points_of.sum(axis=0)
         self.numbers = self._number_agents()
+        self.hits = self._hit_rows()
 
     def _timeout(self, stamps: Int64) -> int:
         if not self.zone.timeout:
@@ -263,37 +276,32 @@ class EventFinder:
 
     # Whose points they are.
 
-    def _hits(self) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
-        """Yield for each topic the rows that see an object in the part that counts, and the index of the hit."""
-        for index, hits in enumerate(self.hits):
+    def _hit_rows(self) -> HitRows:
+        """Return what each row sees in the part that counts."""
+        pieces = []
+        for index, hits in enumerate(each.ordered_hits() for each in self.series):
             latest = self.latest[index]
             begin, end = (np.searchsorted(hits.sweep, latest, side=side) for side in ("left", "right"))
             count = np.where(latest >= 0, end - begin, 0)
             row = np.repeat(np.arange(len(count)), count)
             hit = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(begin, count)
             right = hits.part[hit] == self.part[row]
-            yield index, row[right], hit[right]
-
-    def _numbers_of(self, index: int, track: Int64) -> Int64:
-        """Return the number of the agent that each track of a topic is; -1 for none."""
-        tracks, which = np.unique(track, return_inverse=True)
-        numbers = self.numbers or {}
-        return np.array([numbers.get((index, one), -1) for one in tracks.tolist()], np.int64)[which]
+            row, hit = row[right], hit[right]
+            tracks, which = np.unique(hits.track[hit], return_inverse=True)
+            known = [(self.numbers or {}).get((index, track), -1) for track in tracks.tolist()]
+            agent = np.array(known, np.int64)[which]
+            of_hit = (hits.set[hit], hits.track[hit], hits.object[hit], hits.points[hit])
+            pieces.append(HitRows(row, np.full(len(row), index), agent, *of_hit))
+        joined = HitRows._make(map(np.concatenate, zip(*pieces, strict=True)))
+        order = np.argsort(joined.row, kind="stable")
+        return HitRows._make(values[order] for values in joined)
 
     def _things(self) -> Int64:
         """Return (N,) the number of things with points in the zone; an agent that two sensors see counts once."""
-        pairs = []
-        for index, row, hit in self._hits():
-            if not len(hit):
-                continue
-            track = self.hits[index].track[hit]
-            name = np.where(track >= 0, 2 * track, 2 * self.hits[index].object[hit] + 1)
-            number = self._numbers_of(index, track)
-            name = np.where(number >= 0, -1 - number, name * len(self.hits) + index)
-            pairs.append(np.column_stack([row, name]))
-        if not pairs:
-            return np.zeros(len(self.own), np.int64)
-        return self._per_row(np.unique(np.concatenate(pairs), axis=0)[:, 0])
+        hits = self.hits
+        own = np.where(hits.track >= 0, 2 * hits.track, 2 * hits.object + 1) * len(self.topics) + hits.topic
+        thing = np.where(hits.agent >= 0, -1 - hits.agent, own)
+        return self._per_row(np.unique(np.column_stack([hits.row, thing]), axis=0)[:, 0])
 
     def _per_row(self, rows: NDArray[np.intp]) -> Int64:
         """Return (N,) how often each row is among some."""
@@ -304,15 +312,13 @@ class EventFinder:
         """Return set, track and label of most points of the nearest sensor in a sweep; None where no objects are known."""
         if not self.has_objects:
             return None, None, None
-        hits, latest = self.hits[index], int(self.latest[index][row])
         left = int(self.points_of[index, row])
-        counts: dict[tuple[int, int], int] = {}
-        low, high = np.searchsorted(hits.sweep, [latest, latest + 1])
+        counts: Counter[tuple[int, int]] = Counter()
+        low, high = np.searchsorted(self.hits.row, [row, row + 1])
         for at in range(int(low), int(high)):
-            if hits.part[at] == self.part[row]:
-                key = int(hits.set[at]), int(hits.track[at])
-                counts[key] = counts.get(key, 0) + int(hits.points[at])
-                left -= int(hits.points[at])
+            if self.hits.topic[at] == index:
+                counts[int(self.hits.set[at]), int(self.hits.track[at])] += int(self.hits.points[at])
+        left -= counts.total()
         # Of as many points those of an agent count first, and walls last.
         best = max(counts, key=lambda key: (counts[key], key[0] == _AGENT, -key[1]), default=None)
         if best is None or counts[best] < left:
@@ -388,12 +394,8 @@ class EventFinder:
         """Return (K,) sweeps, by row, once for each agent that is in the zone then; None without tracks."""
         if self.paths is None or self.numbers is None:
             return None
-        pairs = [np.zeros((0, 2), np.int64)]
-        for index, row, hit in self._hits():
-            if len(hit):
-                number = self._numbers_of(index, self.hits[index].track[hit])
-                agents = (self.hits[index].set[hit] == _AGENT) & (number >= 0)
-                pairs.append(np.column_stack([row[agents], number[agents]]))
+        mine = (self.hits.set == _AGENT) & (self.hits.agent >= 0)
+        pairs = [np.column_stack([self.hits.row[mine], self.hits.agent[mine]])]
         for index, track, first, last, _ in self._visits():
             times = self.paths[index][track].time_ns
             rows = np.arange(*np.searchsorted(self.time_ns, [times[first], times[last] + 1]))

@@ -18,7 +18,7 @@ from lidarcli.reports.columns import Origin
 from lidarcli.reports.document import Document, PartsReport
 from lidarcli.reports.figures import Histogram, plain_fields, plain_number
 from lidarcli.reports.report import Report
-from lidarcli.reports.summary import Comparison, Standing, Stream, Summary
+from lidarcli.reports.summary import Comparison, Stream, Summary
 from lidarcli.reports.wording import number
 
 SCHEMA = "lidarcli.report/1"
@@ -69,7 +69,14 @@ def _summary(summary: Summary) -> dict[str, Any]:
         "histograms": {name: _histogram(one) for name, one in summary.histograms.items()},
         "maps": [plain_fields(one, "frame", "x0", "y0", "cell", "counts") for one in summary.densities],
         "streams": [_stream(one) for one in summary.streams.all],
-        "standing_out": [_standing(one) for one in summary.standing],
+        "standing_out": [
+            {
+                **plain_fields(one, "kind", "log", "topic", "sweep"),
+                "stamp": stamp(one.stamp),
+                "value": plain_number(one.value),
+            }
+            for one in summary.outliers
+        ],
         **_tracks(summary),
     }
 
@@ -133,11 +140,6 @@ def _stream(one: Stream) -> dict[str, Any]:
         **plain_fields(one, "longest_gap", "backward", "repeated"),
         "course": plain_fields(one.course, *columns),
     }
-
-
-def _standing(one: Standing) -> dict[str, Any]:
-    names = plain_fields(one, "kind", "log", "topic", "sweep")
-    return {**names, "stamp": stamp(one.stamp_ns), "value": plain_number(one.value)}
 
 
 def _numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
