@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -44,7 +44,7 @@ from lidarcli.pipeline.zone_frames import Frames
 from lidarcli.pose.faults import Key
 from lidarcli.pose.messages import frame_name
 from lidarcli.pose.tree import WORLDS
-from lidarcli.reports.checks import Verdict, verdict_of
+from lidarcli.reports.checks import Check, Verdict, verdict_of
 from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import NEVER, figures_of, judge_zones, parse_zone_check, unobserved, zones_in
@@ -159,9 +159,6 @@ def refuse_resting(zone: Zone) -> None:
         )
 
 
-T = TypeVar("T")
-
-
 class Watching:
     """One pass over a log that counts what is in its zones."""
 
@@ -191,7 +188,10 @@ class Watching:
         self._told = {zone.velocity_topic: self._velocities(zone) for zone in options.zones.zones if zone.velocity_topic}
         self._lost: dict[str, NoScanError] = {}
         """Zones that cannot be judged in this log → why."""
-        self._shapes = dict(self._judged(zone, self._shapes_of) for zone in options.zones.zones)
+        self._shapes: dict[str, Shapes] = {}
+        for zone in options.zones.zones:
+            with self._judging(zone):
+                self._shapes[zone.name] = self._shapes_of(zone)
         self._cursors: dict[str, tuple[Cursor, Cursor]] = {}
 
     @property
@@ -202,13 +202,13 @@ class Watching:
             raise next(iter(self._lost.values()))
         return zones
 
-    def _judged(self, zone: Zone, how: Callable[[Zone], T]) -> tuple[str, T | None]:
-        """Return the name of a zone and what is to be known of it; where it cannot be judged, the others still are."""
+    @contextmanager
+    def _judging(self, zone: Zone) -> Iterator[None]:
+        """Where a zone cannot be judged, the others still are."""
         try:
-            return zone.name, how(zone)
+            yield
         except NoScanError as err:
             self._lost.setdefault(zone.name, err)
-            return zone.name, None
 
     def _velocities(self, zone: Zone) -> Velocities | None:
         found = velocities(self._log, zone.velocity_topic, self._report)
@@ -260,8 +260,10 @@ class Watching:
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
             for (topic, cause), count in sorted(self._report.refused.items())
         ]
-        told = [self._judged(zone, lambda one: [*self._gaps(one)]) for zone in self._zones]
-        gaps = [note for _, lines in told for note in lines or ()]
+        gaps: list[str] = []
+        for zone in self._zones:
+            with self._judging(zone):
+                gaps += [*self._gaps(zone)]
         settled = [one for zone in self._zones for one in self._settled(zone)]
         left_out = [f"{error}; the others are judged" for error in self._lost.values()]
         summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *left_out]
@@ -281,7 +283,7 @@ class Watching:
                 series = TopicSeries(
                     batch.topic,
                     sensor,
-                    [ZoneSeries(zone, shapes) for zone in resolved if (shapes := self._shapes[zone.name])],
+                    [ZoneSeries(zone, shapes) for zone in resolved if (shapes := self._shapes.get(zone.name))],
                     batch.first_ns,
                 )
                 frames = self._frames.of_topic(batch.topic)
@@ -598,28 +600,18 @@ def refuse_outputs(sources: Sequence[Source | Nothing], folder: Place | None, op
     return [*paths]
 
 
-class Gates:
-    """Checks of what a run over several logs finds."""
+def understand(options: ZoneOptions, expressions: Sequence[str]) -> list[Check]:
+    """Parse checks of zones, or raise a usage error."""
+    return [parse_zone_check(each, [zone.name for zone in options.zones.zones]) for each in expressions]
 
-    def __init__(self, options: ZoneOptions, expressions: Sequence[str]) -> None:
-        """Understand the checks, or raise a usage error."""
-        zones = options.zones.zones
-        self._checks = [parse_zone_check(each, [zone.name for zone in zones]) for each in expressions]
-        self._tables: list[ZoneTables] = []
 
-    def add(self, tables: ZoneTables) -> None:
-        """Take the tables of a log."""
-        if self._checks:
-            self._tables.append(tables)
-
-    def verdicts(self) -> tuple[list[Verdict], tuple[str, ...]]:
-        """Hold the checks against all tables; also returns a line for each zone that was not observed all the time."""
-        if not self._checks or not self._tables:
-            return [verdict_of(check, None) for check in self._checks], ()
-        watched = zones_in(dict(enumerate(self._tables)))
-        figures = figures_of(watched)
-        verdicts = [judge_zones(check, figures, watched) for check in self._checks]
-        return verdicts, unobserved(self._checks, watched)
+def judge(checks: Sequence[Check], tables: Sequence[ZoneTables]) -> tuple[list[Verdict], tuple[str, ...]]:
+    """Hold checks against the tables of all logs; also returns a line for each zone that was not observed all the time."""
+    if not checks or not tables:
+        return [verdict_of(check, None) for check in checks], ()
+    rows = zones_in(dict(enumerate(tables)))
+    figures = figures_of(rows)
+    return [judge_zones(check, figures, rows) for check in checks], unobserved(checks, rows)
 
 
 def _tables(log: str, settled: Sequence[ZoneEvents], metadata: dict[bytes, bytes]) -> ZoneTables:

@@ -8,7 +8,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lidarcli.errors import CHECK_FAILED, UnreadableError
 from lidarcli.reports.checks import Verdict
@@ -245,43 +246,42 @@ class Opening(NamedTuple):
     """Entries of its JSON."""
 
 
-class Part(Protocol):
-    """Tables of one kind in a report: beside objects, beside another part, or alone."""
+class Part(ABC):
+    """Tables of one kind in a report: beside objects, beside another part, or alone.
 
-    @property
-    def schema(self) -> str:
-        """Name of the JSON schema of a report on them alone."""
+    `figures` are as of reports, `schema` is the name of the JSON schema of a report on them alone; pages explain `words`.
+    """
 
-    @property
-    def title(self) -> str:
-        """Subject in a few words."""
-
-    @property
-    def sources(self) -> tuple[Origin, ...]:
-        """Origins of the tables."""
-
-    @property
-    def figures(self) -> Mapping[str, float | None]:
-        """Figures by name; None where there is nothing to measure."""
-
-    @property
-    def lines(self) -> Sequence[str]:
-        """Summary, a line for each zone or run."""
-
-    @property
-    def words(self) -> Mapping[str, str]:
-        """Word → meaning, of those that a page explains."""
+    __slots__ = ()
+    schema = ""
+    words: Mapping[str, str] = MappingProxyType({})
+    sources: tuple[Origin, ...]
+    figures: dict[str, float | None]
 
     @property
     def opening(self) -> Opening:
         """Beginning of a report on them alone."""
+        return Opening()
 
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """Subject in a few words."""
+
+    @property
+    @abstractmethod
+    def lines(self) -> list[str]:
+        """Summary, a line for each zone or run."""
+
+    @abstractmethod
     def sections(self) -> dict[str, Section]:
         """Return the sections by name, in their order."""
 
+    @abstractmethod
     def cards(self) -> list[Card]:
         """Return the key figures."""
 
+    @abstractmethod
     def as_dict(self) -> dict[str, Any]:
         """Return the entries of the JSON beside the figures."""
 

@@ -129,7 +129,7 @@ def streams_of(run: Run) -> Streams:
     bounds = np.flatnonzero(np.diff(stream[order], prepend=-1))
     step = np.full(len(rows), np.nan)
     gap = np.zeros(len(rows), bool)
-    columns = _Columns(run)
+    columns = _columns(run)
     found = []
     for mine in np.split(order, bounds[1:]) if len(order) else []:
         first = mine[0]
@@ -138,23 +138,16 @@ def streams_of(run: Run) -> Streams:
     return Streams(tuple(found), stream.astype(np.int64), step, gap)
 
 
-class _Columns:
-    """The columns that streams need, read once."""
-
-    def __init__(self, run: Run) -> None:
-        rows = run.sweeps
-        self.stamp = rows.integers("stamp")
-        self.sweep = rows.integers("sweep")
-        self.beams = rows.numbers("beams")
-        self.objects = run.objects_per_sweep
-        self.d_th = rows.numbers("d_th")
-        self.noise = rows.numbers("noise")
-        self.agents = run.agents_at_once
-        lost = self.beams - rows.numbers("valid")
-        self.lost = np.divide(lost, self.beams, out=np.zeros(len(rows)), where=self.beams > 0)
+def _columns(run: Run) -> Record:
+    """Return the columns that streams need, read once."""
+    rows, beams = run.sweeps, run.sweeps.numbers("beams")
+    lost = np.divide(beams - rows.numbers("valid"), beams, out=np.zeros(len(rows)), where=beams > 0)
+    whole = {name: rows.integers(name) for name in ("stamp", "sweep")}
+    numbers = {name: rows.numbers(name) for name in ("d_th", "noise")}
+    return Record(**whole, **numbers, beams=beams, objects=run.objects_per_sweep, agents=run.agents_at_once, lost=lost)
 
 
-def _stream(run: Run, columns: _Columns, mine: Int64, names: tuple[str, str], step: Float64, gap: Bool) -> Stream:
+def _stream(run: Run, columns: Record, mine: Int64, names: tuple[str, str], step: Float64, gap: Bool) -> Stream:
     stamp, index = columns.stamp[mine], columns.sweep[mine]
     steps = np.diff(stamp)
     # Where only every n-th sweep was taken, a step of n sweeps is none too many.
@@ -186,7 +179,7 @@ def _stream(run: Run, columns: _Columns, mine: Int64, names: tuple[str, str], st
     )
 
 
-def _course(columns: _Columns, mine: Int64) -> Timeline:
+def _course(columns: Record, mine: Int64) -> Timeline:
     """Sum up bins of equal numbers of sweeps, so that a clock that jumps makes no hole."""
     begin = np.unique(np.linspace(0, len(mine), min(COURSE_BINS, len(mine)), endpoint=False).astype(np.int64))
     size = np.diff(np.append(begin, len(mine)))
