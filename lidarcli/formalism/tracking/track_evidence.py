@@ -12,9 +12,9 @@ import math
 
 from lidarcli.formalism import detection
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.formalism.tracking import estimation, observation, results
-from lidarcli.formalism.tracking.estimation import Bodies, Sides
-from lidarcli.formalism.tracking.observation import Memory, Views
+from lidarcli.formalism.tracking import kalman, measurement, results
+from lidarcli.formalism.tracking.kalman import EdgeMeasurement, Targets
+from lidarcli.formalism.tracking.measurement import Measurements, RangeHistory
 
 PRISMATIC = detection.PRISMATIC
 LEFT_VIEW, FREE, LOST = results.LEFT_VIEW, results.FREE, results.LOST
@@ -83,37 +83,37 @@ SAME_LEG = 0.08
 """[m] Greatest distance between two sightings of the same leg."""
 
 
-def weigh_motion(bodies: Bodies, b: int, sides: Sides, is_whole: bool) -> None:
+def update_motion_evidence(targets: Targets, b: int, sides: EdgeMeasurement, is_whole: bool) -> None:
     """Add the evidence of the sides of a view for and against motion, before they update the estimates."""
     total = 0.0
     if sides.by_centre:
         for i in range(2):
             if not sides.is_doubtful:
-                total += _motion_odds(bodies, 2 * b + i, sides.z[2 * i], 0.0, sides.var[2 * i], sides.lasting_var)
+                total += _motion_odds(targets, 2 * b + i, sides.z[2 * i], 0.0, sides.var[2 * i], sides.lasting_var)
     else:
         for i in range(2):
-            total += _axis_odds(bodies, 2 * b + i, sides, 2 * i)
+            total += _axis_odds(targets, 2 * b + i, sides, 2 * i)
     total = min(max(total, -MOST_SWEEP_EVIDENCE), MOST_SWEEP_EVIDENCE) - EVIDENCE_DECAY
-    if bodies.settled[b] < SETTLED_SIGHTINGS:
+    if targets.kind_hits[b] < SETTLED_SIGHTINGS:
         total = min(total, 0.0)
     elif not is_whole:
         total = min(total, MOST_PARTIAL_EVIDENCE)
-    bodies.evidence[b] = min(max(bodies.evidence[b] + total, 0.0), MOST_EVIDENCE)
-    bodies.evidence_most[b] = max(bodies.evidence_most[b], bodies.evidence[b])
+    targets.evidence[b] = min(max(targets.evidence[b] + total, 0.0), MOST_EVIDENCE)
+    targets.max_evidence[b] = max(targets.max_evidence[b], targets.evidence[b])
 
 
-def _motion_odds(bodies: Bodies, a: int, z: float, sign: float, var: float, lasting: float) -> float:
+def _motion_odds(targets: Targets, a: int, z: float, sign: float, var: float, lasting: float) -> float:
     """Return the log-odds by which a moving body explains a measurement of c + sign h better than its twin.
 
     `lasting`: variance of the place of the twin that all of its sightings share [m²].
     """
-    off, s = estimation.residual(bodies, a, z, sign, var)
-    still_off, still_s = estimation.still_residual(bodies, a, z, sign, var)
-    still_s += lasting
-    return 0.5 * (still_off * still_off / still_s - off * off / s + math.log(still_s / s))
+    off, s = kalman.residual(targets, a, z, sign, var)
+    static_off, static_s = kalman.static_residual(targets, a, z, sign, var)
+    static_s += lasting
+    return 0.5 * (static_off * static_off / static_s - off * off / s + math.log(static_s / s))
 
 
-def _axis_odds(bodies: Bodies, a: int, sides: Sides, low: int) -> float:
+def _axis_odds(targets: Targets, a: int, sides: EdgeMeasurement, low: int) -> float:
     """Return the log-odds for motion of the two sides of an axis.
 
     Edges that may be those of returns alone count together or not at all: if only one of them moves, more of the body has
@@ -122,93 +122,104 @@ def _axis_odds(bodies: Bodies, a: int, sides: Sides, low: int) -> float:
     low_var, high_var = sides.var[low], sides.var[low + 1]
     of_low, of_high = 0.0, 0.0
     if low_var >= 0.0:
-        of_low = _motion_odds(bodies, a, sides.z[low], -1.0, low_var, 0.0)
+        of_low = _motion_odds(targets, a, sides.z[low], -1.0, low_var, 0.0)
     if high_var >= 0.0:
-        of_high = _motion_odds(bodies, a, sides.z[low + 1], 1.0, high_var, 0.0)
+        of_high = _motion_odds(targets, a, sides.z[low + 1], 1.0, high_var, 0.0)
     length = sides.z[low + 1] - sides.z[low]
-    if low_var >= 0.0 and high_var >= 0.0 and abs(length - 2.0 * bodies.still_h[a]) > SAME_LENGTH:
+    if low_var >= 0.0 and high_var >= 0.0 and abs(length - 2.0 * targets.static_h[a]) > SAME_LENGTH:
         # For example another piece of the same wall.
         return 0.0
-    if low_var < estimation.OPEN_EDGE_VAR and high_var < estimation.OPEN_EDGE_VAR:
+    if low_var < kalman.OPEN_EDGE_VAR and high_var < kalman.OPEN_EDGE_VAR:
         return of_low + of_high
     if low_var < 0.0 or high_var < 0.0:
         # One of them is not seen, and the other alone is not believed.
         return 0.0
-    if abs(length - 2.0 * bodies.h[a]) > STEADY_LENGTH:
+    if abs(length - 2.0 * targets.h[a]) > STEADY_LENGTH:
         return 0.0
-    low_off, _ = estimation.still_residual(bodies, a, sides.z[low], -1.0, low_var)
-    high_off, _ = estimation.still_residual(bodies, a, sides.z[low + 1], 1.0, high_var)
+    low_off, _ = kalman.static_residual(targets, a, sides.z[low], -1.0, low_var)
+    high_off, _ = kalman.static_residual(targets, a, sides.z[low + 1], 1.0, high_var)
     return min(of_low, of_high) if low_off * high_off > 0.0 else min(of_low + of_high, 0.0)
 
 
-def note_rest(bodies: Bodies, b: int, sweep: int) -> None:
+def mark_rest(targets: Targets, b: int, sweep: int) -> None:
     """Remember the place and sweep in which a body was last without evidence of motion."""
-    if bodies.evidence[b] <= 0.0:
-        bodies.onset[b] = sweep
-        bodies.birth_x[b], bodies.birth_y[b] = estimation.centre(bodies, b)
+    if targets.evidence[b] <= 0.0:
+        targets.onset[b] = sweep
+        targets.birth_x[b], targets.birth_y[b] = kalman.centre(targets, b)
 
 
-def is_moving(bodies: Bodies, b: int, views: Views, scans: Scans, k: int, past: Memory, alarm: float, time: float) -> bool:
+def is_moving(
+    targets: Targets,
+    b: int,
+    measurements: Measurements,
+    scans: Scans,
+    k: int,
+    history: RangeHistory,
+    motion_threshold: float,
+    time: float,
+) -> bool:
     """Return whether both witnesses show that a body moves by itself."""
-    if bodies.evidence[b] < alarm:
+    if targets.evidence[b] < motion_threshold:
         return False
-    x, y = estimation.centre(bodies, b)
-    dx, dy = x - bodies.birth_x[b], y - bodies.birth_y[b]
+    x, y = kalman.centre(targets, b)
+    dx, dy = x - targets.birth_x[b], y - targets.birth_y[b]
     if dx * dx + dy * dy < LEAST_WAY * LEAST_WAY:
         return False
-    passes, hits, _ = passing_body(views, scans, bodies, b, bodies.birth_x[b], bodies.birth_y[b])
-    size = 2.0 * max(bodies.h[2 * b], bodies.h[2 * b + 1])
+    passes, hits, _ = passing_target(measurements, scans, targets, b, targets.birth_x[b], targets.birth_y[b])
+    size = 2.0 * max(targets.h[2 * b], targets.h[2 * b + 1])
     if hits > 0.5 and dx * dx + dy * dy > (size + FREE_MARGIN) * (size + FREE_MARGIN):
         # Its old place is still occupied: another leg of the same chair was taken for it.
         return False
-    if was_occupied(bodies, b, views, k, past, time):
+    if was_occupied(targets, b, measurements, k, history, time):
         return False
-    if was_free(views, k, past, time):
+    if was_free(measurements, k, history, time):
         return True
     return passes > 0.5 and hits < 0.2
 
 
-def was_occupied(bodies: Bodies, b: int, views: Views, k: int, past: Memory, time: float) -> bool:
+def was_occupied(targets: Targets, b: int, measurements: Measurements, k: int, history: RangeHistory, time: float) -> bool:
     """Return whether the place of a view was occupied before the body got there, as by a wall that seems to slide."""
-    first, stop = views.begin[k], views.begin[k + 1]
+    first, stop = measurements.begin[k], measurements.begin[k + 1]
     asked = min(stop - first, MOST_POINTS)
-    v_x, v_y = bodies.v[2 * b], bodies.v[2 * b + 1]
+    v_x, v_y = targets.v[2 * b], targets.v[2 * b + 1]
     speed = math.sqrt(v_x * v_x + v_y * v_y)
-    clear = 2.0 * max(bodies.h[2 * b], bodies.h[2 * b + 1]) + LEAST_WAY
+    clear = 2.0 * max(targets.h[2 * b], targets.h[2 * b + 1]) + LEAST_WAY
     times = 0
-    for m in range(min(past.count, observation.SWEEPS_KEPT)):
-        age = time - past.time[m]
-        if age < observation.SWEEPS_APART or age > OLDEST_SWEEP or speed * age < clear:
+    for m in range(min(history.count, measurement.SWEEPS_KEPT)):
+        age = time - history.time[m]
+        if age < measurement.SWEEPS_APART or age > OLDEST_SWEEP or speed * age < clear:
             continue
         hits = 0.0
         for i in range(asked):
             p = first + i * (stop - first) // asked
-            if observation.was_hit(past, m, views.point_x[p], views.point_y[p]):
+            if measurement.was_hit(history, m, measurements.point_x[p], measurements.point_y[p]):
                 hits += 1.0
         if hits >= OCCUPIED_SHARE * asked:
             times += 1
     return times >= OCCUPIED_SWEEPS
 
 
-def was_free(views: Views, k: int, past: Memory, time: float) -> bool:
+def was_free(measurements: Measurements, k: int, history: RangeHistory, time: float) -> bool:
     """Return whether the beams of an earlier sweep passed the place of a view."""
-    first, stop = views.begin[k], views.begin[k + 1]
+    first, stop = measurements.begin[k], measurements.begin[k + 1]
     asked = min(stop - first, MOST_POINTS)
-    for m in range(min(past.count, observation.SWEEPS_KEPT)):
-        age = time - past.time[m]
-        if age < observation.SWEEPS_APART or age > OLDEST_SWEEP:
+    for m in range(min(history.count, measurement.SWEEPS_KEPT)):
+        age = time - history.time[m]
+        if age < measurement.SWEEPS_APART or age > OLDEST_SWEEP:
             continue
         free = 0.0
         for i in range(asked):
             p = first + i * (stop - first) // asked
-            if observation.was_passed(past, m, views.point_x[p], views.point_y[p], FREE_MARGIN):
+            if measurement.was_passed(history, m, measurements.point_x[p], measurements.point_y[p], FREE_MARGIN):
                 free += 1.0
         if asked > 0 and free >= FREE_SHARE * asked:
             return True
     return False
 
 
-def passing(views: Views, scans: Scans, x: float, y: float, near: float, beside: float) -> tuple[float, float, float]:
+def passing(
+    measurements: Measurements, scans: Scans, x: float, y: float, near: float, beside: float
+) -> tuple[float, float, float]:
     """Return the shares of the beams at the core of a place that pass it, end at it, and are outside of the view.
 
     Parameters
@@ -216,31 +227,31 @@ def passing(views: Views, scans: Scans, x: float, y: float, near: float, beside:
     x, y : centre of the place in the world [m]
     near, beside : half extents towards the sensor and to the side [m]
     """
-    ahead, left = observation.to_sensor(views, x, y)
+    ahead, left = measurement.to_sensor(measurements, x, y)
     r = math.sqrt(ahead * ahead + left * left)
-    if views.step < observation.LEAST_STEP or views.bearings < 1:
+    if measurements.step < measurement.LEAST_STEP or measurements.bearings < 1:
         return 0.0, 0.0, 1.0
-    past = math.atan2(left, ahead) - views.first
-    past -= observation.TURN * math.floor(past / observation.TURN)
-    middle = past / views.step
-    core = 0.5 * math.atan2(beside, max(r, 0.01)) / views.step
+    history = math.atan2(left, ahead) - measurements.first
+    history -= measurement.TURN * math.floor(history / measurement.TURN)
+    middle = history / measurements.step
+    core = 0.5 * math.atan2(beside, max(r, 0.01)) / measurements.step
     # A bearing just before the first one counts as before it, not as nearly a turn behind it.
-    if views.period == 0 and past > 0.5 * (observation.TURN + (views.bearings - 1) * views.step):
-        middle -= observation.TURN / views.step
+    if measurements.period == 0 and history > 0.5 * (measurement.TURN + (measurements.bearings - 1) * measurements.step):
+        middle -= measurement.TURN / measurements.step
     # C needs a conversion to integers here.
     first, last = int(math.ceil(middle - core)), int(math.floor(middle + core))  # noqa: RUF046
     if last < first:
         first = last = int(math.floor(middle + 0.5))  # noqa: RUF046
     # Never more beams than there are, whatever the header of the sweep says.
-    last = min(last, first + views.bearings)
-    margin = PASSING_MARGIN + 3.5 * views.sigma
+    last = min(last, first + measurements.bearings)
+    margin = PASSING_MARGIN + 3.5 * measurements.sigma
     passes, hits, unseen, number = 0.0, 0.0, 0.0, 0.0
     for position in range(first, last + 1):
         number += 1.0
-        if views.period == 0 and (position < 0 or position >= views.bearings):
+        if measurements.period == 0 and (position < 0 or position >= measurements.bearings):
             unseen += 1.0
             continue
-        distance = observation.range_at(views, scans, position)
+        distance = measurement.range_at(measurements, scans, position)
         if distance > r + near + margin:
             passes += 1.0
         elif distance >= r - near - margin:
@@ -248,130 +259,135 @@ def passing(views: Views, scans: Scans, x: float, y: float, near: float, beside:
     return passes / number, hits / number, unseen / number
 
 
-def passing_body(views: Views, scans: Scans, bodies: Bodies, b: int, x: float, y: float) -> tuple[float, float, float]:
+def passing_target(
+    measurements: Measurements, scans: Scans, targets: Targets, b: int, x: float, y: float
+) -> tuple[float, float, float]:
     """Return the shares of `passing` for a body, as if its centre were at x, y."""
-    dx, dy = x - views.x, y - views.y
+    dx, dy = x - measurements.x, y - measurements.y
     r = math.sqrt(dx * dx + dy * dy)
     if r <= 0.0:
         return 0.0, 1.0, 0.0
     dx, dy = dx / r, dy / r
-    near, beside = estimation.half_extent(bodies, b, dx, dy), estimation.half_extent(bodies, b, -dy, dx)
-    return passing(views, scans, x, y, near, beside)
+    near, beside = kalman.half_extent(targets, b, dx, dy), kalman.half_extent(targets, b, -dy, dx)
+    return passing(measurements, scans, x, y, near, beside)
 
 
-def note_seen(bodies: Bodies, b: int) -> None:
+def record_hit(targets: Targets, b: int) -> None:
     """Raise the probability that a body exists, which was seen.
 
     Only where its elder is seen beside it, it is less likely the same: two bodies of one object are seen in turns.
     """
-    bodies.existence[b] += EXISTENCE_GAIN * (1.0 - bodies.existence[b])
-    if bodies.inside[b] > 0 and not _is_alone(bodies, bodies.same_as[b]):
-        bodies.inside[b] -= 1
+    targets.existence[b] += EXISTENCE_GAIN * (1.0 - targets.existence[b])
+    if targets.inside[b] > 0 and not _is_alone(targets, targets.same_as[b]):
+        targets.inside[b] -= 1
 
 
-def _is_alone(bodies: Bodies, number: int) -> bool:
+def _is_alone(targets: Targets, number: int) -> bool:
     """Return whether the body of this number is followed and not seen in this sweep."""
-    for other in range(bodies.high):
-        if bodies.number[other] == number and bodies.state[other] == estimation.LIVE:
-            return bodies.view[other] < 0
+    for other in range(targets.slots_used):
+        if targets.number[other] == number and targets.state[other] == kalman.LIVE:
+            return targets.measurement[other] < 0
     return False
 
 
-def note_missed(bodies: Bodies, b: int, views: Views, scans: Scans, time: float) -> None:
+def record_miss(targets: Targets, b: int, measurements: Measurements, scans: Scans, time: float) -> None:
     """Lower the probability that a body exists, which was not seen, and end it if it is gone or lost."""
-    x, y = estimation.centre(bodies, b)
-    passes, hits, unseen = passing_body(views, scans, bodies, b, x, y)
+    x, y = kalman.centre(targets, b)
+    passes, hits, unseen = passing_target(measurements, scans, targets, b, x, y)
     detect = DETECTION_RATE * passes if passes > LEAST_PASSING else 0.0
     detect += HIT_DOUBT * hits
-    e = bodies.existence[b]
-    bodies.existence[b] = e * (1.0 - detect) / (1.0 - e * detect)
-    other = covering_body(bodies, b, x, y, 0.0)
+    e = targets.existence[b]
+    targets.existence[b] = e * (1.0 - detect) / (1.0 - e * detect)
+    other = covering_target(targets, b, x, y, 0.0)
     if other >= 0:
-        bodies.inside[b] += 1
-        if bodies.member[b] == 0:
+        targets.inside[b] += 1
+        if targets.member[b] == 0:
             # A leg stays that of its person.
-            bodies.same_as[b] = bodies.number[other]
-    if bodies.existence[b] < LEAST_EXISTENCE:
-        finish(bodies, b, FREE)
-    elif bodies.inside[b] >= DUPLICATE_SWEEPS:
+            targets.same_as[b] = targets.number[other]
+    if targets.existence[b] < LEAST_EXISTENCE:
+        terminate(targets, b, FREE)
+    elif targets.inside[b] >= DUPLICATE_SWEEPS:
         # It is the same as the other body: nothing is lost.
-        finish(bodies, b, LOST)
+        terminate(targets, b, LOST)
     else:
-        still = bodies.moved[b] == 0
+        still = targets.moved[b] == 0
         patience = PATIENCE_STILL if still else PATIENCE_MOVING
-        astray = 0.5 * (bodies.cc[2 * b] + bodies.cc[2 * b + 1]) > LOST_VAR and not still
-        if time - bodies.seen_at[b] > patience or astray:
-            finish(bodies, b, LEFT_VIEW if unseen > 0.5 else LOST)
+        astray = 0.5 * (targets.cc[2 * b] + targets.cc[2 * b + 1]) > LOST_VAR and not still
+        if time - targets.last_time[b] > patience or astray:
+            terminate(targets, b, LEFT_VIEW if unseen > 0.5 else LOST)
 
 
-def covering_body(bodies: Bodies, b: int, x: float, y: float, beside: float) -> int:
+def covering_target(targets: Targets, b: int, x: float, y: float, beside: float) -> int:
     """Return an older body that is seen now and covers the centre x, y of another, within a margin [m]; -1 for none."""
-    for other in range(bodies.high):
-        if bodies.state[other] != estimation.LIVE or bodies.view[other] < 0 or other == b:
+    for other in range(targets.slots_used):
+        if targets.state[other] != kalman.LIVE or targets.measurement[other] < 0 or other == b:
             continue
-        if bodies.kind[other] == estimation.PERSON:
+        if targets.kind[other] == kalman.PERSON:
             continue
-        if bodies.number[other] < bodies.number[b] and estimation.outside(bodies, other, x, y) < beside:
+        if targets.number[other] < targets.number[b] and kalman.outside(targets, other, x, y) < beside:
             return other
     return -1
 
 
-def finish(bodies: Bodies, b: int, why: int) -> None:
+def terminate(targets: Targets, b: int, why: int) -> None:
     """End a body; one that was seen too seldom for a track is forgotten at once."""
-    bodies.end[b] = why
-    bodies.state[b] = estimation.ENDED if bodies.sightings[b] >= CONFIRMED_SIGHTINGS else estimation.EMPTY
+    targets.end[b] = why
+    targets.state[b] = kalman.ENDED if targets.sightings[b] >= CONFIRMED_SIGHTINGS else kalman.EMPTY
 
 
-def note_shape(bodies: Bodies, b: int, views: Views, k: int) -> None:
+def vote_shape(targets: Targets, b: int, measurements: Measurements, k: int) -> None:
     """Add the vote of a view on the shape of a body."""
-    bodies.shape_votes[5 * b + views.shape[k]] += min(views.size[k] * BEAM_VOTE, 1.0)
-    if views.shape[k] != PRISMATIC:
+    targets.shape_votes[5 * b + measurements.shape[k]] += min(measurements.size[k] * BEAM_VOTE, 1.0)
+    if measurements.shape[k] != PRISMATIC:
         return
-    for f in range(views.face_begin[k], views.face_begin[k + 1]):
-        if views.face_points[f] > 4 and views.sigma > 0.0:
-            bodies.bulge[b] += views.bulge[f] / (views.sigma * views.sigma)
-            bodies.bulge_points[b] += views.face_points[f] - 2
+    for f in range(measurements.face_begin[k], measurements.face_begin[k + 1]):
+        if measurements.face_points[f] > 4 and measurements.sigma > 0.0:
+            targets.bulge[b] += measurements.bulge[f] / (measurements.sigma * measurements.sigma)
+            targets.bulge_points[b] += measurements.face_points[f] - 2
 
 
-def note_legs(bodies: Bodies, b: int, views: Views, k: int, scans: Scans) -> None:
+def detect_legs(targets: Targets, b: int, measurements: Measurements, k: int, scans: Scans) -> None:
     """Remember legs around a slim body that stands, which have too few beams to be objects."""
     if (
-        bodies.moved[b] != 0
-        or views.length[k] > SLIM_LEG_WIDTH
-        or views.step < observation.LEAST_STEP
-        or views.near[k] <= LEGS_FARTHEST
+        targets.moved[b] != 0
+        or measurements.length[k] > SLIM_LEG_WIDTH
+        or measurements.step < measurement.LEAST_STEP
+        or measurements.near[k] <= LEGS_FARTHEST
     ):
         return
-    ahead, left = observation.to_sensor(views, views.middle_x[k], views.middle_y[k])
-    past = math.atan2(left, ahead) - views.first
-    past -= observation.TURN * math.floor(past / observation.TURN)
-    wide = math.asin(LEGS_FARTHEST / views.near[k])
-    first, last = int((past - wide) / views.step), int((past + wide) / views.step)
-    last = min(last, first + views.bearings)
+    ahead, left = measurement.to_sensor(measurements, measurements.middle_x[k], measurements.middle_y[k])
+    history = math.atan2(left, ahead) - measurements.first
+    history -= measurement.TURN * math.floor(history / measurement.TURN)
+    wide = math.asin(LEGS_FARTHEST / measurements.near[k])
+    first, last = int((history - wide) / measurements.step), int((history + wide) / measurements.step)
+    last = min(last, first + measurements.bearings)
     run = 0
-    observation.place_sensor(views, views.share[k])
-    before = observation.range_at(views, scans, first - 1)
+    measurement.place_sensor(measurements, measurements.share[k])
+    before = measurement.range_at(measurements, scans, first - 1)
     for position in range(first, last + 1):
-        here, after = (observation.range_at(views, scans, position), observation.range_at(views, scans, position + 1))
+        here, after = (
+            measurement.range_at(measurements, scans, position),
+            measurement.range_at(measurements, scans, position + 1),
+        )
         run = run + 1 if run > 0 and abs(here - before) < SAME_LEG else (1 if before > here + SPECK_DEPTH else 0)
         if 0 < run <= SPECK_BEAMS and here > 0.0 and after > here + SPECK_DEPTH:
-            theta = views.first + views.step * position
-            x, y = observation.to_world(views, here * math.cos(theta), here * math.sin(theta))
-            dx, dy = x - views.middle_x[k], y - views.middle_y[k]
+            theta = measurements.first + measurements.step * position
+            x, y = measurement.to_world(measurements, here * math.cos(theta), here * math.sin(theta))
+            dx, dy = x - measurements.middle_x[k], y - measurements.middle_y[k]
             apart = dx * dx + dy * dy
             if LEGS_NEAREST * LEGS_NEAREST < apart < LEGS_FARTHEST * LEGS_FARTHEST:
-                _note_leg(bodies, b, x, y)
+                _record_leg(targets, b, x, y)
         before = here
-    observation.place_sensor(views, 0.0)
+    measurement.place_sensor(measurements, 0.0)
 
 
-def _note_leg(bodies: Bodies, b: int, x: float, y: float) -> None:
+def _record_leg(targets: Targets, b: int, x: float, y: float) -> None:
     """Add a sighting to the mean place of a leg."""
-    for i in range(estimation.MOST_LEGS * b, estimation.MOST_LEGS * b + estimation.MOST_LEGS):
-        seen = bodies.leg_seen[i]
-        dx, dy = x - bodies.leg_x[i], y - bodies.leg_y[i]
-        if seen == 0 or dx * dx + dy * dy < SAME_LEG * SAME_LEG:
-            bodies.leg_x[i] += dx / (seen + 1)
-            bodies.leg_y[i] += dy / (seen + 1)
-            bodies.leg_seen[i] += 1
+    for i in range(kalman.MOST_LEGS * b, kalman.MOST_LEGS * b + kalman.MOST_LEGS):
+        hits = targets.leg_hits[i]
+        dx, dy = x - targets.leg_x[i], y - targets.leg_y[i]
+        if hits == 0 or dx * dx + dy * dy < SAME_LEG * SAME_LEG:
+            targets.leg_x[i] += dx / (hits + 1)
+            targets.leg_y[i] += dy / (hits + 1)
+            targets.leg_hits[i] += 1
             return

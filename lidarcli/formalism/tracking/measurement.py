@@ -45,28 +45,28 @@ FREE_RANGE = 1e9
 """Range of a beam without a return, which proves free space."""
 
 
-class Seen:
+class Detections:
     """Columns of a detection of K objects, and the poses of its S sweeps, for the loops over one sweep."""
 
-    def __init__(self, found: Detection, poses: Any, seconds: Any, way: Any, shares: Any, placed: Bool) -> None:
+    def __init__(self, found: Detection, poses: Any, seconds: Any, motion: Any, shares: Any, placed: Bool) -> None:
         """
         Parameters
         ----------
         found : result of `detect`
         poses : (S, 4) x, y, yaw, side of the sensor; the side is -1 where it hangs head down
         seconds : (S,) times of the sweeps [s]
-        way : (S, 3) way of the sensor in x, y, yaw during each sweep
+        motion : (S, 3) motion of the sensor in x, y, yaw during each sweep
         shares : (K,) share of the time of its sweep that had passed when each object was seen
         placed : (S,) True where the place of the sensor is known
         """
         arrays = {name: np.require(getattr(found, name), COLUMNS[name].dtype, ["C", "A"]) for name in REQUIRED}
         change = np.full(len(found), -1, np.int8) if found.change is None else found.change
         offset = np.searchsorted(found.row, np.arange(len(found.noise) + 1)).astype(np.int64)
-        numbers = (poses, seconds, way, shares)
+        numbers = (poses, seconds, motion, shares)
         more = [np.require(values, np.float64, ["C", "A"]) for values in numbers]
         marks = [(change == REMOVED).astype(np.uint8), placed.astype(np.uint8)]
         self.owner: list[Any] = [offset, *marks, *more, arrays]
-        self.most = int(np.diff(offset).max(initial=0))
+        self.max_objects = int(np.diff(offset).max(initial=0))
         """Greatest number of objects in one sweep."""
         self.found = native.pointers(arrays)
         """The arrays of the detection."""
@@ -75,11 +75,11 @@ class Seen:
         self.placed = native.at_bytes(self.owner[2])
         self.poses = native.at_doubles(self.owner[3])
         self.seconds = native.at_doubles(self.owner[4])
-        self.way = native.at_doubles(self.owner[5])
+        self.motion = native.at_doubles(self.owner[5])
         self.shares = native.at_doubles(self.owner[6])
 
 
-class Views:
+class Measurements:
     """The `count` views of one sweep. View k has the points `begin[k]` to `begin[k + 1]` - 1; its faces likewise."""
 
     def __init__(self, objects: int, beams: int) -> None:
@@ -92,10 +92,10 @@ class Views:
         self.start_x = 0.0
         self.start_y = 0.0
         self.start_yaw = 0.0
-        self.way_x = 0.0
-        self.way_y = 0.0
-        self.way_yaw = 0.0
-        self.goes = False
+        self.motion_x = 0.0
+        self.motion_y = 0.0
+        self.motion_yaw = 0.0
+        self.moves = False
         """True if the sensor moves during the sweep."""
         # Pose that `place_sensor` has set.
         self.x = 0.0
@@ -160,190 +160,209 @@ class Views:
         """First and last point of the face."""
 
 
-def observe(views: Views, seen: Seen, scans: Scans, row: int) -> None:
+def extract(measurements: Measurements, detections: Detections, scans: Scans, row: int) -> None:
     """Fill in the views of the sweep in a row of a batch; `x`, `y`, `cos` and `sin` hold the pose of the sensor."""
-    _place(views, seen, scans, row)
-    views.count = 0
-    views.begin[0] = views.face_begin[0] = 0
-    for at in range(seen.offset[row], seen.offset[row + 1]):
-        if seen.found.set[at] == OBJECT and not seen.removed[at]:
-            _add(views, seen, scans, at)
+    _set_bearings(measurements, detections, scans, row)
+    measurements.count = 0
+    measurements.begin[0] = measurements.face_begin[0] = 0
+    for at in range(detections.offset[row], detections.offset[row + 1]):
+        if detections.found.set[at] == OBJECT and not detections.removed[at]:
+            _add_measurement(measurements, detections, scans, at)
 
 
-def judge_edges(views: Views) -> None:
+def classify_edges(measurements: Measurements) -> None:
     """Make edges beside beams without a return the object's own, if such beams prove free space."""
-    for k in range(views.count):
-        if views.steady and views.start[k] == OPEN:
-            views.start[k] = OWN
-        if views.steady and views.end[k] == OPEN:
-            views.end[k] = OWN
+    for k in range(measurements.count):
+        if measurements.steady and measurements.start[k] == OPEN:
+            measurements.start[k] = OWN
+        if measurements.steady and measurements.end[k] == OPEN:
+            measurements.end[k] = OWN
 
 
-def pose_variance(views: Views, k: int) -> float:
+def pose_variance(measurements: Measurements, k: int) -> float:
     """Return the variance of the points of a view from the error of the pose [m²]."""
-    return views.pose_var + views.pose_turn_var * views.near[k] * views.near[k]
+    return measurements.pose_var + measurements.pose_turn_var * measurements.near[k] * measurements.near[k]
 
 
-def is_partial(views: Views, k: int) -> bool:
+def is_partial(measurements: Measurements, k: int) -> bool:
     """Return whether a view may not reach both ends of an object."""
-    return views.start[k] != OWN or views.end[k] != OWN
+    return measurements.start[k] != OWN or measurements.end[k] != OWN
 
 
-def _place(views: Views, seen: Seen, scans: Scans, row: int) -> None:
+def _set_bearings(measurements: Measurements, detections: Detections, scans: Scans, row: int) -> None:
     """Set the bearings of the beams."""
     increment = scans.angle_increment[row]
-    views.row = row
-    views.bearings = scans.beams[row] - (scans.closure[row] == SHARED)
-    views.period = 0 if scans.closure[row] == OPEN_VIEW else views.bearings
-    views.reverse = increment < 0
-    views.step = abs(increment)
-    views.first = scans.angle_min[row]
-    if views.reverse:
-        views.first += (views.bearings - 1) * increment
-    views.side = seen.poses[4 * row + 3]
-    views.is_placed = seen.placed[row] != 0
-    views.sigma = seen.found.noise[row]
+    measurements.row = row
+    measurements.bearings = scans.beams[row] - (scans.closure[row] == SHARED)
+    measurements.period = 0 if scans.closure[row] == OPEN_VIEW else measurements.bearings
+    measurements.reverse = increment < 0
+    measurements.step = abs(increment)
+    measurements.first = scans.angle_min[row]
+    if measurements.reverse:
+        measurements.first += (measurements.bearings - 1) * increment
+    measurements.side = detections.poses[4 * row + 3]
+    measurements.is_placed = detections.placed[row] != 0
+    measurements.sigma = detections.found.noise[row]
 
 
-def place_sensor(views: Views, share: float) -> None:
+def place_sensor(measurements: Measurements, share: float) -> None:
     """Set the pose of the sensor to that after a share of the time of the sweep."""
-    if not views.goes:
+    if not measurements.moves:
         return
-    yaw = views.start_yaw + share * views.way_yaw
-    views.x, views.y = views.start_x + share * views.way_x, views.start_y + share * views.way_y
-    views.cos, views.sin = math.cos(yaw), math.sin(yaw)
+    yaw = measurements.start_yaw + share * measurements.motion_yaw
+    measurements.x, measurements.y = (
+        measurements.start_x + share * measurements.motion_x,
+        measurements.start_y + share * measurements.motion_y,
+    )
+    measurements.cos, measurements.sin = math.cos(yaw), math.sin(yaw)
 
 
-def to_world(views: Views, x: float, y: float) -> tuple[float, float]:
+def to_world(measurements: Measurements, x: float, y: float) -> tuple[float, float]:
     """Return a point of the sensor frame in the world [m]."""
-    left = views.side * y
-    return views.x + views.cos * x - views.sin * left, views.y + views.sin * x + views.cos * left
+    left = measurements.side * y
+    return (
+        measurements.x + measurements.cos * x - measurements.sin * left,
+        measurements.y + measurements.sin * x + measurements.cos * left,
+    )
 
 
-def to_sensor(views: Views, x: float, y: float) -> tuple[float, float]:
+def to_sensor(measurements: Measurements, x: float, y: float) -> tuple[float, float]:
     """Return a point of the world in the sensor frame [m], at the time when the sensor looked there."""
-    ahead, left = _ahead_and_left(views, x, y)
-    if views.goes and views.bearings > 1 and views.step > 0.0:
-        past = math.atan2(left, ahead) - views.first
-        past -= TURN * math.floor(past / TURN)
-        share = min(past / (views.step * (views.bearings - 1)), 1.0)
-        place_sensor(views, 1.0 - share if views.reverse else share)
-        ahead, left = _ahead_and_left(views, x, y)
-        place_sensor(views, 0.0)
+    ahead, left = _ahead_and_left(measurements, x, y)
+    if measurements.moves and measurements.bearings > 1 and measurements.step > 0.0:
+        angle = math.atan2(left, ahead) - measurements.first
+        angle -= TURN * math.floor(angle / TURN)
+        share = min(angle / (measurements.step * (measurements.bearings - 1)), 1.0)
+        place_sensor(measurements, 1.0 - share if measurements.reverse else share)
+        ahead, left = _ahead_and_left(measurements, x, y)
+        place_sensor(measurements, 0.0)
     return ahead, left
 
 
-def _ahead_and_left(views: Views, x: float, y: float) -> tuple[float, float]:
+def _ahead_and_left(measurements: Measurements, x: float, y: float) -> tuple[float, float]:
     """Return a point of the world in the frame of the current pose of the sensor [m]."""
-    dx, dy = x - views.x, y - views.y
-    return views.cos * dx + views.sin * dy, views.side * (views.cos * dy - views.sin * dx)
+    dx, dy = x - measurements.x, y - measurements.y
+    return measurements.cos * dx + measurements.sin * dy, measurements.side * (
+        measurements.cos * dy - measurements.sin * dx
+    )
 
 
-def position_of(views: Views, beam: int) -> int:
+def position_of(measurements: Measurements, beam: int) -> int:
     """Return the index of a beam by increasing bearing."""
-    return views.bearings - 1 - beam if views.reverse else beam
+    return measurements.bearings - 1 - beam if measurements.reverse else beam
 
 
-def _add(views: Views, seen: Seen, scans: Scans, at: int) -> None:
+def _add_measurement(measurements: Measurements, detections: Detections, scans: Scans, at: int) -> None:
     """Add the view of an object."""
-    k = views.count
-    views.share[k] = seen.shares[at]
-    place_sensor(views, views.share[k])
-    views.object[k], views.shape[k], views.size[k] = at, seen.found.shape[at], seen.found.beams[at]
-    views.middle_x[k], views.middle_y[k] = to_world(views, seen.found.x[at], seen.found.y[at])
-    views.centre_x[k], views.centre_y[k] = to_world(views, seen.found.box_x[at], seen.found.box_y[at])
-    views.length[k], views.width[k] = seen.found.box_length[at], seen.found.box_width[at]
-    views.chord[k], views.near[k] = seen.found.width[at], seen.found.r_min[at]
-    visibility = seen.found.visibility[at]
-    views.start[k] = views.end[k] = HIDDEN
+    k = measurements.count
+    measurements.share[k] = detections.shares[at]
+    place_sensor(measurements, measurements.share[k])
+    measurements.object[k], measurements.shape[k], measurements.size[k] = (
+        at,
+        detections.found.shape[at],
+        detections.found.beams[at],
+    )
+    measurements.middle_x[k], measurements.middle_y[k] = to_world(
+        measurements, detections.found.x[at], detections.found.y[at]
+    )
+    measurements.centre_x[k], measurements.centre_y[k] = to_world(
+        measurements, detections.found.box_x[at], detections.found.box_y[at]
+    )
+    measurements.length[k], measurements.width[k] = detections.found.box_length[at], detections.found.box_width[at]
+    measurements.chord[k], measurements.near[k] = detections.found.width[at], detections.found.r_min[at]
+    visibility = detections.found.visibility[at]
+    measurements.start[k] = measurements.end[k] = HIDDEN
     if visibility in (FULL, END_HIDDEN):
         # A known difference means that the neighbour has a range, a farther one.
-        views.start[k] = OWN if seen.found.s_i[at] == seen.found.s_i[at] else OPEN
+        measurements.start[k] = OWN if detections.found.s_i[at] == detections.found.s_i[at] else OPEN
     if visibility in (FULL, START_HIDDEN):
-        views.end[k] = OWN if seen.found.s_f[at] == seen.found.s_f[at] else OPEN
-    _add_points(views, seen, scans, at)
-    place_sensor(views, 0.0)
-    views.count += 1
+        measurements.end[k] = OWN if detections.found.s_f[at] == detections.found.s_f[at] else OPEN
+    _add_points(measurements, detections, scans, at)
+    place_sensor(measurements, 0.0)
+    measurements.count += 1
 
 
-def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
+def _add_points(measurements: Measurements, detections: Detections, scans: Scans, at: int) -> None:
     """Add the points of an object, and the lines of its faces."""
-    k = views.count
-    n, f = views.begin[k], views.face_begin[k]
-    face, last_face = seen.found.face_offsets[at], seen.found.face_offsets[at + 1]
-    first = position_of(views, seen.found.beam_f[at] if views.reverse else seen.found.beam_i[at])
-    last = position_of(views, seen.found.beam_i[at] if views.reverse else seen.found.beam_f[at])
+    k = measurements.count
+    n, f = measurements.begin[k], measurements.face_begin[k]
+    face, last_face = detections.found.face_offsets[at], detections.found.face_offsets[at + 1]
+    first = position_of(measurements, detections.found.beam_f[at] if measurements.reverse else detections.found.beam_i[at])
+    last = position_of(measurements, detections.found.beam_i[at] if measurements.reverse else detections.found.beam_f[at])
     if last < first:
-        last += views.bearings
-    cos, sin = math.cos(seen.found.box_yaw[at]), math.sin(seen.found.box_yaw[at])
-    beside = BOX_MARGIN + 4.0 * views.sigma
-    half_length = 0.5 * seen.found.box_length[at] + beside
-    half_width = 0.5 * seen.found.box_width[at] + beside
-    begin = views.row * scans.width
-    directions = scans.direction[views.row] * scans.width
-    views.face_first[f] = n
+        last += measurements.bearings
+    cos, sin = math.cos(detections.found.box_yaw[at]), math.sin(detections.found.box_yaw[at])
+    beside = BOX_MARGIN + 4.0 * measurements.sigma
+    half_length = 0.5 * detections.found.box_length[at] + beside
+    half_width = 0.5 * detections.found.box_width[at] + beside
+    begin = measurements.row * scans.width
+    directions = scans.direction[measurements.row] * scans.width
+    measurements.face_first[f] = n
     for position in range(first, last + 1):
-        k = position - views.bearings if position >= views.bearings else position
-        beam = views.bearings - 1 - k if views.reverse else k
+        k = position - measurements.bearings if position >= measurements.bearings else position
+        beam = measurements.bearings - 1 - k if measurements.reverse else k
         r = scans.ranges[begin + beam]
-        if r != r or n >= 2 * views.bearings:
+        if r != r or n >= 2 * measurements.bearings:
             continue
         x, y = r * scans.cos[directions + k], r * scans.sin[directions + k]
-        dx, dy = x - seen.found.box_x[at], y - seen.found.box_y[at]
+        dx, dy = x - detections.found.box_x[at], y - detections.found.box_y[at]
         if abs(dx * cos + dy * sin) > half_length or abs(dy * cos - dx * sin) > half_width:
             continue
-        theta = views.first + views.step * position
-        while face < last_face and theta > seen.found.face_theta_f[face] + 0.25 * views.step:
-            f = _end_face(views, f, n)
+        theta = measurements.first + measurements.step * position
+        while face < last_face and theta > detections.found.face_theta_f[face] + 0.25 * measurements.step:
+            f = _end_face(measurements, f, n)
             face += 1
         # Beams of an object across the seam were taken at the end and at the start of the sweep.
-        place_sensor(views, beam / (1.0 * max(views.bearings - 1, 1)))
-        views.point_x[n], views.point_y[n] = to_world(views, x, y)
+        place_sensor(measurements, beam / (1.0 * max(measurements.bearings - 1, 1)))
+        measurements.point_x[n], measurements.point_y[n] = to_world(measurements, x, y)
         n += 1
-    place_sensor(views, views.share[views.count])
+    place_sensor(measurements, measurements.share[measurements.count])
     if face < last_face:
-        f = _end_face(views, f, n)
-    if n == views.begin[views.count]:
+        f = _end_face(measurements, f, n)
+    if n == measurements.begin[measurements.count]:
         # Without points, as among too many objects that overlap, its middle stands for it.
-        views.point_x[n], views.point_y[n] = views.middle_x[views.count], views.middle_y[views.count]
+        measurements.point_x[n], measurements.point_y[n] = (
+            measurements.middle_x[measurements.count],
+            measurements.middle_y[measurements.count],
+        )
         n += 1
-    views.begin[views.count + 1], views.face_begin[views.count + 1] = n, f
+    measurements.begin[measurements.count + 1], measurements.face_begin[measurements.count + 1] = n, f
 
 
-def _end_face(views: Views, f: int, n: int) -> int:
+def _end_face(measurements: Measurements, f: int, n: int) -> int:
     """Fit a line to the points of a face, which ends before point n; return the index of the next face."""
-    first = views.face_first[f]
+    first = measurements.face_first[f]
     count = n - first
-    views.face_first[f + 1] = n
+    measurements.face_first[f + 1] = n
     if count < LEAST_FACE_POINTS:
-        views.face_first[f] = n
+        measurements.face_first[f] = n
         return f
     mean_x, mean_y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
     for p in range(first, n):
-        mean_x += views.point_x[p]
-        mean_y += views.point_y[p]
+        mean_x += measurements.point_x[p]
+        mean_y += measurements.point_y[p]
     mean_x, mean_y = mean_x / count, mean_y / count
     for p in range(first, n):
-        dx, dy = views.point_x[p] - mean_x, views.point_y[p] - mean_y
+        dx, dy = measurements.point_x[p] - mean_x, measurements.point_y[p] - mean_y
         xx += dx * dx
         xy += dx * dy
         yy += dy * dy
     half = 0.5 * math.atan2(2.0 * xy, xx - yy)
     along_x, along_y = math.cos(half), math.sin(half)
-    low = (views.point_x[first] - mean_x) * along_x + (views.point_y[first] - mean_y) * along_y
-    high = (views.point_x[n - 1] - mean_x) * along_x + (views.point_y[n - 1] - mean_y) * along_y
+    low = (measurements.point_x[first] - mean_x) * along_x + (measurements.point_y[first] - mean_y) * along_y
+    high = (measurements.point_x[n - 1] - mean_x) * along_x + (measurements.point_y[n - 1] - mean_y) * along_y
     if high < low:
         along_x, along_y, low, high = -along_x, -along_y, -low, -high
-    views.face_x[f], views.face_y[f] = mean_x, mean_y
-    views.along_x[f], views.along_y[f] = along_x, along_y
-    views.face_points[f], views.extent[f] = count, high - low
+    measurements.face_x[f], measurements.face_y[f] = mean_x, mean_y
+    measurements.along_x[f], measurements.along_y[f] = along_x, along_y
+    measurements.face_points[f], measurements.extent[f] = count, high - low
     spread = math.sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy)
-    views.bulge[f] = max(0.5 * (xx + yy) - spread, 0.0)
-    views.face_last[f] = n - 1
+    measurements.bulge[f] = max(0.5 * (xx + yy) - spread, 0.0)
+    measurements.face_last[f] = n - 1
     return f + 1
 
 
-class Memory:
+class RangeHistory:
     """The latest `SWEEPS_KEPT` sweeps and the poses of the sensor; the newest replaces the oldest."""
 
     def __init__(self, beams: int) -> None:
@@ -374,119 +393,128 @@ class Memory:
         self.before = 0
         """Number of beams of the sweep before."""
 
-    def grow(self, old: Memory) -> None:
+    def grow(self, old: RangeHistory) -> None:
         """Copy the sweeps of a smaller memory."""
         copy_memory(self, old)
 
 
-def copy_memory(memory: Memory, old: Memory) -> None:
+def copy_memory(history: RangeHistory, old: RangeHistory) -> None:
     """Copy the sweeps of a smaller memory."""
-    memory.count, memory.changes, memory.lost = old.count, old.changes, old.lost
-    memory.watched, memory.before = old.watched, old.before
+    history.count, history.changes, history.lost = old.count, old.changes, old.lost
+    history.watched, history.before = old.watched, old.before
     for beam in range(old.before):
-        memory.status[beam] = old.status[beam]
+        history.status[beam] = old.status[beam]
     for m in range(SWEEPS_KEPT):
-        memory.time[m], memory.x[m], memory.y[m] = old.time[m], old.x[m], old.y[m]
-        memory.cos[m], memory.sin[m], memory.side[m] = old.cos[m], old.sin[m], old.side[m]
-        memory.first[m], memory.step[m], memory.sigma[m] = old.first[m], old.step[m], old.sigma[m]
-        memory.bearings[m], memory.period[m] = old.bearings[m], old.period[m]
+        history.time[m], history.x[m], history.y[m] = old.time[m], old.x[m], old.y[m]
+        history.cos[m], history.sin[m], history.side[m] = old.cos[m], old.sin[m], old.side[m]
+        history.first[m], history.step[m], history.sigma[m] = old.first[m], old.step[m], old.sigma[m]
+        history.bearings[m], history.period[m] = old.bearings[m], old.period[m]
         for k in range(old.bearings[m]):
-            memory.r[m * memory.beams + k] = old.r[m * old.beams + k]
+            history.r[m * history.beams + k] = old.r[m * old.beams + k]
 
 
-def count_flicker(memory: Memory, views: Views, scans: Scans) -> None:
+def count_flicker(history: RangeHistory, measurements: Measurements, scans: Scans) -> None:
     """Count the beams that change between a range and no return."""
-    begin, beams = views.row * scans.width, scans.beams[views.row]
+    begin, beams = measurements.row * scans.width, scans.beams[measurements.row]
     changes, lost = 0, 0
-    if memory.before == beams:
+    if history.before == beams:
         for beam in range(beams):
-            now, then = scans.status[begin + beam], memory.status[beam]
+            now, then = scans.status[begin + beam], history.status[beam]
             if now == NO_RETURN or then == NO_RETURN:
                 lost += 1
                 if now + then == NO_RETURN:
                     changes += 1
         # At first a plain mean of all sweeps so far.
-        memory.watched += 1
-        share = max(FLICKER_WEIGHT, 1.0 / memory.watched)
-        memory.changes += share * (changes - memory.changes)
-        memory.lost += share * (lost - memory.lost)
+        history.watched += 1
+        share = max(FLICKER_WEIGHT, 1.0 / history.watched)
+        history.changes += share * (changes - history.changes)
+        history.lost += share * (lost - history.lost)
     for beam in range(beams):
-        memory.status[beam] = scans.status[begin + beam]
-    memory.before = beams
+        history.status[beam] = scans.status[begin + beam]
+    history.before = beams
 
 
-def is_steady(memory: Memory) -> bool:
+def is_steady(history: RangeHistory) -> bool:
     """Return whether beams without a return prove free space."""
-    return memory.changes <= MOST_FLICKER_SHARE * memory.lost
+    return history.changes <= MOST_FLICKER_SHARE * history.lost
 
 
-def range_at(views: Views, scans: Scans, position: int) -> float:
+def range_at(measurements: Measurements, scans: Scans, position: int) -> float:
     """Return the range of the beam at a position [m]; `FREE_RANGE` for free space, `NO_RANGE` if unknown."""
-    if views.period > 0:
+    if measurements.period > 0:
         # C and Python disagree about remainders of negative numbers.
-        position = (position + views.period) % views.period
-    if position < 0 or position >= views.bearings:
+        position = (position + measurements.period) % measurements.period
+    if position < 0 or position >= measurements.bearings:
         return NO_RANGE
-    beam = views.row * scans.width + (views.bearings - 1 - position if views.reverse else position)
+    beam = measurements.row * scans.width + (measurements.bearings - 1 - position if measurements.reverse else position)
     if scans.status[beam] == VALID:
         return scans.ranges[beam]
-    return FREE_RANGE if views.steady and scans.status[beam] == NO_RETURN else NO_RANGE
+    return FREE_RANGE if measurements.steady and scans.status[beam] == NO_RETURN else NO_RANGE
 
 
-def remember(memory: Memory, views: Views, scans: Scans, time: float) -> None:
+def store_sweep(history: RangeHistory, measurements: Measurements, scans: Scans, time: float) -> None:
     """Remember a sweep, unless the last one is too recent."""
-    last = (memory.count + SWEEPS_KEPT - 1) % SWEEPS_KEPT
-    if memory.count > 0 and 0.0 <= time - memory.time[last] < SWEEPS_APART:
+    last = (history.count + SWEEPS_KEPT - 1) % SWEEPS_KEPT
+    if history.count > 0 and 0.0 <= time - history.time[last] < SWEEPS_APART:
         return
-    m = memory.count % SWEEPS_KEPT
-    memory.time[m] = time
+    m = history.count % SWEEPS_KEPT
+    history.time[m] = time
     # The pose in the middle of the sweep stands for all of its beams.
-    place_sensor(views, 0.5)
-    memory.x[m], memory.y[m], memory.cos[m], memory.sin[m] = views.x, views.y, views.cos, views.sin
-    place_sensor(views, 0.0)
-    memory.side[m], memory.first[m], memory.step[m] = views.side, views.first, views.step
-    memory.bearings[m], memory.period[m], memory.sigma[m] = views.bearings, views.period, views.sigma
-    for k in range(views.bearings):
-        memory.r[m * memory.beams + k] = range_at(views, scans, k)
-    memory.count += 1
+    place_sensor(measurements, 0.5)
+    history.x[m], history.y[m], history.cos[m], history.sin[m] = (
+        measurements.x,
+        measurements.y,
+        measurements.cos,
+        measurements.sin,
+    )
+    place_sensor(measurements, 0.0)
+    history.side[m], history.first[m], history.step[m] = measurements.side, measurements.first, measurements.step
+    history.bearings[m], history.period[m], history.sigma[m] = (
+        measurements.bearings,
+        measurements.period,
+        measurements.sigma,
+    )
+    for k in range(measurements.bearings):
+        history.r[m * history.beams + k] = range_at(measurements, scans, k)
+    history.count += 1
 
 
-def was_hit(memory: Memory, m: int, x: float, y: float) -> bool:
+def was_hit(history: RangeHistory, m: int, x: float, y: float) -> bool:
     """Return whether a beam of a remembered sweep ended at a point of the world."""
-    dx, dy = x - memory.x[m], y - memory.y[m]
-    ahead = memory.cos[m] * dx + memory.sin[m] * dy
-    left = memory.side[m] * (memory.cos[m] * dy - memory.sin[m] * dx)
+    dx, dy = x - history.x[m], y - history.y[m]
+    ahead = history.cos[m] * dx + history.sin[m] * dy
+    left = history.side[m] * (history.cos[m] * dy - history.sin[m] * dx)
     r = math.sqrt(ahead * ahead + left * left)
-    past = math.atan2(left, ahead) - memory.first[m]
-    past -= TURN * math.floor(past / TURN)
-    if memory.step[m] < LEAST_STEP:
+    angle = math.atan2(left, ahead) - history.first[m]
+    angle -= TURN * math.floor(angle / TURN)
+    if history.step[m] < LEAST_STEP:
         return False
-    at = int(past / memory.step[m] + 0.5)
-    if memory.period[m] > 0:
-        at %= memory.period[m]
-    if at >= memory.bearings[m]:
+    at = int(angle / history.step[m] + 0.5)
+    if history.period[m] > 0:
+        at %= history.period[m]
+    if at >= history.bearings[m]:
         return False
-    return abs(memory.r[m * memory.beams + at] - r) < HIT_MARGIN + 2.0 * memory.sigma[m]
+    return abs(history.r[m * history.beams + at] - r) < HIT_MARGIN + 2.0 * history.sigma[m]
 
 
-def was_passed(memory: Memory, m: int, x: float, y: float, beside: float) -> bool:
+def was_passed(history: RangeHistory, m: int, x: float, y: float, beside: float) -> bool:
     """Return whether all four beams around a point of the world passed it, in a remembered sweep.
 
     `beside`: least distance by which they end behind it [m]; noise and the spacing of beams come on top.
     """
-    dx, dy = x - memory.x[m], y - memory.y[m]
-    ahead = memory.cos[m] * dx + memory.sin[m] * dy
-    left = memory.side[m] * (memory.cos[m] * dy - memory.sin[m] * dx)
+    dx, dy = x - history.x[m], y - history.y[m]
+    ahead = history.cos[m] * dx + history.sin[m] * dy
+    left = history.side[m] * (history.cos[m] * dy - history.sin[m] * dx)
     r = math.sqrt(ahead * ahead + left * left)
     # Angle past the first bearing, within a turn.
-    past = math.atan2(left, ahead) - memory.first[m]
-    past -= TURN * math.floor(past / TURN)
-    if memory.step[m] < LEAST_STEP:
+    angle = math.atan2(left, ahead) - history.first[m]
+    angle -= TURN * math.floor(angle / TURN)
+    if history.step[m] < LEAST_STEP:
         return False
-    position = int(past / memory.step[m])
-    need = r + beside + 3.5 * memory.sigma[m] + r * memory.step[m]
+    position = int(angle / history.step[m])
+    need = r + beside + 3.5 * history.sigma[m] + r * history.step[m]
     for k in range(position - 1, position + 3):
-        at = (k + memory.period[m]) % memory.period[m] if memory.period[m] > 0 else k
-        if at < 0 or at >= memory.bearings[m] or memory.r[m * memory.beams + at] < need:
+        at = (k + history.period[m]) % history.period[m] if history.period[m] > 0 else k
+        if at < 0 or at >= history.bearings[m] or history.r[m * history.beams + at] < need:
             return False
     return True
