@@ -48,7 +48,7 @@ from lidarcli.errors import OptionError
 from lidarcli.option_forms import Argument, File, Number, Option, Text
 
 if TYPE_CHECKING:
-    from lidarcli.formalism.background.model import Background
+    from lidarcli.formalism.background import Background
     from lidarcli.formalism.matching.catalogue import Catalogue
 
 AnyPath = str | PathLike[str]

@@ -15,7 +15,7 @@ from lidarcli.options import Jobs, ManyLogs, Mapping, Reading, Reported, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.map_files import Mapped
+    from lidarcli.pipeline.mapping import Mapped
 
 
 class MapCommand(ManyLogs, Reported, Jobs, Mapping, total=False):
@@ -52,8 +52,7 @@ def map(say: Messages, told: MapCommand) -> int:
     if told["voxel"] and suffixes.isdisjoint(CLOUDS):
         raise click.UsageError(f"--voxel is for a point cloud: give -o with {', '.join(CLOUDS)}")
 
-    from lidarcli.pipeline.map_files import MapRun
-    from lidarcli.pipeline.mapping import MapOptions
+    from lidarcli.pipeline.mapping import MapOptions, MapRun
     from lidarcli.pipeline.runs.outcomes import exit_code
 
     say.of_missing_core()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.tracking.results import HIDDEN, VIEWS
-from lidarcli.formalism.zones.points import samples, seen
+from lidarcli.formalism.zones import samples, seen
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice

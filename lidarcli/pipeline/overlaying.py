@@ -16,9 +16,9 @@ import numpy as np
 from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError
 from lidarcli.formalism.detection import SETS
-from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
-from lidarcli.maps.mapserver import MAP_TYPE, image_of, occupancy_cdr, read_map
+from lidarcli.maps import MAP_TYPE, image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import NewFiles, refuse, writing
 from lidarcli.overlays.files import BAG, FRAME, MAP, RRD, SUFFIXES, overlay_file, topic_name, topics_of_objects
 from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, SECOND, Markers, marker_arrays, transforms

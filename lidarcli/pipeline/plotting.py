@@ -13,8 +13,7 @@ from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import ROUND, SETS, Detection
-from lidarcli.formalism.mapping.counts import placed
-from lidarcli.formalism.mapping.occupancy import HIT
+from lidarcli.formalism.mapping.grid import HIT, placed
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice, nothing_read

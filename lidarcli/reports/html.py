@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lidarcli._version import __version__
 from lidarcli.display import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.charts import changes_chart, charts, constants, overview_chart
 from lidarcli.reports.ci import clean

@@ -8,14 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli import choices, tomlfiles
+from lidarcli import choices, maps, tomlfiles
 from lidarcli.logs import base, batches, open_log, text, unpacking
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.carmen import LASERS
 from lidarcli.logs.csv.layouts import LAYOUTS
 from lidarcli.logs.mcap import records, walk
 from lidarcli.logs.rosbag2 import database
-from lidarcli.maps import mapserver
 from lidarcli.ros import bag_metadata
 from tests.places import ROOT
 
@@ -79,11 +78,11 @@ def test_the_bounds_are_those_of_the_code() -> None:
         "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
         "damaged places that are named one by one": str(base.ReadReport.MAX_DAMAGE),
         "pixels of a map": (
-            f"one for each byte of its image; at least {mapserver.MOST_PACKED_PIXELS:,}, at most {mapserver.MOST_PIXELS:,}"
+            f"one for each byte of its image; at least {maps.MOST_PACKED_PIXELS:,}, at most {maps.MOST_PIXELS:,}"
         ),
         "numbers of files in YAML and TOML": (
             f"-{tomlfiles.LARGEST:,.0f} to {tomlfiles.LARGEST:,.0f} where nothing else is said; "
-            f"origins of maps within {mapserver.FARTHEST:,.0f} m; "
+            f"origins of maps within {maps.FARTHEST:,.0f} m; "
             f"cells of a map {1000 * choices.MAP_RESOLUTIONS[0]:g} mm to {choices.MAP_RESOLUTIONS[1]:g} m"
         ),
     }

@@ -6,15 +6,15 @@ import re
 from pathlib import Path
 
 from lidarcli import choices
-from lidarcli.formalism.mapping import counts, occupancy
-from lidarcli.maps.mapserver import FREE_THRESHOLD, OCCUPIED_THRESHOLD
-from lidarcli.pipeline import map_files, mapping
+from lidarcli.formalism.mapping import grid
+from lidarcli.maps import FREE_THRESHOLD, OCCUPIED_THRESHOLD
+from lidarcli.pipeline import mapping
 from tests.docs.constants import constants
 from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "map.md").read_text(encoding="utf-8")
-MODULES = ("mapping.counts", "mapping.occupancy")
-CODES = {f"occupancy.{name}" for name in ("UNKNOWN", "FREE", "OCCUPIED", "SKIPPED", "HIT", "CLEAR")}
+MODULES = ("mapping.grid",)
+CODES = {f"grid.{name}" for name in ("UNKNOWN", "FREE", "OCCUPIED", "SKIPPED", "HIT", "CLEAR")}
 """What a cell may be, and what a beam tells of cells."""
 
 
@@ -26,13 +26,13 @@ def test_every_constant_is_named_with_its_value() -> None:
     assert {name: round(value, 4) for name, value in told.items()} == {
         name: round(value, 4) for name, value in here.items()
     }
-    assert counts.MAP_MARGIN == occupancy.TOLERANCE == 1
-    assert counts.PAUSE_NS == 5e9
+    assert grid.MAP_MARGIN == grid.TOLERANCE == 1
+    assert grid.PAUSE_NS == 5e9
 
 
 def test_every_suffix_is_told() -> None:
     told = set(re.findall(r"`(\.\w+)`", "".join(re.findall(r"^\| (`\.[^|]*) \|", PAGE, re.MULTILINE))))
-    assert told == {*map_files.GRIDS, *map_files.WRITERS}
+    assert told == {*mapping.GRIDS, *mapping.WRITERS}
     assert {Path(f"x{suffix}").suffix for suffix in told} == told
 
 
@@ -45,5 +45,5 @@ def test_the_defaults_are_told() -> None:
     assert f"`--max-size` km² ({choices.MAX_MAP_KM2})" in PAGE
     assert f"thresholds {OCCUPIED_THRESHOLD} and {FREE_THRESHOLD}" in PAGE
     # 12 bytes a cell while counting, and one of the grid.
-    per_km2 = (counts.CELL_BYTES + 1) * 1e6 / choices.MAP_RESOLUTION**2 / 1e9
+    per_km2 = (grid.CELL_BYTES + 1) * 1e6 / choices.MAP_RESOLUTION**2 / 1e9
     assert f"{per_km2:.1f} GB for a km²" in PAGE

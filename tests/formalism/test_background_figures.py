@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.scenes.random import KINDS, SENSORS, Kind, random_scene, sensor_with
-from lidarcli.formalism.background.subtraction import Tolerance
 from lidarcli.formalism.detection import APPEARED, REMOVED
+from lidarcli.formalism.subtraction import Tolerance
 from lidarcli.simulation.entities import box, cylinder, plant, wall
 from lidarcli.simulation.scene import Course, Entity, Scene, Sensor, super_ellipse
 from lidarcli.sweeps import SweepBatch

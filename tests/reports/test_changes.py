@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.pipeline.inputs.tables import find_pairs, find_tables, table_files
 from lidarcli.pipeline.reporting import FORMATS, Made, ReportOptions, make_report, render
 from lidarcli.reports import palette

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli.formalism.detection import Detection
-from lidarcli.formalism.matching.catalogue import Catalogue, Evidence, name
-from lidarcli.formalism.matching.evidence import evidence_of
+from lidarcli.formalism.matching.catalogue import Catalogue, Evidence, evidence_of, name
 from lidarcli.formalism.tracking.results import BOX, SIZE_OUTLIER
 from lidarcli.formalism.tracking.tracks import Track, Tracklet, frame_of_legs, main_part, shape_odds
 from lidarcli.sweeps import Float64, Int64, SweepBatch, record

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, UNKNOWN
-from lidarcli.formalism.matching.evidence import rectangle, shape_likelihood
+from lidarcli.formalism.matching.catalogue import rectangle, shape_likelihood
 from lidarcli.formalism.tracking.results import BOX, END_OF_LOG, ENDED, PERSON, Tracks
 from lidarcli.sweeps import Int64
 

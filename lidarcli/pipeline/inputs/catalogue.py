@@ -5,7 +5,7 @@ from __future__ import annotations
 from os import PathLike, fspath
 
 from lidarcli.errors import OptionError
-from lidarcli.formalism.intensity import MOST_INTENSITY
+from lidarcli.formalism.detection import MOST_INTENSITY
 from lidarcli.formalism.matching.catalogue import KINDS, Catalogue, Thing
 from lidarcli.tomlfiles import Fields, read_toml
 

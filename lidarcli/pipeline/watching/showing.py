@@ -8,7 +8,7 @@ import numpy as np
 
 from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import SETS
-from lidarcli.formalism.zones.points import candidates
+from lidarcli.formalism.zones import candidates
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.sweeps import Bool, Float64, SweepBatch, SweepPoses, UInt8, record
 from lidarcli.zone import WORLD, Line, Zone, Zones, placed

@@ -10,20 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.background.model import Background, greatest_range
-from lidarcli.formalism.background.stations import (
+from lidarcli.formalism.background import (
     NO_PLACES,
     UNKNOWN_PLACE,
+    Background,
     Grid,
     Shift,
     align,
     gather,
+    greatest_range,
     joined,
     lines,
     project,
     shift,
 )
-from lidarcli.formalism.ragged import offsets_of, spans
+from lidarcli.formalism.detection import offsets_of, spans
 from lidarcli.sweeps import Bool, Float64, Int64, Status, SweepBatch, record
 
 MOST_CELLS = 1 << 24
