@@ -20,7 +20,7 @@ from lidarcli.screen import Count, Screen, byte_bar, count_bar, one_line
 from lidarcli.stores.url import blotted
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.inputs.sources import Nothing, Source
+    from lidarcli.pipeline.inputs.sources import MissingInput, Source
     from lidarcli.pipeline.reading.one_log import RunSummary
     from lidarcli.pipeline.runs.outcomes import Outcome
 
@@ -144,7 +144,7 @@ class Messages(Screen):
 
 
 @contextmanager
-def progress_bar(sources: Sequence[Source | Nothing], say: Messages) -> Iterator[Callable[[Source, int], None] | None]:
+def progress_bar(sources: Sequence[Source | MissingInput], say: Messages) -> Iterator[Callable[[Source, int], None] | None]:
     """A bar by bytes read: yields what the pipeline calls with a log and the position in it, None where nobody looks."""
     if not _is_seen(say):
         yield None
@@ -216,7 +216,7 @@ class Total:
         self._logs = 0
         self._failed = 0
         self._skipped = 0
-        self._codes: dict[Source | Nothing | None, int] = {}
+        self._codes: dict[Source | MissingInput | None, int] = {}
 
     def add(self, outcome: Outcome) -> None:
         """Take what became of one log."""
@@ -239,7 +239,7 @@ class Total:
         skipped = f", {self._skipped} done before" if self._skipped else ""
         say.info(f"{self._logs} logs{failures}{skipped}: {_counts(self._found)}")
 
-    def exit_code(self, sources: Sequence[Source | Nothing]) -> int:
+    def exit_code(self, sources: Sequence[Source | MissingInput]) -> int:
         """The first exit code that is not zero, in the order of the logs."""
         return next((code for source in sources if (code := self._codes.get(source, 0))), 0)
 

@@ -132,7 +132,7 @@ def tell_settings(ctx: click.Context) -> None:
 
 def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
     """The file's values as the default maps of all commands, as `click` nests them; all of the file is checked."""
-    from lidarcli.tomlfiles import read_toml
+    from lidarcli.configfiles import read_toml
 
     settings = read_toml(file, "settings file")
     shared = {key: value for key, value in settings.items() if not isinstance(value, Mapping)}

@@ -19,7 +19,7 @@ from lidarcli.maps.clouds import CloudWriter, ParquetWriter, PcdWriter, PlyWrite
 from lidarcli.maps.mapserver import pgm_bytes, write_occupancy_mcap, yaml_bytes
 from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.inputs.search import files_of
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, named_files
 from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
@@ -63,7 +63,7 @@ class MapRun:
         A file is there that may not be replaced.
     """
 
-    def __init__(self, sources: Sequence[Source | Nothing], outputs: Sequence[Place], options: MapOptions) -> None:
+    def __init__(self, sources: Sequence[Source | MissingInput], outputs: Sequence[Place], options: MapOptions) -> None:
         self._sources = sources
         self._options = options
         self._outputs = tuple(outputs)

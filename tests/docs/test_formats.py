@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli import choices, tomlfiles
+from lidarcli import choices
 from lidarcli.logs import base, batches, open_log, text, unpacking
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.carmen import LASERS
@@ -82,7 +82,7 @@ def test_the_bounds_are_those_of_the_code() -> None:
             f"one for each byte of its image; at least {mapserver.MOST_PACKED_PIXELS:,}, at most {mapserver.MOST_PIXELS:,}"
         ),
         "numbers of files in YAML and TOML": (
-            f"-{tomlfiles.LARGEST:,.0f} to {tomlfiles.LARGEST:,.0f} where nothing else is said; "
+            f"-{configfiles.LARGEST:,.0f} to {configfiles.LARGEST:,.0f} where nothing else is said; "
             f"origins of maps within {mapserver.FARTHEST:,.0f} m; "
             f"cells of a map {1000 * choices.MAP_RESOLUTIONS[0]:g} mm to {choices.MAP_RESOLUTIONS[1]:g} m"
         ),

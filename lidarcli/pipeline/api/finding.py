@@ -26,7 +26,7 @@ from lidarcli.pipeline.api.options import (
     with_keywords,
 )
 from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
-from lidarcli.pipeline.inputs.held import remember
+from lidarcli.pipeline.inputs.tables import with_sweeps
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.reading import notes_of
 from lidarcli.tabular.schemas import BRIEF
@@ -62,8 +62,7 @@ def detect(
         As of `read`.
     """
     made = _found(log, ("objects", "sweeps"), parameters, options, memory_of(options), progress)
-    remember(made["objects"], [made["sweeps"]])
-    return made["objects"]
+    return with_sweeps(made["objects"], made["sweeps"])
 
 
 @with_keywords
@@ -90,7 +89,7 @@ def track(
     """
     names = [*TrackTables._fields, *(["trajectories"] if options["trajectories"] else [])]
     made = _found(log, names, parameters, options, tracking_of(options), progress)
-    remember(made["objects"], [made[name] for name in names[1:]])
+    made["objects"] = with_sweeps(made["objects"], made["sweeps"])
     trajectories = made.pop("trajectories", None)
     found = TrackTables(**made)
     found.trajectories = trajectories
@@ -146,8 +145,8 @@ def tables(
     columns = options["columns"]
     if chosen := parse_names(columns) if isinstance(columns, str) else tuple(columns):
         made = narrowed(made, chosen)
+    made["objects"] = with_sweeps(made["objects"], made["sweeps"])
     frames = {name: _frame(table) for name, table in made.items()}
-    remember(frames["objects"], [frames[name] for name in names[1:]])
     trajectories = frames.pop("trajectories", None)
     found = Tables(**frames)
     found.trajectories = trajectories

@@ -31,7 +31,7 @@ from lidarcli.options import Objects, Paths
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.pose_sources import NONE, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, summed
 from lidarcli.range_rules import RangeRules, parse_no_return
@@ -127,7 +127,7 @@ def _documented(text: str, meanings: list[str]) -> str:
 
 
 @contextmanager
-def watched(progress: Progress, sources: Sequence[Source | Nothing]) -> Iterator[LogProgress | None]:
+def watched(progress: Progress, sources: Sequence[Source | MissingInput]) -> Iterator[LogProgress | None]:
     """Yield what the work on some logs calls with a log and the position in it; None where nobody wants to know."""
     if progress is True:
         with byte_bar(Screen()) as show:
@@ -169,7 +169,7 @@ def sources_of(log: Any, join: bool) -> list[Source]:
     named = paths_of(log)
     found = find_logs(named, join, warn)
     for each in found:
-        if isinstance(each, Nothing):
+        if isinstance(each, MissingInput):
             error = type(each.error)(f"{each.path}: {each.error}")
             # What was asked for has to be there; of a folder the rest is read.
             if each.path in named:

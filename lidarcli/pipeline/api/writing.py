@@ -9,7 +9,7 @@ from lidarcli.errors import warn
 from lidarcli.options import AnyPath, Exporting, Simulating, Tables, parse_names
 from lidarcli.pipeline.api.options import Progress, counting, with_keywords
 from lidarcli.pipeline.exporting import chosen, export_file, format_of
-from lidarcli.pipeline.inputs.held import tables_to_export
+from lidarcli.pipeline.inputs.tables import tables_to_export
 from lidarcli.simulation import Simulated, run
 from lidarcli.stores.url import place
 

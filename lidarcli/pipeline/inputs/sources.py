@@ -97,7 +97,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Nothing:
+class MissingInput:
     """An input in which there is no log to open, and why."""
 
     path: str

@@ -1,17 +1,464 @@
-"""Zone files: TOML, or YAML of Nav2 → `Zones`; docs/zones.md lists the keys."""
+"""Zones of Nav2: parameters of its Collision Monitor and Collision Detector → `Zones`; docs/zones.md lists them."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import reduce
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from lidarcli.configfiles import LARGEST, Fields, read_toml, read_yaml
 from lidarcli.errors import OptionError
-from lidarcli.masks import Circle, Masks, Polygon, same_name
-from lidarcli.pipeline.inputs.masks import mask_of, mounts_of, numbered, refuse_shapes, shape_of
-from lidarcli.pipeline.inputs.nav2 import LONGEST, MOST_POINTS, approach_times, read_nav2
-from lidarcli.tomlfiles import Fields, read_toml
-from lidarcli.zone import ACTIONS, COUNTS, HOLD, MIN_POINTS, SENSOR, Line, Zone, Zones, crossing_edges, on_one_line
+from lidarcli.masks import Circle, Mask, Masks, Polygon, same_name
+from lidarcli.pipeline.inputs.masks import MOST, MOST_CORNERS, mask_of, mounts_of, numbered, refuse_shapes, shape_of
+from lidarcli.sweeps import TURN
+from lidarcli.zone import (
+    ACTIONS,
+    COUNTS,
+    HOLD,
+    MIN_POINTS,
+    ROBOT,
+    SENSOR,
+    TIME_BEFORE_COLLISION,
+    TIME_STEP,
+    TIMEOUT,
+    Case,
+    Line,
+    Zone,
+    Zones,
+    crossing_edges,
+    on_one_line,
+)
+
+MOST_POINTS = 1_000_000
+"""Greatest number of points or sweeps that a zone asks for."""
+LONGEST = 3600.0
+"""Greatest time that a zone tells [s]."""
+MOST_STEPS = 1000
+"""Most times that `approach` tests."""
+_PARAMETERS = "ros__parameters"
+_SCAN = "scan"
+_SOURCES = (_SCAN, "pointcloud", "range", "polygon", "costmap")
+_LEAST_CORNERS, _LEAST_EXCLUDED = 4, 3
+_PATTERNS = 100
+_COSTMAPS = ("local_costmap", "global_costmap")
+_ROUND, _PADDING = 16, 0.01
+"""Corners of the footprint that Nav2 makes of a `robot_radius`, and by how much it widens any [m]."""
+_SHAPE_KEYS = ("type", "points", "radius", "enabled", "visualize")
+_POLYGON_KEYS = (
+    *_SHAPE_KEYS,
+    *("action_type", "min_points", "max_points", "trigger_consecutive_points", "release_consecutive_points"),
+    *("sources_names", "footprint_topic", "polygon_sub_topic", "polygon_subscribe_transient_local"),
+    *("time_before_collision", "simulation_time_step", "velocity_polygons", "holonomic"),
+    *("polygon_pub_topic", "slowdown_ratio", "linear_limit", "angular_limit"),
+)
+"""Keys that Nav2 reads; those that are for its velocities or its displays have no meaning here."""
+_CASE_KEYS = (
+    *("points", "linear_min", "linear_max", "theta_min", "theta_max"),
+    *("direction_start_angle", "direction_end_angle", "slowdown_ratio", "linear_limit", "angular_limit"),
+)
+_SOURCE_KEYS = (
+    *("type", "topic", "enabled", "source_timeout", "exclusion_zones"),
+    *("min_height", "max_height", "min_range", "max_range", "use_global_height", "transport_type"),
+    *("obstacles_angle", "sampling_distance", "cost_threshold", "treat_unknown_as_obstacle"),
+)
+_EXCLUSION_KEYS = (*_SHAPE_KEYS, "frame_id", "min_height", "max_height")
+_POINTS = re.compile(r"\s*\[(?:[\s,]*\[[^\[\]]*\])*[\s,]*\]\s*")
+_POINT = re.compile(r"\[([^\[\]]*)\]")
+
+_Named = tuple[tuple[str, ...], Any]
+"""Names that lead to a node, and its parameters."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """A source of scans."""
+
+    topic: str
+    timeout: float
+    """[s]"""
+
+
+@dataclass(slots=True)
+class _Node:
+    """A node that watches polygons."""
+
+    fields: Fields
+    namespace: str
+    """Empty, or `/name`."""
+    robot: str
+    footprint: Polygon | None
+    """That of a costmap of the same file."""
+    notes: list[str]
+    sources: dict[str, _Source | None]
+    """Name → source; None for one that is not read."""
+    masks: list[Mask]
+
+    def topic(self, name: str) -> str:
+        """Return the full name of a topic."""
+        return name if name.startswith("/") else f"{self.namespace}/{name}"
+
+    def note(self, text: str) -> None:
+        """Note a part of the file that is not used."""
+        self.notes.append(text)
+
+    def note_unknown(self, name: str, fields: Fields, known: Sequence[str]) -> None:
+        """Note keys of a table that Nav2 does not have: most often they are misspelt."""
+        for key in map(str, fields.values):
+            if key not in known:
+                near = get_close_matches(key, known, 1)
+                hint = f"; did you mean '{near[0]}'?" if near else ""
+                self.note(f"{name}: unknown key '{key}' is not used{hint}")
+
+
+def read_nav2(file: str) -> Zones:
+    """Read the zones of every node that has `polygons`; exclusion zones are masks.
+
+    Raises
+    ------
+    UnreadableError
+        There is no such file, or it is no YAML.
+    OptionError
+        It has no such node, or one that Nav2 would refuse; two nodes differ about the frame of the robot; or none of
+        the polygons can be judged.
+    """
+    zones: list[Zone] = []
+    masks: list[Mask] = []
+    notes: list[str] = []
+    robot = ""
+    nodes = [*_nodes(read_yaml(file, "zone file"), ())]
+    if sum(_is_pattern(names) for names, _ in nodes) > _PATTERNS:
+        raise OptionError(f"{file}: more than {_PATTERNS} names of nodes with *")
+    footprint = _footprint(file, nodes)
+    for path, parameters in _monitors(nodes):
+        fields = Fields(file, "/".join(path) or "the file", parameters)
+        base = fields.text("base_frame_id", "base_footprint")
+        if robot and not same_name(robot, base):
+            fields.fail("base_frame_id", f"is {base}, of another node {robot}: leave one out")
+        robot = robot or base
+        node = _Node(fields, _namespace(path), base, footprint, notes, {}, masks)
+        _read_sources(node)
+        zones += _zones(node)
+    if not robot:
+        raise OptionError(f"{file}: no node with {_PARAMETERS} that has 'polygons': no zones of Nav2")
+    if not zones:
+        raise OptionError(f"{file}: none of the polygons can be judged: {'; '.join(notes)}")
+    return Zones(tuple(zones), Masks(tuple(masks)), tuple(f"{file}: {note}" for note in notes), robot)
+
+
+def approach_times(fields: Fields) -> tuple[float, float]:
+    """Return how far ahead `approach` looks, and in which steps [s]."""
+    ahead = fields.number("time_before_collision", TIME_BEFORE_COLLISION, low=0, high=LONGEST)
+    step = fields.number("simulation_time_step", TIME_STEP, above=0, high=LONGEST)
+    if ahead > MOST_STEPS * step:
+        fields.fail(
+            "simulation_time_step", f"must be at least {ahead / MOST_STEPS:g}: no more than {MOST_STEPS:,} times are tested"
+        )
+    return ahead, step
+
+
+def _nodes(values: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[_Named]:
+    """Yield the parameters of nodes, wherever they are, with the names that lead to them."""
+    for name, value in values.items():
+        if not isinstance(value, dict):
+            continue
+        if name == _PARAMETERS:
+            yield tuple(part for part in "/".join(path).split("/") if part), value
+        else:
+            yield from _nodes(value, (*path, name))
+
+
+def _monitors(nodes: Sequence[_Named]) -> Iterator[_Named]:
+    """Yield the parameters of nodes that watch polygons; what is told of names with * counts where the node tells nothing.
+
+    A name with * is a node of its own where no other one takes its polygons.
+    """
+    taken: list[Any] = []
+    for path, own in sorted(nodes, key=lambda node: _is_pattern(node[0])):
+        merged, shared = _merged(path, own, nodes)
+        watched = merged.get("polygons")
+        names = map(str, watched) if isinstance(watched, list) else ()
+        telling = {"polygons", "observation_sources", *names}
+        if watched is not None and telling & {*own} and not any(own is each for each in taken):
+            taken += shared
+            yield path, merged
+
+
+def _merged(path: tuple[str, ...], own: Any, nodes: Sequence[_Named]) -> tuple[dict[str, Any], list[Any]]:
+    """Return the parameters of a node with those of the names with * that are its own, too, and these."""
+    name = [part for part in path if "*" not in part]
+    patterns = [(names, each) for names, each in nodes if each is not own and _is_pattern(names)]
+    shared = [each for names, each in patterns if _matches(names, name)]
+    return reduce(_over, (*shared, own), {}), shared
+
+
+def _over(base: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
+    """Return parameters of both, where both tell one the second."""
+    both = {
+        name: _over(base[name], value)
+        for name, value in more.items()
+        if isinstance(value, dict) and isinstance(base.get(name), dict)
+    }
+    return base | more | both
+
+
+def _is_pattern(names: Sequence[str]) -> bool:
+    return any("*" in name for name in names)
+
+
+def _matches(pattern: Sequence[str], names: Sequence[str]) -> bool:
+    """Tell whether a name with * is that of a node: `**` stands for any names, also none, and `*` for one.
+
+    >>> [_matches(pattern, ["robot1", "monitor"]) for pattern in (["**"], ["**", "monitor"], ["*", "monitor"], ["*"])]
+    [True, True, True, False]
+    """
+    ends = {0}
+    for part in pattern:
+        if part == "**":
+            ends = {*range(min(ends, default=len(names) + 1), len(names) + 1)}
+        else:
+            ends = {at + 1 for at in ends if at < len(names) and part in ("*", names[at])}
+    return len(names) in ends
+
+
+def _footprint(file: str, nodes: Sequence[_Named]) -> Polygon | None:
+    """Return the footprint that the costmap of the file publishes, the local one first; None where it tells none."""
+    for costmap in _COSTMAPS:
+        for path, own in nodes:
+            if path[-1:] != (costmap,):
+                continue
+            fields = Fields(file, "/".join(path), _merged(path, own, nodes)[0])
+            if not {"footprint", "robot_radius"} & {*fields.values}:
+                continue
+            told = fields.values.get("footprint")
+            if isinstance(told, str) and told.strip() not in ("", "[]"):
+                corners = np.array(_of_text(fields, told, "footprint"))
+            else:
+                around = np.arange(_ROUND) * (TURN / _ROUND)
+                circle = np.column_stack([np.cos(around), np.sin(around)])
+                corners = fields.number("robot_radius", above=0) * circle
+            padding = fields.number("footprint_padding", _PADDING, low=0, high=LARGEST)
+            corners = np.round(corners, 9) + padding * np.sign(np.round(corners, 9))
+            if len(corners) >= _LEAST_EXCLUDED:
+                return Polygon(tuple((float(x), float(y)) for x, y in corners))
+    return None
+
+
+def _namespace(path: tuple[str, ...]) -> str:
+    """Return the namespace of a node.
+
+    >>> [_namespace(path) for path in (("collision_monitor",), ("robot1", "monitor"), ("**",))]
+    ['', '/robot1', '']
+    """
+    names = [name for name in path if "*" not in name]
+    return "".join(f"/{name}" for name in names[:-1])
+
+
+def _read_sources(node: _Node) -> None:
+    """Read what the node observes."""
+    fields = node.fields
+    if not fields.has("observation_sources"):
+        node.note("no observation_sources: every scan topic counts")
+        return
+    timeout = _timeout(fields)
+    unread = []
+    for name in _names(fields, "observation_sources"):
+        source = fields.table(name)
+        kind = source.text("type", _SCAN, _SOURCES)
+        node.sources[name] = None
+        if not source.flag("enabled", True):
+            node.note(f"source {name} is not enabled: it does not count")
+        elif kind != _SCAN:
+            unread.append(f"{name} ({kind})")
+        else:
+            node.note_unknown(f"source {name}", source, _SOURCE_KEYS)
+            told = source.number("source_timeout", timeout, low=0, high=LONGEST)
+            node.sources[name] = _Source(node.topic(source.text("topic", "scan")), told)
+            _read_exclusions(node, source, node.topic(source.text("topic", "scan")))
+    if unread:
+        node.note(f"only scans are read, not {', '.join(unread)}: the list of events is incomplete")
+
+
+def _read_exclusions(node: _Node, source: Fields, topic: str) -> None:
+    """Read the areas in which the points of a source do not count."""
+    if not source.has("exclusion_zones"):
+        return
+    for name in _names(source, "exclusion_zones"):
+        fields = node.fields.table(name)
+        node.note_unknown(f"exclusion zone {name}", fields, _EXCLUSION_KEYS)
+        kind = fields.text("type", "polygon", ("polygon", "circle"))
+        shape: Circle | Polygon
+        if kind == "circle":
+            shape = Circle(0.0, 0.0, fields.number("radius", above=0))
+        else:
+            shape = _polygon(fields, _LEAST_EXCLUDED)
+        if not fields.flag("enabled", False):
+            node.note(f"exclusion zone {name} is not enabled, which is the default: its points count")
+            continue
+        if fields.has("min_height", "max_height"):
+            node.note(f"exclusion zone {name} has heights, which are not used: it is taken at every height")
+        frame = fields.values.get("frame_id") or node.robot
+        if not isinstance(frame, str):
+            fields.fail("frame_id", "must be a text")
+        node.masks.append(Mask(shape, topic, ROBOT if same_name(frame, node.robot) else frame))
+
+
+def _zones(node: _Node) -> Iterator[Zone]:
+    """Yield the zones of a node that can be judged."""
+    fields = node.fields
+    working = fields.flag("enabled", True)
+    if not working:
+        node.note(f"{fields.place} is not enabled: its polygons are not judged")
+    for name in _names(fields, "polygons"):
+        polygon = fields.table(name)
+        zone = _nav2_zone(node, polygon, name)
+        if not polygon.flag("enabled", True):
+            node.note(f"{name} is not enabled: it is not judged")
+        elif node.sources and not zone.topics:
+            node.note(f"{name} has no source of scans: it is not judged")
+        elif working:
+            yield zone
+
+
+def _nav2_zone(node: _Node, polygon: Fields, name: str) -> Zone:
+    kind = polygon.text("type", None, ("polygon", "circle", "velocity_polygon"))
+    action = polygon.text("action_type", None, ACTIONS)
+    shape: Circle | Polygon | None = None
+    cases: tuple[Case, ...] = ()
+    shape_topic = ""
+    inner = _names(polygon, "velocity_polygons") if kind == "velocity_polygon" else ()
+    node.note_unknown(name, polygon, (*_POLYGON_KEYS, *inner))
+    if kind == "circle":
+        shape = Circle(0.0, 0.0, polygon.number("radius", above=0))
+    elif kind == "velocity_polygon":
+        cases = tuple(_cases(node, polygon, name))
+    elif polygon.has("points"):
+        shape = _polygon(polygon, _LEAST_CORNERS)
+        _note_crossing(node, name, shape)
+    elif action == "approach":
+        shape_topic = polygon.text("footprint_topic", "local_costmap/published_footprint")
+    elif polygon.has("polygon_sub_topic"):
+        shape_topic = polygon.text("polygon_sub_topic")
+    else:
+        polygon.fail("points", "is missing, and so is 'polygon_sub_topic'")
+    ahead, step = approach_times(polygon) if action == "approach" else (TIME_BEFORE_COLLISION, TIME_STEP)
+    topics, timeout = _topics(node, polygon, name)
+    return Zone(
+        name=name,
+        shape=shape,
+        frame=ROBOT,
+        action=action,  # type: ignore[arg-type]
+        min_points=_least_points(polygon),
+        trigger=1 if action == "approach" else _consecutive(polygon, "trigger"),
+        release=1 if action == "approach" else _consecutive(polygon, "release"),
+        topics=topics,
+        timeout=timeout,
+        cases=cases,
+        shape_topic=shape_topic and node.topic(shape_topic),
+        footprint=node.footprint if shape_topic and action == "approach" else None,
+        velocity_topic=node.topic(node.fields.text("cmd_vel_in_topic", "cmd_vel_smoothed")),
+        time_before_collision=ahead,
+        time_step=step,
+    )
+
+
+def _consecutive(polygon: Fields, kind: str) -> int:
+    """Return after how many in a row the action begins or ends; `approach` has no such delay."""
+    return polygon.whole(f"{kind}_consecutive_points", 1, low=1, high=MOST_POINTS)
+
+
+def _least_points(polygon: Fields) -> int:
+    least = polygon.whole("min_points", MIN_POINTS, low=1, high=MOST_POINTS)
+    if polygon.has("max_points"):
+        return polygon.whole("max_points", low=0, high=MOST_POINTS) + 1
+    return least
+
+
+def _topics(node: _Node, polygon: Fields, name: str) -> tuple[tuple[str, ...], float]:
+    """Return the scan topics of a polygon, and from which age on their sweeps do not count [s]."""
+    names = _names(polygon, "sources_names") if polygon.has("sources_names") else list(node.sources)
+    if node.sources and (unknown := [each for each in names if each not in node.sources]):
+        polygon.fail("sources_names", f"has '{unknown[0]}', which is not in observation_sources")
+    sources = [source for each in names if (source := node.sources.get(each)) is not None]
+    topics = tuple(dict.fromkeys(source.topic for source in sources))
+    timeouts = sorted({source.timeout or math.inf for source in sources} or {_timeout(node.fields)})
+    if len(timeouts) > 1 and polygon.flag("enabled", True):
+        node.note(f"{name}: the shortest source_timeout of its sources, {timeouts[0]:g} s, is taken for all of them")
+    return topics, timeouts[0] if math.isfinite(timeouts[0]) else 0.0
+
+
+def _timeout(fields: Fields) -> float:
+    return fields.number("source_timeout", TIMEOUT, low=0, high=LONGEST)
+
+
+def _cases(node: _Node, polygon: Fields, name: str) -> Iterator[Case]:
+    """Yield the polygons of a velocity polygon."""
+    holonomic = polygon.flag("holonomic", False)
+    for case in _names(polygon, "velocity_polygons"):
+        fields = polygon.table(case)
+        node.note_unknown(f"{name}.{case}", fields, _CASE_KEYS)
+        shape = _polygon(fields, _LEAST_CORNERS)
+        _note_crossing(node, f"{name}.{case}", shape)
+        direction = None
+        if holonomic:
+            direction = (fields.number("direction_start_angle", -math.pi), fields.number("direction_end_angle", math.pi))
+        linear = fields.number("linear_min"), fields.number("linear_max")
+        yield Case(case, shape, linear, (fields.number("theta_min"), fields.number("theta_max")), direction)
+
+
+def _note_crossing(node: _Node, name: str, shape: Polygon) -> None:
+    if (crossing := crossing_edges(shape)) is not None:
+        node.note(
+            f"{name} crosses or touches itself (edges {crossing[0]} and {crossing[1]}): only what the even-odd "
+            "rule calls inside counts, as in Nav2"
+        )
+
+
+def _names(fields: Fields, key: str) -> list[str]:
+    """Return a list of names."""
+    names = [str(name) for name in fields.items(key, 1, MOST) if isinstance(name, str) and name]
+    if len(names) < len(fields.items(key, 1, MOST)):
+        fields.fail(key, "must be a list of names")
+    return names
+
+
+def _polygon(fields: Fields, least: int) -> Polygon:
+    """Return the polygon of `points`: text "[[x, y], ...]", or x and y in turns as up to Iron."""
+    given = fields.values.get("points")
+    if isinstance(given, str):
+        corners = _of_text(fields, given)
+    elif isinstance(given, list) and len(given) % 2 == 0 and not any(isinstance(each, list) for each in given):
+        numbers = fields.numbers("points", above=-LARGEST, high=LARGEST) if given else []
+        corners = list(zip(numbers[::2], numbers[1::2], strict=True))
+    else:
+        fields.has("points")
+        fields.fail("points", 'must be a text as "[[0.5, 0.3], [0.5, -0.3], [0.0, -0.3], [0.0, 0.3]]"')
+    if not least <= len(corners) <= MOST_CORNERS:
+        fields.fail("points", f"must be {least} to {MOST_CORNERS} corners, not {len(corners)}")
+    return Polygon(tuple(corners))
+
+
+def _of_text(fields: Fields, text: str, key: str = "points") -> list[tuple[float, float]]:
+    """Return the corners that a text tells, each number rounded to a float32 as Nav2 does."""
+    corners = []
+    for corner in _POINT.findall(text) if _POINTS.fullmatch(text) else [""]:
+        try:
+            numbers = [float(part) for part in corner.replace(",", " ").split()]
+        except ValueError:
+            numbers = []
+        if len(numbers) != 2:
+            fields.fail(key, 'must be pairs of numbers as "[[0.5, 0.3], [0.5, -0.3], ...]"')
+        if not all(abs(number) <= LARGEST for number in numbers):
+            fields.fail(key, f"must hold finite numbers between {-LARGEST:g} and {LARGEST:g}")
+        corners.append((float(np.float32(numbers[0])), float(np.float32(numbers[1]))))
+    return corners
+
 
 SHAPES = ("polygon", "circle", "line")
 _APPROACH_KEYS = ("time_before_collision", "simulation_time_step")
