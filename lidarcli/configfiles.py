@@ -286,20 +286,20 @@ def read_yaml(file: str, what: str) -> dict[str, Any]:
     return values
 
 
-def _value(file: str, node: Node, seen: set[int], depth: int) -> Any:
+def _value(file: str, node: Node, above: set[int], depth: int) -> Any:
     """Return the value of a node."""
     from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 
     place = f"{file}: line {node.start_mark.line + 1}"
-    if id(node) in seen:
+    if id(node) in above:
         raise UnreadableError(f"{place}: an anchor that is used twice, which ROS does not know")
     if depth > MAX_DEPTH:
         raise UnreadableError(f"{place}: more than {MAX_DEPTH} levels")
-    seen.add(id(node))
+    above.add(id(node))
     if isinstance(node, ScalarNode):
         return _scalar(node)
     if isinstance(node, SequenceNode):
-        return [_value(file, item, seen, depth + 1) for item in node.value]
+        return [_value(file, item, above, depth + 1) for item in node.value]
     assert isinstance(node, MappingNode)
     values: dict[str, Any] = {}
     for key, value in node.value:
@@ -308,7 +308,7 @@ def _value(file: str, node: Node, seen: set[int], depth: int) -> Any:
             raise UnreadableError(f"{place}: a key that is no name")
         if name in values:
             raise UnreadableError(f"{file}: line {key.start_mark.line + 1}: key '{name}' is there twice")
-        values[name] = _value(file, value, seen, depth + 1)
+        values[name] = _value(file, value, above, depth + 1)
     return values
 
 
@@ -334,7 +334,7 @@ def _scalar(node: ScalarNode) -> Any:
 def _reason(err: Exception) -> str:
     """Return the cause that a parser tells, in one line, with the place."""
     mark = getattr(err, "problem_mark", None)
-    told = [text for name in ("context", "problem") if (text := getattr(err, name, None))]
-    if mark is None or not told:
+    given = [text for name in ("context", "problem") if (text := getattr(err, name, None))]
+    if mark is None or not given:
         return " ".join(str(err).split()) or type(err).__name__
-    return f"line {mark.line + 1}: {', '.join(told)}"
+    return f"line {mark.line + 1}: {', '.join(given)}"

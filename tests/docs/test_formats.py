@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli import choices
+from lidarcli import choices, configfiles
 from lidarcli.logs import base, batches, open_log, text, unpacking
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.carmen import LASERS

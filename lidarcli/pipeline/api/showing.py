@@ -13,6 +13,7 @@ from lidarcli.errors import OptionError, warn
 from lidarcli.formalism import Parameters
 from lidarcli.newfiles import refuse, write_whole
 from lidarcli.options import (
+    PLOT_RULES,
     AnyPath,
     Changed,
     Delay,
@@ -55,7 +56,7 @@ HEIGHT = 720
 """Height of the report in a notebook [px]."""
 
 
-@with_keywords
+@with_keywords(PLOT_RULES)
 def plot(
     log: Paths | SweepBatch,
     sweep: int = 0,

@@ -114,11 +114,11 @@ def mounts_of(tables: Sequence[Fields]) -> tuple[Mount, ...]:
     if left:
         parents = {frame: (parent, number) for number, (frame, parent) in left.items()}
         here = next(iter(parents))
-        way: list[str] = []
-        while here not in way:
-            way.append(here)
+        chain: list[str] = []
+        while here not in chain:
+            chain.append(here)
             here = parents[here][0]
-        circle = " > ".join([*way[way.index(here) :], here])
+        circle = " > ".join([*chain[chain.index(here) :], here])
         tables[parents[here][1]].fail("parent", f"leads back to the frame itself: {circle}")
     return mounts
 
@@ -153,7 +153,7 @@ def plain(masks: Masks) -> dict[str, list[dict[str, Any]]]:
             for mount in masks.mounts
         ],
     }
-    return {kind: told for kind, told in tables.items() if told}
+    return {kind: table for kind, table in tables.items() if table}
 
 
 def _mask_table(mask: Mask) -> dict[str, Any]:
@@ -164,8 +164,8 @@ def _mask_table(mask: Mask) -> dict[str, Any]:
         case Polygon(corners):
             return names | {"polygon": [[_short(x), _short(y)] for x, y in corners]}
         case Sector(begin, end, nearest, farthest):
-            told = {"from": math.degrees(begin), "to": math.degrees(end), "nearest": nearest, "farthest": farthest}
-            return names | {"sector": {key: _short(value) for key, value in told.items()}}
+            table = {"from": math.degrees(begin), "to": math.degrees(end), "nearest": nearest, "farthest": farthest}
+            return names | {"sector": {key: _short(value) for key, value in table.items()}}
 
 
 def mask_text(masks: Masks, proposed: Masks) -> str:

@@ -188,7 +188,7 @@ def _search(folder: Path, left: Counter[str] | None) -> list[Source | MissingInp
 
     Links are followed; a folder that was seen already is not entered again.
     """
-    seen: set[tuple[int, int]] = set()
+    visited: set[tuple[int, int]] = set()
     found: dict[Path, Source | MissingInput] = {}
 
     def unreadable(err: OSError, cannot: str = "cannot be searched") -> None:
@@ -211,10 +211,10 @@ def _search(folder: Path, left: Counter[str] | None) -> list[Source | MissingInp
         except OSError as err:
             unreadable(err)
             continue
-        if (known.st_dev, known.st_ino) in seen:
+        if (known.st_dev, known.st_ino) in visited:
             folders.clear()
             continue
-        seen.add((known.st_dev, known.st_ino))
+        visited.add((known.st_dev, known.st_ino))
         # Hidden files are no logs: macOS puts a `._run.bag` beside every `run.bag` on foreign disks.
         shut = [at / name for name in folders if name.startswith(".")]
         folders[:] = sorted(name for name in folders if not name.startswith("."))
@@ -270,13 +270,13 @@ def _pattern(text: str) -> Iterator[Source | MissingInput]:
 def _keyed(pattern: str, found: Iterable[Source | MissingInput]) -> Iterator[Source | MissingInput]:
     """Yield the logs of a pattern, named by their places below its part without signs, which keeps names apart."""
     base = fixed_part(pattern)
-    seen: set[str] = set()
+    visited: set[str] = set()
     for source in found:
         # `**` names a folder and what is in it.
         above = {str(parent) for parent in PurePath(source.path).parents}
-        if source.path in seen or any(path in seen and Path(path).is_dir() for path in above):
+        if source.path in visited or any(path in visited and Path(path).is_dir() for path in above):
             continue
-        seen.add(source.path)
+        visited.add(source.path)
         if isinstance(source, Source) and not PurePath(source.name).parent.parts:
             below = os.path.relpath(source.path, base or ".")
             name = PurePath(below).with_name(source.name).as_posix()
@@ -379,10 +379,10 @@ def _matching(text: str, pattern: Url) -> list[Source | MissingInput]:
 def _source(url: Url, name: str, objects: Objects) -> Source | MissingInput:
     """Return an object as a log, unless its URL reads like one with options."""
     try:
-        is_told = place(str(url)) == url
+        is_same = place(str(url)) == url
     except OptionError:
-        is_told = False
-    if not is_told:
+        is_same = False
+    if not is_same:
         return _odd(url, "has an empty part (//)" if "//" in url.key else "reads like the options of a URL")
     return Source(str(url), name, found=objects[url])
 
@@ -534,14 +534,14 @@ def joined(parts: Sequence[Source]) -> Source:
     """
     if len(parts) < 2:
         return parts[0]
-    seen: set[str] = set()
+    visited: set[str] = set()
     for part in parts:
         if part.is_stdin:
             raise OptionError("--join opens logs more than once: give the name of a file instead of -")
         where = part.path if is_url(part.path) else os.path.realpath(part.path)
-        if where in seen:
+        if where in visited:
             raise OptionError(f"--join: {part.path} is named twice")
-        seen.add(where)
+        visited.add(where)
     ordered = sorted(parts, key=lambda part: natural(part.path))
     names = [numbered(part.name) for part in ordered]
     is_split = names[0] is not None and len({name.stem if name else None for name in names}) == 1

@@ -268,8 +268,8 @@ def read_tracks(table_set: TableSet, objects: pa.Table, columns: Iterable[str]) 
     if not table_set.tracks.exists():
         return None
     tracks = read_table(table_set, "tracks", {"topic", "track", *columns})
-    known, seen = _numbers(tracks), _numbers(objects)
-    if (known and not seen) or not seen <= known:
+    known, used = _numbers(tracks), _numbers(objects)
+    if (known and not used) or not used <= known:
         raise UnreadableError(
             f"{table_set.tracks}: does not belong to {table_set.objects.name}, whose tracks are others; "
             "write both again with lidarcli track"
@@ -358,12 +358,12 @@ def poses_of(described: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the poses of each sensor frame, at least with their `world`, in what metadata say of a log."""
     poses = described.get("poses")
     found = poses.items() if isinstance(poses, dict) else ()
-    return {frame: way for frame, way in found if isinstance(way, dict) and "world" in way}
+    return {frame: pose for frame, pose in found if isinstance(pose, dict) and "world" in pose}
 
 
-def world_in(way: Mapping[str, Any], topic: str) -> str:
+def world_in(description: Mapping[str, Any], topic: str) -> str:
     """Return the fixed frame of a topic by the description of the poses of its sensor; empty where nobody tells."""
-    world = way.get("world")
+    world = description.get("world")
     world = world.get(topic) if isinstance(world, dict) else world
     return world.strip("/") if isinstance(world, str) else ""
 

@@ -182,17 +182,17 @@ def _found(
     log: Any,
     tables: Sequence[str],
     parameters: Parameters | None,
-    told: Values,
+    options: Values,
     tracking: TrackOptions | None,
     progress: Progress,
 ) -> dict[str, pa.Table]:
     """Some tables of logs or of batches, by their names."""
-    options = detect_options(told, log_options(told), tracking, parameters)
+    how = detect_options(options, log_options(options), tracking, parameters)
     items: Iterator[Any] = iter([log] if isinstance(log, str | PathLike | SweepBatch) else log)
     first = next(items, None)
     if not isinstance(first, SweepBatch):
-        sources = sources_of([] if first is None else [first, *items], told["join"])
+        sources = sources_of([] if first is None else [first, *items], options["join"])
         with watched(progress, sources) as report:
-            return of_logs(sources, tables, options, report)
-    refuse_reading({**told, "progress": progress or None}, Reading, "jobs", "progress")
-    return of_batches(chain([first], items), tables, options)
+            return of_logs(sources, tables, how, report)
+    refuse_reading({**options, "progress": progress or None}, Reading, "jobs", "progress")
+    return of_batches(chain([first], items), tables, how)
