@@ -6,8 +6,6 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
-from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,6 @@ from lidarcli.configfiles import LARGEST, Fields, read_toml, read_yaml
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle, Mask, Masks, Polygon, same_name
 from lidarcli.pipeline.inputs.masks import MOST, MOST_CORNERS, mask_of, mounts_of, numbered, refuse_shapes, shape_of
-from lidarcli.sweeps import TURN
 from lidarcli.zone import (
     ACTIONS,
     COUNTS,
@@ -46,29 +43,7 @@ _PARAMETERS = "ros__parameters"
 _SCAN = "scan"
 _SOURCES = (_SCAN, "pointcloud", "range", "polygon", "costmap")
 _LEAST_CORNERS, _LEAST_EXCLUDED = 4, 3
-_PATTERNS = 100
-_COSTMAPS = ("local_costmap", "global_costmap")
-_ROUND, _PADDING = 16, 0.01
-"""Corners of the footprint that Nav2 makes of a `robot_radius`, and by how much it widens any [m]."""
-_SHAPE_KEYS = ("type", "points", "radius", "enabled", "visualize")
-_POLYGON_KEYS = (
-    *_SHAPE_KEYS,
-    *("action_type", "min_points", "max_points", "trigger_consecutive_points", "release_consecutive_points"),
-    *("sources_names", "footprint_topic", "polygon_sub_topic", "polygon_subscribe_transient_local"),
-    *("time_before_collision", "simulation_time_step", "velocity_polygons", "holonomic"),
-    *("polygon_pub_topic", "slowdown_ratio", "linear_limit", "angular_limit"),
-)
-"""Keys that Nav2 reads; those that are for its velocities or its displays have no meaning here."""
-_CASE_KEYS = (
-    *("points", "linear_min", "linear_max", "theta_min", "theta_max"),
-    *("direction_start_angle", "direction_end_angle", "slowdown_ratio", "linear_limit", "angular_limit"),
-)
-_SOURCE_KEYS = (
-    *("type", "topic", "enabled", "source_timeout", "exclusion_zones"),
-    *("min_height", "max_height", "min_range", "max_range", "use_global_height", "transport_type"),
-    *("obstacles_angle", "sampling_distance", "cost_threshold", "treat_unknown_as_obstacle"),
-)
-_EXCLUSION_KEYS = (*_SHAPE_KEYS, "frame_id", "min_height", "max_height")
+_ALL_NODES = ("**",)
 _POINTS = re.compile(r"\s*\[(?:[\s,]*\[[^\[\]]*\])*[\s,]*\]\s*")
 _POINT = re.compile(r"\[([^\[\]]*)\]")
 
@@ -93,8 +68,6 @@ class _Node:
     namespace: str
     """Empty, or `/name`."""
     robot: str
-    footprint: Polygon | None
-    """That of a costmap of the same file."""
     notes: list[str]
     sources: dict[str, _Source | None]
     """Name → source; None for one that is not read."""
@@ -107,14 +80,6 @@ class _Node:
     def note(self, text: str) -> None:
         """Note a part of the file that is not used."""
         self.notes.append(text)
-
-    def note_unknown(self, name: str, fields: Fields, known: Sequence[str]) -> None:
-        """Note keys of a table that Nav2 does not have: most often they are misspelt."""
-        for key in map(str, fields.values):
-            if key not in known:
-                near = get_close_matches(key, known, 1)
-                hint = f"; did you mean '{near[0]}'?" if near else ""
-                self.note(f"{name}: unknown key '{key}' is not used{hint}")
 
 
 def read_nav2(file: str) -> Zones:
@@ -132,17 +97,13 @@ def read_nav2(file: str) -> Zones:
     masks: list[Mask] = []
     notes: list[str] = []
     robot = ""
-    nodes = [*_nodes(read_yaml(file, "zone file"), ())]
-    if sum(_is_pattern(names) for names, _ in nodes) > _PATTERNS:
-        raise OptionError(f"{file}: more than {_PATTERNS} names of nodes with *")
-    footprint = _footprint(file, nodes)
-    for path, parameters in _monitors(nodes):
+    for path, parameters in _monitors([*_nodes(read_yaml(file, "zone file"), ())]):
         fields = Fields(file, "/".join(path) or "the file", parameters)
         base = fields.text("base_frame_id", "base_footprint")
         if robot and not same_name(robot, base):
             fields.fail("base_frame_id", f"is {base}, of another node {robot}: leave one out")
         robot = robot or base
-        node = _Node(fields, _namespace(path), base, footprint, notes, {}, masks)
+        node = _Node(fields, _namespace(path), base, notes, {}, masks)
         _read_sources(node)
         zones += _zones(node)
     if not robot:
@@ -175,79 +136,20 @@ def _nodes(values: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[_Named]
 
 
 def _monitors(nodes: Sequence[_Named]) -> Iterator[_Named]:
-    """Yield the parameters of nodes that watch polygons; what is told of names with * counts where the node tells nothing.
+    """Yield the parameters of nodes that watch polygons; those of `/**` count where a node tells nothing.
 
-    A name with * is a node of its own where no other one takes its polygons.
+    `/**` is a node of its own where no other one has polygons.
     """
-    taken: list[Any] = []
-    for path, own in sorted(nodes, key=lambda node: _is_pattern(node[0])):
-        merged, shared = _merged(path, own, nodes)
-        watched = merged.get("polygons")
-        names = map(str, watched) if isinstance(watched, list) else ()
-        telling = {"polygons", "observation_sources", *names}
-        if watched is not None and telling & {*own} and not any(own is each for each in taken):
-            taken += shared
-            yield path, merged
-
-
-def _merged(path: tuple[str, ...], own: Any, nodes: Sequence[_Named]) -> tuple[dict[str, Any], list[Any]]:
-    """Return the parameters of a node with those of the names with * that are its own, too, and these."""
-    name = [part for part in path if "*" not in part]
-    patterns = [(names, each) for names, each in nodes if each is not own and _is_pattern(names)]
-    shared = [each for names, each in patterns if _matches(names, name)]
-    return reduce(_over, (*shared, own), {}), shared
-
-
-def _over(base: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
-    """Return parameters of both, where both tell one the second."""
-    both = {
-        name: _over(base[name], value)
-        for name, value in more.items()
-        if isinstance(value, dict) and isinstance(base.get(name), dict)
-    }
-    return base | more | both
-
-
-def _is_pattern(names: Sequence[str]) -> bool:
-    return any("*" in name for name in names)
-
-
-def _matches(pattern: Sequence[str], names: Sequence[str]) -> bool:
-    """Tell whether a name with * is that of a node: `**` stands for any names, also none, and `*` for one.
-
-    >>> [_matches(pattern, ["robot1", "monitor"]) for pattern in (["**"], ["**", "monitor"], ["*", "monitor"], ["*"])]
-    [True, True, True, False]
-    """
-    ends = {0}
-    for part in pattern:
-        if part == "**":
-            ends = {*range(min(ends, default=len(names) + 1), len(names) + 1)}
-        else:
-            ends = {at + 1 for at in ends if at < len(names) and part in ("*", names[at])}
-    return len(names) in ends
-
-
-def _footprint(file: str, nodes: Sequence[_Named]) -> Polygon | None:
-    """Return the footprint that the costmap of the file publishes, the local one first; None where it tells none."""
-    for costmap in _COSTMAPS:
-        for path, own in nodes:
-            if path[-1:] != (costmap,):
-                continue
-            fields = Fields(file, "/".join(path), _merged(path, own, nodes)[0])
-            if not {"footprint", "robot_radius"} & {*fields.values}:
-                continue
-            told = fields.values.get("footprint")
-            if isinstance(told, str) and told.strip() not in ("", "[]"):
-                corners = np.array(_of_text(fields, told, "footprint"))
-            else:
-                around = np.arange(_ROUND) * (TURN / _ROUND)
-                circle = np.column_stack([np.cos(around), np.sin(around)])
-                corners = fields.number("robot_radius", above=0) * circle
-            padding = fields.number("footprint_padding", _PADDING, low=0, high=LARGEST)
-            corners = np.round(corners, 9) + padding * np.sign(np.round(corners, 9))
-            if len(corners) >= _LEAST_EXCLUDED:
-                return Polygon(tuple((float(x), float(y)) for x, y in corners))
-    return None
+    shared: dict[str, Any] = {}
+    for path, parameters in nodes:
+        if path == _ALL_NODES:
+            shared |= parameters
+    found = [
+        (path, shared | parameters)
+        for path, parameters in nodes
+        if path != _ALL_NODES and not parameters.keys().isdisjoint({"polygons", "observation_sources"})
+    ]
+    yield from [each for each in found if "polygons" in each[1]] or ([(_ALL_NODES, shared)] if "polygons" in shared else [])
 
 
 def _namespace(path: tuple[str, ...]) -> str:
@@ -277,7 +179,6 @@ def _read_sources(node: _Node) -> None:
         elif kind != _SCAN:
             unread.append(f"{name} ({kind})")
         else:
-            node.note_unknown(f"source {name}", source, _SOURCE_KEYS)
             told = source.number("source_timeout", timeout, low=0, high=LONGEST)
             node.sources[name] = _Source(node.topic(source.text("topic", "scan")), told)
             _read_exclusions(node, source, node.topic(source.text("topic", "scan")))
@@ -291,7 +192,6 @@ def _read_exclusions(node: _Node, source: Fields, topic: str) -> None:
         return
     for name in _names(source, "exclusion_zones"):
         fields = node.fields.table(name)
-        node.note_unknown(f"exclusion zone {name}", fields, _EXCLUSION_KEYS)
         kind = fields.text("type", "polygon", ("polygon", "circle"))
         shape: Circle | Polygon
         if kind == "circle":
@@ -332,8 +232,6 @@ def _nav2_zone(node: _Node, polygon: Fields, name: str) -> Zone:
     shape: Circle | Polygon | None = None
     cases: tuple[Case, ...] = ()
     shape_topic = ""
-    inner = _names(polygon, "velocity_polygons") if kind == "velocity_polygon" else ()
-    node.note_unknown(name, polygon, (*_POLYGON_KEYS, *inner))
     if kind == "circle":
         shape = Circle(0.0, 0.0, polygon.number("radius", above=0))
     elif kind == "velocity_polygon":
@@ -349,35 +247,30 @@ def _nav2_zone(node: _Node, polygon: Fields, name: str) -> Zone:
         polygon.fail("points", "is missing, and so is 'polygon_sub_topic'")
     ahead, step = approach_times(polygon) if action == "approach" else (TIME_BEFORE_COLLISION, TIME_STEP)
     topics, timeout = _topics(node, polygon, name)
+    # `approach` has no delay.
+    trigger, release = (
+        1 if action == "approach" else polygon.whole(f"{kind}_consecutive_points", 1, low=1, high=MOST_POINTS)
+        for kind in ("trigger", "release")
+    )
+    least = polygon.whole("min_points", MIN_POINTS, low=1, high=MOST_POINTS)
+    if polygon.has("max_points"):
+        least = polygon.whole("max_points", low=0, high=MOST_POINTS) + 1
     return Zone(
         name=name,
         shape=shape,
         frame=ROBOT,
         action=action,  # type: ignore[arg-type]
-        min_points=_least_points(polygon),
-        trigger=1 if action == "approach" else _consecutive(polygon, "trigger"),
-        release=1 if action == "approach" else _consecutive(polygon, "release"),
+        min_points=least,
+        trigger=trigger,
+        release=release,
         topics=topics,
         timeout=timeout,
         cases=cases,
         shape_topic=shape_topic and node.topic(shape_topic),
-        footprint=node.footprint if shape_topic and action == "approach" else None,
         velocity_topic=node.topic(node.fields.text("cmd_vel_in_topic", "cmd_vel_smoothed")),
         time_before_collision=ahead,
         time_step=step,
     )
-
-
-def _consecutive(polygon: Fields, kind: str) -> int:
-    """Return after how many in a row the action begins or ends; `approach` has no such delay."""
-    return polygon.whole(f"{kind}_consecutive_points", 1, low=1, high=MOST_POINTS)
-
-
-def _least_points(polygon: Fields) -> int:
-    least = polygon.whole("min_points", MIN_POINTS, low=1, high=MOST_POINTS)
-    if polygon.has("max_points"):
-        return polygon.whole("max_points", low=0, high=MOST_POINTS) + 1
-    return least
 
 
 def _topics(node: _Node, polygon: Fields, name: str) -> tuple[tuple[str, ...], float]:
@@ -402,7 +295,6 @@ def _cases(node: _Node, polygon: Fields, name: str) -> Iterator[Case]:
     holonomic = polygon.flag("holonomic", False)
     for case in _names(polygon, "velocity_polygons"):
         fields = polygon.table(case)
-        node.note_unknown(f"{name}.{case}", fields, _CASE_KEYS)
         shape = _polygon(fields, _LEAST_CORNERS)
         _note_crossing(node, f"{name}.{case}", shape)
         direction = None
@@ -429,35 +321,22 @@ def _names(fields: Fields, key: str) -> list[str]:
 
 
 def _polygon(fields: Fields, least: int) -> Polygon:
-    """Return the polygon of `points`: text "[[x, y], ...]", or x and y in turns as up to Iron."""
-    given = fields.values.get("points")
-    if isinstance(given, str):
-        corners = _of_text(fields, given)
-    elif isinstance(given, list) and len(given) % 2 == 0 and not any(isinstance(each, list) for each in given):
-        numbers = fields.numbers("points", above=-LARGEST, high=LARGEST) if given else []
-        corners = list(zip(numbers[::2], numbers[1::2], strict=True))
-    else:
-        fields.has("points")
+    """Return the polygon of `points`, a text "[[x, y], ...]", each number rounded to a float32 as Nav2 does."""
+    text = fields.values.get("points")
+    if not isinstance(text, str):
         fields.fail("points", 'must be a text as "[[0.5, 0.3], [0.5, -0.3], [0.0, -0.3], [0.0, 0.3]]"')
-    if not least <= len(corners) <= MOST_CORNERS:
-        fields.fail("points", f"must be {least} to {MOST_CORNERS} corners, not {len(corners)}")
-    return Polygon(tuple(corners))
-
-
-def _of_text(fields: Fields, text: str, key: str = "points") -> list[tuple[float, float]]:
-    """Return the corners that a text tells, each number rounded to a float32 as Nav2 does."""
     corners = []
     for corner in _POINT.findall(text) if _POINTS.fullmatch(text) else [""]:
         try:
-            numbers = [float(part) for part in corner.replace(",", " ").split()]
+            x, y = (float(np.float32(part)) for part in corner.replace(",", " ").split())
         except ValueError:
-            numbers = []
-        if len(numbers) != 2:
-            fields.fail(key, 'must be pairs of numbers as "[[0.5, 0.3], [0.5, -0.3], ...]"')
-        if not all(abs(number) <= LARGEST for number in numbers):
-            fields.fail(key, f"must hold finite numbers between {-LARGEST:g} and {LARGEST:g}")
-        corners.append((float(np.float32(numbers[0])), float(np.float32(numbers[1]))))
-    return corners
+            fields.fail("points", 'must be pairs of numbers as "[[0.5, 0.3], [0.5, -0.3], ...]"')
+        if not (abs(x) <= LARGEST and abs(y) <= LARGEST):
+            fields.fail("points", f"must hold finite numbers between {-LARGEST:g} and {LARGEST:g}")
+        corners.append((x, y))
+    if not least <= len(corners) <= MOST_CORNERS:
+        fields.fail("points", f"must be {least} to {MOST_CORNERS} corners, not {len(corners)}")
+    return Polygon(tuple(corners))
 
 
 SHAPES = ("polygon", "circle", "line")
