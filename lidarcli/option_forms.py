@@ -191,7 +191,7 @@ class Rule:
         values : their values
         asked : returns whether the user gave an option
         """
-        others = [other for other in self.others if other.partition("=")[0] in values]
+        others = [other for other in self.others if other.partition("=")[0] in options]
         if not others or any(_is_met(other, options, values) for other in others) is self.needs:
             return ""
         meant = (name for name, option in options.items() if not {name, option.heading}.isdisjoint(self.names))
