@@ -15,8 +15,8 @@ import pyarrow as pa
 from lidarcli.errors import OptionError
 from lidarcli.newfiles import refuse, scratch_folder
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
-from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
-from lidarcli.pipeline.inputs.tables import one_pair
+from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
+from lidarcli.pipeline.inputs.tables import one_table_set
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary
 from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
@@ -88,7 +88,7 @@ def watch(
         told = options.as_dict()
         with open_source(source, options.detect.opening) as log:
             options = narrowed(log, options)
-        pair = None if options.objects is None else one_pair(options.objects)
+        pair = None if options.objects is None else one_table_set(options.objects)
         if pair is None and options.find:
             private = stack.enter_context(scratch_folder())
             with open_source(source, options.detect.opening) as log:
@@ -127,7 +127,7 @@ def watch(
 
 
 def watch_files(
-    sources: Sequence[Source | Nothing], folder: Place | None, options: ZoneOptions, report: LogProgress | None = None
+    sources: Sequence[Source | MissingInput], folder: Place | None, options: ZoneOptions, report: LogProgress | None = None
 ) -> Iterator[Outcome]:
     """Watch the zones in every log, one after the other or several at the same time."""
     at_once = logs_at_once(sources, options.detect.jobs or options.detect.cores)
@@ -139,7 +139,7 @@ def watch_files(
     return over_logs(sources, partial(watch, options=options, folder=folder), report, at_once)
 
 
-def refuse_outputs(sources: Sequence[Source | Nothing], folder: Place | None, options: ZoneOptions) -> list[str]:
+def refuse_outputs(sources: Sequence[Source | MissingInput], folder: Place | None, options: ZoneOptions) -> list[str]:
     """Return the files that are written, after refusing those that cannot be, and two logs of one name, before any work."""
     if folder is None:
         return []

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from lidarcli.configfiles import Fields, read_toml
 from lidarcli.errors import OptionError
 from lidarcli.simulation.entities import box, cylinder, legged, person, plant, wall
 from lidarcli.simulation.route import CORNERS, Corner, Route, Waypoint, plan_route
 from lidarcli.simulation.scene import LOST_AS, Course, Entity, LostAs, Motion, Mount, Odometry, Scene, Sensor, super_ellipse
-from lidarcli.tomlfiles import Fields, read_toml
 
 MAX_WAYPOINTS = 1_000
 LEAST = 1e-3

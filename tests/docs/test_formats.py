@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli import choices, maps, tomlfiles
+from lidarcli import choices, configfiles, maps
 from lidarcli.logs import base, batches, open_log, text, unpacking
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.carmen import LASERS
 from lidarcli.logs.csv.layouts import LAYOUTS
 from lidarcli.logs.mcap import records, walk
 from lidarcli.logs.rosbag2 import database
@@ -47,10 +46,6 @@ def test_every_row_has_its_tests(title: str, least: int) -> None:
     assert [row for row, tests in tested.items() if "::test_" not in tests] == []
 
 
-def test_no_page_for_users_names_a_test() -> None:
-    assert "::test_" not in PAGE
-
-
 def test_the_bounds_are_those_of_the_code() -> None:
     table = PAGE.split("## Bounds")[1].split("\n## ")[0]
     said = {
@@ -81,7 +76,7 @@ def test_the_bounds_are_those_of_the_code() -> None:
             f"one for each byte of its image; at least {maps.MOST_PACKED_PIXELS:,}, at most {maps.MOST_PIXELS:,}"
         ),
         "numbers of files in YAML and TOML": (
-            f"-{tomlfiles.LARGEST:,.0f} to {tomlfiles.LARGEST:,.0f} where nothing else is said; "
+            f"-{configfiles.LARGEST:,.0f} to {configfiles.LARGEST:,.0f} where nothing else is said; "
             f"origins of maps within {maps.FARTHEST:,.0f} m; "
             f"cells of a map {1000 * choices.MAP_RESOLUTIONS[0]:g} mm to {choices.MAP_RESOLUTIONS[1]:g} m"
         ),
@@ -153,13 +148,6 @@ def test_the_examples_of_rplidar_text_are_read(number: int, tmp_path: Path) -> N
 def section(title: str) -> str:
     """The text of a section of the page."""
     return PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0]
-
-
-def test_the_topics_of_a_carmen_log_are_those_of_the_code() -> None:
-    text = PAGE.split("\n## CARMEN\n")[1]
-    for word, laser in LASERS.items():
-        numbered = word.decode().startswith("RAWLASER") and word[-1:] in b"23"
-        assert numbered or (f"`{word.decode()}`" in text and f"`{laser.topic}`" in text), word
 
 
 def test_every_layout_has_an_example() -> None:

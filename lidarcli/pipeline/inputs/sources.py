@@ -97,7 +97,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Nothing:
+class MissingInput:
     """An input in which there is no log to open, and why."""
 
     path: str
@@ -150,13 +150,13 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
 
     With a slice of point clouds, the log has the sweeps of these, too.
     """
-    told = opening or OpenOptions()
+    options = opening or OpenOptions()
     with _opened_source(source, opening) as log:
-        if told.range_scale != 1.0 and log.format.startswith(_IN_METRES):
-            log = ChangedLog(log, partial(_in_metres, scale=told.range_scale))
-        if told.segments == JOIN:
+        if options.range_scale != 1.0 and log.format.startswith(_IN_METRES):
+            log = ChangedLog(log, partial(_in_metres, scale=options.range_scale))
+        if options.segments == JOIN:
             log = ChangedLog(log, join)
-        yield log if told.slice is None else SlicedLog(log, told, told.slice)
+        yield log if options.slice is None else SlicedLog(log, options, options.slice)
 
 
 @contextmanager

@@ -9,8 +9,8 @@ from typing import Any
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle, Polygon
 from lidarcli.pipeline.inputs.masks import plain
-from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.inputs.tables import one_pair
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
+from lidarcli.pipeline.inputs.tables import one_table_set
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.stores.url import Place
 from lidarcli.tabular.writing import table_paths
@@ -45,9 +45,9 @@ class ZoneOptions:
         """Return the path of each table of a log."""
         return table_paths(folder, source.name, TABLES)
 
-    def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
+    def inputs(self, sources: Sequence[Source | MissingInput]) -> list[str]:
         """Return the files that are read, none of which an output may replace."""
-        tables = [] if self.objects is None else [str(one_pair(self.objects).objects)]
+        tables = [] if self.objects is None else [str(one_table_set(self.objects).objects)]
         return [*self.detect.inputs(sources), *self.files, *tables]
 
     def as_dict(self) -> dict[str, Any]:

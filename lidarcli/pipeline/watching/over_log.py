@@ -14,7 +14,7 @@ from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.masks import Circle, Masks, Polygon, same_name
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.inputs.tables import Pair, world_in
+from lidarcli.pipeline.inputs.tables import TableSet, world_in
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import AGAIN, Cursor
 from lidarcli.pipeline.reading.masking import masking_of
@@ -51,7 +51,7 @@ T = TypeVar("T")
 class Watching:
     """One pass over a log that counts what is in its zones."""
 
-    def __init__(self, log: Log, options: ZoneOptions, pair: Pair | None) -> None:
+    def __init__(self, log: Log, options: ZoneOptions, pair: TableSet | None) -> None:
         self._log, self._options, self._pair = log, options, pair
         if pair is not None and not (pair.trajectories.exists() and pair.tracks.exists()):
             for zone in options.zones.zones:

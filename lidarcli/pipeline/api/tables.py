@@ -26,7 +26,7 @@ from lidarcli.pipeline.api.options import (
     with_keywords,
 )
 from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
-from lidarcli.pipeline.inputs.held import remember
+from lidarcli.pipeline.inputs.tables import with_sweeps
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.reading import notes_of
 from lidarcli.tabular.schemas import BRIEF
@@ -62,8 +62,7 @@ def detect(
         As of `read`.
     """
     made = _found(log, ("objects", "sweeps"), parameters, options, memory_of(options), progress)
-    remember(made["objects"], [made["sweeps"]])
-    return made["objects"]
+    return with_sweeps(made["objects"], made["sweeps"])
 
 
 @with_keywords
@@ -90,7 +89,7 @@ def track(
     """
     names = [*TrackTables._fields, *(["trajectories"] if options["trajectories"] else [])]
     made = _found(log, names, parameters, options, tracking_of(options), progress)
-    remember(made["objects"], [made[name] for name in names[1:]])
+    made["objects"] = with_sweeps(made["objects"], made["sweeps"])
     trajectories = made.pop("trajectories", None)
     found = TrackTables(**made)
     found.trajectories = trajectories
@@ -146,8 +145,8 @@ def tables(
     columns = options["columns"]
     if chosen := parse_names(columns) if isinstance(columns, str) else tuple(columns):
         made = narrowed(made, chosen)
+    made["objects"] = with_sweeps(made["objects"], made["sweeps"])
     frames = {name: _frame(table) for name, table in made.items()}
-    remember(frames["objects"], [frames[name] for name in names[1:]])
     trajectories = frames.pop("trajectories", None)
     found = Tables(**frames)
     found.trajectories = trajectories
@@ -183,17 +182,17 @@ def _found(
     log: Any,
     tables: Sequence[str],
     parameters: Parameters | None,
-    told: Values,
+    options: Values,
     tracking: TrackOptions | None,
     progress: Progress,
 ) -> dict[str, pa.Table]:
     """Some tables of logs or of batches, by their names."""
-    options = detect_options(told, log_options(told), tracking, parameters)
+    how = detect_options(options, log_options(options), tracking, parameters)
     items: Iterator[Any] = iter([log] if isinstance(log, str | PathLike | SweepBatch) else log)
     first = next(items, None)
     if not isinstance(first, SweepBatch):
-        sources = sources_of([] if first is None else [first, *items], told["join"])
+        sources = sources_of([] if first is None else [first, *items], options["join"])
         with watched(progress, sources) as report:
-            return of_logs(sources, tables, options, report)
-    refuse_reading({**told, "progress": progress or None}, Reading, "jobs", "progress")
-    return of_batches(chain([first], items), tables, options)
+            return of_logs(sources, tables, how, report)
+    refuse_reading({**options, "progress": progress or None}, Reading, "jobs", "progress")
+    return of_batches(chain([first], items), tables, how)

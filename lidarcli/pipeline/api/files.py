@@ -1,4 +1,4 @@
-"""`lidarcli.export` and `lidarcli.simulate`: files made of tables and of scenes."""
+"""`lidarcli.diff`, `export` and `simulate`: runs that are compared, and files made of tables and of scenes."""
 
 from __future__ import annotations
 
@@ -6,10 +6,20 @@ from os import fspath
 from typing import Unpack
 
 from lidarcli.errors import warn
-from lidarcli.options import AnyPath, Exporting, Simulating, Tables, parse_names
-from lidarcli.pipeline.api.options import Progress, counting, with_keywords
+from lidarcli.options import AnyPath, Diffing, Exporting, Paths, Simulating, Tables, parse_names
+from lidarcli.pipeline.api.options import (
+    Progress,
+    counting,
+    diff_options,
+    log_options,
+    paths_of,
+    several,
+    watched,
+    with_keywords,
+)
+from lidarcli.pipeline.differing import Difference, diff_inputs, inputs_of, refuse_outputs, write_changes
 from lidarcli.pipeline.exporting import chosen, export_file, format_of
-from lidarcli.pipeline.inputs.held import tables_to_export
+from lidarcli.pipeline.inputs.tables import tables_to_export
 from lidarcli.simulation import Simulated, run
 from lidarcli.stores.url import place
 
@@ -82,3 +92,50 @@ def simulate(
     for note in made.notes:
         warn(note)
     return made
+
+
+@with_keywords
+def diff(
+    before: AnyPath,
+    *after: AnyPath,
+    output: Paths = (),
+    overwrite: bool = False,
+    progress: Progress = False,
+    **options: Unpack[Diffing],
+) -> Difference:
+    """Find what changed from run to run.
+
+    Parameters
+    ----------
+    before : a run: a log, a tracks table of `track`, a background, or a map (.yaml of map_server)
+    after : one or more later runs, like this
+    output : files to write: .parquet or .csv (table of changes), .png (picture)
+    overwrite : replace files that exist
+
+    Returns
+    -------
+    Difference
+        `changes`, a pyarrow.Table with a row for each thing and each change of the structure (docs/diff.md), `figures`,
+        and `steps`, how each run lies on those before it.
+
+    Raises
+    ------
+    OptionError
+        There are fewer than two runs, or an output is of no known kind.
+    UnreadableError
+        A run cannot be read, or does not lie on those before it, or does so in several ways or anywhere along its walls.
+    NoScanError
+        As of `read`.
+    OutputError
+        An output exists, or cannot be written.
+    """
+    how = diff_options(options, log_options(options), overwrite=overwrite)
+    inputs = inputs_of(paths_of([before, *after]))
+    outputs = [place(each) for each in several(output)]
+    refuse_outputs(outputs, inputs, how)
+    with watched(progress, [one.source for one in inputs if one.source is not None]) as report:
+        found = diff_inputs(inputs, how, report)
+    for line in found.damage:
+        warn(line)
+    write_changes(found, outputs, overwrite)
+    return found
