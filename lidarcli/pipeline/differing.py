@@ -82,7 +82,7 @@ from lidarcli.pipeline.overlay_sources import Cursor
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log
 from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
-from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
+from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS

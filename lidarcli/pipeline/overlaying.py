@@ -40,9 +40,8 @@ from lidarcli.pipeline.overlay_sources import (
     transform_topics,
 )
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
-from lidarcli.pipeline.watching.counting import Objects
-from lidarcli.pipeline.watching.frames import Frames
-from lidarcli.pipeline.watching.showing import Showing
+from lidarcli.pipeline.zone_counting import Objects
+from lidarcli.pipeline.zone_frames import Frames, Showing
 from lidarcli.range_rules import normalise
 from lidarcli.reports.palette import SET_STYLES, SHAPE_COLOURS, ZONE_COLOURS, on_dark
 from lidarcli.ros.messages import ROS2, TF, Outgoing

@@ -13,7 +13,7 @@ from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones import Path, crossings, episodes, same_agents, visits
 from lidarcli.masks import Circle, Polygon
 from lidarcli.pipeline.reading.masking import REACH
-from lidarcli.pipeline.watching.counting import TopicSeries, ZoneSeries
+from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
 from lidarcli.zone import WORLD, Line, Zone

@@ -14,7 +14,7 @@ from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones import Inside, candidates, collision_steps, meeting, reach, samples, times
 from lidarcli.masks import Circle, Masks, Polygon
-from lidarcli.pipeline.watching.frames import Frames
+from lidarcli.pipeline.zone_frames import Frames
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8
 from lidarcli.tabular.arrays import held, numbers
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
