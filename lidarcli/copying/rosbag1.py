@@ -12,8 +12,7 @@ from typing import BinaryIO
 from lidarcli.copying.copies import Copy
 from lidarcli.logs.base import MULTI_ECHO
 from lidarcli.logs.laserscan import locate
-from lidarcli.logs.rosbag1.log import Rosbag1Log
-from lidarcli.logs.rosbag1.records import MAGIC, Op
+from lidarcli.logs.rosbag1 import MAGIC, Op, Rosbag1Log
 from lidarcli.ros.messages import lz4_frame
 
 CHUNK = 768 << 10
@@ -27,7 +26,7 @@ _SECOND_NS = 1_000_000_000
 
 def copy_bag(log: Rosbag1Log, out: BinaryIO, copy: Copy) -> None:
     """Write a bag once more; messages whose connection nothing tells are damage, and left out."""
-    reading = log.everything(copy.report)
+    reading = log.raw_records(copy.report)
     bag = _Bag(out)
     for block in reading.blocks():
         # Chunks are packed as the first one is.

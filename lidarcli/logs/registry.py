@@ -115,7 +115,7 @@ def has_file(folder: Path, endings: Iterable[str]) -> bool:
 
 FORMATS: tuple[Format, ...] = (
     Format("MCAP", "lidarcli.logs.mcap.log", "McapLog", lambda head: head.startswith(MCAP), streams=True),
-    Format("ROS 1 bag", "lidarcli.logs.rosbag1.log", "Rosbag1Log", lambda head: head.startswith(ROS1), streams=True),
+    Format("ROS 1 bag", "lidarcli.logs.rosbag1", "Rosbag1Log", lambda head: head.startswith(ROS1), streams=True),
     Format(
         "ROS 2 bag (folder, .db3, compressed)", "lidarcli.logs.rosbag2.log", "Rosbag2Log", _is_rosbag2, _is_rosbag2_folder
     ),

@@ -282,7 +282,7 @@ def _copy(log: Log, target: Path, copy: Copy) -> None:
     with target.open("xb") as out:
         if log.format.startswith(ROS1):
             from lidarcli.copying.rosbag1 import copy_bag
-            from lidarcli.logs.rosbag1.log import Rosbag1Log
+            from lidarcli.logs.rosbag1 import Rosbag1Log
 
             assert isinstance(log, Rosbag1Log)
             copy_bag(log, out, copy)

@@ -259,7 +259,8 @@ def test_a_declared_size_beyond_everything(name: str, lie: Callable[[bytes], byt
     path = tmp_path / f"lie-{name}"
     path.write_bytes(lie(plain.read_bytes()))
     found, said, peak = measured(path, plain)
-    assert (least <= found <= 20, len(said)) == (True, 1)
+    assert least <= found <= 20
+    assert 1 <= len(said) <= 2
     assert peak < 32
 
 
