@@ -350,8 +350,8 @@ class Connection:
 
     topic: str
     type: str
-    record: bytes = field(default=b"", compare=False, repr=False)
-    """Its record, as it stands in the bag."""
+    fields: dict[str, str] = field(default_factory=dict, compare=False, repr=False)
+    """All that its record holds; empty where that is broken."""
     read_as: str = field(default="", compare=False)
     """Type as which its messages are read as sweeps; empty where they are none."""
 
@@ -383,11 +383,13 @@ class Index:
 def _connection(record: Record, data: bytes) -> Connection:
     """Return the topic and type of a connection record; the type is empty where its data is broken."""
     fields = _parse_fields(data) or {}
-    texts = {name: data[at.start : at.end].decode("utf-8", "replace") for name, at in fields.items()}
-    kind = ros_type(texts.get(b"type", ""))
-    whole = b"".join(len(part).to_bytes(4, "little") + part for part in (record.header, data))
-    read_as = scan_type(kind, "ros1msg", texts.get(b"message_definition", ""))
-    return Connection(record.value(b"topic").decode("utf-8", "replace"), kind, whole, read_as)
+    texts = {
+        name.decode("utf-8", "replace"): data[at.start : at.end].decode("utf-8", "replace") for name, at in fields.items()
+    }
+    kind = ros_type(texts.get("type", ""))
+    read_as = scan_type(kind, "ros1msg", texts.get("message_definition", ""))
+    whole = texts.keys() >= {"type", "md5sum", "message_definition"}
+    return Connection(record.value(b"topic").decode("utf-8", "replace"), kind, texts if whole else {}, read_as)
 
 
 def _read_index(file: BinaryIO, size: int) -> Index:

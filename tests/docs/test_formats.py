@@ -9,12 +9,11 @@ from pathlib import Path
 import pytest
 
 from lidarcli import choices, tomlfiles
-from lidarcli.logs import base, batches, open_log, text, unpacking
+from lidarcli.logs import base, batches, mcap_records, open_log, text, unpacking
+from lidarcli.logs import rosbag2 as database
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.carmen import LASERS
 from lidarcli.logs.csv.layouts import LAYOUTS
-from lidarcli.logs.mcap import records, walk
-from lidarcli.logs.rosbag2 import database
 from lidarcli.maps import mapserver
 from lidarcli.ros import bag_metadata
 from tests.places import ROOT
@@ -66,9 +65,8 @@ def test_the_bounds_are_those_of_the_code() -> None:
         "LaserScan topics of a log": f"{batches.MAX_TOPICS:,} (`--topic` chooses among more)",
         "what a log unpacks to, whatever its compression": f"{small} MiB, and {unpacking.MAX_RATIO:,} times what is packed",
         "a chunk of an MCAP, which is held as a whole": (
-            f"{records.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
+            f"{mcap_records.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
         ),
-        "messages of an MCAP": f"{walk.FREE_MESSAGES:,}, and one for each byte of the file",
         "a message of a ROS bag": f"{base.MAX_MESSAGE >> 20} MiB",
         "messages of a ROS 2 database together": "the bytes of its file",
         "steps of SQLite for one statement": (

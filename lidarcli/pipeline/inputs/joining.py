@@ -10,7 +10,7 @@ from pathlib import PurePosixPath
 from lidarcli.display import counted
 from lidarcli.errors import OptionError
 from lidarcli.logs.joined import Numbered, numbered
-from lidarcli.logs.rosbag2.folder import natural
+from lidarcli.logs.rosbag2 import natural
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.stores.url import is_url, place
 

@@ -19,7 +19,7 @@ from lidarcli.display import counted
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
-from lidarcli.logs.rosbag2.folder import is_bag
+from lidarcli.logs.rosbag2 import is_bag
 from lidarcli.pipeline.inputs.files import Objects, fixed_part, folder_of_pattern, matcher_of, matching, read_file
 from lidarcli.pipeline.inputs.joining import joined, joined_by_name, split_notes
 from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source, hold_one_sweep_each

@@ -241,7 +241,7 @@ def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
     head = file.read(HEAD) or b""
     file.seek(0)
     if head.startswith(MCAP):
-        from lidarcli.logs.mcap.log import McapLog
+        from lidarcli.logs.mcap import McapLog
 
         file.keep()
         return McapLog(stream, opening, str(url), file.size)
