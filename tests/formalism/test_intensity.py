@@ -20,7 +20,7 @@ from lidarcli.formalism.intensity import MOST_INTENSITY
 from lidarcli.formalism.ragged import grouped_medians
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.scene import load_scene
 from lidarcli.sweeps import TURN, Closure, SweepBatch
 from tests.places import SAMPLES
 

@@ -17,7 +17,7 @@ from lidarcli.formalism.detection import NOISE, OBJECT, WALL
 from lidarcli.formalism.mapping import places, votes
 from lidarcli.formalism.mapping.lines import lines
 from lidarcli.formalism.mapping.places import ByPlace, Places, Standing
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.tracking.following import batches, scene_of, simulated

@@ -11,7 +11,7 @@ import pytest
 from lidarcli.formalism.tracking import estimation, observation
 from lidarcli.formalism.tracking.estimation import Sides
 from lidarcli.formalism.tracking.observation import Views
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Sensor
 from lidarcli.sweeps import TURN
 from tests.formalism.tracking.steps.looking import Pose, seen_from

@@ -12,7 +12,7 @@ from lidarcli.formalism.detection import SHAPES
 from lidarcli.formalism.tracking import estimation, observation
 from lidarcli.formalism.tracking.estimation import Sides
 from lidarcli.formalism.tracking.observation import Views
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.tracking.steps.looking import Pose, look_at
 from tests.going import SENSORS, Drive, seen_going
