@@ -774,7 +774,7 @@ class Simulating(TypedDict, total=False):
     """Keywords of `simulate`."""
 
     container: Annotated[
-        Literal["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "aria", "player", "rplidar", "jsonl"] | None,
+        Literal["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv"] | None,
         Option(LOG, CONTAINERS, shown="by suffix"),
         "Format, where the name does not say it.",
     ]
@@ -786,7 +786,11 @@ class Simulating(TypedDict, total=False):
     encoding: Annotated[
         str | None, Option(LOG, Text("NAME"), shown="cdr"), "Messages of an mcap: cdr, cdr-idl, ros1, json, protobuf."
     ]
-    layout: Annotated[str | None, Option(LOG, Text("NAME"), shown="rostopic"), "Layout of a csv (docs/formats.md)."]
+    layout: Annotated[
+        Literal["rostopic", "wide"] | None,
+        Option(LOG, ("rostopic", "wide"), shown="rostopic"),
+        "Layout of a csv: as rostopic echo -p writes it, or times and ranges alone.",
+    ]
     clouds: Annotated[
         bool,
         Option(LOG, None, False),

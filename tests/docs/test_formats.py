@@ -9,11 +9,9 @@ from pathlib import Path
 import pytest
 
 from lidarcli import choices, configfiles, maps
-from lidarcli.logs import base, batches, open_log, text, unpacking
+from lidarcli.logs import base, batches, mcap_records, open_log, rosbag2, text, unpacking
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.csv.layouts import LAYOUTS
-from lidarcli.logs.mcap import records, walk
-from lidarcli.logs.rosbag2 import database
 from lidarcli.ros import bag_metadata
 from tests.places import ROOT
 
@@ -60,15 +58,12 @@ def test_the_bounds_are_those_of_the_code() -> None:
         "LaserScan topics of a log": f"{batches.MAX_TOPICS:,} (`--topic` chooses among more)",
         "what a log unpacks to, whatever its compression": f"{small} MiB, and {unpacking.MAX_RATIO:,} times what is packed",
         "a chunk of an MCAP, which is held as a whole": (
-            f"{records.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
+            f"{mcap_records.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
         ),
-        "messages of an MCAP": f"{walk.FREE_MESSAGES:,}, and one for each byte of the file",
         "a message of a ROS bag": f"{base.MAX_MESSAGE >> 20} MiB",
         "messages of a ROS 2 database together": "the bytes of its file",
-        "steps of SQLite for one statement": (
-            f"{database.STEPS:,}, and {database.STEPS_PER_BYTE} for each byte of the file"
-        ),
-        "a text in the schema and the topics of a database": f"{database.MAX_TEXT >> 10} KiB",
+        "steps of SQLite for one statement": (f"{rosbag2.STEPS:,}, and {rosbag2.STEPS_PER_BYTE} for each byte of the file"),
+        "a text in the schema and the topics of a database": f"{rosbag2.MAX_TEXT >> 10} KiB",
         "`metadata.yaml`": f"{bag_metadata.MAX_METADATA >> 20} MiB",
         "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
         "damaged places that are named one by one": str(base.ReadReport.MAX_DAMAGE),

@@ -11,7 +11,7 @@ from lidarcli.formalism import noise
 from lidarcli.formalism.background import Background, Grid, Shift, align, expected, lines, project, shift
 from lidarcli.formalism.learning import Learning
 from lidarcli.formalism.subtraction import Subtraction
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.sweeps import Float64, SweepBatch
 from tests.going import SENSORS, SPINNING, Drive, seen_going
 

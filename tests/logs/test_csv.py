@@ -16,11 +16,11 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, Damage, OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
-from lidarcli.simulation.csv_writer import LAYOUTS, write_csv
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
 from tests.logs.watched import CsvLog
 from tests.places import REAL_LOGS, needs_real_logs
+from tests.text_logs import LAYOUTS, write_csv
 
 GEOMETRY = OpenOptions(angle_min=FIRST, angle_increment=STEP)
 NO_GEOMETRY = ("wide", "drow")

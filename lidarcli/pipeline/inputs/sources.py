@@ -241,13 +241,13 @@ def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
     head = file.read(HEAD) or b""
     file.seek(0)
     if head.startswith(MCAP):
-        from lidarcli.logs.mcap.log import McapLog
+        from lidarcli.logs.mcap import McapLog
 
         file.keep()
         return McapLog(stream, opening, str(url), file.size)
     if head.startswith(ROS1):
         # Its reader makes a temporary file of a stream, which has no name: nothing is left of it whatever happens.
-        from lidarcli.logs.rosbag1.log import Rosbag1Log
+        from lidarcli.logs.rosbag1 import Rosbag1Log
 
         with _named(url, "-"):
             return cast(Log, Rosbag1Log(stream, opening))

@@ -63,7 +63,7 @@ class _Cell(NamedTuple):
 
 
 @dataclass(slots=True)
-class Found:
+class RecoveredPages:
     """Contents of the leaf pages of a file: places of messages, and topics."""
 
     topics: dict[int, TopicRow] = field(default_factory=dict)
@@ -95,9 +95,9 @@ class Salvage:
         self._wasted = 0
         """Bytes of chains that came to nothing: pages may lead to one another for ever."""
 
-    def find(self) -> Found:
+    def find(self) -> RecoveredPages:
         """Go through all pages once."""
-        found = Found()
+        found = RecoveredPages()
         whole = PIECE // self._page * self._page
         for base in range(0, self._size, whole):
             piece = self._at(base, whole)
@@ -109,7 +109,7 @@ class Salvage:
                 self._leaf(piece[start : start + self._page], base + start, found)
         return found
 
-    def messages(self, found: Found, topics: Collection[int], after: int) -> Iterator[MessageRow | int]:
+    def messages(self, found: RecoveredPages, topics: Collection[int], after: int) -> Iterator[MessageRow | int]:
         """Yield messages of the topics with a row id above `after`, in order; the id alone where one is not whole.
 
         No byte of a sound file stands in two messages: once they are longer than the file, none is believed.
@@ -136,7 +136,7 @@ class Salvage:
         self._file.seek(at)
         return self._file.read(max(0, size))
 
-    def _leaf(self, page: bytes, base: int, found: Found) -> None:
+    def _leaf(self, page: bytes, base: int, found: RecoveredPages) -> None:
         """Note the rows of one leaf page; what is no row is left out."""
         at = HEADER if base == 0 else 0
         count = int.from_bytes(page[at + 3 : at + 5], "big")
@@ -164,7 +164,7 @@ class Salvage:
         overflow = int.from_bytes(page[end : end + 4], "big") if size > local else 0
         return _Cell(rowid, size, at, local, overflow)
 
-    def _row(self, page: bytes, cell: _Cell, place: int, found: Found) -> None:
+    def _row(self, page: bytes, cell: _Cell, place: int, found: RecoveredPages) -> None:
         """Note a row if it is a message or a topic."""
         local = page[cell.start : cell.start + cell.local]
         types = _serial_types(local) or []
@@ -282,7 +282,7 @@ def _topic_row(row: bytes, rowid: int, types: list[int]) -> TopicRow | None:
     return TopicRow(rowid, name, kind, encoding) if is_topic else None
 
 
-def guess_topics(salvage: Salvage, found: Found) -> dict[int, TopicRow]:
+def guess_topics(salvage: Salvage, found: RecoveredPages) -> dict[int, TopicRow]:
     """Return LaserScan topics of a bag that lost its topics table: those whose first messages make sane sweeps."""
     guessed = {}
     for topic in sorted(set(found.topic_ids)):
