@@ -67,8 +67,6 @@ def cases() -> list[Case]:
     found += [Case(name, {"clouds": True}) for name in ("run.bag", "run", "run.db3")]
     found += [Case("run.jsonl"), Case("run.jsonl.gz")]
     found += [Case("run.log", exact=False), Case("run.clf.gz", exact=False)]
-    found += [Case("run.2d", exact=False, dated=False), Case("run.2d.gz", exact=False, dated=False)]
-    found += [Case(name, {"container": "player"}) for name in ("run.log", "run.log.gz")]
     return found
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from lidarcli.logs import aria, carmen, player
+from lidarcli.logs import carmen
 from lidarcli.logs.base import Message, ReadReport
 from lidarcli.logs.csv import log as csv
 from lidarcli.logs.mcap import log as mcap
@@ -50,11 +50,3 @@ class CsvLog(_Watched, csv.CsvLog):
 
 class CarmenLog(_Watched, carmen.CarmenLog):
     """A CARMEN log."""
-
-
-class AriaLog(_Watched, aria.AriaLog):
-    """An ARIA log."""
-
-
-class PlayerLog(_Watched, player.PlayerLog):
-    """A Player log."""

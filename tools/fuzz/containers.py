@@ -92,7 +92,7 @@ def _written(log: str, container: str | None = None, with_poses: bool = True, li
         path = Path(folder) / log
         if container in ("csv", "rplidar"):
             write_log(path, blocks[:1], container=container, **options)
-        elif container in ("carmen", "aria", "player"):
+        elif container == "carmen":
             write_log(path, blocks[:1], container=container, poses=poses() if with_poses else None)
         else:
             write_log(path, blocks, container=container, poses=poses(), **options)
@@ -261,11 +261,6 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
     "carmen": partial(_text, "carmen", "run.log"),
     "carmen-raw": partial(_text, "carmen", "run.clf", False),
     "carmen-gz": partial(_text, "carmen", "run.log.gz"),
-    **{
-        f"{container}{kind}": partial(_text, container, f"run.{suffix}{packed}")
-        for container, suffix in (("aria", "2d"), ("player", "log"))
-        for kind, packed in (("", ""), ("-gz", ".gz"))
-    },
     "rplidar": partial(_rplidar, "run.txt"),
     "rplidar-gz": partial(_rplidar, "run.txt.gz"),
     "jsonl": partial(_written, "run.jsonl"),
