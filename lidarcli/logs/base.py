@@ -198,6 +198,8 @@ class OpenOptions:
     """Echo taken of a beam that has several: one of `choices.ECHOES`."""
     segments: str = SEGMENTS[0]
     """Use of messages that are segments of a turn: one of `choices.SEGMENTS`."""
+    columns: tuple[str, ...] = ()
+    """Names of the columns of a CSV, in place of its own, as `--columns` takes them; empty for its own."""
 
     def __post_init__(self) -> None:
         """Refuse a word without a meaning (`OptionError`)."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.blocks import TOO_MANY
-from lidarcli.logs.numbers import Cells, not_a_number, say
+from lidarcli.logs.numbers import Cells, not_a_number, shown
 from lidarcli.logs.text import TextBlock
 from lidarcli.logs.times import S, to_ns
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
@@ -214,7 +214,7 @@ class Framing:
                 parameters += zip(whole.tolist(), names, values, strict=True)
             elif word and word[:1] != b"#":
                 if not _WORD.fullmatch(word):
-                    lines.bad += [(row, f"{say(word)} is no message") for row in some]
+                    lines.bad += [(row, f"{shown(word)} is no message") for row in some]
                 elif some[-1] == lines.cut and cells.count[some[-1]] == 1:
                     lines.bad.append((lines.cut, _CUT))
         return messages, parameters
@@ -316,7 +316,7 @@ def _declared(cells: Cells, rows: Int64, laser: Laser) -> tuple[Int64, dict[int,
         if index in causes:
             continue
         if (number := count_in(cell)) is None:
-            causes[index] = f"{say(cell)} is no number of ranges"
+            causes[index] = f"{shown(cell)} is no number of ranges"
         else:
             beams[index] = number
     for index in np.flatnonzero(laser.count + 1 + laser.width * beams > count).tolist():
