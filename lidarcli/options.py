@@ -79,7 +79,7 @@ STDOUT = "-"
 
 OUTPUT, MANY = "Output", "Many logs"
 SELECT, POSES = "Sweeps to read", "Where the sensor was"
-RANGES, GEOMETRY = "Beams without a range", "Text logs without geometry"
+RANGES, GEOMETRY = "Beams without a range", "Text logs without names or geometry"
 CLOUDS, ECHO = "Point clouds", "Beams with several echoes"
 OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
 BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
@@ -337,8 +337,21 @@ class Limits(TypedDict, total=False):
 
 
 class Ranges(Limits, total=False):
-    """Limits of ranges, and the geometry of beams that a log lacks."""
+    """Limits of ranges, and the names of columns and the geometry of beams that a log lacks."""
 
+    columns: Annotated[
+        str | Iterable[str],
+        Option(
+            GEOMETRY,
+            Text("LIST", is_list=True),
+            "",
+            shown="those of the file",
+            rare=True,
+            python="Python also takes a list.",
+        ),
+        "Names of the columns of a CSV, in place of its own: time,ranges for one sweep per row, angle,range for one beam "
+        "per row (docs/formats.md).",
+    ]
     angle_min: Annotated[
         float | None,
         Option(GEOMETRY, ANGLE, shown="from the file, or centred on --fov", rare=True),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from pathlib import Path
 
@@ -87,29 +86,6 @@ def test_the_example_of_a_carmen_log_is_read(tmp_path: Path) -> None:
     assert (log.format, block.topic, block.frame_ids) == ("carmen", "/front_laser", ("front_laser",))
     assert block.ranges.tolist() == [pytest.approx([2.1, 2.0, 2.1, 2.0, 2.1])]
     assert block.stamp_ns.tolist() == [12_500_000_000]
-
-
-@pytest.mark.parametrize(
-    ("section", "topic", "ranges", "stamp"),
-    [
-        ("ARIA", "/scan1", [2.1, 1.9997, 0.0, 1.9997, 2.1], 12_500_000_000),
-        ("Player", "/laser0", [2.1, 2.0, 8.0, 2.0, 2.1], 1_000_000_012_500_000_000),
-    ],
-)
-def test_the_examples_of_robots_logs_are_read(
-    section: str, topic: str, ranges: list[float], stamp: int, tmp_path: Path
-) -> None:
-    example = re.search(rf"^## {section}\n.*?^```text\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
-    assert example is not None
-    (tmp_path / "run.log").write_text(example[1], encoding="utf-8")
-    report = ReadReport()
-    with open_log(tmp_path / "run.log") as log:
-        [block] = log.scans(None, report)
-        told = {message.topic for message in log.messages(base.POSE_TYPES, report)}
-    assert (log.format, block.topic, len(told)) == (section.lower(), topic, 2)
-    assert block.ranges.tolist() == [pytest.approx(ranges, abs=1e-4)]
-    assert block.angle_increment[0] == pytest.approx(math.pi / 4)
-    assert (block.stamp_ns.tolist(), report.damage) == ([stamp], [])
 
 
 def test_the_example_of_json_lines_is_read(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from lidarcli.stores.url import Place, State, Url, has_bucket, head, is_folder, 
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *TEXT_LOG_SUFFIXES)
 """Suffixes of logs in a folder that is searched; a file that is named is opened whatever its suffix."""
 
-_CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt", ".log", ".clf", ".gfs", ".2d", ".jsonl", ".ndjson")
+_CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt", ".log", ".clf", ".gfs", ".jsonl", ".ndjson")
 _WRAPPER = (".gz", ".zstd", ".active")
 
 

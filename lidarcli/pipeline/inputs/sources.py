@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -194,13 +193,18 @@ def _of_files(files: Sequence[str], opening: OpenOptions | None) -> Log:
 
 def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
     """Tell whether several text files are the sweeps of one log, as far as the first readable one shows."""
-    from lidarcli.logs.csv.layouts import PER_SWEEP
+    from lidarcli.logs.csv.layouts import PER_SWEEP, NamelessError
 
     if len(files) < 2:
         return False
     for file in files[:_TRIED]:
-        with contextlib.suppress(UnreadableError), _opened_file(file) as log:
-            return PER_SWEEP in log.format
+        try:
+            with _opened_file(file) as log:
+                return PER_SWEEP in log.format
+        except NamelessError as err:
+            return err.per_sweep
+        except UnreadableError:
+            continue
     return False
 
 

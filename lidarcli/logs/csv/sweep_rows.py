@@ -21,9 +21,9 @@ from lidarcli.logs.blocks import (
     pad_intensities,
     split_rows,
 )
-from lidarcli.logs.csv.dialect import csv_cells, read_lines
-from lidarcli.logs.csv.layouts import Columns, Layout, expected_beams
-from lidarcli.logs.numbers import Cells, not_a_number, pad_cells, parse_number, parse_rows, say
+from lidarcli.logs.csv.layouts import Layout, ScanColumns, expected_beams
+from lidarcli.logs.csv.table import csv_cells, read_lines
+from lidarcli.logs.numbers import Cells, not_a_number, pad_cells, parse_number, parse_rows, shown
 from lidarcli.logs.text import MAX_LINE, TextBlock
 from lidarcli.logs.times import DATED, going_on, seconds_and_nanoseconds, to_ns
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
@@ -74,7 +74,7 @@ class Decoder(ABC):
         return iter(())
 
     @property
-    def _scans(self) -> list[Columns]:
+    def _scans(self) -> list[ScanColumns]:
         """The wanted scans."""
         return [scan for scan in self.layout.scans if self.topics is None or scan.topic in self.topics]
 
@@ -97,7 +97,7 @@ class Decoder(ABC):
 
     def _block(
         self,
-        scan: Columns,
+        scan: ScanColumns,
         times: tuple[Int64, Int64],
         frames: Frames,
         known: Mapping[str, Float64],
@@ -125,7 +125,7 @@ class Decoder(ABC):
             first, step = np.full(rows, scan.geometry[0]), np.full(rows, scan.geometry[1])
         else:
             first, step = given_geometries(self.options, beams)
-        least = known.get("range_min", np.full(rows, scan.nearest))
+        least = known.get("range_min", np.zeros(rows))
         most = known.get("range_max", np.full(rows, np.inf))
         range_min, range_max = limits_in_metres(least, most, self.options.range_scale)
         if "range_max" not in known and self.options.range_max is not None:
@@ -151,7 +151,7 @@ class Decoder(ABC):
         return keep_sound(block, good, self.report)
 
 
-def read_times(scan: Columns, column: Column, rows: int, last: Ends) -> tuple[Int64, Int64, Bool]:
+def read_times(scan: ScanColumns, column: Column, rows: int, last: Ends) -> tuple[Int64, Int64, Bool]:
     """Return stamps and record times (R,) [ns] of rows, and (R,) True where they cannot be read.
 
     Where a file has only one of the two, it stands for both. `last` keeps the last time of each column.
@@ -177,7 +177,7 @@ def read_times(scan: Columns, column: Column, rows: int, last: Ends) -> tuple[In
     return stamp, found.get("record", stamp), bad
 
 
-def read_frames(scan: Columns, column: Column, rows: int) -> Frames:
+def read_frames(scan: ScanColumns, column: Column, rows: int) -> Frames:
     """Return the frames of rows; one without a name where the file has none."""
     if "frame" in scan.fields:
         return encode_frames(column(scan.fields["frame"]))
@@ -232,7 +232,7 @@ class WideDecoder(Decoder):
         self._damage(numbers[last[0]], f"the file ends within this row ({count} cells): its sweep is dropped")
         return rows[:-1]
 
-    def _sweeps(self, scan: Columns, cells: Cells, rows: Int64, numbers: Int64) -> Iterator[RawSweeps]:
+    def _sweeps(self, scan: ScanColumns, cells: Cells, rows: Int64, numbers: Int64) -> Iterator[RawSweeps]:
         rows = self._long_enough(scan, cells, rows, numbers)
         if not len(rows):
             return
@@ -257,7 +257,14 @@ class WideDecoder(Decoder):
                 yield block
 
     def _decode(
-        self, scan: Columns, cells: Cells, rows: Int64, numbers: Int64, known: dict[str, Float64], beams: Int64, view: Int64
+        self,
+        scan: ScanColumns,
+        cells: Cells,
+        rows: Int64,
+        numbers: Int64,
+        known: dict[str, Float64],
+        beams: Int64,
+        view: Int64,
     ) -> RawSweeps | None:
         """Decode rows of known beam counts, which may be padded to one width."""
         given = beams
@@ -271,7 +278,7 @@ class WideDecoder(Decoder):
         return self._block(scan, (times[0], times[1]), frames, known, beams, ranges, good & ~untimed, intensities)
 
     def _ranges(
-        self, scan: Columns, cells: Cells, rows: Int64, beams: Int64, view: Int64
+        self, scan: ScanColumns, cells: Cells, rows: Int64, beams: Int64, view: Int64
     ) -> tuple[Float32, Int64, Bool, dict[int, bytes]]:
         """Return ranges, beam counts, True for rows that are sweeps, and the bad cells of the others."""
         first, span, order = scan.first, beams, None
@@ -295,7 +302,7 @@ class WideDecoder(Decoder):
                 good &= ~empty.all(axis=1)
         return ranges, beams, good, found.bad
 
-    def _long_enough(self, scan: Columns, cells: Cells, rows: Int64, numbers: Int64) -> Int64:
+    def _long_enough(self, scan: ScanColumns, cells: Cells, rows: Int64, numbers: Int64) -> Int64:
         need = max([scan.first - 1, *scan.fields.values(), *([] if scan.open_end else scan.ranges.tolist())]) + 1
         enough = cells.count[rows] >= need
         if not enough.all():
@@ -303,7 +310,7 @@ class WideDecoder(Decoder):
         kept: Int64 = rows[enough]
         return kept
 
-    def _geometry(self, scan: Columns, cells: Cells, rows: Int64) -> tuple[dict[str, Float64], dict[int, bytes]]:
+    def _geometry(self, scan: ScanColumns, cells: Cells, rows: Int64) -> tuple[dict[str, Float64], dict[int, bytes]]:
         """Return the geometry of each row, as exact as its message has it, and the bad cells of rows without."""
         columns = {name: scan.fields[name] for name in _GEOMETRY if name in scan.fields}
         if not columns:
@@ -322,7 +329,7 @@ class WideDecoder(Decoder):
             bad |= found.bad
         return values, bad
 
-    def _beams(self, scan: Columns, cells: Cells, rows: Int64, view: Int64) -> Int64:
+    def _beams(self, scan: ScanColumns, cells: Cells, rows: Int64, view: Int64) -> Int64:
         """Return the number of ranges of each row; -1 where its cells fit no number of beams."""
         count = cells.count[rows]
         named = len(scan.ranges)
@@ -351,7 +358,7 @@ class WideDecoder(Decoder):
             self._damage(line, f"{count} cells where {usual}: the row is dropped")
 
 
-def _intensity_columns(scan: Columns, cells: Cells, rows: Int64, beams: Int64, width: int) -> Float32 | None:
+def _intensity_columns(scan: ScanColumns, cells: Cells, rows: Int64, beams: Int64, width: int) -> Float32 | None:
     """Return intensities (S, `width`) of rows of so many ranges, NaN for a row without; None where no row has any."""
     count = cells.count[rows]
     if scan.doubled:
@@ -488,12 +495,12 @@ class ListDecoder(Decoder):
         scan = self.layout.scans[0]
         ranges = _list_of(cells[scan.first], lists)
         if ranges is None:
-            self._damage(line, f"{say(cells[scan.first].encode())} is no list of ranges")
+            self._damage(line, f"{shown(cells[scan.first].encode())} is no list of ranges")
             return None
         beside = [_list_of(cells[column], lists) or b"" for column in scan.intensities.tolist()]
         return _Record(line, ranges, b"".join(beside), cells)
 
-    def _sweeps(self, scan: Columns, records: list[_Record]) -> Iterator[RawSweeps]:
+    def _sweeps(self, scan: ScanColumns, records: list[_Record]) -> Iterator[RawSweeps]:
         parts = [_plain_list(record.ranges) for record in records]
         counts = np.array([part.count(b",") + 1 if part else 0 for part in parts], np.int64)
         for rows in split_rows(counts):
@@ -501,7 +508,9 @@ class ListDecoder(Decoder):
             if block is not None:
                 yield block
 
-    def _decode(self, scan: Columns, records: list[_Record], parts: list[bytes], counts: np.ndarray) -> RawSweeps | None:
+    def _decode(
+        self, scan: ScanColumns, records: list[_Record], parts: list[bytes], counts: np.ndarray
+    ) -> RawSweeps | None:
         found = parse_rows(parts, counts, b",", self._number)
         causes = {row: not_a_number(cell) for row, cell in found.bad.items()}
         known: dict[str, np.ndarray] = {}

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS
 from lidarcli.logs.blocks import TOO_MANY, pad, split_rows
-from lidarcli.logs.csv.dialect import Lines, read_lines
-from lidarcli.logs.csv.layouts import Columns
-from lidarcli.logs.csv.row_forms import NO_TIME, Decoder, read_frames, read_times
+from lidarcli.logs.csv.layouts import ScanColumns, cut_restarts
 from lidarcli.logs.csv.rplidar import read_rows
+from lidarcli.logs.csv.sweep_rows import NO_TIME, Decoder, read_frames, read_times
+from lidarcli.logs.csv.table import Lines, read_lines
 from lidarcli.logs.numbers import Cells
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, RawSweeps
@@ -67,7 +67,7 @@ class LongDecoder(Decoder):
     _noted: bool = False
 
     @property
-    def _scan(self) -> Columns:
+    def _scan(self) -> ScanColumns:
         return self.layout.scans[0]
 
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
@@ -151,8 +151,8 @@ class LongDecoder(Decoder):
         bearing = angle.values[good]
         if layout.degrees:
             bearing = np.deg2rad(bearing)
-            # Bearings of an RPLIDAR run clockwise.
-            bearing = 0.0 - bearing if layout.spelling else bearing
+        if layout.clockwise:
+            bearing = 0.0 - bearing
         return _Rows(bearing, ranges.values[good], texts), good
 
     def _starts(self, rows: _Rows) -> Int64:
@@ -174,84 +174,37 @@ class LongDecoder(Decoder):
             self._carry = Lines(text, numbers[rows], False)
 
     def _sweeps(self, rows: _Rows, starts: Int64, ends: Int64, numbers: Int64) -> Iterator[RawSweeps]:
-        angle = within_turns(rows.angle, starts) if self.layout.spelling else rows.angle
-        runs, causes, uneven = even_runs(BeamRuns(angle, rows.ranges, starts, ends - starts))
-        if uneven and not self._noted:
+        angle = within_turns(rows.angle, starts) if self.layout.clockwise else rows.angle
+        begin, end = int(starts[0]), int(ends[-1])
+        parts, first, step, causes, gridded = even_sweeps(
+            angle[begin:end], rows.ranges[begin:end], starts - begin, ends - starts
+        )
+        if gridded and not self._noted:
             self._noted = True
             self.report.notes.append("bearings are not evenly spaced: beams are placed on a grid, gaps have no range")
-        for cause in causes:
-            if cause:
-                self.report.refused[(self._scan.topic, cause)] += 1
+        for cause in filter(None, causes):
+            self.report.refused[(self._scan.topic, cause)] += 1
         kept = np.array([not cause for cause in causes], np.bool_)
-        starts = starts[kept]
+        parts, starts = [part for part, good in zip(parts, kept.tolist(), strict=True) if good], starts[kept]
+        geometry = {"angle_min": first[kept], "angle_increment": step[kept]}
         column = partial(rows.column, at=starts)
         stamp, record, untimed = read_times(self._scan, column, len(starts), self.last)
         for line in numbers[starts[untimed]].tolist():
             self._damage(line, NO_TIME)
         codes, names = read_frames(self._scan, column, len(starts))
-        offsets = np.append(0, np.cumsum(runs.lengths))
-        for part in split_rows(runs.lengths):
-            beams = runs.lengths[part]
-            flat = runs.values[offsets[part.start] : offsets[part.start + len(beams)]]
+        lengths = np.array([*map(len, parts)], np.int64)
+        for some in split_rows(lengths):
             block = self._block(
                 self._scan,
-                (stamp[part], record[part]),
-                (codes[part], names),
-                {"angle_min": runs.first[part], "angle_increment": runs.step[part]},
-                beams,
-                pad(flat, beams, self.options.range_scale),
-                ~untimed[part],
+                (stamp[some], record[some]),
+                (codes[some], names),
+                {name: values[some] for name, values in geometry.items()},
+                lengths[some],
+                pad(np.concatenate(parts[some]), lengths[some], self.options.range_scale),
+                ~untimed[some],
             )
             if block is not None:
                 yield block
-
-
-@dataclass(frozen=True, slots=True)
-class BeamRuns:
-    """Rows of many sweeps, one after the other."""
-
-    angle: Float64
-    """(K,) Bearings [rad]."""
-    values: NDArray[np.floating]
-    """(K,) Ranges in the file's unit."""
-    starts: Int64
-    lengths: Int64
-
-
-@dataclass(frozen=True, slots=True)
-class EvenRuns:
-    """Sweeps with an even step: ranges flat, geometry per sweep."""
-
-    values: NDArray[np.floating]
-    lengths: Int64
-    first: Float64
-    step: Float64
-
-
-def cut_restarts(angle: Float64) -> Int64:
-    """Return the first row of each sweep without a key: the bearing jumps back by most of the view.
-
-    A single jump between two parts of the turn that do not overlap is the seam of one sweep.
-
-    >>> cut_restarts(np.array([0.0, 0.1, 0.2, 0.0, 0.1, 0.2])).tolist()
-    [0, 3]
-    >>> cut_restarts(np.array([3.0, 3.1, -3.1, -3.0])).tolist()
-    [0]
-    """
-    start = np.zeros(1, np.int64)
-    if len(angle) < 3:
-        return start
-    with np.errstate(invalid="ignore", over="ignore"):
-        steps = np.diff(angle)
-        middle = np.nanmedian(steps) if np.isfinite(steps).any() else 0.0
-        view = np.nanmax(angle) - np.nanmin(angle) if np.isfinite(angle).any() else 0.0
-        back = (steps * np.sign(middle) < 0) & (np.abs(steps) > max(0.5 * view, 1.5 * abs(middle)))
-    jumps = np.flatnonzero(back) + 1
-    if len(jumps) == 1:
-        before, after = angle[: jumps[0]], angle[jumps[0] :]
-        if np.nanmin(before) > np.nanmax(after) or np.nanmax(before) < np.nanmin(after):
-            return start
-    return np.concatenate([start, jumps])
 
 
 def cut_turns(angle: Float64, begins: Bool) -> Int64:
@@ -291,44 +244,44 @@ def within_turns(angle: Float64, starts: Int64) -> Float64:
     return within
 
 
-def even_runs(runs: BeamRuns) -> tuple[EvenRuns, list[str], bool]:
-    """Return sweeps of even step, the reason for each run that is none (or ''), and whether a grid was needed."""
-    starts, lengths = runs.starts, runs.lengths
-    if not len(starts):
-        none = np.empty(0)
-        return EvenRuns(runs.values[:0], lengths, none, none), [], False
-    begin, end = int(starts[0]), int(starts[-1] + lengths[-1])
-    angle = runs.angle[begin:end]
-    first = runs.angle[starts]
+def even_sweeps(
+    angle: Float64, values: NDArray[np.floating], starts: Int64, lengths: Int64
+) -> tuple[list[NDArray[np.floating]], Float64, Float64, list[str], bool]:
+    """Return sweeps of even step.
+
+    Parameters
+    ----------
+    angle, values : (K,) bearings [rad] and ranges of the rows of many sweeps, one after the other
+    starts, lengths : (S,) first row and rows of each sweep, the first one at row 0
+
+    Returns
+    -------
+    values : of each sweep, in steps
+    first, step : (S,) first bearing and step [rad]
+    causes : (S,) the reason for each sweep that is none, else ''
+    gridded : True where some bearings are not even
+    """
+    first = angle[starts]
     steps = np.maximum(lengths - 1, 1)
-    place = np.arange(end - begin) - np.repeat(starts - begin, lengths)
+    place = np.arange(len(angle)) - np.repeat(starts, lengths)
     with np.errstate(invalid="ignore", over="ignore"):
-        step = (runs.angle[starts + lengths - 1] - first) / steps
+        step = (angle[starts + lengths - 1] - first) / steps
         off = np.abs(angle - (np.repeat(first, lengths) + place * np.repeat(step, lengths)))
-        even = np.maximum.reduceat(off, starts - begin) <= JITTER * np.abs(step)
+        even = np.maximum.reduceat(off, starts) <= JITTER * np.abs(step)
         even &= (lengths > 1) & (np.abs(step) * steps <= MOST_VIEW)
-    first, step = snap(first, first, np.ones(len(first))), snap(step, first, steps)
-    if even.all():
-        return EvenRuns(runs.values[begin:end], lengths, first, step), [""] * len(starts), False
-    causes = [""] * len(starts)
-    parts = []
-    beams = lengths.copy()
-    for run, (at, count) in enumerate(zip(starts.tolist(), lengths.tolist(), strict=True)):
-        values = runs.values[at : at + count]
-        if not even[run]:
-            grid = _on_grid(runs.angle[at : at + count], values)
-            if isinstance(grid, str):
-                causes[run] = grid
-                continue
-            values, first[run], step[run] = grid
-            beams[run] = len(values)
-        parts.append(values)
-    kept = np.array([not cause for cause in causes])
-    flat = np.concatenate(parts) if parts else runs.values[:0]
-    return EvenRuns(flat, beams[kept], first[kept], step[kept]), causes, True
+    first, step = _snap(first, first, np.ones(len(first))), _snap(step, first, steps)
+    parts, causes = np.split(values, starts[1:]), [""] * len(starts)
+    for sweep in np.flatnonzero(~even).tolist():
+        at = int(starts[sweep])
+        grid = _on_grid(angle[at : at + int(lengths[sweep])], parts[sweep])
+        if isinstance(grid, str):
+            causes[sweep] = grid
+        else:
+            parts[sweep], first[sweep], step[sweep] = grid
+    return parts, first, step, causes, not even.all()
 
 
-def snap(values: Float64, angles: Float64, steps: NDArray[np.floating]) -> Float64:
+def _snap(values: Float64, angles: Float64, steps: NDArray[np.floating]) -> Float64:
     """Return angles as the float32 of the sensor's message, where they differ from it by the rounding of decimals alone."""
     with np.errstate(over="ignore", invalid="ignore"):
         single = values.astype(np.float32).astype(np.float64)

@@ -1,16 +1,20 @@
-"""The dialect of a CSV and its plain lines; formats of text that are no CSV."""
+"""The lines of a CSV as a table: its dialect, plain lines, and its head; formats of text that are no CSV."""
 
 from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.logs.base import ReadReport
+from lidarcli.errors import UnreadableError
+from lidarcli.logs.base import OpenOptions, ReadReport
+from lidarcli.logs.numbers import parse_number, shown
 from lidarcli.logs.text import TextBlock
+from lidarcli.logs.times import DATED, NS, TIME_OF_DAY, time_unit
 from lidarcli.sweeps import Int64
 
 _QUOTED = re.compile(rb'"[^"]*"')
@@ -20,6 +24,9 @@ _LISTS_AND_QUOTED = re.compile(rb'\[[^\]]*(?:\]|\Z)|"[^"]*"')
 _DECIMAL_COMMA = re.compile(rb"\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*")
 _ENOUGH = 64 << 10
 """Bytes of a line by which its separator is guessed."""
+SAMPLE_LINES = 3000
+SAMPLE_BYTES = 256 << 10
+"""Most lines and bytes by which a layout is recognised; two lines at least."""
 
 MOST_TEXT = 64 << 10
 """Bytes at the start of a file in which other formats are looked for."""
@@ -27,10 +34,10 @@ _COMMENTS = rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*"
 _YAML_KEY = rb"[ \t]*(?:- )?[A-Za-z_][\w.-]*:"
 _LOGGED = rb"(?:\[[A-Z]+\][^\n]*?)?"
 """Begin of a line that a node has logged."""
-_ANY_WAY = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
+_AS_CSV = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
 _RECORD = "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
-_POSES = "it holds poses, no ranges"
-_POINTS = "it holds points, no sweeps; record the LaserScan topic itself"
+_ONLY_POSES = "it holds poses, no ranges"
+_ONLY_POINTS = "it holds points, no sweeps; record the LaserScan topic itself"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +48,6 @@ class Dialect:
     decimal_comma: bool = False
     trailing: bool = False
     """True where every line ends with a separator, behind which there is no cell."""
-
-    @property
-    def name(self) -> str:
-        """Name for messages."""
-        return {b",": "comma", b";": "semicolon", b"\t": "tab"}.get(self.separator, "space")
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +186,119 @@ def _unquote(text: bytes, separator: bytes) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
+class Head:
+    """First lines of a file: names of columns, if any, and rows as text and as cells."""
+
+    path: str
+    dialect: Dialect
+    names: list[str]
+    header: bytes
+    """Line with the names of columns; b'' where there is none, or where it is a comment."""
+    start: int
+    """Number of the first line of data."""
+    lines: list[bytes]
+    rows: list[list[bytes]]
+    options: OpenOptions
+
+    def column(self, index: int) -> list[bytes]:
+        """Return the cells of a column that are not empty, in rows as long as the header where there is one."""
+        least = len(self.names) or index + 1
+        cells = [row[index] for row in self.rows if len(row) >= least and row[index]]
+        return cells or [row[index] for row in self.rows if len(row) > index and row[index]]
+
+    @property
+    def usual(self) -> int:
+        """Cells of more than half of the rows; 0 where rows differ."""
+        counts = Counter(map(len, self.rows))
+        return next((cells for cells, rows in counts.items() if 2 * rows > len(self.rows)), 0)
+
+    def units(self, fields: dict[str, int]) -> dict[str, int]:
+        """Return the units of the time columns among `fields`; a column that holds no times has none."""
+        units: dict[str, int] = {}
+        for name in {"record", "stamp", "date"} & fields.keys():
+            if self.names[0].strip().lower() == "%time" and name != "date":
+                units[name] = NS
+            elif (unit := time_unit(self.names[fields[name]], self.column(fields[name]))) is not None:
+                units[name] = unit
+        if "date" in units and units.get("record") == TIME_OF_DAY:
+            units["record"] = DATED
+        else:
+            units.pop("date", None)
+        return units
+
+
+def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
+    """Find the table, its dialect and its names; UnreadableError where there is no table."""
+    numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    # Spreadsheets name their separator so.
+    numbered = numbered[bool(numbered and re.fullmatch(rb'\s*"?sep=."?\s*', numbered[0][1], re.IGNORECASE)) :]
+    comment = b""
+    while numbered and numbered[0][1].lstrip()[:1] == b"#":
+        comment = numbered.pop(0)[1]
+    numbered = _sample([(number, line) for number, line in numbered if line.lstrip()[:1] != b"#"])
+    if not numbered:
+        raise UnreadableError(f"{path}: no data in it, only comments or blank lines")
+    dialect = guess_dialect([line for _, line in numbered])
+    if dialect is None:
+        raise UnreadableError(f"{path}: text, but no table with columns: {shown(numbered[0][1], 60)}")
+    # A title above the table has a single cell.
+    while len(numbered) > 1 and dialect.separator not in numbered[0][1].strip():
+        numbered.pop(0)
+    cells = [split_line(line, dialect) for _, line in numbered]
+    number, first = numbered[0]
+    if _is_header(cells[0]):
+        names = [*map(_name, cells[0])]
+        return Head(path, dialect, names, first, number + 1, [line for _, line in numbered[1:]], cells[1:], options)
+    names = []
+    if comment:
+        words = split_line(comment.lstrip().lstrip(b"#").lstrip(), dialect)
+        if len(words) == len(cells[0]) and _is_header(words):
+            names = [*map(_name, words)]
+    return Head(path, dialect, names, b"", number, [line for _, line in numbered], cells, options)
+
+
+def _name(cell: bytes) -> str:
+    """Return the text of a name: in UTF-8, else in GBK where all bytes beyond ASCII are pairs, else in Latin-1."""
+    try:
+        return cell.decode()
+    except UnicodeDecodeError:
+        pairs = re.fullmatch(rb"(?:[\0-\x7f]|[\xa1-\xf7][\xa1-\xfe])*", cell)
+        return cell.decode("gbk" if pairs else "latin-1", "replace")
+
+
+def _sample(numbered: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
+    size = 0
+    for place, (_, line) in enumerate(numbered):
+        size += len(line)
+        if place >= 2 and (size > SAMPLE_BYTES or place >= SAMPLE_LINES):
+            return numbered[:place]
+    return numbered
+
+
+def _is_header(cells: Sequence[bytes]) -> bool:
+    """Return whether cells are names: the first one that is not blank is neither a number nor a time."""
+    named = [cell for cell in cells if cell]
+    return bool(named) and not is_numeric(named[0]) and time_unit("", [named[0]]) is None
+
+
+def value_of(cell: bytes) -> float | None:
+    """Return the number of a cell; None where it holds none."""
+    try:
+        return parse_number(cell)
+    except ValueError:
+        return None
+
+
+def is_numeric(cell: bytes) -> bool:
+    """Return whether a cell can stand for a number, also for a missing one."""
+    try:
+        parse_number(cell)
+    except ValueError:
+        return False
+    return True
+
+
+@dataclass(frozen=True, slots=True)
 class Other:
     """A text format that is recognised and not read."""
 
@@ -199,17 +314,19 @@ class Other:
 
 
 TRAJECTORY = Other(
-    "a trajectory (TUM)", _POSES, re.compile(_COMMENTS + rb"#?[^\n]*\btx[ ,]+ty[ ,]+tz[ ,]+qx[ ,]+qy[ ,]+qz[ ,]+qw\b")
+    "a trajectory (TUM)", _ONLY_POSES, re.compile(_COMMENTS + rb"#?[^\n]*\btx[ ,]+ty[ ,]+tz[ ,]+qx[ ,]+qy[ ,]+qz[ ,]+qw\b")
 )
 OTHERS = (
-    Other("a point cloud (PCD)", _POINTS, re.compile(rb"# \.PCD |VERSION \S+\r?\nFIELDS ")),
-    Other("a point cloud or mesh (PLY)", _POINTS, re.compile(rb"ply\r?\n(?:format|comment|obj_info) ")),
+    Other("a point cloud (PCD)", _ONLY_POINTS, re.compile(rb"# \.PCD |VERSION \S+\r?\nFIELDS ")),
+    Other("a point cloud or mesh (PLY)", _ONLY_POINTS, re.compile(rb"ply\r?\n(?:format|comment|obj_info) ")),
     TRAJECTORY,
-    Other("a pose graph (g2o)", _POSES, re.compile(rb"%s(?:VERTEX|EDGE)_SE[23]\S*[ \t]+\d" % _COMMENTS)),
+    Other("a pose graph (g2o)", _ONLY_POSES, re.compile(rb"%s(?:VERTEX|EDGE)_SE[23]\S*[ \t]+\d" % _COMMENTS)),
     Other(
         "a pointer of Git LFS, not the file itself", "fetch it with `git lfs pull`", re.compile(rb"version https://git-lfs")
     ),
-    Other("JSON", _ANY_WAY, re.compile(rb"\s*(?:\{\s*[\"}]|\[\s*[\[{\"])")),
+    Other("an ARIA log", _AS_CSV, re.compile(_COMMENTS + rb"[ \t]*LaserOdometryLog[ \t]*\r?\n")),
+    Other("a Player log", _AS_CSV, re.compile(rb"[ \t]*## Player version")),
+    Other("JSON", _AS_CSV, re.compile(rb"\s*(?:\{\s*[\"}]|\[\s*[\[{\"])")),
     Other("XML or HTML", "look whether a download has failed", re.compile(rb"\s*<[?!A-Za-z]")),
     Other(
         "ROS messages as Python prints them",
