@@ -13,8 +13,8 @@ import pyarrow as pa
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.pipeline.inputs.tables import (
     Given,
-    Pair,
-    find_pairs,
+    TableSet,
+    find_table_sets,
     find_tables,
     origin_of,
     read_changes,
@@ -116,8 +116,8 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
         None of the tables can be read, or the baseline cannot.
     """
     checks = understand(options)
-    tables, base_found = find_tables(options.tables), find_pairs(options.baseline)
-    steps = 2 * len(tables.pairs) + len(tables.changes) + 2 * len(base_found[0]) + 1 + viewer
+    tables, base_found = find_tables(options.tables), find_table_sets(options.baseline)
+    steps = 2 * len(tables.table_sets) + len(tables.changes) + 2 * len(base_found[0]) + 1 + viewer
     step = _steps(steps, progress)
     if missing := [check for check in checks if check.needs_changes and not tables.changes]:
         raise OptionError(
@@ -126,10 +126,10 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
         )
     changes, unread = _read_changes(tables.changes, step)
     failed = [*tables.problems, *unread]
-    if all(map(_is_of_zones, tables.pairs)) and (tables.pairs or changes is not None):
-        zones = _zones_alone(tables.pairs, failed, step) if tables.pairs else None
+    if all(map(_is_of_zones, tables.table_sets)) and (tables.table_sets or changes is not None):
+        zones = _zones_alone(tables.table_sets, failed, step) if tables.table_sets else None
         return _report_parts(zones, changes, failed, options)
-    run, pairs, problems = _load(tables.pairs, failed, checks, viewer, step)
+    run, pairs, problems = _load(tables.table_sets, failed, checks, viewer, step)
     if run.zones is not None:
         # Only now it is known which zones there are.
         checks = understand(options, run.zones.names)
@@ -156,7 +156,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     return _with_page(report, run, pairs, options) if viewer else Made(report)
 
 
-def _with_page(report: Report, run: Run, pairs: Sequence[Pair], options: ReportOptions) -> Made:
+def _with_page(report: Report, run: Run, pairs: Sequence[TableSet], options: ReportOptions) -> Made:
     """Add the contents of the HTML to a report; a beams table that cannot be read is one problem more."""
     from lidarcli.pipeline.viewing import viewer_of
     from lidarcli.reports.html import Page
@@ -169,18 +169,20 @@ def _with_page(report: Report, run: Run, pairs: Sequence[Pair], options: ReportO
     return Made(report, Page(seen.data, above, seen.walls, seen.grid, _command(options)))
 
 
-def _is_of_zones(pair: Pair) -> bool:
+def _is_of_zones(pair: TableSet) -> bool:
     """Tell whether a log has tables of zones alone."""
     return (pair.zones.exists() or pair.events.exists()) and not (pair.objects.exists() or pair.sweeps.exists())
 
 
-def _with_zones(pairs: Sequence[Pair], problems: list[UnreadableError]) -> tuple[list[Pair], dict[Pair, Pair]]:
+def _with_zones(
+    pairs: Sequence[TableSet], problems: list[UnreadableError]
+) -> tuple[list[TableSet], dict[TableSet, TableSet]]:
     """Return the tables of objects, and for some the tables of zones of the same log that lie in another folder.
 
     `problems` gets an error for zones of which no objects are named, or those of several logs of one name.
     """
     found = [pair for pair in pairs if not _is_of_zones(pair)]
-    elsewhere: dict[Pair, Pair] = {}
+    elsewhere: dict[TableSet, TableSet] = {}
     for pair in pairs:
         if pair in found:
             continue
@@ -201,7 +203,7 @@ def _with_zones(pairs: Sequence[Pair], problems: list[UnreadableError]) -> tuple
     return found, elsewhere
 
 
-def _zones_of(pair: Pair, origin: Origin) -> tuple[pa.Table, pa.Table]:
+def _zones_of(pair: TableSet, origin: Origin) -> tuple[pa.Table, pa.Table]:
     """Read the tables of zones of the log that tables of another folder are of."""
     found = _read_zones(pair)
     here = origin_of(pair, found[1])
@@ -210,7 +212,7 @@ def _zones_of(pair: Pair, origin: Origin) -> tuple[pa.Table, pa.Table]:
     return found
 
 
-def _read_zones(pair: Pair) -> tuple[pa.Table, pa.Table]:
+def _read_zones(pair: TableSet) -> tuple[pa.Table, pa.Table]:
     """Read the tables of events and of zones of a log, which belong together."""
     events, zones = read_table(pair, "events", EVENT_COLUMNS), read_table(pair, "zones", ZONE_COLUMNS)
     known = {*Rows.join([zones]).counts("zone")}
@@ -271,7 +273,7 @@ def _report_parts(
 
 
 def _zones_alone(
-    pairs: Sequence[Pair], problems: list[UnreadableError], step: Callable[[], None]
+    pairs: Sequence[TableSet], problems: list[UnreadableError], step: Callable[[], None]
 ) -> tuple[ZoneRows, list[Origin]]:
     """Read tables of zones of which there are none of objects; adds to `problems` what cannot be read."""
     read: dict[int, tuple[pa.Table, pa.Table]] = {}
@@ -302,7 +304,7 @@ def _command(options: ReportOptions) -> str:
 
 def _names(paths: Sequence[Given]) -> list[str]:
     """Return the names of files, of many the first."""
-    told = [str(path.objects if isinstance(path, Pair) else path) for path in paths]
+    told = [str(path.objects if isinstance(path, TableSet) else path) for path in paths]
     names = [path.rstrip("/").split("/")[-1] or path for path in told]
     return names if len(names) <= NAMED else [*names[:NAMED], "..."]
 
@@ -314,12 +316,12 @@ def _steps(total: int, progress: Progress) -> Callable[[], None]:
 
 
 def _load(
-    pairs: Sequence[Pair],
+    pairs: Sequence[TableSet],
     problems: Sequence[UnreadableError],
     checks: Sequence[Check],
     viewer: bool,
     step: Callable[[], None],
-) -> tuple[Run, tuple[Pair, ...], tuple[str, ...]]:
+) -> tuple[Run, tuple[TableSet, ...], tuple[str, ...]]:
     """Read the rows of all tables that can be read; returns them with one line for each problem."""
     problems = [*problems]
     pairs, elsewhere = _with_zones(pairs, problems)
@@ -335,7 +337,7 @@ def _load(
         path_columns = {*ground.COLUMNS["trajectories"], *map_picture.COLUMNS["trajectories"]}
         sweep_columns |= {*map_picture.COLUMNS["sweeps"]}
         track_columns |= {*map_picture.COLUMNS["tracks"]}
-    read: list[tuple[Pair, Origin, pa.Table, pa.Table]] = []
+    read: list[tuple[TableSet, Origin, pa.Table, pa.Table]] = []
     tracks: dict[int, pa.Table] = {}
     trajectories: dict[int, pa.Table] = {}
     zones: dict[int, tuple[pa.Table, pa.Table]] = {}
@@ -404,7 +406,7 @@ def _unobserved(checks: Sequence[Check], run: Run) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _refuse_missing(checks: Sequence[Check], pairs: Sequence[Pair], zoned: Sequence[Pair]) -> None:
+def _refuse_missing(checks: Sequence[Check], pairs: Sequence[TableSet], zoned: Sequence[TableSet]) -> None:
     """Refuse a check of tracks, or of zones in `zoned`, where some log has none: it would speak of the others alone."""
     for check in checks:
         for needed, kind, way, named in (

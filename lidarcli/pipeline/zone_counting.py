@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import SETS
-from lidarcli.formalism.zones.approach import collision_steps, meeting, times
-from lidarcli.formalism.zones.points import Inside, candidates, reach, samples
+from lidarcli.formalism.zones import Inside, candidates, collision_steps, meeting, reach, samples, times
 from lidarcli.masks import Circle, Masks, Polygon
 from lidarcli.pipeline.zone_frames import Frames
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import SETS
-from lidarcli.formalism.zones.episodes import episodes
-from lidarcli.formalism.zones.paths import Path, crossings, same_agents, visits
+from lidarcli.formalism.zones import Path, crossings, episodes, same_agents, visits
 from lidarcli.masks import Circle, Polygon
 from lidarcli.pipeline.reading.masking import REACH
 from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries

@@ -10,7 +10,7 @@ import numpy as np
 
 from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import SETS
-from lidarcli.formalism.zones.points import candidates
+from lidarcli.formalism.zones import candidates
 from lidarcli.logs.base import Log
 from lidarcli.masks import Mask, Masks, Mount, mounted, same_name
 from lidarcli.pipeline.inputs.sources import read_pose_messages

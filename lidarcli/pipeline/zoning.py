@@ -19,8 +19,8 @@ from lidarcli.masks import Circle, Masks, Polygon, same_name
 from lidarcli.newfiles import refuse, scratch_folder
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.masks import plain
-from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
-from lidarcli.pipeline.inputs.tables import Pair, one_pair, world_in
+from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
+from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, world_in
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import AGAIN, Cursor
 from lidarcli.pipeline.reading.masking import masking_of
@@ -87,9 +87,9 @@ class ZoneOptions:
         """Return the path of each table of a log."""
         return table_paths(folder, source.name, TABLES)
 
-    def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
+    def inputs(self, sources: Sequence[Source | MissingInput]) -> list[str]:
         """Return the files that are read, none of which an output may replace."""
-        tables = [] if self.objects is None else [str(one_pair(self.objects).objects)]
+        tables = [] if self.objects is None else [str(one_table_set(self.objects).objects)]
         return [*self.detect.inputs(sources), *self.files, *tables]
 
     def as_dict(self) -> dict[str, Any]:
@@ -162,7 +162,7 @@ def refuse_resting(zone: Zone) -> None:
 class Watching:
     """One pass over a log that counts what is in its zones."""
 
-    def __init__(self, log: Log, options: ZoneOptions, pair: Pair | None) -> None:
+    def __init__(self, log: Log, options: ZoneOptions, pair: TableSet | None) -> None:
         self._log, self._options, self._pair = log, options, pair
         if pair is not None and not (pair.trajectories.exists() and pair.tracks.exists()):
             for zone in options.zones.zones:
@@ -534,7 +534,7 @@ def watch(
         told = options.as_dict()
         with open_source(source, options.detect.opening) as log:
             options = narrowed(log, options)
-        pair = None if options.objects is None else one_pair(options.objects)
+        pair = None if options.objects is None else one_table_set(options.objects)
         if pair is None and options.find:
             private = stack.enter_context(scratch_folder())
             with open_source(source, options.detect.opening) as log:
@@ -573,7 +573,7 @@ def watch(
 
 
 def watch_files(
-    sources: Sequence[Source | Nothing], folder: Place | None, options: ZoneOptions, report: LogProgress | None = None
+    sources: Sequence[Source | MissingInput], folder: Place | None, options: ZoneOptions, report: LogProgress | None = None
 ) -> Iterator[Outcome]:
     """Watch the zones in every log, one after the other or several at the same time."""
     at_once = logs_at_once(sources, options.detect.jobs or options.detect.cores)
@@ -585,7 +585,7 @@ def watch_files(
     return over_logs(sources, partial(watch, options=options, folder=folder), report, at_once)
 
 
-def refuse_outputs(sources: Sequence[Source | Nothing], folder: Place | None, options: ZoneOptions) -> list[str]:
+def refuse_outputs(sources: Sequence[Source | MissingInput], folder: Place | None, options: ZoneOptions) -> list[str]:
     """Return the files that are written, after refusing those that cannot be, and two logs of one name, before any work."""
     if folder is None:
         return []

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from lidarcli._version import __version__
 from lidarcli.display import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.reports.changes_picture import Sight, changes_figure
 from lidarcli.reports.charts import charts, constants
 from lidarcli.reports.columns import Origin, Rows, Run

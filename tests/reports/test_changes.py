@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.pipeline.inputs.tables import find_pairs, find_tables, table_files
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.pipeline.inputs.tables import find_table_sets, find_tables, table_files
 from lidarcli.pipeline.reporting import FORMATS, Made, ReportOptions, make_report, render
 from lidarcli.reports import palette
 from lidarcli.reports.changes import changes_part, pairs_of
@@ -261,7 +261,7 @@ def test_a_table_that_is_named_itself_may_have_any_name(tmp_path: Path) -> None:
     # In a folder the name tells.
     with pytest.raises(UnreadableError, match=r"no \*.objects.parquet in this folder"):
         made(tmp_path)
-    pairs, problems = find_pairs([str(path)])
+    pairs, problems = find_table_sets([str(path)])
     assert not pairs
     assert "this is the changes table of lidarcli diff" in str(problems[0])
 

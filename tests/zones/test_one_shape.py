@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli.formalism.zones import paths
-from lidarcli.formalism.zones.paths import Path as Trajectory
-from lidarcli.formalism.zones.paths import same_agents
+from lidarcli.formalism import zones
+from lidarcli.formalism.zones import Path as Trajectory
+from lidarcli.formalism.zones import same_agents
 from lidarcli.masks import Circle
 from lidarcli.pipeline.zone_counting import Columns, Shapes, TopicSeries, ZoneSeries
 from lidarcli.pipeline.zone_events import EventFinder
@@ -129,7 +129,7 @@ def test_only_paths_of_one_time_are_compared(monkeypatch: pytest.MonkeyPatch) ->
         compared += 1
         return 0.1
 
-    monkeypatch.setattr(paths, "_apart", apart)
+    monkeypatch.setattr(zones, "_apart", apart)
     place = np.zeros(2)
     sensors = [{k: Trajectory(np.array([10 * k, 10 * k + 5]) + late, place, place) for k in range(300)} for late in (0, 1)]
     begin = time.process_time()
