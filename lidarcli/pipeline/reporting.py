@@ -89,7 +89,7 @@ class ReportOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class Made:
+class PagedReport:
     """A report, and where the rows come from that it is about."""
 
     report: Report | PartsReport
@@ -102,7 +102,7 @@ def understand(options: ReportOptions, zones: Collection[str] | None = None) -> 
     return [parse_check(text, bool(options.baseline), zones=zones) for text in options.checks]
 
 
-def make_report(options: ReportOptions, viewer: bool = False, progress: Progress = None) -> Made:
+def make_report(options: ReportOptions, viewer: bool = False, progress: Progress = None) -> PagedReport:
     """Read the tables and make the report.
 
     Parameters
@@ -140,7 +140,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
         verdicts = tuple(judge(check, summary.figures | of_changes, run) for check in checks)
         report = Report(summary, changes=changes, verdicts=verdicts, unread=problems, unseen=unseen)
         step()
-        return _with_page(report, run, pairs, options) if viewer else Made(report)
+        return _with_page(report, run, pairs, options) if viewer else PagedReport(report)
     compared = [check for check in checks if check.name.startswith(DELTA)]
     base_run, _, base_problems = _load(*base_found, compared, False, step)
     if base_problems:
@@ -153,20 +153,20 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     verdicts = tuple(judge(check, values, run) for check in checks)
     report = Report(summary, comparison, changes, verdicts=verdicts, unread=problems, unseen=unseen)
     step()
-    return _with_page(report, run, pairs, options) if viewer else Made(report)
+    return _with_page(report, run, pairs, options) if viewer else PagedReport(report)
 
 
-def _with_page(report: Report, run: Run, pairs: Sequence[TableSet], options: ReportOptions) -> Made:
+def _with_page(report: Report, run: Run, pairs: Sequence[TableSet], options: ReportOptions) -> PagedReport:
     """Add the contents of the HTML to a report; a beams table that cannot be read is one problem more."""
     from lidarcli.pipeline.viewing import viewer_of
     from lidarcli.reports.html import Page
     from lidarcli.reports.map_picture import overview
 
-    seen = viewer_of(run, report.summary, pairs, options.logs, options.join)
-    report = replace(report, unread=(*report.unread, *seen.problems))
+    view = viewer_of(run, report.summary, pairs, options.logs, options.join)
+    report = replace(report, unread=(*report.unread, *view.problems))
     # Every log has a world of its own.
     above = overview(run.sweeps, run.tracks, run.trajectories) if len(run.sources) == 1 else None
-    return Made(report, Page(seen.data, above, seen.walls, seen.grid, _command(options)))
+    return PagedReport(report, Page(view.data, above, view.walls, view.grid, _command(options)))
 
 
 def _is_of_zones(pair: TableSet) -> bool:
@@ -251,7 +251,7 @@ def _report_parts(
     changes: ChangesPart | None,
     problems: Sequence[UnreadableError],
     options: ReportOptions,
-) -> Made:
+) -> PagedReport:
     """Report on zones, on changes, or on both, where there are no tables of objects."""
     kind = "changes" if zones is None else "zones"
     for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
@@ -269,7 +269,7 @@ def _report_parts(
         checks = [parse_zone_check(text, zones[0].names, others) for text in options.checks]
         verdicts = [judge_zones(check, report.figures, zones[0]) for check in checks]
         unseen = (*_unseen(checks, zones[1]), *unobserved(checks, zones[0]), *_unseen_changes(checks, changes))
-    return Made(replace(report, verdicts=tuple(verdicts), unseen=unseen))
+    return PagedReport(replace(report, verdicts=tuple(verdicts), unseen=unseen))
 
 
 def _zones_alone(
@@ -304,8 +304,8 @@ def _command(options: ReportOptions) -> str:
 
 def _names(paths: Sequence[Given]) -> list[str]:
     """Return the names of files, of many the first."""
-    told = [str(path.objects if isinstance(path, TableSet) else path) for path in paths]
-    names = [path.rstrip("/").split("/")[-1] or path for path in told]
+    full = [str(path.objects if isinstance(path, TableSet) else path) for path in paths]
+    names = [path.rstrip("/").split("/")[-1] or path for path in full]
     return names if len(names) <= NAMED else [*names[:NAMED], "..."]
 
 
@@ -409,14 +409,14 @@ def _unobserved(checks: Sequence[Check], run: Run) -> tuple[str, ...]:
 def _refuse_missing(checks: Sequence[Check], pairs: Sequence[TableSet], zoned: Sequence[TableSet]) -> None:
     """Refuse a check of tracks, or of zones in `zoned`, where some log has none: it would speak of the others alone."""
     for check in checks:
-        for needed, kind, way, named in (
+        for needed, kind, how, named in (
             (check.needs_tracks, "tracks", "track LOG", pairs),
             (check.needs_zones, "zones", "zones LOG --zones FILE", zoned),
         ):
             missing = [getattr(pair, kind) for pair in named if needed and not getattr(pair, kind).exists()]
             if missing:
                 raise OptionError(
-                    f"--check '{check.expression}' asks for {kind}, but {missing[0]} is not there; lidarcli {way} writes it"
+                    f"--check '{check.expression}' asks for {kind}, but {missing[0]} is not there; lidarcli {how} writes it"
                 )
 
 
@@ -437,7 +437,7 @@ def encoded(words: str) -> bytes:
     return words.encode("utf-8", "backslashreplace")
 
 
-def render(made: Made, kind: str, colour: bool = False, brief: bool = False) -> str:
+def render(made: PagedReport, kind: str, colour: bool = False, brief: bool = False) -> str:
     """The report in one of `FORMATS`, `brief` in one of `SHORT_FORMATS`; for html, one of tables was made with `viewer`."""
     report = made.report
     if kind == "html":

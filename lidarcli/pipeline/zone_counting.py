@@ -197,7 +197,7 @@ class Velocities(NamedTuple):
         return newest, int(np.count_nonzero(old))
 
 
-class Counting:
+class TopicCounter:
     """Folds the batches of one topic into a `TopicSeries`."""
 
     def __init__(self, series: TopicSeries, frames: Frames, masks: Masks, velocities: dict[str, Velocities | None]) -> None:
@@ -238,11 +238,11 @@ class Counting:
             place, velocity = places[each.zone.frame], velocities[each.zone.velocity_topic]
             each.append(placed=_four(place.at_stamp()), velocity=velocity)
             own = velocity if each.zone.frame == WORLD else velocity_of(velocity, place, carried)
-            look = _Look(batch, ranges, masks, place, objects, owners, own, series.count)
+            look = _PlacedSweeps(batch, ranges, masks, place, objects, owners, own, series.count)
             self._look(each, look, hidden)
         series.count += len(batch)
 
-    def _look(self, into: ZoneSeries, look: _Look, masked: Float32 | None) -> None:
+    def _look(self, into: ZoneSeries, look: _PlacedSweeps, masked: Float32 | None) -> None:
         """Count what is in a zone."""
         now = into.shapes.at(look.batch.stamp_ns)
         count, parts = len(look.batch), len(into.places) if now is None else 1
@@ -331,7 +331,7 @@ class Counting:
         return velocities
 
 
-class _Look(NamedTuple):
+class _PlacedSweeps(NamedTuple):
     """Sweeps of one frame, and where their sensor is in the frame of a zone."""
 
     batch: SweepBatch
@@ -372,8 +372,8 @@ class _Look(NamedTuple):
         fastest = float(np.nanmax(speed, initial=0.0))
         if zone.count == "agents" and self.objects is not None:
             fastest += float(np.nanmax(np.hypot(*self.objects.velocity.T), initial=0.0))
-        way = fastest * (zone.time_before_collision + zone.time_step)
-        near = candidates(self.batch, self.ranges, self.place, _around(shape, way))
+        reach = fastest * (zone.time_before_collision + zone.time_step)
+        near = candidates(self.batch, self.ranges, self.place, _around(shape, reach))
         return self._counted(zone, candidates(self.batch, self.ranges, self.place, shape)), self._counted(zone, near)
 
     def _counted(self, zone: Zone, found: Inside) -> Inside:
@@ -437,11 +437,11 @@ class _Look(NamedTuple):
         )
 
 
-def _around(shape: Circle | Polygon, way: float) -> Circle:
-    """Return a circle about the robot that holds a shape and all within some way of it."""
+def _around(shape: Circle | Polygon, reach: float) -> Circle:
+    """Return a circle about the robot that holds a shape and all within reach of it."""
     if isinstance(shape, Circle):
-        return Circle(0.0, 0.0, float(np.hypot(shape.x, shape.y)) + shape.radius + way)
-    return Circle(0.0, 0.0, float(np.hypot(*np.array(shape.corners).T).max()) + way)
+        return Circle(0.0, 0.0, float(np.hypot(shape.x, shape.y)) + shape.radius + reach)
+    return Circle(0.0, 0.0, float(np.hypot(*np.array(shape.corners).T).max()) + reach)
 
 
 def _carrier(sensor: SweepPoses, carried: SweepPoses) -> SweepPoses:

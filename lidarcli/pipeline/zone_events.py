@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones import Path, crossings, episodes, same_agents, visits
 from lidarcli.masks import Circle, Polygon
-from lidarcli.pipeline.reading.masking import REACH
 from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, UInt8
+from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
 from lidarcli.zone import WORLD, Line, Zone
 
@@ -25,8 +24,6 @@ BOTH_CROSS_NS = 1_000_000_000
 OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
 IN, OUT = DIRECTIONS
 _AGENT = SETS.index("A")
-SAME_SHARE, SAME_SPREAD, SAME_TURN = 0.9, 0.06, 0.1
-"""In this share of the sweeps the nearest point stays within such a distance [m] and bearing [rad]: perhaps the robot."""
 
 
 class AgentPaths(NamedTuple):
@@ -71,8 +68,6 @@ class ZoneEvents:
     one_sided: int | None = None
     """Of a line: how often an agent went through it that was not clear of it on both sides; None without tracks."""
     topics: Sequence[TopicSeries] = ()
-    always_same: bool = False
-    """True where the same beams have nearly the same range nearly all the time."""
     in_force: bool = True
     """False for a velocity_polygon none of whose polygons ever covered the velocity."""
 
@@ -240,16 +235,7 @@ class EventFinder:
             "masked": self._of_topics("masked").sum(axis=0).astype(np.int32),
             "observed": self._observed(),
         }
-        return ZoneEvents(
-            zone,
-            events,
-            self.topic,
-            columns,
-            one_sided,
-            self.topics,
-            self._is_always_same(active),
-            bool((self.part >= 0).any()),
-        )
+        return ZoneEvents(zone, events, self.topic, columns, one_sided, self.topics, bool((self.part >= 0).any()))
 
     def _observed(self) -> Bool:
         """Return (N,) whether something in the zone could have made an event: enough beams reach it for long enough."""
@@ -262,16 +248,6 @@ class EventFinder:
         for begin, end in edges.reshape(-1, 2).tolist():
             observed[begin:end] = end - begin >= self.zone.trigger
         return observed
-
-    def _is_always_same(self, active: Bool) -> bool:
-        if np.count_nonzero(active) < max(SAME_SHARE * len(active), 10):
-            return False
-        low, high = np.nanpercentile(self.nearest[active], (5, 95))
-        if high > REACH:
-            return False
-        middle = np.nanmedian(self.bearing[active])
-        off = np.abs((self.bearing[active] - middle + 0.5 * TURN) % TURN - 0.5 * TURN)
-        return bool(high - low < SAME_SPREAD and np.mean(off < SAME_TURN) >= SAME_SHARE)
 
     # Whose points they are.
 

@@ -1,4 +1,13 @@
-"""Conditions on the rows of a table: `width > 0.5 and moving and not (shape == prismatic or track is null)`."""
+"""Gates on named figures: `sweeps >= 100`, `tracks where distance > 1 == 4`, `delta.objects between -5 and 5`.
+
+check      = measure ( sign number | "between" number "and" number )
+measure    = figure | ( "objects" | "sweeps" | "tracks" | "events" ) "where" condition
+condition  = term { "or" term }
+term       = factor { "and" factor }
+factor     = "not" factor | "(" condition ")" | comparison
+comparison = column sign value | column "between" number "and" number | column "is" [ "not" ] "null" | column
+sign       = "==" | "!=" | "<" | "<=" | ">" | ">="
+"""
 
 from __future__ import annotations
 
@@ -399,8 +408,8 @@ class Verdict:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain values."""
-        told = {"check": self.expression, "holds": self.holds, "expected": self.expected}
-        return told | {"found": figures.plain_number(self.found)}
+        shown = {"check": self.expression, "holds": self.holds, "expected": self.expected}
+        return shown | {"found": figures.plain_number(self.found)}
 
     @property
     def failure(self) -> str:

@@ -68,7 +68,7 @@ WHO = {"A": "agents", "O": "things", "S": "walls"}
 """Set of the points of an event → what was in the zone."""
 AREA_CELLS = ("zone", "events", "active", "nearest", "observed", "by")
 """Columns of the table of areas; the first and the last one wrap."""
-WAY_CELLS = ("zone", "visits", "dwell", "in", "out", "observed")
+ENTRY_CELLS = ("zone", "visits", "dwell", "in", "out", "observed")
 """Columns of the table of visits and crossings."""
 NEVER = "never observed"
 ZONE_WORDS = {
@@ -91,8 +91,8 @@ def zones_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> ZoneRows:
     for source, (_, zones) in read.items():
         rows = Rows.join([zones])
         judged, log = {*rows.counts("zone")}, next(iter(rows.counts("log")), str(source))
-        told = note_value(notes_of(zones), PARAMETERS, dict).get("zones")
-        for one in told if isinstance(told, list) else ():
+        declared = note_value(notes_of(zones), PARAMETERS, dict).get("zones")
+        for one in declared if isinstance(declared, list) else ():
             if isinstance(one, dict) and isinstance(one.get("name"), str):
                 shapes.setdefault(one["name"], one)
                 left_out += [(log, one["name"])] if one["name"] not in judged else []
@@ -142,7 +142,7 @@ def _values(watched: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> dic
         "points.max": of["points"].max,
         "ttc.min": of["ttc"].min,
         # Without tracks nobody knows who went across.
-        **{way: int((crossings & events.are("direction", way)).sum()) if agents.count else None for way in OF_LINES},
+        **{name: int((crossings & events.are("direction", name)).sum()) if agents.count else None for name in OF_LINES},
         "observed": observed,
     }
     spreads = {"duration": Spread.of(duration[alarms]), "agents_at_once": agents, "dwell": Spread.of(duration[visits])}
@@ -334,14 +334,14 @@ class ZonesPart(Part):
         logs = [source.log for source in self.sources]
         rows = [one.cells() for one in self.zones]
         areas = [row for row, one in zip(rows, self.zones, strict=True) if not one.is_line]
-        ways = [row for row in rows if {"visits", "in"} & {*row}]
+        entered = [row for row in rows if {"visits", "in"} & {*row}]
         blocks: list[Block] = [_table(areas, AREA_CELLS)] if areas else []
         for source, found in [*self.timelines.items()][:LOGS]:
             bands = [Band(one.zone, "" if one.action == "none" else one.action, one.events, one.visits) for one in found]
             blocks.append(Bands(logs[source] if len(self.timelines) > 1 else "", self.seconds[source], bands))
         if len(self.timelines) > LOGS:
             blocks.append(Notes([(f"and {counted(len(self.timelines) - LOGS, 'more log')}",)]))
-        blocks += [_table(ways, WAY_CELLS)] if ways else []
+        blocks += [_table(entered, ENTRY_CELLS)] if entered else []
         sections = {"zones": Section("Zones", blocks)}
         title = "Events of zones" + (", the worst first" if self.listed > 1 else "")
         for name, most, formats in (("events", EVENTS, (TEXT, MARKDOWN)), ("page of events", KEPT, (PAGE,))):
@@ -432,8 +432,8 @@ def _sweeps(rows: Rows) -> int:
 def _actions(watched: ZoneRows) -> dict[str, str]:
     """Return the action of each zone, by the metadata or else by its events."""
     zone, action = (watched.events.texts(name) for name in ("zone", "action"))
-    told = {name: str(shape["action"]) for name, shape in watched.shapes.items() if "action" in shape}
-    return dict(zip(zone, action, strict=True)) | told
+    declared = {name: str(shape["action"]) for name, shape in watched.shapes.items() if "action" in shape}
+    return dict(zip(zone, action, strict=True)) | declared
 
 
 def _most_severe(rows: Rows, logs: Sequence[str]) -> list[Any]:
@@ -460,7 +460,7 @@ def _timelines(watched: ZoneRows, source: int, span: tuple[int, int], actions: M
     for name in watched.names:
         if not (of_zone(rows, name) & (rows.source == source)).any():
             continue
-        alarms, ways = (
+        alarms, entries = (
             _merged(begin[mine], end[mine])
             for mine in (
                 of_zone(events, name, "occupied", "approach") & here,
@@ -470,7 +470,7 @@ def _timelines(watched: ZoneRows, source: int, span: tuple[int, int], actions: M
         shape = watched.shapes.get(name, {})
         corners = _corners(shape)
         frame = str(shape["frame"]) if corners else ""
-        yield ZoneTimeline(name, actions.get(name, ""), alarms, ways, frame, corners)
+        yield ZoneTimeline(name, actions.get(name, ""), alarms, entries, frame, corners)
 
 
 def _corners(shape: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
@@ -31,36 +29,11 @@ def run(tmp_path: Path) -> Path:
     return write_run(tmp_path / "run", [sweep(k, count) for k, count in enumerate(counts)], objects)
 
 
-def test_text_on_standard_output(lidarcli: Run, run: Path) -> None:
-    ran = lidarcli("report", run)
-    assert (ran.code, ran.err) == (0, "")
-    assert max(map(len, ran.out.splitlines())) <= 80
-    assert "\x1b" not in ran.out
-    for words in (
-        "sweeps            20 in 1.9 s",
-        "objects           30, on average 1.5 per sweep",
-        "prismatic",
-        "run /scan (laser), 20 sweeps from 2023-11-14T22:13:20.000Z",
-    ):
-        assert words in ran.out
-
-
 def test_either_table_names_the_pair_and_folders_are_searched(lidarcli: Run, run: Path) -> None:
     sweeps = run.with_name("run.sweeps.parquet")
     wanted = lidarcli("report", run, "--format", "json").out
     for inputs in ([sweeps], [run.parent], [f"{run.parent}/*.parquet"], [run, sweeps, run.parent]):
         assert lidarcli("report", *inputs, "--format", "json").out == wanted
-
-
-def test_json(lidarcli: Run, run: Path) -> None:
-    found = json.loads(lidarcli("report", run, "--format", "json", "--check", "objects == 30").out)
-    assert found["schema"] == "lidarcli.report/1"
-    assert found["figures"]["objects_per_sweep.mean"] == 1.5
-    assert found["figures"]["width.max"] == 0.5
-    assert found["checks"] == [{"check": "objects == 30", "holds": True, "expected": "== 30", "found": 30}]
-    assert found["sources"][0]["parameters"] == {"profile": "robust", "every": 1}
-    assert found["streams"][0]["start"] == "2023-11-14T22:13:20.000Z"
-    assert found["comparison"] is None
 
 
 def test_checks_decide_the_exit_code(lidarcli: Run, run: Path) -> None:
@@ -79,20 +52,6 @@ def test_a_check_that_makes_no_sense_is_a_usage_error(lidarcli: Run, expression:
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.startswith(f"lidarcli: --check '{expression}': ")
     assert len(ran.err.splitlines()) == 1
-
-
-def test_junit_has_a_case_per_check(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    out = tmp_path / "report.xml"
-    checks = ["sweeps >= 20", "objects where width > 0.4 < 5"]
-    ran = lidarcli("-q", "report", run, "-o", out, *(word for check in checks for word in ("--check", check)))
-    assert ran.code == 1
-    suite = ET.parse(out).getroot()[0]
-    assert (suite.get("name"), suite.get("tests"), suite.get("failures")) == ("run", "2", "1")
-    cases = suite.findall("testcase")
-    assert [case.get("name") for case in cases] == checks
-    assert [[child.get("message") for child in case] for case in cases] == [[], ["expected < 5, found 10"]]
-    properties = {item.get("name"): item.get("value") for item in suite.iter("property")}
-    assert properties["objects"] == "30"
 
 
 @pytest.mark.parametrize("odd", ["\x01", "\udcff", "]]>", "<&\x1b2J", "\ufffe", "\t"])
@@ -178,55 +137,6 @@ def test_a_baseline(lidarcli: Run, run: Path, tmp_path: Path) -> None:
     assert (missing.code, missing.out) == (3, "")
 
 
-def test_damage_of_the_log_is_told(lidarcli: Run, tmp_path: Path) -> None:
-    run = write_run(tmp_path, [sweep(0)], damage=["byte 99: cut"])
-    assert "damage  run: byte 99: cut" in lidarcli("report", run).out
-    assert lidarcli("report", run, "--check", "damage == 0").code == 1
-
-
-def test_an_empty_run_has_a_report_in_every_format(lidarcli: Run, tmp_path: Path) -> None:
-    run = write_run(tmp_path, [])
-    for kind in FORMATS:
-        assert lidarcli("report", run, "--format", kind).code == 0
-
-
-def test_a_run_in_which_nothing_could_be_followed(lidarcli: Run, tmp_path: Path) -> None:
-    run = write_run(tmp_path, [sweep(0)], tracks=[])
-    for kind in FORMATS:
-        ran = lidarcli("report", run, "--format", kind, "--check", "tracks == 0", "--check", "agents_at_once.max == 0")
-        assert (ran.code, ran.err) == (0, "")
-    assert "tracks          0, 0 of them agents" in lidarcli("report", run).out
-    assert lidarcli("report", run, "--check", "tracks.duration.p50 > 0").code == 1
-
-
-@pytest.mark.parametrize(
-    ("environment", "terminal", "coloured"),
-    [
-        ({}, True, True),
-        ({}, False, False),
-        ({"TERM": "dumb"}, True, False),
-        ({"NO_COLOR": "1"}, True, False),
-        ({"NO_COLOR": ""}, True, True),
-        ({"FORCE_COLOR": "1"}, False, True),
-        ({"FORCE_COLOR": "1", "NO_COLOR": "1", "TERM": "dumb"}, False, True),
-        ({"FORCE_COLOR": ""}, False, False),
-    ],
-)
-def test_colour(
-    lidarcli: Run, run: Path, monkeypatch: pytest.MonkeyPatch, environment: dict[str, str], terminal: bool, coloured: bool
-) -> None:
-    for name in ("NO_COLOR", "FORCE_COLOR"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("TERM", "xterm")
-    for name, value in environment.items():
-        monkeypatch.setenv(name, value)
-    monkeypatch.setattr("sys.stdout.isatty", lambda: terminal)
-    ran = lidarcli("report", run, "--check", "objects == 0")
-    assert ran.code == 1
-    assert ("\x1b[1;31mFAIL\x1b[0m" in ran.out) == ("\x1b" in ran.out) == coloured
-    assert ran.err == "lidarcli: check failed: objects is 30, expected == 0\n"
-
-
 @pytest.mark.parametrize(("form", "count"), [("text", 3), ("markdown", 2), ("github", 3)])
 def test_names_of_a_log_do_not_steer_the_terminal(lidarcli: Run, tmp_path: Path, form: str, count: int) -> None:
     odd = {"topic": "/a\x1b[2J\x07\u202e", "log": "l\x1b]0;x\x07", "frame_id": "f\x9b2J"}
@@ -242,38 +152,6 @@ def test_names_of_a_log_do_not_steer_the_terminal(lidarcli: Run, tmp_path: Path,
 def tracked(tmp_path: Path) -> Path:
     """The tables of `track`: a pallet, a person, a robot."""
     return write_run(tmp_path / "tracked", **crossing())
-
-
-def test_tracks_in_text(lidarcli: Run, tracked: Path) -> None:
-    ran = lidarcli("report", tracked)
-    assert (ran.code, ran.err) == (0, "")
-    assert max(map(len, ran.out.splitlines())) <= 80
-    for words in (
-        "tracks          3, 2 of them agents",
-        "agents at once  1.3 on average, at most 2",
-        "scene           semi-structured: most of what is seen stands (6.2 % of the beams",
-        "Tracks by shape",
-        "left view    █████████                     33.3 %            1",
-        "    2  agent   legged               0.70 s    0.70 m   1.20 m/s  left view",
-        "pallet       1       10",
-        "  agents  ▄▄▄▄▄███▄▄",
-    ):
-        assert words in ran.out
-
-
-def test_tracks_of_several_logs_in_text(lidarcli: Run, tracked: Path) -> None:
-    other = crossing("other")
-    other["tracks"][0]["label"] = "one label that is longer than the terminal is wide, by far, and far from useful"
-    for row in other["objects"]:
-        row["label"] = None
-    write_run(tracked.parent, **other, name="other")
-    ran = lidarcli("report", tracked.parent)
-    assert (ran.code, max(map(len, ran.out.splitlines()))) == (0, 80)
-    lines = ran.out.splitlines()
-    start = lines.index("Track by track")
-    assert lines[start + 1 : start + 8 : 5] == ["other /scan", "run /scan"]
-    assert lines[start + 3] == "    1  object  prismatic  one labe...    0.90 s    0.00 m   0.00 m/s  end of log"
-    assert len(lines[start + 3]) == 80
 
 
 def test_any_table_names_the_log_and_the_tracks_lie_beside(lidarcli: Run, tracked: Path) -> None:
@@ -338,16 +216,6 @@ def test_tracks_of_other_objects_are_told(lidarcli: Run, run: Path, tracked: Pat
     pq.write_table(table.drop_columns(["end"]), tracked.with_name("run.tracks.parquet"))
     ran = lidarcli("report", tracked)
     assert (ran.code, "not a table of lidarcli track: no column end" in ran.err) == (3, True)
-
-
-def test_tables_of_an_older_version(lidarcli: Run, run: Path) -> None:
-    newer = ["t", "vx", "vy", "moving", "label", "label_score"]
-    table = pq.read_table(run)
-    pq.write_table(table.drop_columns(newer), run)
-    ran = lidarcli("report", run, "--check", "objects == 30")
-    assert (ran.code, ran.err) == (0, "")
-    ran = lidarcli("report", run, "--check", "objects where label == box == 0")
-    assert (ran.code, "no column label, which a check asks for; an older version" in ran.err) == (3, True)
 
 
 def test_a_baseline_with_and_without_tracks(lidarcli: Run, run: Path, tracked: Path) -> None:
@@ -480,17 +348,6 @@ def test_checks_of_a_damaged_log_are_not_passed_in_silence(lidarcli: Run, run: P
         assert lidarcli("report", cut, *words).code == code
     words = ("--baseline", cut, "--check", "delta.damage == 0")
     assert lidarcli("report", cut, *words).code == 0
-
-
-def test_what_both_streams_would_show_is_shown_once(
-    run: Path, tmp_path: Path, process: Callable[..., subprocess.CompletedProcess[bytes]]
-) -> None:
-    cut = write_run(tmp_path / "cut", [sweep(0, log="cut")], damage=["byte 99: cut"], name="cut")
-    command = [sys.executable, "-m", "lidarcli", "report", str(cut), "--check", "sweeps >= 1"]
-    both = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
-    assert (both.returncode, both.stdout.count(b"incomplete: ")) == (3, 1)
-    apart = subprocess.run(command, capture_output=True, check=False)
-    assert (apart.stdout.count(b"incomplete: "), apart.stderr.count(b"incomplete: ")) == (1, 1)
 
 
 @pytest.mark.parametrize("table", ["objects", "sweeps"])

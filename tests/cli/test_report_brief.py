@@ -13,7 +13,7 @@ from urllib.parse import unquote
 import pytest
 
 from lidarcli.reports.programs import command
-from tests.reports.runs import START, TENTH, crossing, sweep, thing, write_run
+from tests.reports.runs import START, TENTH, sweep, thing, write_run
 
 Run = Callable[..., Any]
 CHECKS = ("--check", "sweeps >= 20", "--check", "objects == 3")
@@ -67,27 +67,6 @@ def test_brief_text(lidarcli: Run, run: Path, baseline: Path) -> None:
         "here: 2; only in the baseline: 0\n"
     )
     assert lidarcli("report", run, "--brief").out == "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
-
-
-def test_brief_markdown_in_a_file(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    out = tmp_path / "report.md"
-    assert lidarcli("-q", "report", run, *CHECKS, "--brief", "-o", out).code == 1
-    assert out.read_text() == (
-        "## lidarcli report: run\n\n"
-        "**Checks: 1 of 2 failed.**\n\n"
-        "|  | check | found |\n"
-        "| --- | --- | ---: |\n"
-        "| passed | `sweeps >= 20` | 20 |\n"
-        "| **failed** | `objects == 3` | 20 |\n\n"
-        "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
-    )
-
-
-def test_brief_tells_of_tracks_and_damage(lidarcli: Run, tmp_path: Path) -> None:
-    run = write_run(tmp_path, **crossing(), damage=["byte 99: cut"])
-    assert " ".join(lidarcli("report", run, "--brief").out.split()) == (
-        "run: 10 sweeps in 0.9 s, 10 Hz, 31 objects (3.1 per sweep), 3 tracks (2 agents), damage in 1 place of the logs"
-    )
 
 
 @pytest.mark.parametrize("kind", ["json", "junit", "html"])
@@ -145,10 +124,6 @@ def test_what_github_reads_is_what_was_meant(text: str) -> None:
     assert not {":", ","} & set(title)
 
 
-def test_github_spells_out_what_steers_a_terminal() -> None:
-    assert command("error", "a", "\x1b[2J°\udcff") == "::error title=a::\\x1b[2J°\\udcff"
-
-
 def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> None:
     warning = (
         "unlike sensors (5 to 20 Hz; 100 to 360 beams; frames front, laser): the figures pool all of them, and no map in "
@@ -191,37 +166,3 @@ def test_a_baseline_of_another_sensor(lidarcli: Run, run: Path, tmp_path: Path) 
         "run: 20 sweeps"
     )
     assert "warning" not in lidarcli("report", run, "--baseline", run, "--brief").out
-
-
-def test_like_sensors_are_pooled(lidarcli: Run, tmp_path: Path) -> None:
-    for name, beams, step in (("a", 100, 1.0), ("b", 101, 1.1)):
-        sweeps = [sweep(k, 1, log=name, beams=beams, stamp=START + int(step * TENTH) * k) for k in range(5)]
-        write_run(tmp_path, sweeps, [thing(k, 1, log=name) for k in range(5)], name=name)
-    text = lidarcli("report", tmp_path).out
-    assert "warning" not in text
-    for words in ("Where objects were, 2 logs over each other (sensor", "step [s]", "beams_per_object"):
-        assert words in text
-    assert json.loads(lidarcli("report", tmp_path, "--format", "json").out)["warnings"] == []
-
-
-@pytest.mark.parametrize(
-    ("sweeps", "words"), [(0, "run: 0 sweeps in 0 s, 0 objects"), (1, "run: 1 sweep in 0 s, 1 object (1 per sweep)")]
-)
-def test_too_little_to_tell(lidarcli: Run, tmp_path: Path, sweeps: int, words: str) -> None:
-    run = write_run(tmp_path, [sweep(0, 1)] * sweeps, [thing(0, 1)] * sweeps)
-    assert lidarcli("report", run, "--brief").out == f"{words}\n"
-    assert "clock             too few sweeps to tell" in lidarcli("report", run).out
-
-
-def test_faults_of_the_clock_in_words(lidarcli: Run, tmp_path: Path) -> None:
-    for steps, words in (
-        ([1, 1, 3, 1], "10 Hz, 1 gap (2 sweeps missing, the longest gap 0.3 s)"),
-        ([1, 1, 1, 0, 1, -2, 1], "10 Hz, 1 stamp before the previous one, 1 stamp repeated"),
-        ([1, 1, 1], "10 Hz, no gaps, all stamps increasing"),
-        ([0, 0, 0], "3 stamps repeated"),
-    ):
-        stamps = [START + TENTH * sum(steps[:k]) for k in range(len(steps) + 1)]
-        run = write_run(tmp_path / words[:9], [sweep(k, stamp=stamp) for k, stamp in enumerate(stamps)])
-        (line,) = [line for line in lidarcli("report", run).out.splitlines() if line.startswith("clock")]
-        assert line == f"clock             {words}"
-        run.unlink()

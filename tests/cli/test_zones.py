@@ -127,39 +127,6 @@ def test_a_zone_behind_a_sensor_of_180_degrees(lidarcli: Run, tmp_path: Path) ->
     assert "nothing to measure" in ran.err
 
 
-def test_a_part_of_the_log(lidarcli: Run, log: Path, tmp_path: Path) -> None:
-    zones = zones_of(tmp_path, STOP)[1::2]
-    whole = package.zones(log, zones=zones, no_objects=True)
-    part = package.zones(log, zones=zones, no_objects=True, start=1.5, end=3.0, every=2)
-    assert column(part.zones, "sweep") == [*range(16, 30, 2)]
-    assert column(part.zones, "t") == [pytest.approx(sweep / 10.0) for sweep in column(part.zones, "sweep")]
-    points = column(whole.zones, "points")
-    assert column(part.zones, "points") == [points[sweep] for sweep in column(part.zones, "sweep")]
-    (event,) = part.events.to_pylist()
-    assert (event["cut"], event["t"]) == (True, pytest.approx(event["first_sweep"] / 10.0))
-    nothing = lidarcli("zones", log, "--zones", zones[0], "--no-objects", "--start", "100")
-    assert nothing.code != 0
-    assert "Traceback" not in nothing.err
-
-
-@pytest.mark.slow
-def test_batches_and_processes_change_no_byte(lidarcli: Run, tmp_path: Path) -> None:
-    zones = zones_of(
-        tmp_path,
-        STOP + SIDE,
-        '[[zone]]\nname = "line"\nframe = "world"\nline = [[0.0, 0.0], [0.0, 4.0]]\n'
-        '[[zone]]\nname = "robot"\nframe = "robot"\naction = "approach"\ncircle = { x = 0, y = 0, radius = 0.8 }\n'
-        '[[zone]]\nname = "world"\nframe = "world"\ncircle = { x = 1, y = 0, radius = 1 }\n',
-    )
-    written = []
-    for number, options in enumerate(([], ["--jobs", "1"], ["--jobs", "2"])):
-        out = tmp_path / f"out{number}"
-        ran = lidarcli("zones", SAMPLES / "drive.db3", *zones, "-o", out, *options)
-        assert ran.code == 0, ran.err
-        written.append([(out / f"drive.{table}.parquet").read_bytes() for table in ("events", "zones")])
-    assert written[0] == written[1] == written[2]
-
-
 @pytest.mark.slow
 def test_batches_of_any_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     path = Course(np.array([[-2.0, 0.0], [2.0, 0.0], [2.0, 2.0], [-2.0, 2.0]]), speed=1.0)
@@ -177,22 +144,6 @@ def test_batches_of_any_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     assert found[0] == found[1] == found[2]
     assert any(one is not None for one in column(found[0].zones, "ttc", zone="a"))
     assert max(column(found[0].zones, "points", zone="w")) > 10
-
-
-def test_several_logs(lidarcli: Run, log: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other.bag"
-    other.write_bytes(log.read_bytes())
-    zones = zones_of(tmp_path, STOP)
-    ran = lidarcli("zones", log, other, *zones, "--no-objects", "-o", tmp_path / "out", "--check", "zones.stop.events == 2")
-    assert ran.code == 0, ran.err
-    assert names(tmp_path / "out") == [
-        f"{log}.{table}.parquet" for log in ("other", "run") for table in ("events", "zones")
-    ]
-    both = package.zones([log, other], zones=zones[1::2], no_objects=True)
-    assert column(both.events, "log") == ["run", "other"]
-    assert column(both.events, "event") == [1, 1]
-    twice = lidarcli("zones", log, log, *zones, "--no-objects", "-o", tmp_path / "twice")
-    assert twice.code == 2
 
 
 def test_a_log_that_is_cut(lidarcli: Run, log: Path, tmp_path: Path) -> None:
@@ -288,15 +239,6 @@ def test_what_is_refused(lidarcli: Run, log: Path, tmp_path: Path, zone: str, op
     assert ran.code == 2, ran.err
     assert cause in ran.err
     assert not (tmp_path / "out").exists()
-
-
-def test_a_folder_is_no_standard_output(lidarcli: Run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    zones = zones_of(tmp_path, '[[zone]]\nname = "z"\ncircle = { x = 1, y = 0, radius = 1 }\n')
-    monkeypatch.chdir(tmp_path)
-    ran = lidarcli("zones", log, *zones, "-o", "-")
-    assert (ran.code, ran.out) == (2, "")
-    assert "-o is the name of a folder; there is no standard output of tables" in ran.err
-    assert not Path("-").exists()
 
 
 def test_crossings_need_tracks(lidarcli: Run, log: Path, tmp_path: Path) -> None:

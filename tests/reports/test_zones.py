@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.pipeline.reporting import FORMATS, Made, ReportOptions, make_report, render
+from lidarcli.pipeline.reporting import FORMATS, PagedReport, ReportOptions, make_report, render
 from lidarcli.reports.columns import Origin, ZoneRows
 from lidarcli.reports.document import PartsReport
 from lidarcli.reports.report import Report
@@ -85,12 +85,6 @@ def test_figures_of_a_zone(watched: ZoneRows, name: str, value: float | None) ->
     assert found is None if value is None else found == pytest.approx(value)
 
 
-def test_every_zone_has_every_figure(watched: ZoneRows) -> None:
-    figures = figures_of(watched)
-    assert len(figures) == 3 * (8 + 3 * 7)
-    assert [*dict.fromkeys(name.split(".")[1] for name in figures)] == NAMES
-
-
 def test_lines_and_areas_lack_the_figures_of_the_other(watched: ZoneRows) -> None:
     figures = figures_of(
         replace(
@@ -112,10 +106,6 @@ def test_without_tracks_nobody_knows_who_went_across() -> None:
     assert figures["zones.door.agents_at_once.mean"] is None
     assert figures["zones.door.events"] == 0
     assert figures["zones.door.share"] == 0
-
-
-def test_tables_without_rows_have_no_zones() -> None:
-    assert figures_of(watched_of([], [])) == {}
 
 
 @pytest.mark.parametrize(
@@ -234,7 +224,7 @@ SHAPES = [
 ]
 
 
-def made(*tables: Path, checks: Sequence[str] = (), viewer: bool = False) -> Made:
+def made(*tables: Path, checks: Sequence[str] = (), viewer: bool = False) -> PagedReport:
     return make_report(ReportOptions(tuple(map(str, tables)), tuple(checks)), viewer=viewer)
 
 
@@ -301,36 +291,6 @@ def test_zones_beside_objects_join_the_report(tmp_path: Path) -> None:
     assert values["schema"] == "lidarcli.report/1"
     assert sum(name.startswith("zones.") for name in values["figures"]) == 3 * 29
     assert [one["name"] for one in values["zones"]] == NAMES
-
-
-def test_two_logs_are_summed_up(tmp_path: Path) -> None:
-    write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, "first", SHAPES)
-    write_zones(tmp_path, EVENT_ROWS[:1], ZONE_ROWS[:10], "second", SHAPES[:1])
-    report = made(tmp_path).report
-    assert report.figures["zones.stop.events"] == 3
-    assert report.figures["zones.stop.share"] == 0.5
-    assert report.figures["zones.left-door.in"] == 2
-    assert report.title == "zones in 2 logs"
-    assert report.lines[0] == "zones in 2 logs: 20 sweeps in 1.8 s, 3 zones"
-
-
-@pytest.mark.parametrize(
-    ("check", "message"),
-    [
-        ("zones.stpo.events == 0", "unknown zone 'stpo'; did you mean stop?"),
-        ("zones.hall.events == 0", "unknown zone 'hall'; there are stop, left-door, behind;"),
-        ("zones.stop.evnts == 0", "unknown figure 'evnts' of zone stop; did you mean events?"),
-        ("stop.events == 0", "unknown figure 'stop.events'; did you mean zones.stop.events?"),
-    ],
-)
-def test_unknown_zones_are_usage_errors(tmp_path: Path, check: str, message: str) -> None:
-    alone = write_zones(tmp_path / "alone", EVENT_ROWS, ZONE_ROWS)
-    beside = write_run(tmp_path / "beside", **crossing())
-    write_zones(tmp_path / "beside", EVENT_ROWS, ZONE_ROWS)
-    for named in (alone, beside):
-        with pytest.raises(OptionError) as caught:
-            made(named, checks=[check])
-        assert message in str(caught.value)
 
 
 def test_checks_of_zones_need_their_tables(tmp_path: Path) -> None:

@@ -126,14 +126,6 @@ def test_one_of_two_lasers_falls_silent(frame: str, tmp_path: Path) -> None:
         ]
 
 
-def test_a_zone_names_its_topic(tmp_path: Path) -> None:
-    log = two(tmp_path / "two.bag", scene_of(make.cylinder(0.0, 1.5, 0.3), sweeps=5))
-    zone = '[[zone]]\nname = "one"\nframe = "sensor"\ncircle = { x = 0, y = 0, radius = 3 }\ntopic = "scan_rear"\n'
-    assert set(column(watched(log, zone, no_objects=True).zones, "topic")) == {"/scan_rear"}
-    with pytest.raises(NoScanError, match=r"zone 'one' is for /side, and no sweeps .* \(only of /scan_front, /scan_rear\)"):
-        watched(log, zone.replace("scan_rear", "/side"), no_objects=True)
-
-
 @pytest.mark.slow
 def test_an_agent_that_both_lasers_see_counts_once(tmp_path: Path) -> None:
     scene = scene_of(walker((3.0, 2.5), (-3.0, 2.2)), walker((-2.5, -3.0), (2.5, -3.2)), sweeps=75)
@@ -313,17 +305,6 @@ monitor:
 """
 
 
-def test_exclusion_zones_of_nav2(tmp_path: Path) -> None:
-    log = write_bag(tmp_path / "a.bag", scans([body()]))
-    source = """, exclusion_zones: ["mast"] }
-    mast: { enabled: true, points: "[[-0.2, 0.1], [-0.2, -0.1], [-0.4, -0.1], [-0.4, 0.1]]\""""
-    for told, events in (("", 1), (source, 0), (source.replace("true", "false"), 1)):
-        text = NAV2.format(source=told, type="circle", shape="      radius: 0.5")
-        tables = lidarcli.zones(log, zones=str(zone_file(tmp_path, text, "nav2.yaml")), no_objects=True)
-        assert tables.events.num_rows == events
-        assert set(column(tables.zones, "masked")) == {0 if events else 8}
-
-
 def cases(slow: str, fast: str) -> str:
     return f"""
       velocity_polygons: ["slow", "fast"]
@@ -485,19 +466,6 @@ def test_two_frames_on_one_topic_are_two_sensors(tmp_path: Path) -> None:
         )
     assert told["one"] == told["two"]
     assert told["one"][2][0] > 500
-
-
-def test_zones_of_two_frames_on_one_topic_have_names_of_their_own(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scene = scene_of(sweeps=5)
-    blocks = [replace(block, topic="/scan") for name in ("front", "rear") for block in sensor_at(FRONT, name, scene, 0)]
-    log = write_bag(tmp_path / "one.bag", scans(blocks))
-    file = zone_file(tmp_path, ROBOT_CIRCLE.replace('"robot"', '"sensor"'))
-    assert run(["zones", str(log), "--zones", str(file), "--no-objects"]) == 0
-    told = capsys.readouterr().err
-    assert "near (/scan) (front)" in told
-    assert "near (/scan) (rear)" in told
 
 
 # --- transforms ---------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcli.logs import open_log
-from lidarcli.logs.base import ReadReport, Topic
+from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.reading.velocities import (
     FEW_CORNERS,
     NOT_FINITE,
@@ -22,7 +22,7 @@ from lidarcli.pipeline.reading.velocities import (
 from lidarcli.ros.cursor import ENCAPSULATION, SHORT
 from tests.fake_log import FakeLog
 from tests.logs.test_odd_logs import WRITERS, written
-from tests.pose.pose_messages import ODOMETRY, SECOND, Maker, message, odometry
+from tests.pose.pose_messages import ODOMETRY, SECOND, Maker, message
 
 TEXT = "std_msgs/msg/String"
 BOX = [(0.5, 0.25), (0.5, -0.25), (-0.5, -0.25), (-0.5, 0.25)]
@@ -80,21 +80,6 @@ def test_a_stamped_twist_has_its_own_time_where_it_is_told(maker: Maker) -> None
         ]
     )
     assert read(log) == ([2 * SECOND + 7, 9 * SECOND], [[0.5, 0.1, -0.25]] * 2, {})
-
-
-def test_odometry_tells_a_velocity() -> None:
-    log = FakeLog(messages=[odometry(2 * SECOND, "odom", "base_link", (1.0, 2.0, 0.5))])
-    assert read(log, "/odom") == ([2 * SECOND], [[0.5, 0.0, 0.0]], {})
-
-
-def test_a_log_without_the_topic_tells_nothing() -> None:
-    maker = Maker("cdr")
-    log = FakeLog(topics=[Topic("/cmd_vel", TEXT, "cdr")], messages=[message("/cmd_vel", TEXT, b"")])
-    assert velocities(log, "/cmd_vel", ReadReport()) is None
-    assert polygons(log, "/footprint", ReadReport()) is None
-    assert log.passes == 0, "the list of topics was enough"
-    other = FakeLog(messages=[message("/other", TWIST, twist(maker, 1.0, 0.0, 0.0))])
-    assert velocities(other, "/cmd_vel", ReadReport()) is None
 
 
 def test_bad_messages_are_counted_by_cause(maker: Maker) -> None:

@@ -74,39 +74,39 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
     return ZoneTables(events.unify_dictionaries(), rows.unify_dictionaries())
 
 
-def zone_options(told: Values, logs: LogOptions, *, overwrite: bool = False) -> ZoneOptions:
+def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) -> ZoneOptions:
     """Return which zones are watched, and how."""
-    names = several(told["zones"])
+    names = several(options["zones"])
     tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
-    options = ZoneOptions(
+    how = ZoneOptions(
         zones=read_zones(names),
         files=tuple(names),
-        detect=detect_options(told, logs, tracking),
-        objects=None if told["objects"] is None else path_text(told["objects"]),
-        find=not told["no_objects"],
-        footprint=None if told["footprint"] is None else _footprint(told["footprint"]),
+        detect=detect_options(options, logs, tracking),
+        objects=None if options["objects"] is None else path_text(options["objects"]),
+        find=not options["no_objects"],
+        footprint=None if options["footprint"] is None else _footprint(options["footprint"]),
         overwrite=overwrite,
     )
-    refuse_options(options)
-    return options
+    refuse_options(how)
+    return how
 
 
-def _footprint(told: str | Sequence[Sequence[float]]) -> Polygon:
+def _footprint(value: str | Sequence[Sequence[float]]) -> Polygon:
     """Return the polygon of points (K, 2) [m], or of a text such as [[x, y], ...]."""
-    if not isinstance(told, str | Sequence | np.ndarray):
-        raise TypeError(f"footprint is [[x, y], ...] or such a text, not {type(told).__name__}")
+    if not isinstance(value, str | Sequence | np.ndarray):
+        raise TypeError(f"footprint is [[x, y], ...] or such a text, not {type(value).__name__}")
     try:
-        points: Any = ast.literal_eval(told) if isinstance(told, str) else told
+        points: Any = ast.literal_eval(value) if isinstance(value, str) else value
         corners = tuple((float(x), float(y)) for x, y in points)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
-        raise OptionError(f"--footprint: '{told}' is not [[x, y], ...]") from None
+        raise OptionError(f"--footprint: '{value}' is not [[x, y], ...]") from None
     if len(corners) < 3:
-        raise OptionError(f"--footprint: '{told}' has fewer than 3 corners")
+        raise OptionError(f"--footprint: '{value}' has fewer than 3 corners")
     if not np.isfinite(corners).all():
-        raise OptionError(f"--footprint: '{told}' has numbers that are not finite")
+        raise OptionError(f"--footprint: '{value}' has numbers that are not finite")
     shape = Polygon(corners)
     if on_one_line(shape):
-        raise OptionError(f"--footprint: '{told}' has no area: its corners lie on one line")
+        raise OptionError(f"--footprint: '{value}' has no area: its corners lie on one line")
     if crossing_edges(shape) is not None:
-        raise OptionError(f"--footprint: '{told}' crosses itself")
+        raise OptionError(f"--footprint: '{value}' crosses itself")
     return shape
