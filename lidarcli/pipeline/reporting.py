@@ -174,44 +174,6 @@ def _is_of_zones(pair: TableSet) -> bool:
     return (pair.zones.exists() or pair.events.exists()) and not (pair.objects.exists() or pair.sweeps.exists())
 
 
-def _with_zones(
-    pairs: Sequence[TableSet], problems: list[UnreadableError]
-) -> tuple[list[TableSet], dict[TableSet, TableSet]]:
-    """Return the tables of objects, and for some the tables of zones of the same log that lie in another folder.
-
-    `problems` gets an error for zones of which no objects are named, or those of several logs of one name.
-    """
-    found = [pair for pair in pairs if not _is_of_zones(pair)]
-    elsewhere: dict[TableSet, TableSet] = {}
-    for pair in pairs:
-        if pair in found:
-            continue
-        mine = [
-            one
-            for one in found
-            if one.log == pair.log and one not in elsewhere and not (one.zones.exists() or one.events.exists())
-        ]
-        if len(mine) == 1:
-            elsewhere[mine[0]] = pair
-            continue
-        problems.append(
-            UnreadableError(
-                f"{pair.events}: tables of zones need the objects table of their log, and {len(mine) or 'none'} of "
-                f"{pair.log} without zones {'is' if len(mine) < 2 else 'are'} named: name one, or tables of zones alone"
-            )
-        )
-    return found, elsewhere
-
-
-def _zones_of(pair: TableSet, origin: Origin) -> tuple[pa.Table, pa.Table]:
-    """Read the tables of zones of the log that tables of another folder are of."""
-    found = _read_zones(pair)
-    here = origin_of(pair, found[1])
-    if (here.log, here.size) != (origin.log, origin.size):
-        raise UnreadableError(f"{pair.events}: of another log than {origin.label}")
-    return found
-
-
 def _read_zones(pair: TableSet) -> tuple[pa.Table, pa.Table]:
     """Read the tables of events and of zones of a log, which belong together."""
     events, zones = read_table(pair, "events", EVENT_COLUMNS), read_table(pair, "zones", ZONE_COLUMNS)
@@ -324,7 +286,12 @@ def _load(
 ) -> tuple[Run, tuple[TableSet, ...], tuple[str, ...]]:
     """Read the rows of all tables that can be read; returns them with one line for each problem."""
     problems = [*problems]
-    pairs, elsewhere = _with_zones(pairs, problems)
+    problems += [
+        UnreadableError(f"{pair.events}: no objects table beside it: write both into one folder, or report on zones alone")
+        for pair in pairs
+        if _is_of_zones(pair)
+    ]
+    pairs = [pair for pair in pairs if not _is_of_zones(pair)]
     columns = {*OBJECT_COLUMNS, *columns_needed(checks, "objects"), *(VIEWER_COLUMNS if viewer else ())}
     sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps"), *(VIEWER_POSES if viewer else ())}
     # Without tracks their columns are not read.
@@ -363,9 +330,7 @@ def _load(
         if found is not None:
             tracks[len(read)] = found
         try:
-            if pair in elsewhere:
-                zones[len(read)] = _zones_of(elsewhere[pair], origin_of(pair, sweeps))
-            elif pair.zones.exists() or pair.events.exists():
+            if pair.zones.exists() or pair.events.exists():
                 zones[len(read)] = _read_zones(pair)
         except UnreadableError as err:
             problems.append(err)
@@ -373,7 +338,7 @@ def _load(
     if not read:
         raise nothing_read(problems)
     kept, sources, sweep_tables, object_tables = zip(*read, strict=True)
-    _refuse_missing(checks, kept, [elsewhere.get(pair, pair) for pair in kept])
+    _refuse_missing(checks, kept)
     things = Rows.join([*tracks.values()], [*tracks]) if tracks else None
     paths = Rows.join([*trajectories.values()], [*trajectories]) if trajectories else None
     zone_rows = zones_in(zones) if zones else None
@@ -406,14 +371,14 @@ def _unobserved(checks: Sequence[Check], run: Run) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _refuse_missing(checks: Sequence[Check], pairs: Sequence[TableSet], zoned: Sequence[TableSet]) -> None:
-    """Refuse a check of tracks, or of zones in `zoned`, where some log has none: it would speak of the others alone."""
+def _refuse_missing(checks: Sequence[Check], pairs: Sequence[TableSet]) -> None:
+    """Refuse a check of tracks or zones where some log has none: it would speak of the others alone."""
     for check in checks:
-        for needed, kind, how, named in (
-            (check.needs_tracks, "tracks", "track LOG", pairs),
-            (check.needs_zones, "zones", "zones LOG --zones FILE", zoned),
+        for needed, kind, how in (
+            (check.needs_tracks, "tracks", "track LOG"),
+            (check.needs_zones, "zones", "zones LOG --zones FILE"),
         ):
-            missing = [getattr(pair, kind) for pair in named if needed and not getattr(pair, kind).exists()]
+            missing = [getattr(pair, kind) for pair in pairs if needed and not getattr(pair, kind).exists()]
             if missing:
                 raise OptionError(
                     f"--check '{check.expression}' asks for {kind}, but {missing[0]} is not there; lidarcli {how} writes it"
