@@ -50,26 +50,6 @@ KINDS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Timeline:
-    """Figures over time: T bins of equal numbers of sweeps, (T,) each."""
-
-    seconds: Float64
-    """Start of the bin, from the first stamp [s]."""
-    sweep: Int64
-    """First sweep of the bin."""
-    objects_mean: Float64
-    objects_min: Float64
-    objects_max: Float64
-    d_th: Float64
-    """Mean [m]."""
-    noise: Float64
-    lost_share: Float64
-    agents_mean: Float64
-    """Different agents in view; NaN without tracks."""
-    agents_max: Float64
-
-
-@dataclass(frozen=True, slots=True)
 class Stream:
     """The sweeps of one log, topic and frame, in log order."""
 
@@ -91,7 +71,10 @@ class Stream:
     """[s]"""
     backward: int
     repeated: int
-    course: Timeline
+    course: Record
+    """Figures over time, (T,) each, in bins of equal numbers of sweeps: `seconds` from the first stamp and first `sweep` of
+    the bin, `objects_mean`, `objects_min` and `objects_max`, means of `d_th`, `noise` [m] and `lost_share`, and different
+    agents in view, `agents_mean` and `agents_max`, NaN without tracks."""
 
     @property
     def duration(self) -> float:
@@ -179,7 +162,7 @@ def _stream(run: Run, columns: Record, mine: Int64, names: tuple[str, str], step
     )
 
 
-def _course(columns: Record, mine: Int64) -> Timeline:
+def _course(columns: Record, mine: Int64) -> Record:
     """Sum up bins of equal numbers of sweeps, so that a clock that jumps makes no hole."""
     begin = np.unique(np.linspace(0, len(mine), min(COURSE_BINS, len(mine)), endpoint=False).astype(np.int64))
     size = np.diff(np.append(begin, len(mine)))
@@ -192,7 +175,7 @@ def _course(columns: Record, mine: Int64) -> Timeline:
         return found
 
     objects = columns.objects[mine]
-    return Timeline(
+    return Record(
         seconds=(columns.stamp[mine][begin] - columns.stamp[mine[0]]) * SECOND,
         sweep=columns.sweep[mine][begin],
         objects_mean=np.add.reduceat(objects, begin) / size,
