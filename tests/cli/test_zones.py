@@ -20,20 +20,7 @@ from tests.interrupting import MOMENTS, ended, left
 from tests.pipeline.drawn import driven, round_about, told
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, round_room
-from tests.zones.runs import (
-    SENSOR,
-    column,
-    odometry_of,
-    scans,
-    scene_of,
-    sweeps_of,
-    twists,
-    walker,
-    where,
-    write_bag,
-    zone_file,
-)
-from tests.zones.test_crossings import drawn_route
+from tests.zones.runs import SENSOR, column, odometry_of, scans, scene_of, sweeps_of, twists, write_bag, zone_file
 
 STOP = """
 [[zone]]
@@ -241,15 +228,6 @@ def test_what_is_refused(lidarcli: Run, log: Path, tmp_path: Path, zone: str, op
     assert not (tmp_path / "out").exists()
 
 
-def test_crossings_need_tracks(lidarcli: Run, log: Path, tmp_path: Path) -> None:
-    """The tables of detect have none."""
-    assert lidarcli("detect", log, "-o", tmp_path / "tables").code == 0
-    zones = zones_of(tmp_path, '[[zone]]\nname = "z"\nline = [[0, 0], [1, 0]]\n')
-    ran = lidarcli("zones", log, *zones, "--objects", tmp_path / "tables" / "run.objects.parquet")
-    assert ran.code == 2
-    assert "zone 'z' is a line, and crossings need tracks, which are not beside" in ran.err
-
-
 def test_tables_of_other_sweeps(lidarcli: Run, log: Path, tmp_path: Path) -> None:
     assert lidarcli("detect", log, "-o", tmp_path / "tables", "--every", "2").code == 0
     objects = tmp_path / "tables" / "run.objects.parquet"
@@ -260,10 +238,6 @@ def test_tables_of_other_sweeps(lidarcli: Run, log: Path, tmp_path: Path) -> Non
     assert lidarcli("zones", log, *zones, "--objects", objects, "--every", "2").code == 0
 
 
-def test_standard_input(lidarcli: Run, tmp_path: Path) -> None:
-    assert lidarcli("zones", "-", *zones_of(tmp_path, STOP), "--no-objects").code == 2
-
-
 def test_a_log_without_sweeps(lidarcli: Run, tmp_path: Path) -> None:
     empty = write_bag(tmp_path / "empty.bag", twists([START_NS], (0.0, 0.0, 0.0)))
     ran = lidarcli("zones", empty, *zones_of(tmp_path, STOP), "--no-objects", "-o", tmp_path / "out")
@@ -271,43 +245,6 @@ def test_a_log_without_sweeps(lidarcli: Run, tmp_path: Path) -> None:
 
 
 # Lines.
-
-
-def placed_route(rng: np.random.Generator, x: float) -> tuple[list[list[float]], list[tuple[float, float]], int, int]:
-    """A line and a route as `drawn_route` has them, about (x, 0) and on that side of the sensor."""
-    while True:
-        line, route, into, out = drawn_route(rng, margin=0.1)
-        if not into + out and rng.random() < 0.7:
-            continue
-        to = np.array([x, 0.0]) - np.mean([line.first, line.second], axis=0)
-        moved = np.array(route) + to
-        if (moved[:, 0] * np.sign(x) > 0.6).all() and (np.abs(moved) < 7.5).all():
-            ends = np.array([line.first, line.second]) + to
-            return ends.tolist(), [(float(a), float(b)) for a, b in moved], into, out
-
-
-@pytest.mark.slow
-def test_drawn_routes_through_the_whole_command(tmp_path: Path) -> None:
-    """40 people, two at a time on both sides of a sensor: they go in and out as their exact paths do."""
-    rng = np.random.default_rng(21)
-    wrong, total = [], 0
-    for number in range(20):
-        drawn = [placed_route(rng, x) for x in (3.7, -3.7)]
-        people = [walker(*route, speed=0.8) for _, route, _, _ in drawn]
-        scene = scene_of(*people, sweeps=600)
-        moves = [np.flatnonzero(np.diff(where(person, scene), axis=0).any(axis=1))[-1] for person in people]
-        scene = replace(scene, sweeps=int(max(moves)) + 5)
-        log = write_bag(tmp_path / f"{number}.bag", scans(sweeps_of(scene, number)))
-        zones = "".join(f'[[zone]]\nname = "{side}"\nline = {line}\n' for side, (line, *_) in enumerate(drawn))
-        events = package.zones(log, zones=str(zone_file(tmp_path, zones))).events
-        for side, (_, _, into, out) in enumerate(drawn):
-            ways = column(events, "direction", zone=str(side), kind="crossing")
-            found = ways.count("in"), ways.count("out")
-            total += into + out
-            if found != (into, out):
-                wrong.append((number, side, found, (into, out)))
-    assert wrong == []
-    assert total > 30
 
 
 def test_masks_of_the_zone_file_are_masks_of_the_search_for_agents(lidarcli: Run, tmp_path: Path) -> None:
@@ -325,13 +262,6 @@ def test_masks_of_the_zone_file_are_masks_of_the_search_for_agents(lidarcli: Run
     }
     assert min(rows["masked"].to_pylist()) > 1000
     assert pq.read_table(tmp_path / "out" / "people.events.parquet").num_rows == 0
-
-
-def test_a_zone_that_no_file_has_is_no_gate(lidarcli: Run, log: Path, tmp_path: Path) -> None:
-    file = zone_file(tmp_path, STOP)
-    ran = lidarcli("zones", log, "--zones", file, "--check", "events where zone == stpo == 0")
-    assert ran.code == 2
-    assert "no zone 'stpo'; there is stop" in ran.err
 
 
 def test_of_several_logs_each_has_to_have_seen_a_zone(lidarcli: Run, log: Path, tmp_path: Path) -> None:

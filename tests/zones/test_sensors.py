@@ -14,7 +14,7 @@ from lidarcli.cli import run
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS
-from lidarcli.simulation.scene import Course, Scene, Sensor
+from lidarcli.simulation.scene import Course, Scene
 from lidarcli.sweeps import TURN, RawSweeps
 from tests.sweeping import STEP, raw_sweeps
 from tests.zones.runs import (
@@ -165,38 +165,10 @@ line = [[0.0, 1.0], [0.0, 4.0]]
     assert max(column(tables.zones, "things", zone="left")) == 1
 
 
-@pytest.mark.slow
-def test_two_sensors_whose_paths_are_matched_each_by_itself(tmp_path: Path) -> None:
-    """Each path begins at the origin of a world of its own."""
-    log = two(tmp_path / "two.bag", scene_of(make.cylinder(0.0, 1.5, 0.3), make.box(3.0, -1.0, 1.0, 0.5), sweeps=20))
-    zone = ROBOT_CIRCLE.replace('"robot"', '"world"')
-    with pytest.raises(NoScanError, match=r"a world of its own \(match for /scan_front, match for /scan_rear\)"):
-        watched(log, zone, no_objects=True, pose="match")
-    one = watched(log, zone + 'topic = "/scan_front"', no_objects=True, pose="match")
-    assert set(column(one.zones, "topic")) == {"/scan_front"}
-    assert max(column(one.zones, "points")) > 0
-
-
 # What is in view.
 
 
-def half(**sensor: Any) -> Sensor:
-    """A sensor that looks over 180 degrees."""
-    return replace(SENSOR, beams=361, angle_min=-np.pi / 2, angle_increment=np.pi / 360, **sensor)
-
-
 NAMES = ("behind", "beside", "ahead", "wall")
-
-
-def test_a_zone_behind_the_sensor_is_never_observed(tmp_path: Path) -> None:
-    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene_of(sensor=half(), sweeps=5))))
-    zones = "".join(
-        f'[[zone]]\nname = "{name}"\ncircle = {{ x = {x}, y = 0.0, radius = 1.0 }}\n'
-        for name, x in (("behind", -2.0), ("beside", 0.0), ("ahead", 2.0), ("wall", 8.0))
-    )
-    tables = watched(log, zones, no_objects=True)
-    observed = {name: {*column(tables.zones, "observed", zone=name)} for name in NAMES}
-    assert observed == {"behind": {False}, "beside": {True}, "ahead": {True}, "wall": {True}}
 
 
 def test_sweeps_that_turn_the_other_way_and_change_their_beams(tmp_path: Path) -> None:

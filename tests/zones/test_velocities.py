@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.reading.velocities import (
     FEW_CORNERS,
@@ -21,8 +19,7 @@ from lidarcli.pipeline.reading.velocities import (
 )
 from lidarcli.ros.cursor import ENCAPSULATION, SHORT
 from tests.fake_log import FakeLog
-from tests.logs.test_odd_logs import WRITERS, written
-from tests.pose.pose_messages import ODOMETRY, SECOND, Maker, message
+from tests.pose.pose_messages import SECOND, Maker, message
 
 TEXT = "std_msgs/msg/String"
 BOX = [(0.5, 0.25), (0.5, -0.25), (-0.5, -0.25), (-0.5, 0.25)]
@@ -125,26 +122,3 @@ def test_polygons_keep_their_frame_and_time(maker: Maker) -> None:
         (5 * SECOND, "odom", [list(corner) for corner in BOX]),
     ]
     assert dict(report.refused) == {("/footprint", FEW_CORNERS): 1, ("/footprint", NOT_FINITE): 1, ("/footprint", SHORT): 1}
-
-
-@pytest.mark.parametrize("name", WRITERS)
-def test_every_container_hands_them_out(name: str, tmp_path: Path) -> None:
-    maker = Maker(WRITERS[name][0])
-    topics = {
-        "/cmd_vel": (TWIST, [twist(maker, speed, 0.0, 0.5) for speed in (0.25, 0.5)]),
-        "/stamped": (TWIST_STAMPED, [twist(maker, 1.0, 0.0, 0.0, 7 * SECOND)]),
-        "/odom": (ODOMETRY, [maker.odometry(SECOND, "odom", "base", (0.0, 0.0, 0.0))]),
-        "/footprint": (POLYGON, [polygon(maker, SECOND, "base", BOX)]),
-    }
-    path = written(name, tmp_path, topics)
-    report = ReadReport()
-    with open_log(path) as log:
-        found = {topic: velocities(log, topic, report) for topic in topics}
-        shapes = polygons(log, "/footprint", report)
-    told = found["/cmd_vel"]
-    assert told is not None
-    assert (told[0].tolist(), told[1].tolist()) == ([0, 1], [[0.25, 0.0, 0.5], [0.5, 0.0, 0.5]])
-    assert [found[topic] is not None for topic in topics] == [True, True, True, False]
-    assert shapes is not None
-    assert shapes[0].corners.tolist() == [list(corner) for corner in BOX]
-    assert not report.refused
