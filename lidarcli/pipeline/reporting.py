@@ -23,7 +23,6 @@ from lidarcli.pipeline.inputs.tables import (
     read_changes,
     read_table,
     read_tracks,
-    require,
 )
 from lidarcli.pipeline.runs.manifest import FOLDER
 from lidarcli.reports.changes import Changed, changed_of
@@ -50,7 +49,7 @@ from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobs
 from lidarcli.stores.url import Place, absolute, place
 from lidarcli.tabular.reading import Readable
 from lidarcli.tabular.runs import Entry, read_run
-from lidarcli.tabular.schemas import EVENTS, LATER
+from lidarcli.tabular.schemas import EVENTS
 
 if TYPE_CHECKING:
     from lidarcli.reports.html import Page
@@ -369,9 +368,6 @@ def _load(
             step()
             objects = read_table(pair, "objects", columns)
             step()
-            # Any check of a column that is not there would pass.
-            for kind in LATER:
-                require(pair, kind, columns_needed(checks, kind) & LATER[kind])
         except UnreadableError as err:
             problems.append(err)
             continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -236,17 +236,6 @@ def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
     if not path.exists():
         raise UnreadableError(f"{path}: not there; lidarcli {MAKERS.get(kind, 'detect')} writes it")
     return read_columns(path, kind, SCHEMAS[kind], columns)
-
-
-def require(pair: Pair, kind: str, columns: Collection[str]) -> None:
-    """Refuse a table without these columns, which are null where an older version has written it."""
-    there = column_names(getattr(pair, kind), kind) if columns else []
-    missing = sorted({*columns} - {*there})
-    if missing:
-        raise UnreadableError(
-            f"{getattr(pair, kind)}: no column {', '.join(missing)}, which a check asks for; "
-            "an older version has written this table: write it again"
-        )
 
 
 def read_changes(path: Readable) -> pa.Table:
