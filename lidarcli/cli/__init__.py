@@ -25,7 +25,7 @@ COMMANDS = (
     *("poses", "report", "plot", "export", "simulate", "config", "completion"),
 )
 """Names of the commands; each has a file of its name, unless `HOMES` tells another."""
-HOMES = {"config": "about", "completion": "about"}
+HOMES = {"track": "detect", "config": "about", "completion": "about"}
 
 SUPERSEDED = {"match": "give lidarcli diff RUN RUN..., which takes the same tables, and logs"}
 """Command that there was → words for what does its work now."""

@@ -64,7 +64,7 @@ def build(say: Messages, told: BuildCommand) -> int:
         refuse_output,
         scene_notes,
     )
-    from lidarcli.pipeline.runs.outcomes import exit_code
+    from lidarcli.pipeline.runs.over_logs import exit_code
 
     path = place(told["output"])
     say.begin(told)

@@ -38,8 +38,7 @@ def clean(say: Messages, told: CleanCommand) -> int:
     from lidarcli.pipeline.api.cleaning import clean_options
     from lidarcli.pipeline.cleaning import clean_log
     from lidarcli.pipeline.inputs.search import one_log
-    from lidarcli.pipeline.runs.outcomes import outcome_of
-    from lidarcli.pipeline.runs.over_logs import progress_of
+    from lidarcli.pipeline.runs.over_logs import outcome_of, progress_of
 
     with usage_errors():
         options = clean_options(told, overwrite=told["overwrite"])

@@ -79,7 +79,7 @@ def info(say: Messages, told: InfoCommand) -> int:
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of
     from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
-    from lidarcli.pipeline.runs.outcomes import Failure, exit_code
+    from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 
     checks = understand_checks(told["check"], deep)
     paths = [place(name) for name in outputs]

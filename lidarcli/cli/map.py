@@ -54,7 +54,7 @@ def map(say: Messages, told: MapCommand) -> int:
 
     from lidarcli.pipeline.map_files import MapRun
     from lidarcli.pipeline.mapping import MapOptions
-    from lidarcli.pipeline.runs.outcomes import exit_code
+    from lidarcli.pipeline.runs.over_logs import exit_code
 
     say.of_missing_core()
     logs = log_options(told)

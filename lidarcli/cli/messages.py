@@ -22,7 +22,7 @@ from lidarcli.stores.url import blotted
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Nothing, Source
     from lidarcli.pipeline.reading.one_log import RunSummary
-    from lidarcli.pipeline.runs.outcomes import Outcome
+    from lidarcli.pipeline.runs.over_logs import Outcome
 
 
 def _to_stderr(line: str) -> None:

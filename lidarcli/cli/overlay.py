@@ -45,8 +45,7 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
     from lidarcli.pipeline.api.overlaying import overlay_options
     from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
-    from lidarcli.pipeline.runs.outcomes import outcome_of
-    from lidarcli.pipeline.runs.over_logs import progress_of
+    from lidarcli.pipeline.runs.over_logs import outcome_of, progress_of
 
     options = overlay_options(told, logs, overwrite=told["overwrite"])
     keep_freed_memory()

@@ -31,8 +31,7 @@ def poses(say: Messages, told: PosesCommand) -> int:
     logs = log_options(told)
 
     from lidarcli.pipeline.inputs.search import one_log
-    from lidarcli.pipeline.runs.outcomes import outcome_of
-    from lidarcli.pipeline.runs.over_logs import progress_of
+    from lidarcli.pipeline.runs.over_logs import outcome_of, progress_of
     from lidarcli.pipeline.trajectories import PathOptions, refuse_path, write_path
 
     say.begin(told)

@@ -20,8 +20,7 @@ from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.making import Made, Rows, Splitting, finder, rows_of
 from lidarcli.pipeline.objects.options import OF_TRACKS, DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, read_log
-from lidarcli.pipeline.runs.outcomes import Outcome
-from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs, progress_of
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs, progress_of
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.schemas import OBJECTS, SCHEMAS

@@ -30,8 +30,7 @@ from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.pose_sources import FoundPoses, PoseInfo, PoseOptions, pose_infos
 from lidarcli.pipeline.reading.posing import Posing, alike_note
-from lidarcli.pipeline.runs.outcomes import Failure, attempt
-from lidarcli.pipeline.runs.over_logs import LogProgress, progress_of
+from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, progress_of
 from lidarcli.range_rules import RangeRules, closure, normalise
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
 

@@ -24,7 +24,6 @@ from lidarcli.pipeline.inputs.tables import (
     read_table,
     read_tracks,
 )
-from lidarcli.pipeline.runs.manifest import FOLDER
 from lidarcli.reports.changes import Changed, changed_of
 from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check, verdict_of
@@ -48,7 +47,7 @@ from lidarcli.reports.zone_report import ZonesReport
 from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, watched_in, zoned_of
 from lidarcli.stores.url import Place, absolute, place
 from lidarcli.tabular.reading import Readable
-from lidarcli.tabular.runs import Entry, read_run
+from lidarcli.tabular.runs import FOLDER, Entry, read_run
 from lidarcli.tabular.schemas import EVENTS
 
 if TYPE_CHECKING:

@@ -18,8 +18,7 @@ from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
 from lidarcli.pipeline.inputs.tables import one_pair
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary
-from lidarcli.pipeline.runs.outcomes import Outcome
-from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
 from lidarcli.pipeline.watching.events import Settled
 from lidarcli.pipeline.watching.options import TABLES, ZoneOptions
 from lidarcli.pipeline.watching.over_log import Watching, masked, narrowed

@@ -302,14 +302,3 @@ def test_outputs(lidarcli: Run, fleet: Path, tmp_path: Path) -> None:
     ran = lidarcli("report", fleet, "-o", manifest, "--format", "json", "--overwrite")
     assert (ran.code, ran.out) == (5, "")
     assert manifest.read_bytes() == before
-
-
-def test_the_manifest_of_a_run(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    (tmp_path / "bad.mcap").write_text("nothing\n")
-    ran = lidarcli("detect", logs / "run.mcap", logs / "cut.mcap", tmp_path / "bad.mcap", "-o", tmp_path, "--resume")
-    assert ran.code == 3
-    found = json.loads(lidarcli("report", tmp_path / "_lidarcli", "--format", "json").out)
-    outcomes = {log["log"]: log["outcome"] for log in found["logs"]}
-    assert outcomes == {"run": "ok", "cut": "damaged", "bad": "failed"}
-    assert found["figures"]["sweeps"] > 0
-    assert "Damaged logs\n1 log, exit code " in lidarcli("report", tmp_path / "_lidarcli").out

@@ -12,7 +12,7 @@ from lidarcli.pipeline.detecting import detect_files
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.reading import one_log
-from lidarcli.pipeline.runs.outcomes import Outcome, exit_code, outcome_of
+from lidarcli.pipeline.runs.over_logs import Outcome, exit_code, outcome_of
 from tests.fake_log import FakeLog
 from tests.pipeline.in_memory import SCAN, SOURCE, block
 

@@ -24,7 +24,7 @@ from lidarcli.pipeline.inputs.sources import SlicedLog, Source
 from lidarcli.pipeline.inspecting import LogInfo, inspect_log
 from lidarcli.pipeline.objects.following import TrackOptions
 from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.pipeline.runs.outcomes import INTERNAL_ERROR, attempt, outcome_of
+from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, attempt, outcome_of
 from tools.fuzz.place import Place
 
 TOLD = OpenOptions(angle_min=-1.5, angle_increment=0.125, range_max=8.0, slice=Slice(-0.1, 0.1, 24, (0.1, 8.0)))

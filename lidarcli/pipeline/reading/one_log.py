@@ -68,11 +68,6 @@ class RunSummary:
     """Rows of all tables that were written."""
     seconds: float = 0.0
 
-    def __setstate__(self, state: tuple[None, dict[str, Any]]) -> None:
-        """Set the attributes from a pickle; without this method a pickle of others could change the class itself."""
-        for name, value in state[1].items():
-            setattr(self, name, value)
-
     @property
     def beams(self) -> int:
         """Beams of all sweeps."""

@@ -17,7 +17,7 @@ from types import FrameType
 
 from lidarcli.machine import keep_freed_memory
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.runs.outcomes import INTERNAL_ERROR, Outcome, Work, outcome_of
+from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, Outcome, Work, outcome_of
 
 
 def start_workers(count: int, initializer: Callable[[], object]) -> ProcessPoolExecutor:
