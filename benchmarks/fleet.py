@@ -33,16 +33,16 @@ KILLER = """
 import os
 
 def dask_setup(worker):
-    from lidarcli.pipeline.reading import one_log
+    from lidarcli.pipeline import detecting
 
-    real = one_log.open_source
+    real = detecting.open_source
 
     def open_source(source, csv=None):
         if source.name == "killer":
             os.kill(os.getpid(), 9)
         return real(source, csv)
 
-    one_log.open_source = open_source
+    detecting.open_source = open_source
 """
 """What the workers of the first measurement load."""
 

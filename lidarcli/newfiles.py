@@ -20,7 +20,7 @@ from types import TracebackType
 from typing import Self, cast
 
 from lidarcli.errors import OptionError, OutputError, UnreadableError
-from lidarcli.machine import Beside
+from lidarcli.machine import Threads
 from lidarcli.ros.bag_metadata import is_one_bag
 from lidarcli.stores.url import Place, Url
 
@@ -100,7 +100,7 @@ class NewFiles:
         """
         if objects := [path for path in self.paths if isinstance(path, Url)]:
             # Not in this thread, where an interrupt would come between two files.
-            beside = Beside("put")
+            beside = Threads("put")
             try:
                 beside.submit(self._put, objects).result()
             finally:

@@ -23,7 +23,7 @@ from lidarcli.stores.url import Place, absolute, is_url, place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Nothing, Source
-    from lidarcli.pipeline.objects.options import DetectOptions
+    from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome
     from lidarcli.pipeline.runs.table_folder import Step, TableFolder
 

@@ -6,14 +6,14 @@ The first is a pile of ranges at the most that a log holds.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from lidarcli.findings import Sensor
 from lidarcli.logs.base import ReadReport
-from lidarcli.logs.clock import MAX_TOPICS, mended
+from lidarcli.logs.clock import MAX_TOPICS, StampMender
 from lidarcli.range_rules import FARTHEST, PILE, RangeRules, bounds, is_marked, judge, same_range
 from lidarcli.sweeps import Bool, Float32, Float64, Int64, RawSweeps, concatenate
 
@@ -71,30 +71,39 @@ MOST_TOLD = 3
 MILLIMETRES = 1000.0
 
 
-@dataclass(slots=True)
-class Settling:
-    """Finds the rules by which sweeps are judged: a fold over the blocks of a log, independent of their cuts.
+class NoReturnDetector:
+    """Finds the rules by which sweeps are judged, whatever the blocks in which they come.
 
-    What is found in a window of sweeps counts for these and all later ones of their topic.
+    Rules that are found in a window of sweeps count for these and all later ones of their topic.
     """
 
-    rules: RangeRules
-    report: ReadReport
-    """Takes one note per topic, and the values that were found."""
-    _topics: dict[str, _Topic] = field(default_factory=dict)
+    def __init__(self, rules: RangeRules, report: ReadReport) -> None:
+        """`report` takes one note per topic, and the values that were found."""
+        self._rules = rules
+        self._report = report
+        self._mender = StampMender()
+        self._topics: dict[str, _Topic] = {}
 
-    def blocks(self, blocks: Iterable[RawSweeps]) -> Iterator[tuple[RawSweeps, RangeRules]]:
-        """Yield the sweeps of a log in its order within each topic, and the rules for them."""
-        for block in mended(blocks):
-            topic = self._topics.get(block.topic)
-            if topic is None and len(self._topics) == MAX_TOPICS:
-                yield block, self.rules
-                continue
-            if topic is None:
-                topic = self._topics[block.topic] = _Topic(self.rules, self.report)
-            yield from topic.take(block)
+    def take(self, block: RawSweeps) -> Iterator[tuple[RawSweeps, RangeRules]]:
+        """Take sweeps; yield those whose rules are known, in the order of the log within each topic."""
+        for sweeps in self._mender.take(block):
+            yield from self._take(sweeps)
+
+    def flush(self) -> Iterator[tuple[RawSweeps, RangeRules]]:
+        """Yield the sweeps that are left, and their rules."""
+        for sweeps in self._mender.flush():
+            yield from self._take(sweeps)
         for topic in self._topics.values():
             yield from topic.settle()
+
+    def _take(self, sweeps: RawSweeps) -> Iterator[tuple[RawSweeps, RangeRules]]:
+        topic = self._topics.get(sweeps.topic)
+        if topic is None and len(self._topics) == MAX_TOPICS:
+            yield sweeps, self._rules
+            return
+        if topic is None:
+            topic = self._topics[sweeps.topic] = _Topic(self._rules, self._report)
+        yield from topic.take(sweeps)
 
 
 @dataclass(slots=True)

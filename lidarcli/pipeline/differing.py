@@ -59,12 +59,12 @@ from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, prop
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.maps.mapserver import image_of, read_map
 from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
-from lidarcli.pipeline.detecting import detect_beside, second_of_two
+from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inputs.tables import Pair, TracksTable, find_tracks, poses_of, read_tracks_table, world_in
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.overlay_sources import Cursor
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log
 from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
@@ -378,10 +378,10 @@ def _frame_words(key: str) -> str:
 def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> Seen:
     """Return the standing things of a log, and the ground that its sweeps saw."""
     with scratch_folder() as private:
-        pair, found = detect_beside(source, private, options.detect, progress)
+        pair, found = detect_to_temporary(source, private, options.detect, progress)
         table = read_tracks_table(pair.tracks)
         grounds, places, seconds, summary, described = _survey(
-            source, pair, table, options.detect, second_of_two(progress, source.size)
+            source, pair, table, options.detect, second_half(progress, source.size)
         )
     seen = _of_tracks(source.name, table, grounds, places)
     seen.source = described

@@ -179,10 +179,10 @@ class Mapping:
             return
         # Maps of everything should not wait for these imports.
         from lidarcli.formalism.tracking.tracker import Tracker
-        from lidarcli.pipeline.objects.making import finder
+        from lidarcli.pipeline.objects.detection import object_finder
         from lidarcli.tabular.tracked import beam_sets
 
-        find = finder(self.options.parameters, None)
+        find = object_finder(self.options.parameters, None)
         trackers: dict[str, tuple[Tracker, deque[tuple[SweepBatch, Detection]]]] = {}
         for batch in batches:
             if batch.topic not in trackers:

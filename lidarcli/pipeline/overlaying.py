@@ -24,10 +24,10 @@ from lidarcli.overlays.files import BAG, FRAME, MAP, RRD, SUFFIXES, overlay_file
 from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, SECOND, Markers, marker_arrays, transforms
 from lidarcli.overlays.objects import Colours, Trajectories, is_mirrored, markers_of, paths_of, zone_of
 from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_config
-from lidarcli.pipeline.detecting import detect_beside, second_of_two
+from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import Pair, one_pair, poses_of, world_in
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.overlay_sources import (
     Copies,
     Joined,
@@ -144,8 +144,8 @@ def write_overlay(source: Source, path: Place, options: OverlayOptions, progress
         if options.objects is not None:
             pair, found = one_pair(options.objects), None
         else:
-            pair, found = detect_beside(source, new.part(path).with_name("tables"), options.detect, progress)
-            progress = second_of_two(progress, source.size)
+            pair, found = detect_to_temporary(source, new.part(path).with_name("tables"), options.detect, progress)
+            progress = second_half(progress, source.size)
         is_ros2 = path.suffix.lower() != BAG
         work = Overlay(source, pair, grid, options.detect.opening, is_ros2, options.with_log, options.zones)
         with writing(path, nameless=True):

@@ -38,7 +38,7 @@ from lidarcli.times import SECOND_NS, Instant
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.tables import Pair
     from lidarcli.pipeline.mapping import MapOptions, Mapping
-    from lidarcli.pipeline.objects.subtracting import Subtracting
+    from lidarcli.pipeline.objects.subtracting import BackgroundComparison
     from lidarcli.pipeline.watching.showing import Showing, ShownZone
     from lidarcli.zone import Zones
 BATCH = 64
@@ -263,12 +263,12 @@ class _Work:
         self._options = options
         # A file as people know it, with its suffix.
         self._log = source.file_name
-        self._subtracting: Subtracting | None = None
+        self._subtracting: BackgroundComparison | None = None
         # Imported here, and so below: most plots need no tables.
         if options.background is not None:
-            from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
+            from lidarcli.pipeline.objects.subtracting import BackgroundComparison, BackgroundOptions
 
-            self._subtracting = Subtracting(BackgroundOptions.of(options.background), options.parameters)
+            self._subtracting = BackgroundComparison(BackgroundOptions.of(options.background), options.parameters)
         self._paths: Paths | None = None
         self._showing: Showing | None = None
         self._zones: dict[int, list[ShownZone]] = {}

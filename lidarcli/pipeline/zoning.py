@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from lidarcli.errors import OptionError
 from lidarcli.newfiles import refuse, scratch_folder
-from lidarcli.pipeline.detecting import detect_beside, second_of_two
+from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
 from lidarcli.pipeline.inputs.tables import one_pair
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary
@@ -92,8 +92,8 @@ def watch(
             private = stack.enter_context(scratch_folder())
             with open_source(source, options.detect.opening) as log:
                 finding = masked(log, options)
-            pair, found = detect_beside(source, private, finding, progress)
-            progress = second_of_two(progress, source.size)
+            pair, found = detect_to_temporary(source, private, finding, progress)
+            progress = second_half(progress, source.size)
         log = stack.enter_context(open_source(source, options.detect.opening))
         read, settled, described = Watching(log, options, pair).run(source, progress)
         summary = ZoneSummary(**{name: getattr(read, name) for name in RunSummary.__dataclass_fields__})

@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
-from lidarcli.machine import Beside
+from lidarcli.machine import Threads
 from lidarcli.stores.url import PIECE, Url, open_object
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class StoreFile(io.RawIOBase):
         self._copy: IO[bytes] | None = None
         self._kept = bytearray(self.size // PIECE + 1)
         self._last: tuple[int, bytes] = (-1, b"")
-        self._beside: Beside | None = None
+        self._beside: Threads | None = None
         self._ahead: tuple[int, Future[bytes]] | None = None
 
     def keep(self) -> None:
@@ -116,7 +116,7 @@ class StoreFile(io.RawIOBase):
     def _fetch_ahead(self, number: int) -> None:
         try:
             if self._beside is None:
-                self._beside = Beside("fetch")
+                self._beside = Threads("fetch")
             self._ahead = number, self._beside.submit(self._fetch, number)
         except RuntimeError:
             # The system has no thread to give; it goes without.

@@ -17,7 +17,7 @@ from lidarcli.pipeline import overlay_sources
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import Pair
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.overlay_sources import Tables, frames_told, in_order
 from lidarcli.ros.messages import Outgoing
 from tests.places import SAMPLES

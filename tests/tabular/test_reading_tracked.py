@@ -10,7 +10,7 @@ import pytest
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.pipeline.inputs.tables import Pair, find_pairs, read_table, table_files
-from lidarcli.pipeline.objects import following
+from lidarcli.pipeline.objects import tracking
 from lidarcli.tabular import SCHEMAS
 from lidarcli.tabular.reading import read_columns, read_schema
 from lidarcli.tabular.schemas import OBJECTS, TRACKS
@@ -24,7 +24,7 @@ TABLES = ("objects", "sweeps", "tracks")
 @pytest.fixture
 def tracked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Tables in which every second object is an agent; things that never moved have no stamp of it."""
-    monkeypatch.setattr(following, "Tracker", Patient)
+    monkeypatch.setattr(tracking, "Tracker", Patient)
     assert run(["-q", "track", str(SAMPLES / "room.mcap"), "-o", str(tmp_path), "--end", "0.5", "--no-memory"]) == 0
     return tmp_path
 

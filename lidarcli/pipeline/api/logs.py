@@ -29,7 +29,7 @@ from lidarcli.pipeline.api.options import (
     with_keywords,
 )
 from lidarcli.pipeline.building import Building, BuildOptions, refuse_nothing, refuse_output
-from lidarcli.pipeline.detecting import Failed
+from lidarcli.pipeline.detecting import ErrorCollector
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inspecting import info_dict, inspect_log
@@ -73,7 +73,7 @@ def read(log: Paths, **options: Unpack[Reading]) -> Iterator[SweepBatch]:
 
 def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBatch]:
     read, opening, poses = options
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     for source in sources:
         with failed.noted(source), open_source(source, opening) as log:
             masking = masking_of(log, read.rules, poses, read.topics)
@@ -110,7 +110,7 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
     """
     read, opening, poses = log_options(options)
     sources = sources_of(log, options["join"])
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     told = []
     with watched(progress, sources) as report:
         for source in sources:
@@ -200,7 +200,7 @@ def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options
         **{name: value for name, value in options.items() if name not in options_of(Reading)},  # type: ignore[arg-type]
     )
     sources = sources_of(log, options["join"])
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     outputs = [place(each) for each in several(output)]
     with MapRun(sources, outputs, made_with) as run, watched(progress, sources) as report:
         for source in sources:

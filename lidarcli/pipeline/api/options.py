@@ -38,9 +38,9 @@ from lidarcli.range_rules import RangeRules, parse_no_return
 from lidarcli.screen import Screen, byte_bar, count_bar
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.objects.following import TrackOptions
-    from lidarcli.pipeline.objects.options import DetectOptions
+    from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
 Values = Mapping[str, Any]
@@ -270,7 +270,7 @@ def detect_options(
     told: Values, logs: LogOptions, tracking: TrackOptions | None = None, parameters: Parameters | None = None, **more: Any
 ) -> DetectOptions:
     """Return how objects are found; `parameters` replace the keywords of what an object is."""
-    from lidarcli.pipeline.objects.options import DetectOptions
+    from lidarcli.pipeline.objects.detection import DetectOptions
 
     background = background_options(told)
     catalogue = told["catalogue"]
@@ -293,7 +293,7 @@ def tracking_of(told: Values) -> TrackOptions:
     """Return how things are followed."""
     # These imports take long, and only tracking needs them.
     from lidarcli.formalism.parameters import TrackParameters
-    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
     how = TrackParameters(significance=told["significance"], memory=told["memory"])
     return TrackOptions(how, trajectories=told.get("trajectories", True))
@@ -303,7 +303,7 @@ def memory_of(told: Values) -> TrackOptions | None:
     """Return how `detect` judges things by all sweeps, if it does."""
     if not told["memory"]:
         return None
-    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
     return TrackOptions(tracks=False)
 

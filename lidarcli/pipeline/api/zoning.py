@@ -27,7 +27,7 @@ from lidarcli.pipeline.api.options import (
     watched,
     with_keywords,
 )
-from lidarcli.pipeline.detecting import Failed
+from lidarcli.pipeline.detecting import ErrorCollector
 from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.watching.options import ZoneOptions, refuse_options
@@ -63,7 +63,7 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
         refuse_finding(options, Zoning, (OBJECTS, THINGS, BACKGROUND), why)
     how = zone_options(options, log_options(options))
     sources = sources_of(log, options["join"])
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     found: list[ZoneTables] = []
     with watched(progress, sources) as report:
         for source in sources:

@@ -16,7 +16,7 @@ from lidarcli.errors import LidarcliError, OutputError, UnreadableError
 from lidarcli.newfiles import exists_already
 from lidarcli.pipeline.inputs.files import all_files
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.runs.over_logs import Outcome
 from lidarcli.stores.url import Place, State, Url, absolute, has_bucket, head, listing, place, remove
 from lidarcli.tabular.reading import file_metadata, note_value
