@@ -22,7 +22,7 @@ from typing import Self, cast
 from lidarcli.errors import OptionError, OutputError, UnreadableError
 from lidarcli.machine import Threads
 from lidarcli.ros.bag_metadata import is_one_bag
-from lidarcli.stores.url import Place, Url
+from lidarcli.stores import Place, Url
 
 try:
     import fcntl
@@ -145,7 +145,7 @@ class NewFiles:
 
     def _put(self, objects: Sequence[Url]) -> None:
         # Runs that put nothing into a store should not wait for this import.
-        from lidarcli.stores.url import put
+        from lidarcli.stores import put
 
         for path in objects:
             put(self.part(path), path)

@@ -25,7 +25,7 @@ MAY_IMPORT = {
     "interrupts": set[str](),
     "newfiles": {"errors", "machine", "ros", "stores"},
     "screen": {"display", "stores"},
-    "stores": {"errors", "machine"},
+    "stores": {"errors"},
     "foxglove": set[str](),
     "tomlfiles": {"display", "errors"},
     "yamlfiles": {"errors", "tomlfiles"},

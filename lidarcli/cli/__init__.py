@@ -18,7 +18,7 @@ from lidarcli.cli.settings import PREFIX
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OutputError, UnreadableError, is_short_of_memory
 from lidarcli.interrupts import Terminated
 from lidarcli.option_forms import Option
-from lidarcli.stores.url import blotted
+from lidarcli.stores import blotted
 
 COMMANDS = (
     *("info", "detect", "track", "background", "diff", "map", "zones", "clean", "overlay"),

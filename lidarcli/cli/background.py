@@ -15,7 +15,7 @@ from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import File, Option
 from lidarcli.options import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, TextOrJson, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 if TYPE_CHECKING:
     from lidarcli.formalism.background.model import Background

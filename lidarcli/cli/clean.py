@@ -7,7 +7,7 @@ from lidarcli.cli.messages import Messages, progress_bar, show
 from lidarcli.cli.options import usage_errors
 from lidarcli.option_forms import Argument
 from lidarcli.options import INPUT, Cleaning, Reported, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class CleanCommand(Reported, Cleaning, total=False):

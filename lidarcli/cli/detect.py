@@ -19,7 +19,7 @@ from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
 from lidarcli.options import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Stamped, Tracking, output
 from lidarcli.screen import one_line
-from lidarcli.stores.url import Place, absolute, is_url, place
+from lidarcli.stores import Place, absolute, is_url, place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Nothing, Source

@@ -8,7 +8,7 @@ from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.option_forms import Argument, File, Option
 from lidarcli.options import OUTPUT, STDOUT, Exporting, Overwrite, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class ExportCommand(Overwrite, Exporting, total=False):

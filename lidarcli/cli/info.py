@@ -16,7 +16,7 @@ from lidarcli.display import counted, moment, no_command
 from lidarcli.option_forms import Option, Text
 from lidarcli.options import FINDINGS, OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.screen import one_line
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 if TYPE_CHECKING:
     from lidarcli.findings import Finding

@@ -12,7 +12,7 @@ from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import options_of
 from lidarcli.options import Jobs, ManyLogs, Mapping, Reading, Reported, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.map_files import Mapped

@@ -17,7 +17,7 @@ from lidarcli.choices import beams_on
 from lidarcli.display import counted
 from lidarcli.errors import OutputError
 from lidarcli.screen import Count, Screen, byte_bar, count_bar, one_line
-from lidarcli.stores.url import blotted
+from lidarcli.stores import blotted
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Nothing, Source

@@ -6,7 +6,7 @@ from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, progress_bar, show_reading
 from lidarcli.cli.options import log_options, refuse_finding
 from lidarcli.options import OF_FINDING, OneLog, Overlaying, Overwrite, TextOrJson, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class OverlayCommand(OneLog, Overwrite, TextOrJson, Overlaying, total=False):

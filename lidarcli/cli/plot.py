@@ -22,7 +22,7 @@ from lidarcli.cli.options import log_options
 from lidarcli.errors import OptionError
 from lidarcli.option_forms import Number, Option, Text, options_of
 from lidarcli.options import LOOK, PICTURE, STDOUT, SWEEP, OneLog, Overwrite, Plotting, Window, output
-from lidarcli.stores.url import Place, place
+from lidarcli.stores import Place, place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Source

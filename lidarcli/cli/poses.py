@@ -6,7 +6,7 @@ from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, progress_bar, show_reading
 from lidarcli.cli.options import log_options
 from lidarcli.options import OneLog, Reading, Reported, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class PosesCommand(OneLog, Reported, Reading, total=False):

@@ -11,7 +11,7 @@ from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
 from lidarcli.options import BACKGROUND, GATES, OBJECTS, STDOUT, THINGS, ManyLogs, Reported, Zoning, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class ZonesCommand(Zoning, ManyLogs, Reported, total=False):

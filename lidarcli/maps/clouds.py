@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from lidarcli.choices import NS
 from lidarcli.formalism.detection import SETS
 from lidarcli.sweeps import Float64, Int8, Int32, Int64, record
-from lidarcli.tabular.arrays import codes, floats, plain
-from lidarcli.tabular.rows import constant
+from lidarcli.tabular.columns import codes, constant, floats, in_unit, plain, restamped
 from lidarcli.tabular.schemas import CLOUD, STAMP, TEXT
-from lidarcli.tabular.stamps import in_unit, restamped
 from lidarcli.tabular.writing import ParquetSink
 
 Bool = NDArray[np.bool_]

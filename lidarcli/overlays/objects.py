@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lidarcli.choices import TRAIL
 from lidarcli.overlays.markers import Kind, Markers
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
-from lidarcli.tabular.arrays import answers, are, codes, held, numbers, plain
+from lidarcli.tabular.columns import answers, are, codes, held, numbers, plain
 
 COLUMNS = (
     *(

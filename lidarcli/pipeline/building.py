@@ -21,7 +21,7 @@ from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, over_logs
-from lidarcli.stores.url import Place, place
+from lidarcli.stores import Place, place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.background import read_background, write_background
 from lidarcli.tabular.writing import table_metadata

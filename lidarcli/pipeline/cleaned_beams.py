@@ -26,7 +26,7 @@ from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
 from lidarcli.pose.faults import Key
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
-from lidarcli.tabular.arrays import held, numbers
+from lidarcli.tabular.columns import held, numbers
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.zone import WORLD

@@ -32,12 +32,10 @@ from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines
 from lidarcli.pipeline.reading.pose_sources import NO_POSES, NONE, Need
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import RangeRules
-from lidarcli.stores.url import Place, Url
-from lidarcli.tabular.arrays import held
+from lidarcli.stores import Place, Url
+from lidarcli.tabular.columns import constant, held, restamped
 from lidarcli.tabular.reading import file_metadata, note_value, read_columns
-from lidarcli.tabular.rows import constant
 from lidarcli.tabular.schemas import CLEANED, SCHEMAS
-from lidarcli.tabular.stamps import restamped
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_metadata, table_suffix
 from lidarcli.times import SECOND_NS
 

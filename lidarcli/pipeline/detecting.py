@@ -23,10 +23,10 @@ from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
 from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, ParallelDetection, Part
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs, progress_of
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.sweeps import SweepBatch
+from lidarcli.tabular.columns import in_unit
 from lidarcli.tabular.schemas import OBJECTS, SCHEMAS
-from lidarcli.tabular.stamps import in_unit
 from lidarcli.tabular.writing import BY_DATE, RowSink, TableFiles, TopicOrder, table_metadata
 
 if TYPE_CHECKING:

@@ -73,7 +73,7 @@ from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
-from lidarcli.stores.url import Place, place
+from lidarcli.stores import Place, place
 from lidarcli.sweeps import Float64, Int64, Status, SweepPoses
 from lidarcli.tabular.background import read_background
 from lidarcli.tabular.reading import column_names

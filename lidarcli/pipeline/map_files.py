@@ -24,7 +24,7 @@ from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, named_files
 from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.tabular.writing import table_metadata
 
 GRIDS = (".yaml", ".png", ".mcap")

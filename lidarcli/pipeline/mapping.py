@@ -180,7 +180,7 @@ class Mapping:
         # Maps of everything should not wait for these imports.
         from lidarcli.formalism.tracking.tracker import Tracker
         from lidarcli.pipeline.objects.detection import object_finder
-        from lidarcli.tabular.tracked import beam_sets
+        from lidarcli.tabular.columns import beam_sets
 
         find = object_finder(self.options.parameters, None)
         trackers: dict[str, tuple[Tracker, deque[tuple[SweepBatch, Detection]]]] = {}

@@ -20,10 +20,9 @@ from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.pose.messages import TRANSFORMS
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
 from lidarcli.sweeps import Bool, Int64, RawSweeps
-from lidarcli.tabular.arrays import are, held, numbers, plain
+from lidarcli.tabular.columns import COARSE, are, held, numbers, plain
 from lidarcli.tabular.reading import Readable, read_columns, read_pieces, read_schema
 from lidarcli.tabular.schemas import SCHEMAS
-from lidarcli.tabular.stamps import COARSE
 
 WINDOW = 4096
 """Messages that are sorted at a time: more than come of one topic at a stretch."""

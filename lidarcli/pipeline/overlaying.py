@@ -46,7 +46,7 @@ from lidarcli.pipeline.watching.showing import Showing
 from lidarcli.range_rules import normalise
 from lidarcli.reports.palette import SET_STYLES, SHAPE_COLOURS, ZONE_COLOURS, on_dark
 from lidarcli.ros.messages import ROS2, TF, Outgoing
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.sweeps import SweepPoses
 from lidarcli.tabular.reading import file_metadata, note_value
 from lidarcli.tabular.writing import PARAMETERS, SOURCE

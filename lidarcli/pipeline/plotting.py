@@ -31,7 +31,7 @@ from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.ground import COLUMNS, Paths, TrackPath
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import Picture, ZoneInSight, limits_of
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
 

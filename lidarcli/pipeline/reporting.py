@@ -45,7 +45,7 @@ from lidarcli.reports.summary import (
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zone_report import ZonesReport
 from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, watched_in, zoned_of
-from lidarcli.stores.url import Place, absolute, place
+from lidarcli.stores import Place, absolute, place
 from lidarcli.tabular.reading import Readable
 from lidarcli.tabular.runs import FOLDER, Entry, read_run
 from lidarcli.tabular.schemas import EVENTS

@@ -27,9 +27,8 @@ from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zone_report import NEVER
 from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, unobserved, watched_in
-from lidarcli.stores.url import Place
-from lidarcli.tabular.arrays import answers, codes
-from lidarcli.tabular.rows import FORMS, constant
+from lidarcli.stores import Place
+from lidarcli.tabular.columns import FORMS, answers, codes, constant
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
 from lidarcli.tabular.writing import TableFiles, table_metadata
 from lidarcli.zone import Line

@@ -12,7 +12,7 @@ from lidarcli.errors import OptionError
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
 from lidarcli.simulation.load import MAX_SWEEPS, load_scene
 from lidarcli.simulation.scene import Scene
-from lidarcli.stores.url import Url, place
+from lidarcli.stores import Url, place
 from lidarcli.sweeps import RawSweeps
 
 MAX_SECONDS = 400_000_000

@@ -13,9 +13,9 @@ from lidarcli.errors import UnreadableError
 from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.background.stations import SAME_BEAM, Grid
 from lidarcli.newfiles import NewFiles
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.sweeps import Float64, SweepPoses
-from lidarcli.tabular.arrays import codes, floats, plain
+from lidarcli.tabular.columns import codes, floats, plain
 from lidarcli.tabular.reading import GREATEST_VALUE, notes_of, parsed, read_columns
 from lidarcli.tabular.schemas import BACKGROUND
 from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, ParquetSink

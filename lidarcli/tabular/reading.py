@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
-from lidarcli.stores.url import Place, Url
+from lidarcli.stores import Place, Url
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES, INFINITE, NULLABLE, SCHEMAS
 
 T = TypeVar("T")
@@ -216,7 +216,7 @@ def _begins_as_parquet(path: Place) -> bool:
 def _file(path: Place) -> pa.NativeFile:
     """Open a file of which parts are read."""
     if isinstance(path, Url):
-        from lidarcli.stores.url import open_object
+        from lidarcli.stores import open_object
 
         return open_object(path)
     # A name need not be UTF-8, and Arrow takes such a one as bytes alone.

@@ -12,7 +12,7 @@ from typing import Any
 import pyarrow as pa
 
 from lidarcli.errors import UnreadableError
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import RUNS
 

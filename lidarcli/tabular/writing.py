@@ -19,9 +19,9 @@ from lidarcli._version import __version__
 from lidarcli.choices import NS
 from lidarcli.machine import Threads
 from lidarcli.newfiles import NewFiles, writing
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
+from lidarcli.tabular.columns import in_unit, restamped
 from lidarcli.tabular.schemas import SCHEMAS
-from lidarcli.tabular.stamps import in_unit, restamped
 
 if TYPE_CHECKING:
     from concurrent.futures import Future

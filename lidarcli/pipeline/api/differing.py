@@ -21,7 +21,7 @@ from lidarcli.pipeline.api.options import (
     with_keywords,
 )
 from lidarcli.pipeline.differing import Difference, DiffOptions, diff_inputs, inputs_of, refuse_outputs, write_changes
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 @with_keywords

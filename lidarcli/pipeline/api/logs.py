@@ -40,7 +40,7 @@ from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.trajectories import PathOptions, read_path, refuse_path, write_path
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 from lidarcli.sweeps import SweepBatch
 
 

@@ -46,7 +46,7 @@ from lidarcli.reports.drawing import Axes, Figure, figure_of
 from lidarcli.reports.json import as_dict
 from lidarcli.reports.picture import Picture
 from lidarcli.reports.zone_report import ZonesReport
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.reading import HeldTable
 from lidarcli.times import as_time

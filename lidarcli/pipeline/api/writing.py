@@ -11,7 +11,7 @@ from lidarcli.pipeline.api.options import Progress, counting, with_keywords
 from lidarcli.pipeline.exporting import chosen, export_file, format_of
 from lidarcli.pipeline.inputs.held import tables_to_export
 from lidarcli.simulation import Simulated, run
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 @with_keywords

@@ -12,7 +12,7 @@ from lidarcli.errors import OptionError
 from lidarcli.logs.joined import Numbered, numbered
 from lidarcli.logs.rosbag2.folder import natural
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.stores.url import is_url, place
+from lidarcli.stores import is_url, place
 
 _RECORDED = (".bag", ".mcap", ".db3")
 """Suffixes of what recorders split."""

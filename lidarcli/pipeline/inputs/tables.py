@@ -13,7 +13,7 @@ from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.files import Named, files_named
 from lidarcli.reports.columns import Origin, Rows
-from lidarcli.stores.url import Place, Url, place
+from lidarcli.stores import Place, place
 from lidarcli.tabular.reading import (
     MAKERS,
     HeldTable,
@@ -210,11 +210,9 @@ def _is_named_below(folder: str, file: Place) -> bool:
 
 def _table_of(file: Place) -> tuple[str, Pair] | None:
     """Return the name of the table that a file is, by its path, and the tables of its log; None for other files."""
-    query = f"?{file.options}" if isinstance(file, Url) and file.options else ""
     for table in SCHEMAS:
         if file.name.endswith(table_suffix(table)):
-            words = str(file).removesuffix(query).removesuffix(f"{table}.parquet")
-            return table, Pair(words, f".parquet{query}")
+            return table, Pair(str(file).removesuffix(f"{table}.parquet"), ".parquet")
     if file.suffix != ".parquet":
         return None
     parts = str(file).split("/")

@@ -25,9 +25,9 @@ from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.one_log import Reading, RunSummary, named_files, reading_as_dict
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tabular.rows import beams_rows, objects_rows, sweeps_rows
+from lidarcli.tabular.columns import beams_rows, objects_rows, sweeps_rows
 from lidarcli.tabular.writing import table_paths
 
 if TYPE_CHECKING:

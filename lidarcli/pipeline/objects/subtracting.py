@@ -28,7 +28,7 @@ from lidarcli.formalism.background.subtraction import (
 )
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 from lidarcli.sweeps import Int64, Status, SweepBatch
 from lidarcli.tabular.background import read_background
 

@@ -24,7 +24,7 @@ from lidarcli.newfiles import writing
 from lidarcli.pipeline.objects.detection import BatchRows, DetectOptions, Rows
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.sweeps import Int64, SweepBatch
-from lidarcli.tabular.tracked import (
+from lidarcli.tabular.columns import (
     explained_objects,
     tracked_beams,
     tracked_objects,

@@ -29,7 +29,7 @@ from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, LogWork, Outcome, outcome_of
 from lidarcli.pipeline.runs.processes import signals_held
-from lidarcli.stores.url import absolute, is_url
+from lidarcli.stores import absolute, is_url
 
 try:
     import dask

@@ -18,7 +18,7 @@ from lidarcli.pipeline.inputs.files import all_files
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.runs.over_logs import Outcome
-from lidarcli.stores.url import Place, State, Url, absolute, has_bucket, head, listing, place, remove
+from lidarcli.stores import Place, State, Url, absolute, has_bucket, head, listing, place, remove
 from lidarcli.tabular.reading import file_metadata, note_value
 from lidarcli.tabular.writing import BY_DATE, DAMAGE, PARAMETERS, SOURCE, VERSION
 

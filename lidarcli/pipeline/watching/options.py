@@ -12,7 +12,7 @@ from lidarcli.pipeline.inputs.masks import plain
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inputs.tables import one_pair
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.tabular.writing import table_paths
 from lidarcli.zone import WORLD, Line, Zone, Zones
 

@@ -39,10 +39,9 @@ from lidarcli.pose.messages import frame_name
 from lidarcli.pose.tree import WORLDS
 from lidarcli.reports.wording import counted
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tabular.arrays import are
+from lidarcli.tabular.columns import COARSE, are
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import SCHEMAS
-from lidarcli.tabular.stamps import COARSE
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
 
 T = TypeVar("T")
