@@ -374,8 +374,8 @@ def _azure(bucket: str) -> Any:
     from pyarrow.fs import AzureFileSystem
 
     connection = (_env("AZURE_STORAGE_CONNECTION_STRING") or "").split(";")
-    told = dict(part.split("=", 1) for part in connection if "=" in part)
-    account = bucket.partition("@")[2].partition(".")[0] or told.get("AccountName")
+    connection_values = dict(part.split("=", 1) for part in connection if "=" in part)
+    account = bucket.partition("@")[2].partition(".")[0] or connection_values.get("AccountName")
     account = account or _env("AZURE_STORAGE_ACCOUNT", "AZURE_STORAGE_ACCOUNT_NAME")
     if not account:
         raise OptionError(
@@ -383,7 +383,7 @@ def _azure(bucket: str) -> Any:
             "abfs://CONTAINER@ACCOUNT.dfs.core.windows.net/NAME"
         )
     settings: dict[str, Any] = {}
-    if key := told.get("AccountKey") or _env("AZURE_STORAGE_KEY", "AZURE_STORAGE_ACCOUNT_KEY"):
+    if key := connection_values.get("AccountKey") or _env("AZURE_STORAGE_KEY", "AZURE_STORAGE_ACCOUNT_KEY"):
         import base64
 
         try:
@@ -392,9 +392,9 @@ def _azure(bucket: str) -> Any:
             # The library would end the process.
             raise OptionError(f"az://{bucket}: the key of the account is not one: it is no Base64") from err
         settings["account_key"] = key
-    if sas := told.get("SharedAccessSignature") or _env("AZURE_STORAGE_SAS_TOKEN"):
+    if sas := connection_values.get("SharedAccessSignature") or _env("AZURE_STORAGE_SAS_TOKEN"):
         settings = {"sas_token": sas}
-    scheme, _, rest = told.get("BlobEndpoint", "").partition("://")
+    scheme, _, rest = connection_values.get("BlobEndpoint", "").partition("://")
     authority = rest.partition("/")[0]
     if authority and not authority.startswith(f"{account}."):
         for service in ("blob", "dfs"):

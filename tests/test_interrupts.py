@@ -163,7 +163,7 @@ if __name__ == "__main__":
         inside.append("the start goes on")
     processes.resource_tracker.ensure_running = interrupted
     try:
-        processes.start_workers(1, int)
+        processes.start_workers(1)
         time.sleep(10)
     except KeyboardInterrupt as err:
         print(*inside, type(err).__name__)

@@ -18,20 +18,20 @@ if TYPE_CHECKING:
     Report = Callable[[Source, int], None] | None
 
 
-def refuse_no_logs(told: Mapping[str, Any]) -> None:
+def refuse_no_logs(options: Mapping[str, Any]) -> None:
     """Refuse `ManyLogs` that name no log, or standard input twice (usage errors)."""
-    logs, files_from = told["logs"], told["files_from"]
+    logs, files_from = options["logs"], options["files_from"]
     if not logs and files_from is None:
         raise click.MissingParameter(param_hint="'LOG...'", param_type="argument")
     if STDOUT in logs and files_from == STDOUT:
         raise click.UsageError("standard input is either a log or the list of --files-from")
 
 
-def chosen_logs(say: Messages, told: Mapping[str, Any]) -> list[Source | Nothing]:
+def chosen_logs(messages: Messages, options: Mapping[str, Any]) -> list[Source | Nothing]:
     """Return the logs that `ManyLogs` names, with notes on those in parts; see `search.choose`."""
     from lidarcli.pipeline.inputs.search import choose
 
-    return choose(told["logs"], told["files_from"], told["base"], told["shard"], told["join"], say.note)
+    return choose(options["logs"], options["files_from"], options["base"], options["shard"], options["join"], messages.note)
 
 
 def print_reads(sources: Iterable[Source | Nothing], writes: Iterable[str] = ()) -> int:

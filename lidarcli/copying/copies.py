@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lidarcli.logs.base import ReadReport
-from lidarcli.logs.blocks import Locate, Written
+from lidarcli.logs.blocks import Locate, ScanLayout
 from lidarcli.sweeps import Bool
 
 Edit = Callable[[str, bytes, Locate], bytes]
@@ -29,7 +29,7 @@ class Copy:
     """Records of applications that are no messages, attachments or metadata."""
 
 
-def replaced(message: bytes, written: Written, chosen: Bool, value: float) -> bytes:
+def replaced(message: bytes, written: ScanLayout, chosen: Bool, value: float) -> bytes:
     """Return a message in which all ranges of the chosen beams (B,) say a value."""
     places = written.place[chosen[written.beam]]
     number = np.frombuffer(np.array(value, written.kind).tobytes(), np.uint8)

@@ -175,8 +175,8 @@ def in_unit(schema: pa.Schema, unit: str | None) -> pa.Schema:
     """Return a schema whose stamps count in `unit`, `ns` or `us`; None leaves them as they are."""
     for index, field in enumerate(schema) if unit is not None else ():
         if pa.types.is_timestamp(field.type) and field.type.unit != unit:
-            told = field.with_metadata({**(field.metadata or {}), b"unit": unit})
-            schema = schema.set(index, told.with_type(pa.timestamp(unit, field.type.tz)))
+            changed = field.with_metadata({**(field.metadata or {}), b"unit": unit})
+            schema = schema.set(index, changed.with_type(pa.timestamp(unit, field.type.tz)))
     return schema
 
 
@@ -350,7 +350,7 @@ def tracked_objects(
     return rows if whole else rows.take(plain(order))
 
 
-def explained_objects(rows: pa.RecordBatch, told: ByPlace) -> pa.RecordBatch:
+def explained_objects(rows: pa.RecordBatch, by_place: ByPlace) -> pa.RecordBatch:
     """Return rows of the objects table whose column `why` also tells of places and maps, if it tells anything."""
     reasons = rows.column("why")
     if reasons.null_count == len(reasons):
@@ -358,7 +358,7 @@ def explained_objects(rows: pa.RecordBatch, told: ByPlace) -> pa.RecordBatch:
     # Imported here, as few ask for reasons.
     from lidarcli.formalism.explanation import reasons_by_place
 
-    lines = reasons_by_place(reasons.to_pylist(), told.place, told.map)
+    lines = reasons_by_place(reasons.to_pylist(), by_place.place, by_place.map)
     return FORMS["objects"].replaced(rows, {"why": pa.array(lines, pa.string())})
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs import foxglove
 from lidarcli.logs.base import MULTI_ECHO, SCAN_TYPES, Message, OpenOptions, ReadReport, Topic
-from lidarcli.logs.blocks import Locate, Written
+from lidarcli.logs.blocks import Locate, ScanLayout
 from lidarcli.logs.laserscan import EXPECTED, Gather, differs, locate, scan_type
 from lidarcli.logs.mcap.records import Cursor, Messages
 from lidarcli.logs.mcap.walk import MAGIC, Catalogue, Summary, Walker, index_is_complete, read_summary
@@ -45,7 +45,7 @@ class _Columns:
     unpacking: Unpacking
     """Limit for the whole log."""
 
-    def locate(self, message: bytes) -> Written | None:
+    def locate(self, message: bytes) -> ScanLayout | None:
         """Return where the ranges of a message stand; None where it is no sweep."""
         return locate(message, self.gather.encoding, several=self.gather.type == MULTI_ECHO)
 

@@ -162,7 +162,7 @@ Progress = Callable[[int], None]
 def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions) -> dict[str, Any]:
     """Return the options of reading as plain values, for the tables' metadata."""
     rules = read.rules
-    told = {name: value for name in GEOMETRY if (value := getattr(opening, name)) != getattr(_AS_IT_IS, name)}
+    geometry = {name: value for name in GEOMETRY if (value := getattr(opening, name)) != getattr(_AS_IT_IS, name)}
     part = opening.slice
     return {
         "topics": sorted(read.topics) if read.topics else None,
@@ -172,7 +172,7 @@ def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions)
         "range": list(rules.limits) if rules.limits else None,
         "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
         **({} if rules.masks is None else {"mask": AUTO if rules.masks.learn else Path(rules.masks.path).name}),
-        **({"csv": told} if told else {}),
+        **({"csv": geometry} if geometry else {}),
         **({} if part is None else {"slice": [part.low, part.high], "bins": part.bins}),
         **({"echo": opening.echo} if opening.echo != _AS_IT_IS.echo else {}),
         **({"segments": KEEP} if opening.segments == KEEP else {}),
@@ -186,9 +186,9 @@ def _plain(time: float | Instant | None) -> float | str | None:
 
 def describe_source(source: Source, log: Log) -> dict[str, Any]:
     """Return the description of a source for the tables' metadata: nothing that depends on its place."""
-    told = {"name": source.file_name, "size": log.size, "format": log.format}
+    described = {"name": source.file_name, "size": log.size, "format": log.format}
     parts = [{"name": part.name, "size": part.size} for part in parts_of(log)]
-    return told | ({"parts": parts} if parts else {})
+    return described | ({"parts": parts} if parts else {})
 
 
 class Reading:
@@ -315,15 +315,15 @@ class Reading:
 
     def describe(self, source: Source) -> dict[str, Any]:
         """Return the description of the source, its poses and its ranges of no return, for the tables' metadata."""
-        told = {
+        described = {
             "poses": self._posing.described(),
             "made_of_clouds": made_of_clouds(self._log),
             "segments": sorted(self._report.segments),
             "no_return_from": dict(sorted(self._report.no_return.items())),
             "mask": plain(self._masks or Masks()),
         }
-        told = {name: what for name, what in told.items() if what}
-        return describe_source(source, self._log) | told
+        described = {name: what for name, what in described.items() if what}
+        return describe_source(source, self._log) | described
 
     def __enter__(self) -> Self:
         return self
@@ -395,9 +395,11 @@ def rules_of(parameters: dict[str, Any], mask: dict[str, Any] | None = None) -> 
 
 def opening_of(parameters: dict[str, Any]) -> OpenOptions:
     """Return the options of opening a log of a run, by the parameters in the metadata of its tables."""
-    told, echo = parameters.get("csv"), parameters.get("echo")
-    told = told if isinstance(told, dict) else {}
-    known: dict[str, Any] = {name: float(value) for name, value in told.items() if name in GEOMETRY and _is_number(value)}
+    geometry, echo = parameters.get("csv"), parameters.get("echo")
+    geometry = geometry if isinstance(geometry, dict) else {}
+    known: dict[str, Any] = {
+        name: float(value) for name, value in geometry.items() if name in GEOMETRY and _is_number(value)
+    }
     if echo in ECHOES:
         known["echo"] = echo
     if parameters.get("segments") == KEEP:
