@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from lidarcli.choices import TABLE_BY_SUFFIX
-from lidarcli.cli.commands import command
+from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import Messages, Total, progress_bar, show, standard_output
-from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_read, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
@@ -22,7 +21,7 @@ from lidarcli.screen import one_line
 from lidarcli.stores import Place, absolute, is_url, place
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.inputs.sources import Nothing, Source
+    from lidarcli.pipeline.inputs.sources import MissingInput, Source
     from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome
     from lidarcli.pipeline.runs.table_folder import Step, TableFolder
@@ -142,11 +141,6 @@ def find(messages: Messages, options: Mapping[str, Any], *, follow: bool) -> int
         raise click.UsageError("--format json is the summary, for -o DIR; objects as JSON are --format ndjson")
     if is_one and (options["resume"] or options["partition"] or options["cluster"] is not None):
         raise click.UsageError("--resume, --partition and --cluster are for tables in a folder: give -o DIR")
-    if options["cluster"] is not None and options["jobs"]:
-        raise click.UsageError("--jobs is for this machine, --cluster for others")
-    stations = (options["station_distance"], options["station_angle"])
-    if options["background"] is None and (options["removed"] or options["any_frame"] or stations != (None, None)):
-        raise click.UsageError("--removed, --any-frame and --station-... are for --background FILE")
 
     from lidarcli.pipeline.api.options import detect_options, memory_of, tracking_of
 
@@ -231,7 +225,7 @@ def _into_one(messages: Messages, options: Mapping[str, Any], kind: str, how: "D
     return messages.end(total.exit_code(sources))
 
 
-def _begin(messages: Messages, options: Mapping[str, Any], how: "DetectOptions") -> "list[Source | Nothing]":
+def _begin(messages: Messages, options: Mapping[str, Any], how: "DetectOptions") -> "list[Source | MissingInput]":
     """Return the logs of a run, after what is said before it."""
     from lidarcli.machine import keep_freed_memory
 
@@ -246,7 +240,7 @@ def _begin(messages: Messages, options: Mapping[str, Any], how: "DetectOptions")
 
 def _outcomes(
     messages: Messages,
-    sources: "Sequence[Source | Nothing]",
+    sources: "Sequence[Source | MissingInput]",
     folder: Place,
     how: "DetectOptions",
     report: "LogProgress | None",
@@ -262,7 +256,7 @@ def _outcomes(
 
 def _on_cluster(
     messages: Messages,
-    sources: "Sequence[Source | Nothing]",
+    sources: "Sequence[Source | MissingInput]",
     folder: Place,
     how: "DetectOptions",
     report: "LogProgress | None",
@@ -299,13 +293,13 @@ def _on_cluster(
 def _print_plan(tables: "TableFolder", steps: "Sequence[Step]", how: "DetectOptions") -> int:
     """Print what would be done, a line for each file; return the exit code that can be foreseen."""
     from lidarcli.errors import OutputError
-    from lidarcli.pipeline.inputs.sources import Nothing
+    from lidarcli.pipeline.inputs.sources import MissingInput
     from lidarcli.pipeline.runs.over_logs import exit_code
 
     codes = []
     for source, done in ((step.source, step.done) for step in steps):
         code = print_read(source, "read" if done is None else "skip")
-        for name in () if done is not None or isinstance(source, Nothing) else tables.outputs(source):
+        for name in () if done is not None or isinstance(source, MissingInput) else tables.outputs(source):
             is_there = tables.is_there(absolute(name))
             refused = is_there and not how.overwrite
             code = code or (OutputError.exit_code if refused else 0)

@@ -13,7 +13,7 @@ from lidarcli.screen import one_line
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from lidarcli.pipeline.inputs.sources import Nothing, Source
+    from lidarcli.pipeline.inputs.sources import MissingInput, Source
 
     Report = Callable[[Source, int], None] | None
 
@@ -27,14 +27,14 @@ def refuse_no_logs(options: Mapping[str, Any]) -> None:
         raise click.UsageError("standard input is either a log or the list of --files-from")
 
 
-def chosen_logs(messages: Messages, options: Mapping[str, Any]) -> list[Source | Nothing]:
+def chosen_logs(messages: Messages, options: Mapping[str, Any]) -> list[Source | MissingInput]:
     """Return the logs that `ManyLogs` names, with notes on those in parts; see `search.choose`."""
     from lidarcli.pipeline.inputs.search import choose
 
     return choose(options["logs"], options["files_from"], options["base"], options["shard"], options["join"], messages.note)
 
 
-def print_reads(sources: Iterable[Source | Nothing], writes: Iterable[str] = ()) -> int:
+def print_reads(sources: Iterable[Source | MissingInput], writes: Iterable[str] = ()) -> int:
     """Print what would be read and written, a line each; return the exit code."""
     from lidarcli.pipeline.runs.over_logs import exit_code
 
@@ -44,11 +44,11 @@ def print_reads(sources: Iterable[Source | Nothing], writes: Iterable[str] = ())
     return code
 
 
-def print_read(source: Source | Nothing, verb: str = "read") -> int:
+def print_read(source: Source | MissingInput, verb: str = "read") -> int:
     """Print what would be done with one log; the exit code of that."""
-    from lidarcli.pipeline.inputs.sources import Nothing
+    from lidarcli.pipeline.inputs.sources import MissingInput
 
-    if isinstance(source, Nothing):
+    if isinstance(source, MissingInput):
         click.echo(f"fail   {one_line(f'{source.label}: {source.error}')}")
         return source.error.exit_code
     size = f" ({source.size:,} bytes)" if source.size else ""

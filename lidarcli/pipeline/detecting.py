@@ -19,7 +19,7 @@ import pyarrow as pa
 from lidarcli.choices import NS
 from lidarcli.errors import LidarcliError, warn
 from lidarcli.newfiles import NewFiles, refuse
-from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, ParallelDetection, Part
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs, progress_of
@@ -30,7 +30,7 @@ from lidarcli.tabular.schemas import OBJECTS, SCHEMAS
 from lidarcli.tabular.writing import BY_DATE, RowSink, TableFiles, TopicOrder, table_metadata
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.inputs.tables import Pair
+    from lidarcli.pipeline.inputs.tables import TableSet
     from lidarcli.pipeline.objects.tracking import LogTracker
 
 
@@ -102,14 +102,14 @@ def _tracker(source: Source, reading: Reading, options: DetectOptions) -> Abstra
 
 def detect_to_temporary(
     source: Source, folder: Path, options: DetectOptions, progress: Progress | None = None
-) -> tuple[Pair, RunSummary]:
+) -> tuple[TableSet, RunSummary]:
     """Write the tables of one log below a private folder, for a second pass over the log; reports half of the progress."""
     # Only a second pass needs this import.
-    from lidarcli.pipeline.inputs.tables import Pair
+    from lidarcli.pipeline.inputs.tables import TableSet
 
     half = None if progress is None else lambda position: progress(position // 2)
     summary = detect_to_files(source, folder, replace(options, overwrite=True, layout=None, stamps=NS), half)
-    return Pair(f"{folder / source.name}.", ".parquet"), summary
+    return TableSet(f"{folder / source.name}.", ".parquet"), summary
 
 
 def second_half(progress: Progress | None, size: int) -> Progress | None:
@@ -133,7 +133,7 @@ def detect_to_sinks(
 
 
 def detect_files(
-    sources: Sequence[Source | Nothing], folder: Place, options: DetectOptions, report: LogProgress | None = None
+    sources: Sequence[Source | MissingInput], folder: Place, options: DetectOptions, report: LogProgress | None = None
 ) -> Iterator[Outcome]:
     """Write the tables of every log below `folder`, one after the other or several at the same time."""
     at_once = logs_at_once(sources, options.jobs or options.cores)
@@ -143,7 +143,7 @@ def detect_files(
 
 
 def detect_stream(
-    sources: Sequence[Source | Nothing],
+    sources: Sequence[Source | MissingInput],
     out: IO[bytes],
     kind: str,
     options: DetectOptions,
@@ -180,7 +180,11 @@ def detect_stream(
 
 
 def detect_file(
-    sources: Sequence[Source | Nothing], path: Place, kind: str, options: DetectOptions, report: LogProgress | None = None
+    sources: Sequence[Source | MissingInput],
+    path: Place,
+    kind: str,
+    options: DetectOptions,
+    report: LogProgress | None = None,
 ) -> Iterator[Outcome]:
     """Write the objects of all logs to one file, which appears when it is whole, and only if any log could be read."""
     refuse([path], options.overwrite, options.inputs(sources))

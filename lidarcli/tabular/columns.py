@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lidarcli.columns import Column, Per
 from lidarcli.formalism.detection import AGENT, COLUMNS, NOISE, OBJECT, Detection, fields_per
-from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
+from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
 from lidarcli.range_rules import count_statuses
 from lidarcli.sweeps import STATUSES, Int32, SweepBatch, UInt8
 from lidarcli.tabular.schemas import FACES, KINDS, SCHEMAS, STAMP, TABLES, VERTICES, schema_of
@@ -241,7 +241,7 @@ def objects_rows(log: str, batch: SweepBatch, detection: Detection, labels: Sequ
         columns["label"] = codes(detection.label, labels)
     if detection.features is not None:
         # Imported here, as few ask for reasons.
-        from lidarcli.formalism.explanation import reasons
+        from lidarcli.formalism.detect import reasons
 
         columns["why"] = pa.array(reasons(detection.features, detection.thing), pa.string())
     if batch.poses is not None:
@@ -323,7 +323,7 @@ def _lists(detection: Detection, kind: pa.ListType, offsets: NDArray[np.int32], 
 
 
 def tracked_objects(
-    rows: pa.RecordBatch, followed: Followed, labels: Sequence[str] = (), *, walls: bool, tracks: bool
+    rows: pa.RecordBatch, followed: TrackedBatch, labels: Sequence[str] = (), *, walls: bool, tracks: bool
 ) -> pa.RecordBatch:
     """Return rows of the objects table, completed by the tracking; `labels` are the names in the catalogue.
 
@@ -356,13 +356,13 @@ def explained_objects(rows: pa.RecordBatch, by_place: ByPlace) -> pa.RecordBatch
     if reasons.null_count == len(reasons):
         return rows
     # Imported here, as few ask for reasons.
-    from lidarcli.formalism.explanation import reasons_by_place
+    from lidarcli.formalism.detect import reasons_by_place
 
     lines = reasons_by_place(reasons.to_pylist(), by_place.place, by_place.map)
     return FORMS["objects"].replaced(rows, {"why": pa.array(lines, pa.string())})
 
 
-def tracked_sweeps(rows: pa.RecordBatch, followed: Followed, *, tracks: bool) -> pa.RecordBatch:
+def tracked_sweeps(rows: pa.RecordBatch, followed: TrackedBatch, *, tracks: bool) -> pa.RecordBatch:
     """Return rows of the sweeps table with the counts of objects and agents of the tracking."""
     names = ("objects", "agents", "object_beams", "agent_beams", "noise_beams")
     counts = {name: getattr(followed, name) for name in names}
@@ -374,7 +374,7 @@ def tracked_sweeps(rows: pa.RecordBatch, followed: Followed, *, tracks: bool) ->
 
 
 def tracked_beams(
-    rows: pa.RecordBatch, batch: SweepBatch, detection: Detection, followed: Followed, *, tracks: bool
+    rows: pa.RecordBatch, batch: SweepBatch, detection: Detection, followed: TrackedBatch, *, tracks: bool
 ) -> pa.RecordBatch:
     """Return rows of the beams table with the object and the set of each beam of the tracking."""
     sets, number = beam_sets(batch, detection, followed, tracks=tracks)
@@ -383,7 +383,9 @@ def tracked_beams(
     return FORMS["beams"].replaced(rows, {"set": sets[row, beam], "object": masked(owner, owner == 0)})
 
 
-def beam_sets(batch: SweepBatch, detection: Detection, followed: Followed, *, tracks: bool = True) -> tuple[UInt8, Int32]:
+def beam_sets(
+    batch: SweepBatch, detection: Detection, followed: TrackedBatch, *, tracks: bool = True
+) -> tuple[UInt8, Int32]:
     """Return the set of each beam and the number of its object, 0 for none, (S, B) each, by the tracking.
 
     `tracks`: tell agents from objects. The detection was made with `per_beam`.
@@ -425,6 +427,6 @@ def trajectories_rows(log: str, topic: str, found: Trajectories) -> pa.RecordBat
     return FORMS["trajectories"].fill(columns, found, count)
 
 
-def _labelled(found: Followed | Tracks, labels: Sequence[str]) -> dict[str, Any]:
+def _labelled(found: TrackedBatch | Tracks, labels: Sequence[str]) -> dict[str, Any]:
     """Return the columns of names in the catalogue; without one all are null."""
     return {"label": codes(found.label, labels), "label_score": found.label_score}

@@ -17,11 +17,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from lidarcli.cli.track import track
 
 from lidarcli.choices import SIGNIFICANCE
 from lidarcli.cli import cli
-from lidarcli.cli.detect import detect
+from lidarcli.cli.detect import detect, track
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.pipeline.objects import tracking
 from lidarcli.pipeline.runs import over_logs

@@ -18,7 +18,7 @@ from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.mapping.places import Places
 from lidarcli.formalism.matching.catalogue import names_in
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.results import Followed
+from lidarcli.formalism.tracking.results import TrackedBatch
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.newfiles import writing
 from lidarcli.pipeline.objects.detection import BatchRows, DetectOptions, Rows
@@ -148,7 +148,7 @@ class LogTracker:
             if self._options.tracks and self._options.trajectories:
                 yield "trajectories", name, trajectories_rows(self._log, name, rows)
 
-    def _completed(self, topic: _Topic, followed: Sequence[Followed]) -> Iterator[Rows]:
+    def _completed(self, topic: _Topic, followed: Sequence[TrackedBatch]) -> Iterator[Rows]:
         """Yield the rows of the batches that wait, as far as the tracker has answered for them."""
         tracks = self._options.tracks
         for one in followed:

@@ -25,7 +25,7 @@ from lidarcli._version import __version__
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.machine import keep_freed_memory
 from lidarcli.newfiles import scratch_folder
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, LogWork, Outcome, outcome_of
 from lidarcli.pipeline.runs.processes import signals_held
@@ -167,12 +167,12 @@ def danger(address: str) -> str | None:
     )
 
 
-def outcomes(client: distributed.Client, sources: Sequence[Source | Nothing], work: LogWork) -> Iterator[Outcome]:
+def outcomes(client: distributed.Client, sources: Sequence[Source | MissingInput], work: LogWork) -> Iterator[Outcome]:
     """Do `work` for each of `sources`, and yield the outcomes in the order in which they end."""
     name = f"lidarcli-{os.urandom(8).hex()}"
     client.register_plugin(_Setup(name, work), name=name)
-    waiting, suspects = deque(sources), deque[Source | Nothing]()
-    running: dict[Any, Source | Nothing] = {}
+    waiting, suspects = deque(sources), deque[Source | MissingInput]()
+    running: dict[Any, Source | MissingInput] = {}
     ended = distributed.as_completed(loop=client.loop)
     looked, window = -LOOK_S, 1
     try:
@@ -201,7 +201,7 @@ def outcomes(client: distributed.Client, sources: Sequence[Source | Nothing], wo
             client.unregister_worker_plugin(name)
 
 
-def _outcome(future: Any, source: Source | Nothing, is_alone: bool) -> Outcome | None:
+def _outcome(future: Any, source: Source | MissingInput, is_alone: bool) -> Outcome | None:
     """Return the outcome of a log; None for one that seems to kill workers and was not alone."""
     code = INTERNAL_ERROR
     try:
@@ -235,15 +235,15 @@ def _busy(dask_worker: Any) -> int:
     return len(dask_worker.active_threads)
 
 
-def _sent(source: Source | Nothing) -> Source | Nothing:
+def _sent(source: Source | MissingInput) -> Source | MissingInput:
     """Return a log for a worker, whose working directory is another."""
-    if isinstance(source, Nothing) or (is_url(source.path) and not source.parts):
+    if isinstance(source, MissingInput) or (is_url(source.path) and not source.parts):
         return source
     parts = tuple(part for each in source.parts if isinstance(part := _sent(each), Source))
     return replace(source, path=absolute(source.path), files=tuple(map(absolute, source.files)), parts=parts)
 
 
-def _do(name: str, source: Source | Nothing) -> Outcome:
+def _do(name: str, source: Source | MissingInput) -> Outcome:
     """Do one log, on a worker."""
     worker: Any = distributed.get_worker()
     key, setup = worker.get_current_task(), worker.plugins[name]

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, UnreadableError, is_short_of_memory
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary
 
 INTERNAL_ERROR = 70
@@ -38,7 +38,7 @@ class Outcome:
     """Traceback of an internal error."""
     remark: str | None = None
     """Note on trouble that was overcome."""
-    source: Source | Nothing | None = field(default=None, compare=False)
+    source: Source | MissingInput | None = field(default=None, compare=False)
     """The input it is about."""
     skipped: bool = False
     """True where it was done before, and nothing was read now."""
@@ -60,7 +60,7 @@ class LogWork(Protocol):
 
 
 def over_logs(
-    sources: Sequence[Source | Nothing], work: LogWork, report: LogProgress | None = None, at_once: int = 1
+    sources: Sequence[Source | MissingInput], work: LogWork, report: LogProgress | None = None, at_once: int = 1
 ) -> Iterator[Outcome]:
     """Do the work for one log after the other, or for several at the same time in worker processes.
 
@@ -88,7 +88,7 @@ def over_logs(
         yield outcome
 
 
-def outcome_of(source: Source | Nothing, work: Work) -> Outcome:
+def outcome_of(source: Source | MissingInput, work: Work) -> Outcome:
     """Do the work for one input and return its outcome."""
     result = attempt(source, work)
     if isinstance(result, Failure):
@@ -96,9 +96,9 @@ def outcome_of(source: Source | Nothing, work: Work) -> Outcome:
     return Outcome(source.label, result.exit_code, summary=result, source=source)
 
 
-def attempt(source: Source | Nothing, work: Callable[[Source], T]) -> T | Failure:
+def attempt(source: Source | MissingInput, work: Callable[[Source], T]) -> T | Failure:
     """Do the work for one input, and turn its errors into a `Failure`, so that the other inputs are done."""
-    if isinstance(source, Nothing):
+    if isinstance(source, MissingInput):
         return Failure(str(source.error), source.error.exit_code)
     try:
         return work(source)
@@ -122,12 +122,12 @@ def exit_code(codes: Iterable[int]) -> int:
     return next((code for code in codes if code), 0)
 
 
-def progress_of(source: Source | Nothing, report: LogProgress | None) -> Progress | None:
+def progress_of(source: Source | MissingInput, report: LogProgress | None) -> Progress | None:
     """Return the progress of one log, for the work on it."""
     return None if report is None else partial(report, source)
 
 
-def summed(sources: Sequence[Source | Nothing], show: Callable[[int, int | None, str], object]) -> LogProgress:
+def summed(sources: Sequence[Source | MissingInput], show: Callable[[int, int | None, str], object]) -> LogProgress:
     """Return the progress of several logs: `show` gets the bytes read, those of all (None: not known), and the log."""
     sizes = [source.size for source in sources if isinstance(source, Source)]
     total = sum(sizes) if all(sizes) else None
@@ -140,7 +140,7 @@ def summed(sources: Sequence[Source | Nothing], show: Callable[[int, int | None,
     return report
 
 
-def logs_at_once(sources: Sequence[Source | Nothing], jobs: int) -> int:
+def logs_at_once(sources: Sequence[Source | MissingInput], jobs: int) -> int:
     """Return the number of logs to process at the same time: more than one only where it pays, and at most `jobs`."""
     logs = [source for source in sources if isinstance(source, Source)]
     # Standard input belongs to this process and cannot be handed to another.

@@ -16,7 +16,7 @@ from multiprocessing import resource_tracker
 from types import FrameType
 
 from lidarcli.machine import keep_freed_memory
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, Outcome, Work, outcome_of
 
 _working = False
@@ -27,7 +27,7 @@ class _Stopped(BaseException):
     """The parent ends this worker: unwinds through the writers, which remove their unfinished files."""
 
 
-def side_by_side(sources: Sequence[Source | Nothing], work: Work, jobs: int) -> Iterator[Outcome]:
+def side_by_side(sources: Sequence[Source | MissingInput], work: Work, jobs: int) -> Iterator[Outcome]:
     """Do `work` for each of `sources` in `jobs` worker processes, and yield the outcomes in their order.
 
     No more logs are handed out than there are workers, so that only these are done again when a worker dies.
@@ -62,7 +62,7 @@ def side_by_side(sources: Sequence[Source | Nothing], work: Work, jobs: int) -> 
     pool.shutdown()
 
 
-def _again(work: Work, source: Source | Nothing) -> Outcome:
+def _again(work: Work, source: Source | MissingInput) -> Outcome:
     """Do one log again, alone in a fresh pool, after a worker died."""
     pool = start_workers(1)
     try:
@@ -143,7 +143,7 @@ def signals_held() -> Iterator[None]:
 # In a worker process.
 
 
-def _do(work: Work, source: Source | Nothing) -> Outcome:
+def _do(work: Work, source: Source | MissingInput) -> Outcome:
     """Do one log."""
     global _working
     _working = True

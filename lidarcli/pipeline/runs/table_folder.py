@@ -15,7 +15,7 @@ from lidarcli._version import __version__
 from lidarcli.errors import LidarcliError, OutputError, UnreadableError
 from lidarcli.newfiles import exists_already
 from lidarcli.pipeline.inputs.files import all_files
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.runs.over_logs import Outcome
 from lidarcli.stores import Place, State, Url, absolute, has_bucket, head, listing, place, remove
@@ -31,7 +31,7 @@ _DAY = re.compile(r"/date=[^/]*/")
 class Step:
     """One input of a run, and its outcome if it was done before; then nothing is read."""
 
-    source: Source | Nothing
+    source: Source | MissingInput
     done: Outcome | None = None
 
 
@@ -60,7 +60,7 @@ class TableFolder:
             if not is_there:
                 raise OutputError(f"cannot write {folder}: there is no such bucket")
 
-    def plan(self, sources: Sequence[Source | Nothing], *, resume: bool, overwrite: bool) -> list[Step]:
+    def plan(self, sources: Sequence[Source | MissingInput], *, resume: bool, overwrite: bool) -> list[Step]:
         """Return the steps of a run.
 
         With `resume`, a log whose tables have the same parameters and version, and are no older than what they were made
@@ -86,7 +86,7 @@ class TableFolder:
         found = []
         for step in steps:
             existing = self.existing(step.source) if isinstance(step.source, Source) and step.done is None else []
-            found.append(Step(Nothing(step.source.path, exists_already(existing[0]))) if existing else step)
+            found.append(Step(MissingInput(step.source.path, exists_already(existing[0]))) if existing else step)
         return found
 
     def outputs(self, source: Source) -> list[str]:
@@ -129,8 +129,8 @@ class TableFolder:
                 self._listed = {str(url): state for url, state in listing(self._folder)}
         return self._listed
 
-    def _resumed(self, source: Source | Nothing, newest: int, overwrite: bool) -> Step:
-        if isinstance(source, Nothing):
+    def _resumed(self, source: Source | MissingInput, newest: int, overwrite: bool) -> Step:
+        if isinstance(source, MissingInput):
             return Step(source)
         existing = self.existing(source)
         notes = [_notes(name) for name in existing]
@@ -141,7 +141,7 @@ class TableFolder:
         for name, note in zip(existing, notes, strict=True):
             if not overwrite and note_value(note, SOURCE, dict).get("name") != _written_name(source):
                 error = OutputError(f"{name} exists and is not of this log; use --overwrite to replace it")
-                return Step(Nothing(source.path, error))
+                return Step(MissingInput(source.path, error))
         return Step(source)
 
     def _are_of(self, source: Source, tables: Sequence[str], notes: Sequence[dict[str, str]], newest: int) -> bool:
