@@ -100,7 +100,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
   lidarcli plot run.mcap --at 2026-11-22T10:00:00Z
   lidarcli plot run.mcap --view scene --width 89 --no-title -o fig.pdf
   lidarcli plot run.bag --topic /front_scan --sweeps 0,50,100 -o front.svg
-  lidarcli plot run.mcap --sweep 50 --profile paper --view difference -o s.png
+  lidarcli plot run.mcap --sweep 50 --profile paper --view sweep -o s.png
   lidarcli plot run.mcap --sweep 9 --background empty.parquet -o change.png
   lidarcli plot run.mcap --sweep 80 --tracks run.tracks.parquet -o paths.png
   lidarcli plot run.mcap --sweep 80 --zones nav2.yaml -o zones.png
@@ -239,8 +239,8 @@ def _refuse_look(look: Look, paths: list[Place], view: str, animate: bool) -> No
     """Refuse what this picture has no use for."""
     if look.fps is not None and not animate:
         raise click.UsageError("--fps is for --animate")
-    if look.vertices and view not in ("all", "scene", "polar"):
-        raise click.UsageError("--vertices are marked in the scene; give --view all, scene or polar")
+    if look.vertices and view not in WITH_TRACKS:
+        raise click.UsageError("--vertices are marked in the scene; give --view all or scene")
     if look.dpi is not None and str(paths[0]) != STDOUT and paths[0].suffix.lower() in (".svg", ".pdf"):
         raise click.UsageError("--dpi is for .png and animations; .svg and .pdf have no pixels")
 

@@ -879,7 +879,7 @@ def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) 
 def _write_changes(found: Difference, path: Place, part: Path) -> list[str]:
     """Write the changes as a table or picture to a part of an output; returns notes."""
     if path.suffix.lower() == PICTURE:
-        from lidarcli.reports.changes_picture import Sight, draw_changes
+        from lidarcli.reports.map_picture import Sight, draw_changes
 
         sights = [Sight(step.ground, step.sensors) for step in found.steps]
         part.write_bytes(draw_changes(pairs_of(found.changes), sights))

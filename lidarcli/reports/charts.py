@@ -20,11 +20,10 @@ from matplotlib.ticker import MaxNLocator
 from lidarcli.choices import beams_on
 from lidarcli.reports import palette
 from lidarcli.reports.changes import RunPair
-from lidarcli.reports.changes_picture import Sight, changes_figure
 from lidarcli.reports.drawing import new_figure, project_style
 from lidarcli.reports.figures import Density, Histogram, Spread
 from lidarcli.reports.ground import Walls
-from lidarcli.reports.map_picture import WALLS, MapPicture, draw_walls, map_figure, squares
+from lidarcli.reports.map_picture import WALLS, MapPicture, Sight, changes_figure, draw_walls, map_figure, squares
 from lidarcli.reports.palette import HEAT, themed
 from lidarcli.reports.picture import printable
 from lidarcli.reports.report import Report
