@@ -17,14 +17,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.ticker import MaxNLocator
 
+from lidarcli import palette
 from lidarcli.choices import beams_on
-from lidarcli.reports import palette
+from lidarcli.palette import HEAT, themed
 from lidarcli.reports.changes import RunPair
 from lidarcli.reports.drawing import new_figure, project_style
 from lidarcli.reports.figures import Density, Histogram, Spread
 from lidarcli.reports.ground import Walls
 from lidarcli.reports.map_picture import WALLS, MapPicture, Sight, changes_figure, draw_walls, map_figure, squares
-from lidarcli.reports.palette import HEAT, themed
 from lidarcli.reports.picture import printable
 from lidarcli.reports.report import Report
 from lidarcli.reports.streams import Stream

@@ -26,7 +26,7 @@ from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 from PIL import Image
 
-from lidarcli.reports import palette
+from lidarcli import palette
 from lidarcli.reports.labels import Label, Labels
 from lidarcli.sweeps import Float64
 

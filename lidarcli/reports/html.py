@@ -20,6 +20,7 @@ from lidarcli._version import __version__
 from lidarcli.display import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
+from lidarcli.palette import page_style
 from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.charts import changes_chart, charts, constants, overview_chart
 from lidarcli.reports.ci import clean
@@ -27,7 +28,6 @@ from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.reports.document import PAGE, Code, Document, FromAbove
 from lidarcli.reports.ground import Ground, Raw, Walls, ground_of, limits_of, rows_of
 from lidarcli.reports.map_picture import MapPicture
-from lidarcli.reports.palette import page_style
 from lidarcli.reports.report import TRACK_CELLS_RIGHT, Report, track_cells
 from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.streams import KINDS, Stream

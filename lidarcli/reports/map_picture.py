@@ -15,11 +15,11 @@ from matplotlib.patches import Patch
 from matplotlib.path import Path
 from matplotlib.ticker import PercentFormatter
 
+from lidarcli import palette
 from lidarcli.choices import AS_IT_COMES, Look
 from lidarcli.display import counted
 from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.reports import palette
 from lidarcli.reports.changes import FIRST, Change, RunPair
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import (

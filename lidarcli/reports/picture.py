@@ -14,13 +14,13 @@ from matplotlib.animation import FFMpegWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from lidarcli import palette
 from lidarcli.choices import ANIMATED_DPI, AS_IT_COMES, FRAMES_PER_SECOND, Look
 from lidarcli.display import counted, stamp
 from lidarcli.errors import OptionError
 from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import CORNER, OBJECT, ROUND, SETS, SHAPES, VERTEX_KINDS, WALL
 from lidarcli.masks import Polygon
-from lidarcli.reports import palette
 from lidarcli.reports.drawing import (
     Entries,
     Frame,

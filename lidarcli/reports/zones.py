@@ -12,10 +12,10 @@ import pyarrow as pa
 
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle
+from lidarcli.palette import ZONE_COLOURS
 from lidarcli.reports.checks import Check, Verdict, accepts, count_events, parse_check, verdict_of
 from lidarcli.reports.columns import Rows, Sight, Watched, least_observed
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, zone_names, zone_of
-from lidarcli.reports.palette import ZONE_COLOURS
 from lidarcli.sweeps import Bool, Float64, Int64
 from lidarcli.tabular.reading import note_value, notes_of
 from lidarcli.tabular.writing import PARAMETERS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from lidarcli.overlays import files, objects
+from lidarcli.overlays import objects, viewers
 from lidarcli.overlays.markers import Kind
 from lidarcli.overlays.viewers import LAYOUT, RVIZ
 from tests.places import ROOT
@@ -32,7 +32,7 @@ def test_every_namespace_is_told_with_its_markers() -> None:
 def test_numbers_and_names_are_those_of_the_code() -> None:
     assert f"{objects.HEIGHT} m high" in PAGE
     assert f"add {objects.PART:,} each" in PAGE
-    for name in (files.OBJECTS, files.MAP, *files.SUFFIXES):
+    for name in (viewers.OBJECTS, viewers.MAP, *viewers.SUFFIXES):
         assert f"`{name}`" in PAGE or f"`{name}/" in PAGE
     assert f"drive.overlay{LAYOUT}" in PAGE
     assert f"drive.overlay{RVIZ}" in PAGE

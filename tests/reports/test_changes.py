@@ -16,11 +16,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 
+from lidarcli import palette
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.pipeline.inputs.tables import find_pairs, find_tables, table_files
 from lidarcli.pipeline.reporting import FORMATS, Made, ReportOptions, make_report, render
-from lidarcli.reports import palette
 from lidarcli.reports.changes import changed_of, pairs_of
 from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.drawing import project_style

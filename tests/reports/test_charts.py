@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lidarcli.palette import COLOURS, HEAT, page_style, themed
 from lidarcli.reports.charts import charts, constants
 from lidarcli.reports.compare import compare
 from lidarcli.reports.figures import Density
-from lidarcli.reports.palette import COLOURS, HEAT, page_style, themed
 from lidarcli.reports.report import Report
 from lidarcli.reports.summary import summarise
 from tests.reports.runs import crossing, run_of, sweep, thing

@@ -13,6 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+from lidarcli import palette
 from lidarcli.choices import VIEWS, Look
 from lidarcli.formalism import Parameters, detect, sweep
 from lidarcli.formalism.detection import ROUND, VERTEX_KINDS
@@ -20,7 +21,7 @@ from lidarcli.masks import Polygon
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
-from lidarcli.reports import drawing, palette
+from lidarcli.reports import drawing
 from lidarcli.reports import picture as panels
 from lidarcli.reports.drawing import Mark, Panel, draw_panel, write_gif
 from lidarcli.reports.ground import TrackPath

@@ -16,7 +16,6 @@ from lidarcli.masks import Circle, Masks, Polygon, same_name
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import Pair, world_in
 from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.pipeline.overlay_sources import AGAIN, Cursor
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.pipeline.reading.pose_sources import Need
@@ -40,7 +39,7 @@ from lidarcli.pose.tree import WORLDS
 from lidarcli.reports.wording import counted
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.arrays import are
-from lidarcli.tabular.reading import read_columns
+from lidarcli.tabular.reading import AGAIN, TopicRows, read_columns
 from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.tabular.stamps import COARSE
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
@@ -78,7 +77,7 @@ class Watching:
         self._lost: dict[str, NoScanError] = {}
         """Zones that cannot be judged in this log → why."""
         self._shapes = dict(self._judged(zone, self._shapes_of) for zone in options.zones.zones)
-        self._cursors: dict[str, tuple[Cursor, Cursor]] = {}
+        self._cursors: dict[str, tuple[TopicRows, TopicRows]] = {}
 
     @property
     def _zones(self) -> list[Zone]:
@@ -199,8 +198,8 @@ class Watching:
             return None
         if batch.topic not in self._cursors:
             self._cursors[batch.topic] = (
-                Cursor(self._pair.sweeps, "sweeps", ("topic", "sweep", "stamp"), batch.topic),
-                Cursor(self._pair.objects, "objects", OBJECT_COLUMNS, batch.topic),
+                TopicRows(self._pair.sweeps, "sweeps", ("topic", "sweep", "stamp"), batch.topic),
+                TopicRows(self._pair.objects, "objects", OBJECT_COLUMNS, batch.topic),
             )
         sweeps, objects = (cursor.until(int(batch.sweep[-1]) + 1) for cursor in self._cursors[batch.topic])
         index = np.asarray(sweeps["sweep"])
