@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 import lidarcli
 from lidarcli import palette
-from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.background import Background
 from lidarcli.reports.drawing import draw_marks, project_style
 from lidarcli.reports.drawing import sensor as sensor_mark
 

@@ -18,10 +18,10 @@ import pyarrow as pa
 from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS
-from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, OpenOptions, ReadReport
 from lidarcli.logs.clock import mended
-from lidarcli.maps.mapserver import MAP_TYPE, image_of, occupancy_cdr, read_map
+from lidarcli.maps import MAP_TYPE, image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import NewFiles, refuse, writing
 from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, SECOND, Markers, marker_arrays, transforms
 from lidarcli.overlays.objects import COLUMNS, PATH_COLUMNS, Poses, Trajectories, is_mirrored, markers_of, paths_of, zone_of
@@ -42,12 +42,11 @@ from lidarcli.overlays.viewers import (
 )
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inputs.tables import Pair, one_pair, poses_of, world_in
+from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, poses_of, world_in
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
-from lidarcli.pipeline.watching.counting import Objects
-from lidarcli.pipeline.watching.frames import Frames
-from lidarcli.pipeline.watching.showing import Showing
+from lidarcli.pipeline.zone_counting import Objects
+from lidarcli.pipeline.zone_frames import Frames, Showing
 from lidarcli.pose.messages import TRANSFORMS
 from lidarcli.range_rules import normalise
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
@@ -121,7 +120,7 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
         _recording()
     inputs = options.detect.inputs([source])
     if options.objects is not None:
-        pair = one_pair(options.objects)
+        pair = one_table_set(options.objects)
         inputs += [str(pair.objects), str(pair.sweeps)]
     if options.map is not None:
         inputs += [str(options.map), str(image_of(options.map))]
@@ -162,7 +161,7 @@ def write_overlay(source: Source, path: Place, options: OverlayOptions, progress
     with ExitStack() as stack:
         new = stack.enter_context(NewFiles(paths, options.overwrite))
         if options.objects is not None:
-            pair, found = one_pair(options.objects), None
+            pair, found = one_table_set(options.objects), None
         else:
             pair, found = detect_beside(source, new.part(path).with_name("tables"), options.detect, progress)
             progress = second_of_two(progress, source.size)
@@ -192,7 +191,7 @@ class Overlay:
     def __init__(
         self,
         source: Source,
-        pair: Pair,
+        pair: TableSet,
         grid: Occupancy | None,
         opening: OpenOptions,
         is_ros2: bool,
@@ -624,7 +623,7 @@ class Joined:
 class Tables:
     """The sweeps and objects tables of one log, from which rows are taken as its sweeps come by."""
 
-    def __init__(self, pair: Pair) -> None:
+    def __init__(self, pair: TableSet) -> None:
         self._pair = pair
         told = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ["topic", "pose_x"])
         self.topics: tuple[str, ...] = tuple(sorted(told["topic"].unique().to_pylist()))

@@ -12,14 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.path import Path
 from matplotlib.ticker import PercentFormatter
 
 from lidarcli import palette
 from lidarcli.choices import AS_IT_COMES, Look
 from lidarcli.display import counted
-from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.formalism.background import Background
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.reports.changes import FIRST, Change, RunPair
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import (
@@ -354,24 +353,12 @@ def _thinned(rows: Int64) -> Int64:
     return rows[np.linspace(0, len(rows) - 1, MOST_POINTS).astype(np.int64)]
 
 
-def draw_walls(axes: Axes, walls: Walls | None) -> None:
-    """Draw cells in which beams ended that lie on no object."""
-    draw_marks(axes, _walls(walls))
-
-
 def _walls(walls: Walls | None) -> Iterator[Mark]:
     if walls is not None and len(walls.x):
         corner = np.column_stack([walls.x, walls.y])[:, None] - walls.cell / 2
         polygons = corner + walls.cell * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         style = {"facecolor": palette.GREY, "lw": 0, "alpha": 0.6, "zorder": 1}
         yield Mark(joined(polygons), style, WALLS, area=True)
-
-
-def squares(corner: Float64, side: float) -> Path:
-    """Return one path of squares by their lower left corners (N, 2)."""
-    points = corner[:, None] + side * np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
-    codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(corner))
-    return Path(points.reshape(-1, 2), codes)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from matplotlib.markers import MarkerStyle
 
 import lidarcli
 from lidarcli import palette
-from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.background import Background
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.map_picture import background_figure, draw_backgrounds
 from tests.places import SAMPLES
