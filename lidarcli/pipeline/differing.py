@@ -78,7 +78,6 @@ from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.inputs.tables import TableSet, TracksTable, find_tracks, poses_of, read_tracks_table, world_in
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.overlay_sources import Cursor
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log
 from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
@@ -89,7 +88,7 @@ from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
 from lidarcli.stores import Place, place
 from lidarcli.sweeps import Float64, Int64, Status, SweepPoses
 from lidarcli.tabular.background import read_background
-from lidarcli.tabular.reading import column_names
+from lidarcli.tabular.reading import TopicRows, column_names
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES
 from lidarcli.tabular.stream import write_stream
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata
@@ -414,7 +413,7 @@ def _survey(
     most = int(MAX_MAP_KM2 * KM2 / MAP_RESOLUTION**2)
     surveys: dict[str, Surveying] = {}
     places: dict[str, list[Float64]] = {}
-    cursors: dict[str, Cursor] = {}
+    cursors: dict[str, TopicRows] = {}
     went = _gone_their_ways(tracks)
     stamps: list[int] = []
     with read_log(source, detect, Need.MOVING) as reading:
@@ -423,7 +422,7 @@ def _survey(
                 continue
             stamps += [int(batch.stamp_ns.min()), int(batch.stamp_ns.max())]
             if batch.topic not in cursors:
-                cursors[batch.topic] = Cursor(pair.objects, "objects", OBJECT_COLUMNS, batch.topic)
+                cursors[batch.topic] = TopicRows(pair.objects, "objects", OBJECT_COLUMNS, batch.topic)
             rows = cursors[batch.topic].until(int(batch.sweep[-1]) + 1)
             objects = Objects.of(rows, batch)
             owner = objects.owners(batch)
@@ -892,7 +891,7 @@ def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) 
 def _write_changes(found: Difference, path: Place, part: Path) -> list[str]:
     """Write the changes as a table or picture to a part of an output; returns notes."""
     if path.suffix.lower() == PICTURE:
-        from lidarcli.reports.changes_picture import Sight, draw_changes
+        from lidarcli.reports.map_picture import Sight, draw_changes
 
         sights = [Sight(step.ground, step.sensors) for step in found.steps]
         part.write_bytes(draw_changes(pairs_of(found.changes), sights))

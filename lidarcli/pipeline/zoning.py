@@ -22,7 +22,6 @@ from lidarcli.pipeline.inputs.masks import plain
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.overlay_sources import AGAIN, Cursor
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.pipeline.reading.pose_sources import Need
@@ -50,7 +49,7 @@ from lidarcli.reports.zones import NEVER, figures_of, judge_zones, parse_zone_ch
 from lidarcli.stores import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.columns import COARSE, FORMS, answers, are, codes, constant
-from lidarcli.tabular.reading import read_columns
+from lidarcli.tabular.reading import AGAIN, TopicRows, read_columns
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
 from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones
@@ -189,7 +188,7 @@ class Watching:
         self._lost: dict[str, NoScanError] = {}
         """Zones that cannot be judged in this log → why."""
         self._shapes = dict(self._judged(zone, self._shapes_of) for zone in options.zones.zones)
-        self._cursors: dict[str, tuple[Cursor, Cursor]] = {}
+        self._cursors: dict[str, tuple[TopicRows, TopicRows]] = {}
 
     @property
     def _zones(self) -> list[Zone]:
@@ -310,8 +309,8 @@ class Watching:
             return None
         if batch.topic not in self._cursors:
             self._cursors[batch.topic] = (
-                Cursor(self._pair.sweeps, "sweeps", ("topic", "sweep", "stamp"), batch.topic),
-                Cursor(self._pair.objects, "objects", OBJECT_COLUMNS, batch.topic),
+                TopicRows(self._pair.sweeps, "sweeps", ("topic", "sweep", "stamp"), batch.topic),
+                TopicRows(self._pair.objects, "objects", OBJECT_COLUMNS, batch.topic),
             )
         sweeps, objects = (cursor.until(int(batch.sweep[-1]) + 1) for cursor in self._cursors[batch.topic])
         index = np.asarray(sweeps["sweep"])

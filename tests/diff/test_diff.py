@@ -506,7 +506,7 @@ def test_outputs_appear_together_and_the_one_without_room_is_named(
 
     log, table, picture = tmp_path / "run.mcap", tmp_path / "a" / "d.csv", tmp_path / "b" / "d.png"
     write_log(log, [room_sweeps(count=40)])
-    monkeypatch.setattr("lidarcli.reports.changes_picture.draw_changes", full)
+    monkeypatch.setattr("lidarcli.reports.map_picture.draw_changes", full)
     ran = lidarcli("-q", "diff", log, log, "-o", table, "-o", picture)
     assert (ran.code, ran.err) == (5, f"lidarcli: cannot write {picture}: No space left on device\n")
     assert [*table.parent.iterdir(), *picture.parent.iterdir()] == []
