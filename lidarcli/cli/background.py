@@ -57,7 +57,7 @@ def build(say: Messages, told: BuildCommand) -> int:
     logs = log_options(told)
 
     from lidarcli.pipeline.building import (
-        Building,
+        BackgroundBuilder,
         BuildOptions,
         draw_background,
         refuse_nothing,
@@ -72,7 +72,9 @@ def build(say: Messages, told: BuildCommand) -> int:
     refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
     if told["dry_run"]:
         return print_reads(sources, [told["output"], figure] if figure else [told["output"]])
-    building = Building(BuildOptions(*logs, distance=told["station_distance"], angle=math.radians(told["station_angle"])))
+    building = BackgroundBuilder(
+        BuildOptions(*logs, distance=told["station_distance"], angle=math.radians(told["station_angle"]))
+    )
     codes = []
     with progress_bar(sources, say) as report:
         for outcome in building.add_all(sources, report):

@@ -20,9 +20,9 @@ from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "diff.md").read_text(encoding="utf-8")
 PICTURE = ROOT / "docs" / "images" / "diff.png"
-MODULES = tuple(f"matching.{name}" for name in ("differences", "pairs", "extents", "ground", "alignment", "runs"))
+MODULES = tuple(f"matching.{name}" for name in ("differences", "ground", "alignment"))
 NUMERICAL = {
-    *("pairs.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "runs.PROPOSALS_AT_ONCE", "ground.AT_ONCE"),
+    *("differences.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "alignment.PROPOSALS_AT_ONCE", "ground.AT_ONCE"),
     *(f"differences.{name}" for name in ("THING", "STRUCTURE", "KNOWN", "MOVED", "NEW", "GONE", "UNCERTAIN")),
     *(f"differences.{name}" for name in ("HIDDEN", "OUT_OF_VIEW", "NO_FREE_SPACE", "SHORT", "AMBIGUOUS", "CERTAIN")),
 }

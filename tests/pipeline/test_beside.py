@@ -12,7 +12,7 @@ import pytest
 from lidarcli.formalism import Parameters
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.machine import Beside
-from lidarcli.pipeline.building import Building, BuildOptions
+from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects import making
@@ -50,7 +50,7 @@ def tables(folder: Path, options: DetectOptions) -> tuple[dict[str, bytes], obje
 
 
 def background() -> BackgroundOptions:
-    building = Building(BuildOptions())
+    building = BackgroundBuilder(BuildOptions())
     building.add(DRIVE)
     return BackgroundOptions("drive.background.parquet", tuple(building.sensors()))
 
