@@ -233,7 +233,6 @@ def test_the_source_gives_the_same_bits_with_every_index_checked(monkeypatch: py
     _, (compiled,) = judged(batch)
     monkeypatch.setattr(native, "_BOUNDS", True)
     source = plain("rays")
-    monkeypatch.setattr(source, "rays", plain("rays"))
     monkeypatch.setattr(places, "rays", source)
     _, (checked,) = judged(batch)
     for name in ("thing", "place", "map"):
