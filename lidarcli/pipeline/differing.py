@@ -74,7 +74,7 @@ from lidarcli.maps import image_of, read_map
 from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.inputs.tables import TracksTable, find_tracks, poses_of, read_tracks_table, world_in
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
 from lidarcli.pipeline.objects.options import DetectOptions
@@ -82,7 +82,7 @@ from lidarcli.pipeline.overlay_sources import Cursor
 from lidarcli.pipeline.reading.one_log import Progress, read_log
 from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
-from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
+from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
@@ -284,7 +284,7 @@ def _input(text: str) -> Input:
     if len(found) > 1:
         raise OptionError(f"{text}: holds {len(found)} logs; name one of them")
     source = found[0]
-    if isinstance(source, Nothing):
+    if isinstance(source, MissingInput):
         raise type(source.error)(f"{text}: {source.error}")
     if source.is_stdin:
         raise OptionError("runs are compared by reading their logs twice; give the name of a file instead of -")

@@ -48,7 +48,7 @@ from lidarcli.maps import (
 )
 from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.inputs.search import files_of
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, named_files, read_log, reading_as_dict
 from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions, of_one_run
 from lidarcli.pipeline.runs.outcomes import Outcome
@@ -169,7 +169,7 @@ class Mapping:
         Raises
         ------
         UnreadableError
-            Nothing tells where its sensor was.
+            MissingInput tells where its sensor was.
         OptionError
             The ground that it saw is larger than a map may be.
         """
@@ -440,7 +440,7 @@ class MapRun:
         A file is there that may not be replaced.
     """
 
-    def __init__(self, sources: Sequence[Source | Nothing], outputs: Sequence[Place], options: MapOptions) -> None:
+    def __init__(self, sources: Sequence[Source | MissingInput], outputs: Sequence[Place], options: MapOptions) -> None:
         self._sources = sources
         self._options = options
         self._outputs = tuple(outputs)

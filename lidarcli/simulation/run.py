@@ -10,8 +10,7 @@ from pathlib import Path
 from lidarcli.choices import CONTAINER_BY_SUFFIX, MAP_RESOLUTION
 from lidarcli.errors import OptionError
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
-from lidarcli.simulation.load import MAX_SWEEPS, load_scene
-from lidarcli.simulation.scene import Scene
+from lidarcli.simulation.scene import MAX_SWEEPS, Scene, load_scene
 from lidarcli.stores.url import Url, place
 from lidarcli.sweeps import RawSweeps
 

@@ -18,7 +18,7 @@ import pytest
 import lidarcli as package
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.differing import Difference
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Odometry, Sensor, super_ellipse
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CHANGES

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcli.formalism.background import Background, Grid, Shift, align, expected, lines, project, shift
 from lidarcli.formalism.learning import Learning
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.sweeps import Float64, SweepBatch
 from tests.going import SENSORS, Drive, seen_going
 

@@ -11,7 +11,7 @@ import lidarcli
 from lidarcli import formalism
 from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, Detection
 from lidarcli.formalism.matching.catalogue import KINDS, SEEN_AS, Catalogue, Evidence, Thing, evidence_of
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import cast, place
 from lidarcli.simulation.scene import Entity
 from lidarcli.sweeps import Float64

@@ -17,7 +17,7 @@ from lidarcli.formalism.detection import MOST_INTENSITY, REMOVED, WALL, grouped_
 from lidarcli.formalism.subtraction import Difference, changes
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.scene import load_scene
 from lidarcli.sweeps import TURN, Closure, SweepBatch
 from tests.places import SAMPLES
 

@@ -14,7 +14,8 @@ from lidarcli.formalism import zones
 from lidarcli.formalism.zones import Path as Trajectory
 from lidarcli.formalism.zones import same_agents
 from lidarcli.masks import Circle
-from lidarcli.pipeline.watching import counting, events
+from lidarcli.pipeline import zone_counting as counting
+from lidarcli.pipeline import zone_events as events
 from lidarcli.zone import Zone
 from tests.zones.runs import (
     column,

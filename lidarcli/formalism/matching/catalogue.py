@@ -385,8 +385,8 @@ def below(z: Float64) -> Float64:
     return result
 
 
-# The evidence of one sweep: a face is a side of the thing if both of its ends are the thing's own, a corner or an edge that
-# nothing hides. If an end is hidden or cut off, the face may go on there, and its length is a lower bound.
+# The evidence of one sweep: a face is a side of the thing if both of its ends are the thing's own, a corner, or an edge
+# that nothing hides. If an end is hidden or cut off, the face may go on there, and its length is a lower bound.
 
 UNIFORM_SD = 1.0 / math.sqrt(12.0)
 """Standard deviation of a uniform distribution over a step."""

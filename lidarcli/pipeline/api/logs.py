@@ -110,19 +110,19 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
     read, opening, poses = log_options(options)
     sources = sources_of(log, options["join"])
     failed = Failed(len(sources))
-    told = []
+    found = []
     with watched(progress, sources) as report:
         for source in sources:
             with failed.noted(source):
                 tell = progress_of(source, report)
-                found = inspect_log(source, opening, read.rules, poses, tell, options["deep"], read.topics)
-                for line in found.damage:
+                one = inspect_log(source, opening, read.rules, poses, tell, options["deep"], read.topics)
+                for line in one.damage:
                     warn(f"{source.label}: {line}")
-                if found.exit_code == NoScanError.exit_code:
-                    warn(f"{source.label}: {no_scan_topic()}{clouds_hint(found.topics)}")
-                told.append(info_dict(found))
+                if one.exit_code == NoScanError.exit_code:
+                    warn(f"{source.label}: {no_scan_topic()}{clouds_hint(one.topics)}")
+                found.append(info_dict(one))
     failed.conclude()
-    return told
+    return found
 
 
 @with_keywords

@@ -16,7 +16,7 @@ from lidarcli.formalism import Detection, Parameters, detect, sweep
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL
 from lidarcli.formalism.mapping import places, rays
 from lidarcli.formalism.mapping.places import ByPlace, Places, lines
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.tracking.following import batches, scene_of, simulated
