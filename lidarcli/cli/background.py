@@ -56,7 +56,7 @@ def build(messages: Messages, options: BuildCommand) -> int:
     logs = log_options(options)
 
     from lidarcli.pipeline.building import (
-        Building,
+        BackgroundBuilder,
         BuildOptions,
         draw_background,
         refuse_nothing,
@@ -71,7 +71,7 @@ def build(messages: Messages, options: BuildCommand) -> int:
     refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
     if options["dry_run"]:
         return print_reads(sources, [options["output"], figure] if figure else [options["output"]])
-    building = Building(
+    building = BackgroundBuilder(
         BuildOptions(*logs, distance=options["station_distance"], angle=math.radians(options["station_angle"]))
     )
     codes = []

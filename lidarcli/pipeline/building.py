@@ -44,7 +44,7 @@ class BuildOptions:
         return reading_as_dict(self.read, self.opening, self.poses) | stations
 
 
-class Building:
+class BackgroundBuilder:
     """Learns from log after log; every topic and frame is a sensor of its own."""
 
     def __init__(self, options: BuildOptions) -> None:

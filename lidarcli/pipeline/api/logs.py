@@ -28,7 +28,7 @@ from lidarcli.pipeline.api.options import (
     watched,
     with_keywords,
 )
-from lidarcli.pipeline.building import Building, BuildOptions, refuse_nothing, refuse_output
+from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions, refuse_nothing, refuse_output
 from lidarcli.pipeline.detecting import ErrorCollector
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
@@ -148,7 +148,7 @@ def background(
     OutputError
         The table cannot be written.
     """
-    building = Building(
+    building = BackgroundBuilder(
         BuildOptions(
             *log_options(options), distance=options["station_distance"], angle=math.radians(options["station_angle"])
         )
