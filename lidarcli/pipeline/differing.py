@@ -72,7 +72,7 @@ from lidarcli.formalism.matching.ground import HERE, MOST_CELLS, SEEN_FREE, Grou
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.maps import image_of, read_map
 from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
-from lidarcli.pipeline.detecting import detect_to_temporary
+from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.inputs.tables import TracksTable, find_tracks, poses_of, read_tracks_table, world_in
