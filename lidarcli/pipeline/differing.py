@@ -67,7 +67,7 @@ from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import Cursor
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log
-from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
+from lidarcli.pipeline.reading.posing import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.changes import pairs_of

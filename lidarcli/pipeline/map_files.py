@@ -22,7 +22,7 @@ from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, named_files
-from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
+from lidarcli.pipeline.reading.posing import Need, of_one_run
 from lidarcli.pipeline.runs.outcomes import Outcome
 from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
 from lidarcli.stores.url import Place

@@ -23,7 +23,7 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps.clouds import CloudPoints, CloudWriter, VoxelFilter
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions
+from lidarcli.pipeline.reading.posing import NONE, Need, PoseOptions
 from lidarcli.pose.fit import stands
 from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
 

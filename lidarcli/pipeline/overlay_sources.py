@@ -17,7 +17,7 @@ from lidarcli.logs.clock import mended
 from lidarcli.overlays.files import topic_name
 from lidarcli.overlays.objects import COLUMNS, PATH_COLUMNS, Poses, Trajectories
 from lidarcli.pipeline.inputs.tables import Pair
-from lidarcli.pose.messages import TRANSFORMS
+from lidarcli.pose.tracks import TRANSFORMS
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
 from lidarcli.sweeps import Bool, Int64, RawSweeps
 from lidarcli.tabular.arrays import are, held, numbers, plain

@@ -22,7 +22,7 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps.clouds import CloudPoints, PlyWriter
 from lidarcli.maps.mapserver import read_map
 from lidarcli.pipeline.map_files import WRITERS
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.pipeline.runs import over_logs
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLOUD

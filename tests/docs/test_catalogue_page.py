@@ -9,7 +9,7 @@ from tests.docs.constants import constants
 from tests.places import ROOT, SAMPLES
 
 PAGE = (ROOT / "docs" / "catalogue.md").read_text(encoding="utf-8")
-MODULES = ("matching.catalogue", "matching.evidence", "tracking.naming")
+MODULES = ("matching.catalogue", "matching.evidence")
 
 
 def test_every_constant_is_documented_with_its_value() -> None:
@@ -19,7 +19,7 @@ def test_every_constant_is_documented_with_its_value() -> None:
     }
 
 
-NUMERICAL = {"evidence.LEAST_LENGTH", "catalogue.LEAST_DENSITY", "naming.SIZES"}
+NUMERICAL = {"evidence.LEAST_LENGTH", "catalogue.LEAST_DENSITY"}
 """These keep numbers finite and arrays small, and decide nothing."""
 
 

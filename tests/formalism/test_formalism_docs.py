@@ -32,14 +32,14 @@ MARKS = {
     "sweep_tracker": {"DELAY", "AHEAD", "LEFT"},
     "scan_matching": {"COLUMNS", "TURN"},
     "smoothing": {"STATE", "SQUARE", "GAIN", "KEPT"},
-    "trajectories": {"PARTS_MASK", "PARTLY_BIT", "MOST_ROWS"},
+    "tracks": {"PARTS_MASK", "PARTLY_BIT", "MOST_ROWS"},
 }
 """Codes of modules that have constants, too."""
 BACKGROUND = {path.stem for path in (Path(formalism.__file__).parent / "background").glob("*.py")}
 """The subtraction of a background has a page of its own, docs/background.md."""
 MAPS = {path.stem for path in (Path(formalism.__file__).parent / "mapping").glob("*.py")}
 """So have maps, docs/map.md."""
-THINGS = {"catalogue", "evidence", "naming", "runs", "ground", "alignment", "differences", "extents", "pairs"}
+THINGS = {"catalogue", "evidence", "runs", "ground", "alignment", "differences", "extents", "pairs"}
 """And things of interest and what changed, docs/catalogue.md and docs/diff.md."""
 
 

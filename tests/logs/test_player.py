@@ -15,7 +15,7 @@ from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, OpenOptions, ReadReport
-from lidarcli.pipeline.reading.pose_sources import PoseOptions, find_poses
+from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
 from lidarcli.simulation import simulate
 from lidarcli.sweeps import Status
 from tests.logs.robots import Opener, only, pose_of
@@ -295,7 +295,7 @@ def test_a_pose_beside_a_sweep_is_that_of_the_laser(tmp_path: Path) -> None:
     path.write_text(HEADER + f"{whole}\n{whole.replace('12.500', '13.500')}\n")
     with open_log(path) as log:
         found = find_poses(log, PoseOptions(source=None))
-        assert found is None or found.sources.way("ranger0") is None
+        assert found is None or found.sources.chain("ranger0") is None
     assert pose_of(path, "ranger0", 1_000_000_013, "ranger0/geometry") == pytest.approx([0.1, 0.2, 0.5])
 
 

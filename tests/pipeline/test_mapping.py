@@ -13,7 +13,7 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.map_files import MapRun
 from lidarcli.pipeline.mapping import MapOptions, Mapping
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.pipeline.runs import over_logs
 from lidarcli.simulation import simulate
 from tests.places import SAMPLES

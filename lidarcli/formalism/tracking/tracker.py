@@ -21,11 +21,9 @@ from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.kalman import Targets, sighting_arrays
 from lidarcli.formalism.tracking.measurement import Detections, Measurements, RangeHistory
-from lidarcli.formalism.tracking.naming import Naming
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
 from lidarcli.formalism.tracking.sweep_tracker import PoseErrorFilter, SweepTracker
-from lidarcli.formalism.tracking.tracks import Track, tracks_of
-from lidarcli.formalism.tracking.trajectories import standing
+from lidarcli.formalism.tracking.tracks import Naming, Track, standing, tracks_of
 from lidarcli.formalism.tracking.windows import TrackRegistry, Window, WindowResult
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch
 

@@ -13,13 +13,25 @@ from numpy.typing import NDArray
 from lidarcli.formalism.detection import UNKNOWN
 from lidarcli.formalism.ragged import starts
 from lidarcli.formalism.tracking import grouping
+from lidarcli.formalism.tracking.grouping import LEG_WIDTH, MOST_CROWDED
 from lidarcli.formalism.tracking.kalman import Targets
-from lidarcli.formalism.tracking.naming import Naming, SizeMeasurements
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LEAST_WAY, LIVE, PERSON, Trajectories
-from lidarcli.formalism.tracking.settling import LEG_WIDTH, MOST_CROWDED
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
-from lidarcli.formalism.tracking.tracks import Track, Tracklet, columns_of, main_part, row_shape
-from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, Path, Sweeps, joined, standing
+from lidarcli.formalism.tracking.tracks import (
+    PARTLY_BIT,
+    PARTS_MASK,
+    Naming,
+    Path,
+    SizeMeasurements,
+    Sweeps,
+    Track,
+    Tracklet,
+    columns_of,
+    joined,
+    main_part,
+    row_shape,
+    standing,
+)
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, UInt8
 
 EVERYTHING = slice(None)
@@ -364,7 +376,7 @@ class WindowSightings:
         return begin, self.bytes_of(at, sweep - begin, int(sweep[-1]) + 1 - begin)
 
     def bytes_of(self, at: Any, step: Int64, count: int) -> UInt8:
-        """Return (count,) the bytes of the sweeps of a track (`trajectories.PARTS_MASK`).
+        """Return (count,) the bytes of the sweeps of a track (`tracks.PARTS_MASK`).
 
         Parameters
         ----------

@@ -15,7 +15,7 @@ from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.making import Recipe
 from lidarcli.pipeline.reading.one_log import named_files, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
+from lidarcli.pipeline.reading.posing import Need, PoseOptions
 from lidarcli.stores.url import Place
 from lidarcli.tabular.writing import table_paths
 

@@ -24,8 +24,7 @@ from lidarcli.masks import Masks
 from lidarcli.pipeline.inputs.masks import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
-from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
 from lidarcli.sweeps import STATUSES, Int64, SweepBatch
 from lidarcli.times import Instant
@@ -127,7 +126,7 @@ class RunSummary:
         if other.things is not None:
             self.add_things(other.things, other.moved)
 
-    def close(self, report: ReadReport, posing: Posing) -> None:
+    def close(self, report: ReadReport, posing: PoseAttacher) -> None:
         """Take over the damage and the notes of reading sweeps and poses."""
         report = posing.together(report)
         self.dropped = [(topic, cause, count) for (topic, cause), count in sorted(report.refused.items())]
@@ -234,7 +233,7 @@ class Reading:
         self._report.notes += masking.notes
         self._doubts = masking.doubts
         self._read = options = replace(options, rules=masking.rules)
-        self._posing = Posing.of(log, poses, choice, options.rules, need=need)
+        self._posing = PoseAttacher.of(log, poses, choice, options.rules, need=need)
         self._position = 0
         self._thread: Beside | None = None
 

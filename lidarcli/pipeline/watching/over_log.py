@@ -19,8 +19,7 @@ from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import AGAIN, Cursor
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
-from lidarcli.pipeline.reading.pose_sources import Need
-from lidarcli.pipeline.reading.velocities import TWIST, polygons, velocities
+from lidarcli.pipeline.reading.posing import TWIST, Need, polygons, velocities
 from lidarcli.pipeline.watching.counting import (
     OBJECT_COLUMNS,
     OLDEST_NS,
@@ -34,9 +33,9 @@ from lidarcli.pipeline.watching.counting import (
 from lidarcli.pipeline.watching.events import Counted, Settled, Tracked, settle
 from lidarcli.pipeline.watching.frames import Frames
 from lidarcli.pipeline.watching.options import ZoneOptions, refuse_resting
-from lidarcli.pose.faults import Key
-from lidarcli.pose.messages import frame_name
-from lidarcli.pose.tree import WORLDS
+from lidarcli.pose.fit import Key
+from lidarcli.pose.sources import WORLDS
+from lidarcli.pose.tracks import frame_name
 from lidarcli.reports.wording import counted
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.arrays import are
