@@ -1,4 +1,4 @@
-"""Bodies that belong to one track: legs that go together, and pieces before and after a gap."""
+"""Tracklets that belong to one track: legs that go together, and pieces before and after a gap."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ TOGETHER_SHARE = 0.3
 LEGS_STEADY_SD = 0.03
 """[m] Greatest standard deviation of the distance between two legs of a thing that stands."""
 STANDING_LEG_WIDTH = 0.16
-"""[m] Greatest width of the body of such a leg."""
+"""[m] Greatest width of the tracklet of such a leg."""
 STANDING_LEGS_APART = 0.65
-"""[m] Greatest distance between the bodies of two such legs."""
+"""[m] Greatest distance between the tracklets of two such legs."""
 DUPLICATE_MARGIN = 0.1
-"""[m] Greatest distance of the centre of a body outside of another one from which it was split."""
+"""[m] Greatest distance of the centre of a tracklet outside of another one from which it was split."""
 PACE_SIGHTINGS = 12
 """Sightings that give the velocity of a piece at its end."""
 LONGEST_STITCH_GAP, LONGEST_STANDING_GAP = 15.0, 30.0
@@ -49,12 +49,12 @@ SIZE_SHARE = 0.3
 
 
 def join(sightings: Any, tracklets: dict[int, Tracklet], is_placed: bool) -> None:
-    """Join the bodies that are new in a window to the tracks that they belong to.
+    """Join the tracklets that are new in a window to the tracks that they belong to.
 
     Parameters
     ----------
     seen : sightings of the window and the next one (`windows.WindowSightings`)
-    bodies : bodies that were seen often enough, by number
+    tracklets : tracklets that were seen often enough, by number
     is_placed : True if the place of the sensor is known: then legs beside a person are given to that person
     """
     new = [tracklets[number] for number in sightings.in_window if tracklets[number].track is None]
@@ -69,7 +69,7 @@ def join(sightings: Any, tracklets: dict[int, Tracklet], is_placed: bool) -> Non
 
 
 def _merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> None:
-    """Join bodies that were inside another one all the time."""
+    """Join tracklets that were inside another one all the time."""
     for tracklet in new:
         if tracklet.kind == PERSON and tracklet.track is None:
             # A leg that was followed before its person was founded brings its track.
@@ -92,7 +92,7 @@ def _merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, 
 
 
 def _goes_with(sightings: Any, tracklet: Tracklet, person: Tracklet) -> bool:
-    """Return whether a body is slim enough for legs, and mostly within a step of where its person was at that time."""
+    """Return whether a tracklet is slim enough for legs, and mostly within a step of where its person was at that time."""
     if 2.0 * max(tracklet.h) > PERSON_WIDTH:
         return False
     at, path = sightings.spans[tracklet.number], sightings.spans.get(person.number)
@@ -105,7 +105,7 @@ def _goes_with(sightings: Any, tracklet: Tracklet, person: Tracklet) -> bool:
 
 
 def _is_inside(tracklet: Tracklet, other: Tracklet) -> bool:
-    """Return whether a body is still where another one is."""
+    """Return whether a tracklet is still where another one is."""
     x, y = tracklet.place(still=not tracklet.moved)
     other_x, other_y = other.place(still=not other.moved)
     return math.hypot(x - other_x, y - other_y) < math.hypot(*other.h) + DUPLICATE_MARGIN
@@ -120,7 +120,7 @@ def _track_of(tracklet: Tracklet) -> Track:
 
 @dataclass(slots=True)
 class TrackEnd:
-    """The end of one body, or the beginning of another: sweep, time [s], place x + iy [m] and velocity [m/s]."""
+    """The end of one tracklet, or the beginning of another: sweep, time [s], place x + iy [m] and velocity [m/s]."""
 
     tracklet: Tracklet
     sweep: int
@@ -183,14 +183,13 @@ def _stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
     after = times[1] - times[0][:, None]
     gap = np.maximum(after, 0.0)
     one, both = earlier[:, None] | later, earlier[:, None] & later
-    # A body that was never shown to move has hardly gone far in the shadow; one that stands now may have moved while it was
-    # hidden, but hardly far either.
+    # A tracklet that never moved has hardly gone far in the shadow; one that stands now may have moved while hidden.
     allowed = STITCH_DISTANCE + np.where(both, STITCH_SPEED, np.where(one, STANDING_STITCH_SPEED, 0.0)) * gap
     allowed = np.minimum(allowed, np.where(both, MOST_STITCH_DISTANCE, MOST_STANDING_STITCH_DISTANCE))
     apart = places[1] - places[0][:, None]
     going = np.abs(apart - ahead[0][:, None] * gap)
     meeting = np.abs(apart - (ahead[0][:, None] + ahead[1]) * (0.5 * gap))
-    # A body that turned back or stopped is where it was last.
+    # A tracklet that turned back or stopped is where it was last.
     staying = np.abs(apart) + 0.1
     off = np.minimum(np.minimum(going, meeting), staying) / allowed
     in_time = (after > 0.0) & (gap <= np.where(one, LONGEST_STITCH_GAP, LONGEST_STANDING_GAP))
@@ -198,7 +197,7 @@ def _stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
 
 
 def _is_new(sightings: Any, tracklet: Tracklet) -> bool:
-    """Return whether a body has sightings of its own, and its track no row yet."""
+    """Return whether a tracklet has sightings of its own, and its track no row yet."""
     if tracklet.track is not None and tracklet.track.number > 0:
         return False
     span = sightings.spans[tracklet.number]
@@ -214,7 +213,7 @@ def _is_over(earlier: TrackEnd, later: TrackEnd) -> bool:
 
 
 def _first_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
-    """Return the first place of a body and its velocity there."""
+    """Return the first place of a tracklet and its velocity there."""
     i = sightings.spans[tracklet.number].start
     piece = TrackEnd(tracklet, int(sightings.sweep[i]), float(sightings.time[i]), complex(sightings.place[i]))
     if tracklet.moved:
@@ -223,7 +222,7 @@ def _first_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
 
 
 def _last_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
-    """Return the last place of a body and its velocity there; one that never moved still stands."""
+    """Return the last place of a tracklet and its velocity there; one that never moved still stands."""
     piece = TrackEnd(tracklet, tracklet.last_sweep, tracklet.last_time, complex(*tracklet.place(still=not tracklet.moved)))
     if tracklet.final is not None:
         piece.place, piece.velocity = tracklet.final
@@ -235,27 +234,27 @@ def _last_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
 
 
 def store_end(sightings: Any, tracklet: Tracklet) -> None:
-    """Keep the last place and velocity of a body whose sightings are settled."""
+    """Keep the last place and velocity of a tracklet whose sightings are settled."""
     if tracklet.final is None:
         piece = _last_end(sightings, tracklet)
         tracklet.final = piece.place, piece.velocity
 
 
 def is_expired(sightings: Any, tracklet: Tracklet) -> bool:
-    """Return whether no piece that begins after the window can be joined to a body that has ended."""
+    """Return whether no piece that begins after the window can be joined to a tracklet that has ended."""
     longest = LONGEST_STITCH_GAP if tracklet.moved else LONGEST_STANDING_GAP
     return float(sightings.time[sightings.now].max(initial=-math.inf)) - tracklet.last_time > longest
 
 
 def _speed(sightings: Any, at: slice) -> complex:
-    """Return the velocity of a body over some sightings [m/s], by the line through its places."""
+    """Return the velocity of a tracklet over some sightings [m/s], by the line through its places."""
     time = sightings.time[at] - sightings.time[at].mean()
     spread = float(time @ time)
     return complex(time @ sightings.place[at]) / spread if spread > 0.0 else 0.0
 
 
 def _differ(one: Tracklet, other: Tracklet) -> bool:
-    """Return whether two bodies that were both seen whole differ too much in size to be one."""
+    """Return whether two tracklets that were both seen whole differ too much in size to be one."""
     if one.has_legs or other.has_legs:
         # A person on two legs is not large.
         single = other if one.has_legs else one
@@ -266,7 +265,7 @@ def _differ(one: Tracklet, other: Tracklet) -> bool:
 
 
 def _join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
-    """Join slim bodies that stand at a steady distance: they are the legs of one thing.
+    """Join slim tracklets that stand at a steady distance: they are the legs of one thing.
 
     Legs that walk belong to persons (`association`).
     """
@@ -289,17 +288,17 @@ def _join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
 
 
 def _is_leg(tracklet: Tracklet) -> bool:
-    """Return whether a body may be a leg of a thing that stands."""
+    """Return whether a tracklet may be a leg of a thing that stands."""
     return not (tracklet.moved or tracklet.member) and tracklet.kind == DISC and 2.0 * max(tracklet.h) <= STANDING_LEG_WIDTH
 
 
 def _stands_on_legs(tracklet: Tracklet) -> bool:
-    """Return whether a body is a leg of a thing that stands on more legs than a person has."""
+    """Return whether a tracklet is a leg of a thing that stands on more legs than a person has."""
     return _is_leg(tracklet) and tracklet.track is not None and sum(map(_is_leg, tracklet.track.parts)) > PERSON_LEGS
 
 
 def _are_seen_together(sightings: Any, one: Tracklet, other: Tracklet) -> bool:
-    """Return whether two bodies are often seen in the same sweeps, at a steady distance."""
+    """Return whether two tracklets are often seen in the same sweeps, at a steady distance."""
     at, among = sightings.spans[one.number], sightings.spans[other.number]
     _, i, j = np.intersect1d(sightings.sweep[at], sightings.sweep[among], assume_unique=True, return_indices=True)
     if len(i) < max(TOGETHER_SWEEPS, TOGETHER_SHARE * min(at.stop - at.start, among.stop - among.start)):
@@ -310,23 +309,23 @@ def _are_seen_together(sightings: Any, one: Tracklet, other: Tracklet) -> bool:
 # Rows of slim tracks that go one by one to the person beside whom they were seen.
 
 LEG_WIDTH = 0.35
-"""[m] Greatest usual width of the views of one leg."""
+"""[m] Greatest usual width of the measurements of one leg."""
 STEP = 0.7
 """[m] Greatest distance of a leg from the path of its person, or from the other leg."""
 PAUSE = 0.6
-"""[s] Longest time between the views of two legs that are seen in turn."""
+"""[s] Longest time between the measurements of two legs that are seen in turn."""
 RUN_SWEEPS = 4
 """Least number of sweeps in which a leg goes beside a person, and greatest number of sweeps without it in between."""
 BESIDE_SHARE = 0.5
 """Least share of the sweeps with both in which a leg is beside its person, and of all sweeps of a leg that stands."""
 MOST_CROWDED = 0.15
-"""Greatest share of these sweeps in which the two have more than two views."""
+"""Greatest share of these sweeps in which the two have more than two measurements."""
 PATH_TIME = 0.5
 """[s] The path of a person is the mean of the places so long before and after, which is about a step."""
 PATH_SWEEPS = 6
 """Least number of sweeps of a path, and number of sweeps that give the velocity at its ends."""
 PATH_MARGIN = 1.0
-"""[s] Longest time before and after a path in which views are compared with it."""
+"""[s] Longest time before and after a path in which measurements are compared with it."""
 
 Places: TypeAlias = NDArray[np.complex128]
 """Places x + iy [m]: sums, means and distances take one operation for both."""
@@ -334,10 +333,10 @@ Places: TypeAlias = NDArray[np.complex128]
 
 @dataclass(slots=True, eq=False)
 class LegTrajectory:
-    """Sightings of a slim track, or of a slim body without one, and the places of its S sweeps."""
+    """Sightings of a slim track, or of a slim tracklet without one, and the places of its S sweeps."""
 
     owner: int
-    """Number of the body that was seen most."""
+    """Number of the tracklet that was seen most."""
     at: Int64
     """(N,) sightings in the order of the log."""
     moves: bool
@@ -347,7 +346,7 @@ class LegTrajectory:
     """True if it had rows in earlier windows."""
     sweep: Int64 = field(init=False)
     count: Int64 = field(init=False)
-    """(S,) number of views in each sweep."""
+    """(S,) number of measurements in each sweep."""
     time: Float64 = field(init=False)
     place: Places = field(init=False)
     """(S,) time [s], and mean of the places [m]."""
@@ -390,7 +389,7 @@ def assign_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
     Parameters
     ----------
     seen : the sightings (`windows.WindowSightings`), of which `owner` changes
-    bodies : bodies that were seen often enough, by number
+    tracklets : tracklets that were seen often enough, by number
     """
     legs = _leg_trajectories(sightings, tracklets)
     if not any(leg.is_person for leg in legs):
@@ -404,7 +403,7 @@ def assign_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
 
 
 def _leg_trajectories(sightings: Any, tracklets: dict[int, Tracklet]) -> list[LegTrajectory]:
-    """Return the slim tracks, and slim bodies without one, in the order of their first sweeps."""
+    """Return the slim tracks, and slim tracklets without one, in the order of their first sweeps."""
     order = np.argsort(sightings.owner, kind="stable")
     order = order[np.searchsorted(sightings.owner[order], 1) :]
     owner = sightings.owner[order]
@@ -500,7 +499,7 @@ def _gather_fragments(sightings: Any, legs: list[LegTrajectory], persons: list[L
 
 
 def _gather_views(sightings: Any, persons: list[LegTrajectory]) -> None:
-    """Give the views without a track that are within a step of the path of a person to that person, who has two legs."""
+    """Give measurements without a track within a step of a person's path to that person, up to two legs."""
     loose = np.flatnonzero((sightings.owner == 0) & (sightings.width < LEG_WIDTH))
     for person in persons if len(loose) else ():
         near = loose[_is_beside(sightings.time[loose], person)]

@@ -1,4 +1,4 @@
-"""Bodies that were seen often enough, the tracks they are parts of, and the rows of the tracks table."""
+"""Tracklets that were seen often enough, the tracks they are parts of, and the rows of the tracks table."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from lidarcli.formalism.tracking.results import (
 from lidarcli.sweeps import Float64, Int64, SweepBatch, UInt8, record
 
 LEG_SHARE = 0.25
-"""Share of the sightings of a body in which a leg beside it has to be seen."""
+"""Share of the sightings of a tracklet in which a leg beside it has to be seen."""
 WHOLE_SIGHTINGS = 3
-"""Sightings of both legs of a person, or both ends of a body, that are enough."""
+"""Sightings of both legs of a person, or both ends of a tracklet, that are enough."""
 KNOWN_SIZE_SD = 0.15
 """[m] Greatest standard deviation of a side that is known."""
 STRAIGHT_POINTS = 60.0
@@ -51,7 +51,7 @@ RIGHT_ANGLE = 0.5 * math.pi
 
 @dataclass(slots=True, eq=False)
 class Tracklet:
-    """A body that was seen often enough, as it was at the end of a window; fields as in `kalman.Targets`."""
+    """A tracklet that was seen often enough, as it was at the end of a window; fields as in `kalman.Targets`."""
 
     number: int
     kind: int = 0
@@ -88,7 +88,7 @@ class Tracklet:
     track: Track | None = None
 
     def take(self, columns: dict[str, list[Any]], k: int) -> None:
-        """Copy the state of the k-th body (`columns_of`)."""
+        """Copy the state of the k-th tracklet (`columns_of`)."""
         for name, values in columns.items():
             setattr(self, name, values[k])
 
@@ -103,14 +103,14 @@ class Tracklet:
         return (self.sightings if self.kind == PERSON else self.whole) >= WHOLE_SIGHTINGS and self.size > 0.0
 
     def place(self, still: bool) -> tuple[float, float]:
-        """Return the centre in the world [m], of the body or of its twin that stands."""
+        """Return the centre in the world [m], of the tracklet or of its static model that stands."""
         along, across = self.static_c if still else self.c
         cos, sin = float(np.cos(self.yaw)), float(np.sin(self.yaw))
         return cos * along - sin * across, sin * along + cos * across
 
 
 def columns_of(arrays: dict[str, NDArray[Any]], slots: Int64) -> dict[str, list[Any]]:
-    """Return the state of the bodies in some slots of `Targets.arrays`, by field of `Body`."""
+    """Return the state of the tracklets in some slots of `Targets.arrays`, by field of `Tracklet`."""
     size = len(arrays["state"])
     rows = {name: values.reshape(size, -1)[slots] for name, values in arrays.items()}
     # Sweeps that tell no shape have no vote.
@@ -130,7 +130,7 @@ def columns_of(arrays: dict[str, NDArray[Any]], slots: Int64) -> dict[str, list[
 
 @dataclass(slots=True, eq=False)
 class Track:
-    """One row of the tracks table: a body, or several that belong together."""
+    """One row of the tracks table: a tracklet, or several that belong together."""
 
     parts: list[Tracklet] = field(default_factory=list)
     number: int = 0
@@ -170,7 +170,7 @@ class Track:
     """Bytes of its last sweeps while it stands (`tracks.PARTS_MASK`), of which its place is not told yet."""
 
     def prune(self, stop: int) -> None:
-        """Keep, of the bodies that have ended, the one that was seen most and the last one: the tables need no other.
+        """Keep, of the tracklets that have ended, the one that was seen most and the last one: the tables need no other.
 
         `stop`: number of sweeps of the topic that are settled.
         """
@@ -181,7 +181,7 @@ class Track:
             self.parts = [part for part in self.parts if part in kept or part not in over]
 
     def add_part(self, tracklet: Tracklet) -> None:
-        """Take a body as a part of this track."""
+        """Take a tracklet as a part of this track."""
         self.parts.append(tracklet)
         tracklet.track = self
 
@@ -314,7 +314,7 @@ def _side(tracklet: Tracklet, axis: int) -> tuple[float, float]:
 
 
 def row_shape(tracklet: Tracklet) -> int:
-    """Return the shape of a body in the rows: the likeliest one, or the one before if it is about as likely."""
+    """Return the shape of a tracklet in the rows: the likeliest one, or the one before if it is about as likely."""
     if not any(tracklet.shape_votes):
         return tracklet.row_shape
     odds = body_odds(tracklet)
@@ -325,7 +325,7 @@ def row_shape(tracklet: Tracklet) -> int:
 
 
 def shape_odds(track: Track, tracklet: Tracklet) -> list[float]:
-    """Return the log-likelihood of a track and its main body being prismatic, round, legged, irregular."""
+    """Return the log-likelihood of a track and its main tracklet being prismatic, round, legged, irregular."""
     odds = body_odds(tracklet)
     if track.several or len(tracklet.legs) > 0 or any(part.has_legs for part in track.parts):
         odds[LEGGED] = max(odds) + LEGGED_ODDS
@@ -333,7 +333,7 @@ def shape_odds(track: Track, tracklet: Tracklet) -> list[float]:
 
 
 def body_odds(tracklet: Tracklet) -> list[float]:
-    """Return the log-likelihood of one body being prismatic, round, legged, irregular."""
+    """Return the log-likelihood of one tracklet being prismatic, round, legged, irregular."""
     odds = shape_likelihood(tracklet.shape_votes)
     if tracklet.bulge_points >= STRAIGHT_POINTS:
         # A prism has no face that is further from straight than noise explains.
@@ -474,7 +474,7 @@ def _static_path(track: Track, count: int) -> Float64:
 # Names of tracks (§3, matching): the thing of interest that each one is, by all that was seen of it so far.
 
 MOST_LOOKS = 256
-"""Greatest number of looks at a body that are remembered."""
+"""Greatest number of looks at a tracklet that are remembered."""
 HALF_WEIGHT_SWEEPS = 2.0
 """Number of sweeps of a look that counts half."""
 SHARED_SD_SHARE = 0.4
@@ -516,7 +516,7 @@ class SizeMeasurements:
 
 @dataclass(slots=True)
 class _SizeEstimate:
-    """Measured sizes of one body."""
+    """Measured sizes of one tracklet."""
 
     kind: int
     yaw: float
@@ -531,10 +531,10 @@ class _SizeEstimate:
     intensity: float = math.nan
     """Mean intensity."""
     known: Float64 | None = None
-    """Final estimate, once the body has ended."""
+    """Final estimate, once the tracklet has ended."""
 
     def take(self, measured: SizeMeasurements, at: Int64, turned: Any) -> None:
-        """Add sightings; `turned` is True where the first axis of a sighting is the second one of the body."""
+        """Add sightings; `turned` is True where the first axis of a sighting is the second one of the tracklet."""
         size, sd = measured.size[at], measured.sd[at]
         for values in (size, sd):
             values[turned, :2] = values[turned, 1::-1]
@@ -597,7 +597,7 @@ class Naming:
     def __init__(self, catalogue: Catalogue) -> None:
         self._catalogue = catalogue
         self._sizes: dict[int, _SizeEstimate] = {}
-        """Sizes by number of the body."""
+        """Sizes by number of the tracklet."""
 
     def measure(self, batch: SweepBatch, detection: Detection, poses: Float64) -> SizeMeasurements:
         """Measure the K objects of a batch; `poses`: (K, 4) x, y, yaw and side of the sensor at each of them."""
@@ -617,9 +617,9 @@ class Naming:
         Parameters
         ----------
         pieces : measurements of K objects
-        number : (K,) number of the body of each object, 0 without one that was seen often enough
-        axes : (K,) direction of the first axis of the body at the time [rad]; NaN for a disc
-        known : bodies that were seen often enough, by number
+        number : (K,) number of the tracklet of each object, 0 without one that was seen often enough
+        axes : (K,) direction of the first axis of the tracklet at the time [rad]; NaN for a disc
+        known : tracklets that were seen often enough, by number
         """
         if not pieces:
             return
@@ -649,7 +649,7 @@ class Naming:
             track.label, track.label_score = one, sure
 
     def forget(self, numbers: list[int]) -> None:
-        """Keep only the estimates of these bodies, which have ended."""
+        """Keep only the estimates of these tracklets, which have ended."""
         for number in numbers:
             if number in self._sizes:
                 self._sizes[number].close()
