@@ -52,7 +52,7 @@ def explained_objects(rows: pa.RecordBatch, told: ByPlace) -> pa.RecordBatch:
     if reasons.null_count == len(reasons):
         return rows
     # Imported here, as few ask for reasons.
-    from lidarcli.formalism.explanation import reasons_by_place
+    from lidarcli.formalism.detect import reasons_by_place
 
     lines = reasons_by_place(reasons.to_pylist(), told.place, told.map)
     return FORMS["objects"].replaced(rows, {"why": pa.array(lines, pa.string())})

@@ -19,7 +19,7 @@ from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "formalism.md").read_text(encoding="utf-8")
 DERIVED = re.compile(
-    r"(?!kalman)\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|INFINITY|TINY)"
+    r"(?!measurement)\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|INFINITY|TINY)"
     r"|segmentation\.(SINGLE_\w+|GUESS_\w+|FEW_VALUES|INFINITE)|kalman\.QUARTER_TURN|(tracks|features)\.RIGHT_ANGLE|smoothing\.LIVELINESSES"
 )
 """Functions of other constants, factors of the normal distribution, and what only saves time."""
@@ -27,9 +27,8 @@ CODES = {"detection", "detect", "native", "forest"}
 """Modules whose numbers are codes, the layout of arrays, or trees that a script has grown, not constants of the method."""
 MARKS = {
     "segmentation": {"NEVER"},
-    "measurement": {"HIDDEN", "OPEN", "OWN", "NO_RANGE", "FREE_RANGE"},
-    "kalman": {"AT_LEAST"},
-    "sweep_tracker": {"DELAY", "AHEAD", "LEFT"},
+    "measurement": {"HIDDEN", "OPEN", "OWN", "NO_RANGE", "FREE_RANGE", "AT_LEAST"},
+    "kalman": {"DELAY", "AHEAD", "LEFT"},
     "scan_matching": {"COLUMNS", "TURN"},
     "smoothing": {"STATE", "SQUARE", "GAIN", "KEPT"},
     "tracks": {"PARTS_MASK", "PARTLY_BIT", "MOST_ROWS"},

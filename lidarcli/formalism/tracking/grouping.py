@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.ragged import starts
+from lidarcli.formalism.detection import starts
 from lidarcli.formalism.tracking.results import DISC, PERSON
 from lidarcli.formalism.tracking.tracks import Track, Tracklet
 from lidarcli.sweeps import Bool, Float64, Int64

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, UNKNOWN, Detection
-from lidarcli.formalism.matching.catalogue import Catalogue, Evidence
+from lidarcli.formalism.matching.catalogue import Catalogue, Evidence, evidence_of, rectangle, shape_likelihood
 from lidarcli.formalism.matching.catalogue import name as label_tracks
-from lidarcli.formalism.matching.evidence import evidence_of, rectangle, shape_likelihood
 from lidarcli.formalism.tracking.results import (
     BOX,
     END_OF_LOG,

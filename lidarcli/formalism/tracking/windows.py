@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import UNKNOWN
-from lidarcli.formalism.ragged import starts
+from lidarcli.formalism.detection import UNKNOWN, starts
 from lidarcli.formalism.tracking import grouping
 from lidarcli.formalism.tracking.grouping import LEG_WIDTH, MOST_CROWDED
 from lidarcli.formalism.tracking.kalman import Targets

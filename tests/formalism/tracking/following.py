@@ -17,7 +17,7 @@ from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import PARKED, Course, Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses

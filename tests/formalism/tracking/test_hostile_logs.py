@@ -13,7 +13,7 @@ import pytest
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, super_ellipse
 from lidarcli.sweeps import SweepBatch, SweepPoses
 from tests.formalism.tracking.following import assert_same, assert_sums, batches, follow, moving_log, scene_of, simulated

@@ -12,7 +12,7 @@ from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.tracking.following import scene_of, simulated
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.tracking import kalman, tracker
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Mount, super_ellipse
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 from tests.formalism.tracking.following import SENSOR, GivenPaths, follow, scene_of, simulated

@@ -11,7 +11,7 @@ import pytest
 from lidarcli.formalism.tracking import kalman, measurement
 from lidarcli.formalism.tracking.kalman import EdgeMeasurement
 from lidarcli.formalism.tracking.measurement import Measurements
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Sensor
 from lidarcli.sweeps import TURN
 from tests.formalism.tracking.steps.looking import Pose, seen_from

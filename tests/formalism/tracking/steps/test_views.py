@@ -12,7 +12,7 @@ from lidarcli.formalism.detection import SHAPES
 from lidarcli.formalism.tracking import measurement
 from lidarcli.formalism.tracking.kalman import EdgeMeasurement
 from lidarcli.formalism.tracking.measurement import Measurements
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.tracking.steps.looking import Pose, look_at
 from tests.going import SENSORS, Drive, seen_going
