@@ -19,10 +19,9 @@ from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Polygon
 from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.reading.one_log import Progress
-from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import Need, PoseAttacher, PoseOptions
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
-from lidarcli.pose.faults import Key
+from lidarcli.pose.fit import Key
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
 from lidarcli.tabular.columns import held, numbers
@@ -579,7 +578,7 @@ def _temporary(log: Log, pair: TableSet, choice: Choice) -> dict[Key, _Stays]:
     if not stays:
         return {}
     topics = TopicChoice(choice.topics, log.topics())
-    posing = Posing.of(log, choice.poses, topics, choice.rules, need=Need.MOVING)
+    posing = PoseAttacher.of(log, choice.poses, topics, choice.rules, need=Need.MOVING)
     sensors = (
         ((whole.topic, frame), batch)
         for whole in _batches(log, choice)

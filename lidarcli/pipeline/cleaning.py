@@ -29,8 +29,7 @@ from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, rules_of
-from lidarcli.pipeline.reading.pose_sources import NO_POSES, NONE, Need
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NO_POSES, NONE, Need, PoseAttacher
 from lidarcli.range_rules import RangeRules
 from lidarcli.stores import Place, Url
 from lidarcli.tabular.columns import constant, held, restamped
@@ -250,7 +249,7 @@ def _refuse_motion(
         return
     detect = options.detect
     choice = TopicChoice(detect.read.topics, log.topics())
-    paths = Posing.of(log, NO_POSES, choice, rules, need=Need.MOVING).paths
+    paths = PoseAttacher.of(log, NO_POSES, choice, rules, need=Need.MOVING).paths
     tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "set", "sweeps")).to_pylist()
     for topic in unplaced:
         looks = [path for (name, _), path in paths.items() if name == topic]

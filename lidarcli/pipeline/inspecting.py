@@ -28,8 +28,7 @@ from lidarcli.pipeline.inputs.masks import View, filter_text, mask_text
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
-from lidarcli.pipeline.reading.pose_sources import FoundPoses, PoseInfo, PoseOptions, pose_infos
-from lidarcli.pipeline.reading.posing import Posing, alike_note
+from lidarcli.pipeline.reading.posing import FoundPoses, PoseAttacher, PoseInfo, PoseOptions, alike_note, pose_infos
 from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, progress_of
 from lidarcli.range_rules import RangeRules, closure, normalise
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
@@ -154,7 +153,7 @@ def inspect_log(
             raise error
         masking = masking_of(log, rules or RangeRules(), wanted, choice.wanted or None)
         rules = masking.rules
-        posing = Posing.of(log, wanted, choice, rules)
+        posing = PoseAttacher.of(log, wanted, choice, rules)
         poses = posing.found
         report, doubts = ReadReport(), Doubts(made_of_clouds(log))
         faults: dict[tuple[str, str], Faults] = {}
@@ -233,11 +232,11 @@ def _not_shown(only_counted: Counter[str]) -> tuple[str, ...]:
 
 
 def _pose(poses: FoundPoses | None, topic: str, frame_id: str) -> str:
-    way = poses.sources.way(frame_id, topic) if poses is not None else None
-    return f"{' and '.join(way.topics)} ({way.chain})" if way is not None else ""
+    way = poses.sources.chain(frame_id, topic) if poses is not None else None
+    return f"{' and '.join(way.topics)} ({way.frames})" if way is not None else ""
 
 
-def _pose_notes(posing: Posing, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
+def _pose_notes(posing: PoseAttacher, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
     """Return notes on the poses: frames with several alike, and notes of reading them."""
     notes = []
     if posing.found is not None:

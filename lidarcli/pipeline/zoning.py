@@ -24,8 +24,7 @@ from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
-from lidarcli.pipeline.reading.pose_sources import Need
-from lidarcli.pipeline.reading.velocities import TWIST, polygons, velocities
+from lidarcli.pipeline.reading.posing import TWIST, Need, polygons, velocities
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
 from lidarcli.pipeline.zone_counting import (
     OBJECT_COLUMNS,
@@ -39,9 +38,9 @@ from lidarcli.pipeline.zone_counting import (
 )
 from lidarcli.pipeline.zone_events import AgentPaths, EventFinder, ZoneEvents
 from lidarcli.pipeline.zone_frames import Frames
-from lidarcli.pose.faults import Key
-from lidarcli.pose.messages import frame_name
-from lidarcli.pose.tree import WORLDS
+from lidarcli.pose.fit import Key
+from lidarcli.pose.sources import WORLDS
+from lidarcli.pose.tracks import frame_name
 from lidarcli.reports.checks import Check, Verdict, verdict_of
 from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted

@@ -17,7 +17,7 @@ from lidarcli.logs.base import Topic
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
-from lidarcli.pipeline.reading.pose_sources import PoseInfo
+from lidarcli.pipeline.reading.posing import PoseInfo
 from lidarcli.sweeps import Closure, Status
 from tests.fake_log import FakeLog
 from tests.places import ROOT

@@ -16,7 +16,7 @@ from lidarcli.findings import Finding, transform_lines
 from lidarcli.logs.base import OpenOptions
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.deep import DeepFindings, deep_findings
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make

@@ -20,11 +20,10 @@ from lidarcli.pipeline.inputs.masks import mask_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, MaskRules, masking_of
 from lidarcli.pipeline.reading.path_check import CheckedPath
-from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions, of_one_run
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions, of_one_run
 from lidarcli.pose.calibration import (
+    CalibrationResult,
     Outlines,
-    Settled,
     cells_filled,
     joined_outlines,
     mounted,
@@ -35,12 +34,9 @@ from lidarcli.pose.calibration import (
     stretches_of,
     surfaces,
 )
-from lidarcli.pose.fit import ACCEPTED, mount_between, pairs_of, steps_between, wrapped
-from lidarcli.pose.matched import AUTO
-from lidarcli.pose.messages import frame_name
-from lidarcli.pose.sources import Way
-from lidarcli.pose.tracks import SECOND_NS, planar
-from lidarcli.pose.tree import FrameTree, Step, along
+from lidarcli.pose.fit import ACCEPTED, AUTO, mount_between, pairs_of, steps_between, wrapped
+from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
+from lidarcli.pose.tracks import SECOND_NS, frame_name, planar
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import TURN, Float64, Int64, Status, SweepBatch, UInt8
 
@@ -150,10 +146,10 @@ class _Deep:
                     self._sensors[key] = _Sensor(*key, self._posing.paths.get(key), self._told(*key), self._delay)
                 self._sensors[key].add(mine)
 
-    def _told(self, topic: str, frame: str) -> Way | None:
+    def _told(self, topic: str, frame: str) -> PoseChain | None:
         if self._posing.found is None or not self._sees_poses:
             return None
-        return self._posing.found.sources.way(frame, topic)
+        return self._posing.found.sources.chain(frame, topic)
 
     def findings(self) -> DeepFindings:
         """Return the findings of all rules."""
@@ -226,7 +222,7 @@ class _Deep:
         return found, self._masking.learned
 
 
-def _masking(log: Log, rules: RangeRules, poses: PoseOptions, choice: TopicChoice) -> tuple[MaskRules, Posing]:
+def _masking(log: Log, rules: RangeRules, poses: PoseOptions, choice: TopicChoice) -> tuple[MaskRules, PoseAttacher]:
     """Learn the mask of the robot itself, where the user gave none; return it and the poses."""
     if rules.masks is None or rules.masks.learn:
         with_mask = replace(rules, masks=Masks(learn=True))
@@ -238,7 +234,7 @@ def _masking(log: Log, rules: RangeRules, poses: PoseOptions, choice: TopicChoic
             return masking, masking.posing
     else:
         masking = masking_of(log, rules, poses, choice.wanted or None)
-    return masking, Posing.of(log, poses, choice, masking.rules, need=Need.ALL)
+    return masking, PoseAttacher.of(log, poses, choice, masking.rules, need=Need.ALL)
 
 
 def _body(topic: str, frame: str, masks: list[Mask], step: float) -> Finding:
@@ -264,7 +260,7 @@ def _body(topic: str, frame: str, masks: list[Mask], step: float) -> Finding:
 class _Sensor:
     """Samples and counts of one topic and frame."""
 
-    def __init__(self, topic: str, frame: str, path: CheckedPath | None, told: Way | None, delay: float) -> None:
+    def __init__(self, topic: str, frame: str, path: CheckedPath | None, told: PoseChain | None, delay: float) -> None:
         self.topic, self.frame, self.told, self.asked_delay = topic, frame, told, delay
         self.path = path or CheckedPath("none")
         self.delay = delay + (0.0 if self.path.fit is None else self.path.fit.delay)
@@ -326,7 +322,7 @@ class _Sensor:
                 self._kept = [one for one in self._kept if one[0] < 0 or one[0] % self._every == 0]
 
     def _moved(self, batch: SweepBatch) -> Iterator[int]:
-        way = self.path.way or self.told
+        way = self.path.chain or self.told
         if way is None:
             return
         there = planar(way.at(batch.stamp_ns))
@@ -381,7 +377,7 @@ class _Sensor:
         return float((turn * seen).sum() / np.sqrt((turn**2).sum() * (seen**2).sum())), len(turn)
 
 
-def _told_at(way: Way, stamp_ns: Int64) -> tuple[Float64, bool]:
+def _told_at(way: PoseChain, stamp_ns: Int64) -> tuple[Float64, bool]:
     """Return told poses (K, 3), and whether the sensor hangs head down."""
     there = planar(way.at(stamp_ns))
     known = np.isfinite(there.x)
@@ -428,7 +424,7 @@ class _Calibrated:
     trusted: Float64
     """(7,) their deviations."""
     stretch: Int64
-    settled: Settled | None = None
+    settled: CalibrationResult | None = None
     """x, y, yaw, times of the first beam and from it to the last, scales of lengths and turns."""
     cells: tuple[int, int] = 0, 0
     """Cells that are filled with the mount of the log, and with the one found."""
@@ -447,7 +443,7 @@ class _Calibrated:
         return mounted(scaled_path(base, values[5], values[6]), values[:3])
 
 
-def _split(way: Way) -> tuple[tuple[Step, ...], tuple[Step, ...], str]:
+def _split(way: PoseChain) -> tuple[tuple[Step, ...], tuple[Step, ...], str]:
     """Return the steps of a way that mount the sensor, the others, and the frame between them."""
     count = next((k for k, step in enumerate(way.steps) if not step.track.static), len(way.steps))
     first = way.steps[min(count, len(way.steps) - 1)]
@@ -758,9 +754,9 @@ def _no_lasers(first: _Sensor, second: _Sensor, why: str) -> Finding:
     )
 
 
-def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, told: Float64 | None) -> Settled | str:
+def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, told: Float64 | None) -> CalibrationResult | str:
     """Place both lasers by the path of the first, and find where the second is by the map of both."""
-    way = first.path.way
+    way = first.path.chain
     if way is None or (found is not None and found.settled is None and found.turned < LEAST_TURN):
         return "the robot turns too little" if way is not None else "nothing tells how the robot drove"
     parts = [first.outlines(), second.outlines()]
@@ -796,12 +792,12 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, told: F
     return min(tried, key=lambda one: cells_filled(outlines, placing(one.values), stretch))
 
 
-def _way_at(way: Way, stamp_ns: Int64, delay: float) -> Float64:
+def _way_at(way: PoseChain, stamp_ns: Int64, delay: float) -> Float64:
     there = planar(way.at(stamp_ns + round(delay * SECOND_NS)))
     return np.column_stack([there.x, there.y, there.yaw])
 
 
-def _standing(first: _Sensor, second: _Sensor) -> Settled | str:
+def _standing(first: _Sensor, second: _Sensor) -> CalibrationResult | str:
     """Lay what the second laser sees on what the first one sees, while both stand."""
     parts = [first.outlines(), second.outlines()]
     if not all(len(part) for part in parts):
@@ -827,7 +823,7 @@ def _standing(first: _Sensor, second: _Sensor) -> Settled | str:
     return found
 
 
-def _is_near(one: Settled, other: Settled) -> bool:
+def _is_near(one: CalibrationResult, other: CalibrationResult) -> bool:
     off = one.values[:3] - other.values[:3]
     return bool(math.hypot(off[0], off[1]) < 0.2 and abs(math.remainder(off[2], TURN)) < NEARBY)
 
