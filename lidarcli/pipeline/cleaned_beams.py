@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from lidarcli.choices import NAN
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.tracking.results import HIDDEN, VIEWS
 from lidarcli.formalism.zones.points import samples, seen
@@ -18,9 +19,10 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Polygon
 from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import Cursor
 from lidarcli.pipeline.reading.one_log import Progress
-from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
+from lidarcli.pipeline.reading.pose_sources import Need
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
 from lidarcli.pose.faults import Key
@@ -57,65 +59,41 @@ LONG, MOST_HIDDEN, MOST_DOUBTED = 3.0, 0.5, 0.2
 _NONE = np.zeros(0, np.int64)
 
 
-class Sweep(NamedTuple):
-    """One sweep and its chosen beams."""
+@dataclass(frozen=True, slots=True)
+class CleanOptions:
+    """Options of `clean`, apart from input and output."""
 
-    stamp_ns: int
-    beams: int
-    chosen: NDArray[np.intp]
-    """(K,) beams, ascending."""
+    detect: DetectOptions
+    """Options of reading, detection and tracking; its mask tells the robot itself."""
+    remove: frozenset[str] = frozenset({"agents"})
+    """Kinds of beams that are removed beside those under a mask: of agents and temporary."""
+    value: str | float = NAN
+    """Value of removed beams: one of `SAYINGS`, or a range [m]."""
+    margin: int = 1
+    """Neighbours of these beams that are removed, too."""
+    overwrite: bool = False
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all options that the result depends on, as plain values, for the table's metadata."""
+        own = {"remove": sorted(self.remove), "value": self.value, "margin": self.margin}
+        return self.detect.as_dict() | own
 
 
-@dataclass(slots=True)
-class Chosen:
+class Chosen(NamedTuple):
     """The chosen beams of one topic, sweep by sweep."""
 
-    stamp_ns: list[Int64] = field(default_factory=list)
-    beams: list[Int32] = field(default_factory=list)
+    stamp_ns: Int64
+    beams: Int32
     """(S,) beams of each sweep."""
-    counts: list[Int32] = field(default_factory=list)
-    """(S, 4) beams by `REASONS`."""
-    beam: list[NDArray[np.intp]] = field(default_factory=list)
-    """(S,) chosen beams of each sweep."""
-
-    def __len__(self) -> int:
-        return len(self.beam)
-
-    def add(self, batch: SweepBatch, reason: NDArray[np.uint8]) -> None:
-        """Take sweeps, and the reason (S, B) for each beam, 0 for none."""
-        self.stamp_ns.append(batch.stamp_ns)
-        self.beams.append(batch.beams)
-        by_reason = [np.count_nonzero(reason == code, axis=1) for code in range(1, 5)]
-        self.counts.append(np.column_stack(by_reason).astype(np.int32))
-        self.beam += [np.flatnonzero(row) for row in reason]
-
-    def settle(self) -> None:
-        """Join what was added."""
-        self.stamp_ns[:] = [np.concatenate([np.zeros(0, np.int64), *self.stamp_ns])]
-        self.beams[:] = [np.concatenate([np.zeros(0, np.int32), *self.beams])]
-        self.counts[:] = [np.concatenate([np.zeros((0, 4), np.int32), *self.counts])]
-
-    def sweep(self, number: int) -> Sweep | None:
-        """Return a sweep by its number; None where there is none."""
-        if number >= len(self):
-            return None
-        return Sweep(int(self.stamp_ns[0][number]), int(self.beams[0][number]), self.beam[number])
+    counts: Int32
+    """(S, 4) chosen beams by `REASONS`."""
+    beam: list[NDArray[np.intp]]
+    """Chosen beams of each sweep, ascending."""
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """Beams to choose."""
-
-    topics: Collection[str] | None
-    rules: RangeRules
-    poses: PoseOptions
-    remove: frozenset[str]
-    """Of agents and temporary."""
-    margin: int
-    """Beams beside others that are chosen, too."""
-
-
-def choose(log: Log, pair: Pair, choice: Choice, progress: Progress | None = None) -> dict[str, Chosen]:
+def choose(
+    log: Log, pair: Pair, options: CleanOptions, rules: RangeRules, progress: Progress | None = None
+) -> dict[str, Chosen]:
     """Return the chosen beams of each topic by the tables of its objects.
 
     Raises
@@ -123,61 +101,66 @@ def choose(log: Log, pair: Pair, choice: Choice, progress: Progress | None = Non
     UnreadableError
         A table cannot be read.
     """
-    temporary = _temporary(log, pair, choice) if "temporary" in choice.remove else {}
-    agents = _agents(pair) if "agents" in choice.remove else {}
-    found: dict[str, Chosen] = {}
+    temporary = _temporary(log, pair, options, rules) if "temporary" in options.remove else {}
+    agents = _agents(pair) if "agents" in options.remove else {}
+    found: dict[str, list[Chosen]] = {}
     cursors: dict[str, Cursor] = {}
-    for batch in _batches(log, choice):
+    for batch in _batches(log, options, rules):
         topic = batch.topic
         if topic not in cursors:
             cursors[topic] = Cursor(pair.objects, "objects", OBJECT_COLUMNS, topic)
-            found[topic] = Chosen()
         rows = cursors[topic].until(int(batch.sweep[-1]) + 1)
         objects = Objects.of(rows, batch)
         reason = np.zeros(batch.ranges.shape, np.uint8)
         for frame, at, mine in batch.by_frame():
             key = topic, frame
-            held_by = temporary.get(key, _NO_STAYS)
-            reason[at] = _reasons(mine, objects.of_rows(at), choice, held_by, agents.get(key))
-        found[topic].add(batch, reason)
+            reason[at] = _reasons(mine, objects.of_rows(at), options, temporary.get(key, _NONE), agents.get(key))
+        counts = np.column_stack([np.count_nonzero(reason == code, axis=1) for code in range(1, 5)]).astype(np.int32)
+        beams = [np.flatnonzero(row) for row in reason]
+        found.setdefault(topic, []).append(Chosen(batch.stamp_ns, batch.beams, counts, beams))
         if progress is not None:
             progress(log.position)
-    for each in found.values():
-        each.settle()
-    return found
+    return {
+        topic: Chosen(
+            np.concatenate([part.stamp_ns for part in parts]),
+            np.concatenate([part.beams for part in parts]),
+            np.concatenate([part.counts for part in parts]),
+            [beam for part in parts for beam in part.beam],
+        )
+        for topic, parts in found.items()
+    }
 
 
-def _batches(log: Log, choice: Choice) -> Iterator[SweepBatch]:
+def _batches(log: Log, options: CleanOptions, rules: RangeRules) -> Iterator[SweepBatch]:
     """Yield all sweeps; the pass that makes the tables reports the damage."""
-    read = ReadOptions(choice.topics, rules=choice.rules)
-    yield from read_batches(log, read, ReadReport(), TopicChoice(choice.topics, log.topics()))
+    topics = options.detect.read.topics
+    yield from read_batches(log, ReadOptions(topics, rules=rules), ReadReport(), TopicChoice(topics, log.topics()))
 
 
 def _reasons(
-    batch: SweepBatch, objects: Objects, choice: Choice, temporary: _Stays, agents: _Agents | None
+    batch: SweepBatch, objects: Objects, options: CleanOptions, temporary: Int64, agents: _Agents | None
 ) -> NDArray[np.uint8]:
-    """Return the reason (S, B) for which each beam is chosen, 0 for none."""
+    """Return the reason (S, B) for which each beam is chosen, 0 for none; `temporary` are tracks."""
     valid = batch.status == Status.VALID
     owner = objects.owners(batch)
+    is_thing = (objects.set == SETS.index("O")) & (objects.track >= 0)
     is_agent = objects.set == SETS.index("A")
     if agents is not None:
         is_agent |= agents.tracks.hold(objects, batch)
-    is_temporary = np.append(temporary.hold(objects, batch), False)
     reason = np.zeros(valid.shape, np.uint8)
     reason[batch.status == Status.MASKED] = BODY
-    reason[valid & is_temporary[owner]] = TEMPORARY
-    if "agents" in choice.remove:
+    reason[valid & np.append(is_thing & np.isin(objects.track, temporary), False)[owner]] = TEMPORARY
+    if "agents" in options.remove:
         reason[valid & np.append(is_agent, False)[owner]] = AGENTS
-        if agents is not None:
-            # What stands is no part of who passes by.
-            is_thing = np.append(~is_agent & (objects.set == SETS.index("O")) & (objects.track >= 0), False)
-            reason[agents.of(batch).pieces(batch) & ~is_thing[owner] & (reason != BODY)] = AGENTS
-    beside = _beside(batch, reason > 0, choice.margin)
-    reason[beside & valid & (reason == 0)] = MARGIN
+    if agents is not None:
+        # What stands is no part of who passes by.
+        stands = np.append(is_thing & ~is_agent, False)[owner]
+        reason[agents.of(batch).pieces(batch) & ~stands & (reason != BODY)] = AGENTS
+    reason[neighbours(batch, reason > 0, options.margin) & valid & (reason == 0)] = MARGIN
     return reason
 
 
-def _beside(batch: SweepBatch, chosen: Bool, margin: int) -> Bool:
+def neighbours(batch: SweepBatch, chosen: Bool, margin: int) -> Bool:
     """Return the beams (S, B) that are so near to chosen ones; of a full turn the last is beside the first."""
     beam = np.arange(chosen.shape[1])
     far = margin + 2 * len(beam) + 1
@@ -188,8 +171,8 @@ def _beside(batch: SweepBatch, chosen: Bool, margin: int) -> Bool:
     first = after.min(axis=1, keepdims=True, initial=far) + turn
     before = np.maximum(np.maximum.accumulate(before, axis=1), last)
     after = np.minimum(np.minimum.accumulate(after[:, ::-1], axis=1)[:, ::-1], first)
-    beside: Bool = np.minimum(beam - before, after - beam) <= margin
-    return beside & (beam < batch.beams[:, None])
+    near: Bool = np.minimum(beam - before, after - beam) <= margin
+    return near & (beam < batch.beams[:, None])
 
 
 class _Places(NamedTuple):
@@ -540,20 +523,6 @@ def _stays(places: Float64) -> bool:
     return int(counts[counts >= OFTEN * len(places)].sum()) >= MOSTLY * len(places)
 
 
-class _Stays(NamedTuple):
-    """Tracks that stood where the place was also seen free."""
-
-    track: Int64
-    """(N,) ascending."""
-
-    def hold(self, objects: Objects, batch: SweepBatch) -> Bool:
-        """Return which objects (K,) are such things, standing."""
-        stands = (objects.set == SETS.index("O")) & (objects.track >= 0)
-        found: Bool = stands & np.isin(objects.track, self.track)
-        return found
-
-
-_NO_STAYS = _Stays(_NONE)
 _COLUMNS = (
     *("topic", "frame_id", "sweep", "set", "track", "box_x", "box_y", "box_length", "box_width", "box_yaw"),
     *("world_x", "world_y", "world_yaw"),
@@ -574,16 +543,16 @@ class _Stay:
     free: int = 0
 
 
-def _temporary(log: Log, pair: Pair, choice: Choice) -> dict[Key, _Stays]:
+def _temporary(log: Log, pair: Pair, options: CleanOptions, rules: RangeRules) -> dict[Key, Int64]:
     """Return by topic and frame the tracks that stood where the place was also seen free, in a pass of its own."""
     stays = _stood(pair)
     if not stays:
         return {}
-    topics = TopicChoice(choice.topics, log.topics())
-    posing = Posing.of(log, choice.poses, topics, choice.rules, need=Need.MOVING)
+    topics = TopicChoice(options.detect.read.topics, log.topics())
+    posing = Posing.of(log, options.detect.poses, topics, rules, need=Need.MOVING)
     sensors = (
         ((whole.topic, frame), batch)
-        for whole in _batches(log, choice)
+        for whole in _batches(log, options, rules)
         for frame, _, batch in posing.attach(whole).by_frame()
     )
     for key, batch in sensors:
@@ -602,10 +571,7 @@ def _temporary(log: Log, pair: Pair, choice: Choice) -> dict[Key, _Stays]:
             some = batch.rows(rows)
             share = seen(some, place.rows(rows), one.places).mean(axis=1)
             one.free += int(np.count_nonzero(share >= FREE_SHARE))
-    return {
-        key: _Stays(np.array(sorted(one.track for one in each if one.free >= FREE_SWEEPS), np.int64))
-        for key, each in stays.items()
-    }
+    return {key: np.array([one.track for one in each if one.free >= FREE_SWEEPS], np.int64) for key, each in stays.items()}
 
 
 def _stood(pair: Pair) -> dict[Key, list[_Stay]]:

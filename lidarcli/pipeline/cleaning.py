@@ -22,12 +22,11 @@ from lidarcli.logs.blocks import Locate
 from lidarcli.logs.clock import LEAP
 from lidarcli.logs.options import TopicChoice
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
-from lidarcli.pipeline.cleaned_beams import REASONS, Choice, Chosen, choose, doubted
+from lidarcli.pipeline.cleaned_beams import REASONS, Chosen, CleanOptions, choose, doubted
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import SUFFIXES
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import Pair, world_in
-from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, rules_of
 from lidarcli.pipeline.reading.pose_sources import NO_POSES, NONE, Need
 from lidarcli.pipeline.reading.posing import Posing
@@ -50,26 +49,6 @@ MOST_PLACED = 0.5
 MOSTLY = 0.9
 """A sensor stood if it did so at this share of its sweeps."""
 POINTS = "sensor_msgs/msg/PointCloud"
-
-
-@dataclass(frozen=True, slots=True)
-class CleanOptions:
-    """Options of `clean`, apart from input and output."""
-
-    detect: DetectOptions
-    """Options of reading, detection and tracking; its mask tells the robot itself."""
-    remove: frozenset[str] = frozenset({"agents"})
-    """Kinds of beams that are removed beside those under a mask: of agents and temporary."""
-    value: str | float = NAN
-    """Value of removed beams: one of `SAYINGS`, or a range [m]."""
-    margin: int = 1
-    """Beams beside them that are removed, too."""
-    overwrite: bool = False
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return all options that the result depends on, as plain values, for the table's metadata."""
-        told = {"remove": sorted(self.remove), "value": self.value, "margin": self.margin}
-        return self.detect.as_dict() | told
 
 
 @dataclass(slots=True)
@@ -124,9 +103,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
         blind = _blind(pair)
         _refuse_motion(log, pair, described, options, rules, blind)
-        detect = options.detect
-        choice = Choice(detect.read.topics, rules, detect.poses, options.remove, options.margin)
-        chosen = choose(log, pair, choice, second_of_two(progress, source.size))
+        chosen = choose(log, pair, options, rules, second_of_two(progress, source.size))
         editing = _Editing(chosen, options.value)
         copy = Copy(editing, ReadReport())
         with writing(path):
@@ -282,28 +259,25 @@ class _Editing:
         written = None if mine is None else locate(data)
         if mine is None or written is None:
             return data
-        sweep = mine.sweep(self._done[topic])
+        number = self._done[topic]
         self._done[topic] += 1
-        same = sweep is not None and written.beams == sweep.beams
-        # A stamp that is farther off has been mended.
-        if (
-            sweep is None
-            or not same
-            or (written.stamp_ns and 0 < abs(written.stamp_ns - sweep.stamp_ns) < LEAP * SECOND_NS)
-        ):
+        if number == len(mine.beam) or written.beams != mine.beams[number]:
             raise _changed(topic)
-        if not len(sweep.chosen):
+        # A stamp that is farther off has been mended.
+        if written.stamp_ns and 0 < abs(written.stamp_ns - int(mine.stamp_ns[number])) < LEAP * SECOND_NS:
+            raise _changed(topic)
+        if not len(mine.beam[number]):
             return data
         chosen = np.zeros(written.beams, np.bool_)
-        chosen[sweep.chosen] = True
-        number = self._number(topic, written.range_max)
-        self.is_measurable |= written.range_min <= number <= written.range_max
-        return replaced(data, written, chosen, number)
+        chosen[mine.beam[number]] = True
+        value = self._number(topic, written.range_max)
+        self.is_measurable |= written.range_min <= value <= written.range_max
+        return replaced(data, written, chosen, value)
 
     def conclude(self) -> None:
         """Refuse a copy that lacks sweeps."""
         for topic, count in self._done.items():
-            if count != len(self._chosen[topic]):
+            if count != len(self._chosen[topic].beam):
                 raise _changed(topic)
 
     def _number(self, topic: str, range_max: float) -> float:
@@ -321,12 +295,12 @@ def _changed(topic: str) -> UnreadableError:
 def _summary(
     source: Source, found: RunSummary, options: CleanOptions, chosen: dict[str, Chosen], copy: Copy, editing: _Editing
 ) -> CleanSummary:
-    summary = CleanSummary(sweeps=sum(map(len, chosen.values())), topics=set(chosen))
+    summary = CleanSummary(sweeps=sum(len(each.beam) for each in chosen.values()), topics=set(chosen))
     summary.missing_topics = found.missing_topics
     summary.damage = [*dict.fromkeys([*found.damage, *damage_lines(copy.report)])]
     summary.notes = [*found.notes]
-    beams = sum(int(each.beams[0].sum()) for each in chosen.values())
-    totals = sum((each.counts[0].sum(axis=0) for each in chosen.values()), np.zeros(4, np.int64))
+    beams = sum(int(each.beams.sum()) for each in chosen.values())
+    totals = sum((each.counts.sum(axis=0) for each in chosen.values()), np.zeros(4, np.int64))
     removed = int(totals.sum())
     summary.by_status = found.by_status
     by_mask = ["body"] if options.detect.read.rules.masks else []
@@ -368,14 +342,13 @@ def _table(log: str, chosen: dict[str, Chosen]) -> pa.Table:
 
 
 def _rows(log: str, topic: str, each: Chosen) -> pa.RecordBatch:
-    count = len(each)
-    counts = each.counts[0]
+    count = len(each.beam)
     columns: Sequence[Any] = [
         constant(log, count),
         constant(topic, count),
         np.arange(count),
-        each.stamp_ns[0],
-        *(np.ascontiguousarray(counts[:, column]) for column in range(len(REASONS))),
+        each.stamp_ns,
+        *(np.ascontiguousarray(each.counts[:, column]) for column in range(len(REASONS))),
     ]
     arrays = [
         values if isinstance(values, pa.Array) else pa.array(values).cast(one.type)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarcli.logs.slicing import Levelled
+from lidarcli.logs.clouds import Levelled
 from lidarcli.pose.messages import frame_name
 from lidarcli.pose.tracks import Motion, Track, compose, inverse, planar, rotate
 from lidarcli.sweeps import Bool, Float64, Int64

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from lidarcli.foxglove import CLOUD, classes
-from lidarcli.logs import clouds, slicing
+from lidarcli.logs import clouds
 from lidarcli.logs.base import OpenOptions, ReadReport, Slice
-from lidarcli.logs.slicing import Bins, Fill, Levelled, Slicer, slice_cloud
+from lidarcli.logs.clouds import Bins, Fill, Levelled, Slicer, slice_cloud
 from lidarcli.ros import cursor
 from lidarcli.sweeps import TURN
 from tests.logs.cloud_messages import XYZ, message, point_bytes
@@ -310,7 +310,7 @@ def slicer(report: ReadReport, part: Slice = PART) -> Slicer:
 
 
 def test_clouds_become_blocks_of_sweeps_and_bad_ones_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slicing, "ROWS", 4)
+    monkeypatch.setattr(clouds, "ROWS", 4)
     report = ReadReport()
     made = slicer(report, Slice(-0.5, 0.5, 4, (0.5, 30.0)))
     good = [make(POINTS, frame=frame, stamp_ns=at) for at, frame in enumerate("aabaa", 1)]

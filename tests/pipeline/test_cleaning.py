@@ -22,7 +22,7 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.occupancy import compare
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.cleaned_beams import REASONS, _beside, _came_along, _Paths, _Reach, _sets_out, _Track, doubted
+from lidarcli.pipeline.cleaned_beams import REASONS, _came_along, _Paths, _Reach, _sets_out, _Track, doubted, neighbours
 from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
@@ -283,7 +283,7 @@ def test_a_margin_is_as_wide_as_told_and_goes_on_around_a_full_turn(margin: int)
                 wanted[row, beside % beams[row]] = True
     closure = np.where(turns, Closure.CLOSED, Closure.OPEN)
     batch = SimpleNamespace(beams=beams, closure=closure)
-    assert _beside(batch, chosen, margin).tolist() == wanted.tolist()  # type: ignore[arg-type]
+    assert neighbours(batch, chosen, margin).tolist() == wanted.tolist()  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("margin", [0, 1, 3])
