@@ -247,12 +247,6 @@ def test_what_is_no_cloud_is_refused(data: bytes, cause: str) -> None:
     assert str(refused.value) == cause
 
 
-def test_a_cloud_of_too_many_fields_is_refused() -> None:
-    columns = tuple((f"f{at}", "f4", 0) for at in range(1001))
-    with pytest.raises(clouds.BadCloudError, match=clouds.MANY_FIELDS):
-        clouds.decode_pointcloud2(make(np.zeros((1, 1, 1001)), columns), "cdr")
-
-
 @pytest.mark.parametrize(
     ("data", "encoding", "cause"),
     [
@@ -294,14 +288,6 @@ class Flat:
 
     def words(self, frame_id: str) -> str:
         return f"above {frame_id}"
-
-
-def test_a_message_beyond_what_containers_read_is_refused_in_each(monkeypatch: pytest.MonkeyPatch) -> None:
-    data = make(POINTS)
-    monkeypatch.setattr(clouds, "MAX_MESSAGE", len(data) - 1)
-    report = ReadReport()
-    assert not list(slicer(report).take(message(data)))
-    assert report.refused == Counter({("/points", clouds.LONG): 1})
 
 
 def slicer(report: ReadReport, part: Slice = PART) -> Slicer:

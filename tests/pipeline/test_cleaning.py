@@ -22,12 +22,12 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.occupancy import compare
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.cleaned_beams import REASONS, _came_along, _Paths, _Reach, _sets_out, _Track, doubted, neighbours
+from lidarcli.pipeline.cleaned_beams import REASONS, doubted, neighbours
 from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import Bool, Closure, Float64, Int64
+from lidarcli.sweeps import Bool, Closure, Float64
 from lidarcli.tabular.schemas import SCHEMAS
 from tests.pipeline import drawn
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
@@ -130,54 +130,6 @@ def test_who_stops_under_another_track_is_gone(kind: Kind, seed: int, tmp_path: 
     gone, moving, wrong, others = found.counts
     assert gone >= 0.98 * moving > 10_000
     assert wrong <= 0.005 * others
-
-
-def paths_of(*places: Float64, first: tuple[int, ...] = (), sd: float = 0.02) -> _Paths:
-    """Tracks 1, 2, ... at places (S, 2) from their first sweeps on, at 10 Hz."""
-    starts = first or (0,) * len(places)
-    sweep = np.concatenate([begin + np.arange(len(each)) for begin, each in zip(starts, places, strict=True)])
-    track = np.repeat(np.arange(1, len(places) + 1), [len(each) for each in places])
-    x, y = np.concatenate(places).T
-    never = np.zeros(len(x), np.bool_)
-    return _Paths(track, sweep, sweep * 100_000_000, x, y, np.full(len(x), sd), never, never)
-
-
-def along(seconds: Float64) -> Float64:
-    """Places (S, 2) on the way of who walks at 0.5 m/s from the time 0 on."""
-    return np.column_stack([0.5 * np.maximum(seconds, 0.0), np.zeros(len(seconds))])
-
-
-def test_an_agent_sets_out_where_its_path_leaves_its_place() -> None:
-    stood = paths_of(along(np.arange(40) / 10 - 3.0))
-    assert 30 <= _sets_out(stood, slice(0, 38)) <= 33
-    walked = paths_of(along(np.arange(20) / 10))
-    assert _sets_out(walked, slice(0, 15)) == 0
-    # A path that drifts by 2 cm/s, as the view of a thing changes.
-    drifts = paths_of(along(np.arange(60) / 250))
-    assert _sets_out(drifts, slice(0, 60)) == 59
-    assert _sets_out(stood, slice(0, 0)) == 0
-
-
-@pytest.mark.parametrize(
-    ("x", "first", "count", "came"),
-    [
-        (2.5, 52, 90, True),
-        (2.5, 50, 90, True),
-        (2.5, 0, 140, False),
-        (4.0, 52, 90, False),
-        (1.0, 18, 5, True),
-        (1.0, 18, 30, False),
-        (2.5, 70, 90, False),
-    ],
-)
-def test_what_came_along_with_an_agent_is_part_of_it(x: float, first: int, count: int, came: bool) -> None:
-    """Somebody walks for 5 s and ends at 2.45 m; a thing is seen from a sweep on, in so many sweeps."""
-    thing = np.tile([x, 0.0], (count, 1))
-    paths = paths_of(along(np.arange(50) / 10), thing, first=(0, first))
-    rows: Int64 = np.arange(50)
-    agents = _Reach(rows, np.full(50, 0.45))
-    ends = _Reach(rows[-1:], np.array([0.45]))
-    assert _came_along(_Track(2, False, 0, 0.1), paths, agents, ends, np.zeros(1, np.int64)) == came
 
 
 def tables_of(folder: Path, **tables: dict[str, Any]) -> Pair:
@@ -307,15 +259,6 @@ def test_what_is_removed_may_be_a_list(tmp_path: Path) -> None:
     for number, words in enumerate((["temporary"], ("temporary", "agents"), "temporary,agents")):
         table = lidarcli.clean(log, tmp_path / f"{number}.mcap", remove=words, margin=0)
         assert taken(table, "temporary") == [30] * 40 + [0] * 40
-
-
-@pytest.mark.parametrize("odd", [3, None, ["agents", 3], {"agents": True}])
-def test_what_is_removed_is_words(odd: Any, tmp_path: Path) -> None:
-    write_log(tmp_path / "run.mcap", [room_sweeps()])
-    with pytest.raises(TypeError, match=r"^remove is a list of words, or one text, not "):
-        lidarcli.clean(tmp_path / "run.mcap", tmp_path / "out.mcap", remove=odd)
-    with pytest.raises(OptionError, match="'people' is not one of agents, temporary"):
-        lidarcli.clean(tmp_path / "run.mcap", tmp_path / "out.mcap", remove=["agents", "people"])
 
 
 @pytest.mark.slow

@@ -177,21 +177,6 @@ def test_poses_travel_along(tmp_path, name, options):
         assert odometry[row].header.stamp.nanosec == transforms[row].header.stamp.nanosec
 
 
-@pytest.mark.parametrize("encoding", ["json", "protobuf"])
-def test_foxglove_poses_travel_along(tmp_path, encoding):
-    poses = simulate_odometry(DRIVEN, SWEEPS, 3)
-    write_log(tmp_path / "a.mcap", blocks(DRIVEN), poses=poses, encoding=encoding)
-    with (tmp_path / "a.mcap").open("rb") as file:
-        found = [(channel.topic, schema.name) for schema, channel, _ in make_reader(file).iter_messages()]
-    assert found[:4] == [
-        ("/tf_static", "foxglove.FrameTransform"),
-        ("/odom", "foxglove.PoseInFrame"),
-        ("/tf", "foxglove.FrameTransform"),
-        ("/scan", "foxglove.LaserScan"),
-    ]
-    assert len(found) == 1 + 3 * SWEEPS
-
-
 def test_a_csv_by_suffix_holds_the_geometry(tmp_path):
     """The default layout is the one that needs no options to be read; the layouts have tests of their own."""
     write_log(tmp_path / "a.csv.gz", blocks(PLAIN))
