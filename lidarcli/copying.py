@@ -28,13 +28,13 @@ from mcap.writer import CompressionType, Writer
 
 from lidarcli.errors import OutputError
 from lidarcli.logs.base import MULTI_ECHO, Log, ReadReport, ros_type
-from lidarcli.logs.blocks import Locate, Written
+from lidarcli.logs.blocks import Locate, ScanLayout
 from lidarcli.logs.laserscan import locate
 from lidarcli.logs.mcap import McapLog
 from lidarcli.logs.mcap_records import Catalogue, Messages, parse
 from lidarcli.logs.rosbag1 import Rosbag1Log
 from lidarcli.logs.rosbag2 import BATCH, ROWID, SQLITE_ERRORS, Rosbag2Log, SqliteLog, is_cdr, quoted
-from lidarcli.logs.unpacking import ZSTD_MAGIC, Unpacking, is_zstd, unpack_message
+from lidarcli.logs.unpacking import ZSTD_MAGIC, DecompressionBudget, is_zstd, unpack_message
 from lidarcli.ros.bag_metadata import METADATA
 from lidarcli.sweeps import Bool
 
@@ -75,21 +75,21 @@ class Copy:
     """Topic and type → messages that were copied."""
     left_out: int = 0
     """Records of applications that are no messages, attachments or metadata."""
-    unpacking: Unpacking = field(default_factory=Unpacking)
+    budget: DecompressionBudget = field(default_factory=DecompressionBudget)
     """Limit for messages that are packed one by one."""
 
     def edited(self, topic: str, data: bytes, locate: Locate) -> bytes:
         """Return the message to write for one of sweeps, which may be packed by zstd, and is so again."""
         if not data.startswith(ZSTD_MAGIC):
             return self.edit(topic, data, locate)
-        plain = unpack_message(data, self.unpacking)
+        plain = unpack_message(data, self.budget)
         if plain is None:
             return data
         changed = self.edit(topic, plain, locate)
         return data if changed is plain else zstandard.ZstdCompressor().compress(changed)
 
 
-def replaced(message: bytes, written: Written, chosen: Bool, value: float) -> bytes:
+def replaced(message: bytes, written: ScanLayout, chosen: Bool, value: float) -> bytes:
     """Return a message in which all ranges of the chosen beams (B,) have a value."""
     places = written.place[chosen[written.beam]]
     number = np.frombuffer(np.array(value, written.kind).tobytes(), np.uint8)

@@ -23,7 +23,7 @@ from lidarcli.logs.blocks import (
     INCREMENT,
     INCREMENT_ZERO,
     TOO_MANY,
-    Written,
+    ScanLayout,
     in_degrees,
     pad_intensities,
     pad_rows,
@@ -117,7 +117,7 @@ def decode(
     return concatenate(blocks) if blocks else None
 
 
-def locate(message: bytes, encoding: str, *, several: bool) -> Written | None:
+def locate(message: bytes, encoding: str, *, several: bool) -> ScanLayout | None:
     """Return where the ranges of a message stand, as `decode` reads them; None where it is no sweep.
 
     Parameters
@@ -143,7 +143,7 @@ def locate(message: bytes, encoding: str, *, several: bool) -> Written | None:
         beam = np.repeat(beam, echoes)
         entry = starts[beam] + 1 + np.arange(len(beam)) - np.repeat(np.cumsum(echoes) - echoes, echoes)
     least, greatest = heads.geometry[0, 5:7].tolist()
-    return Written(int(heads.stamp_ns[0]), beams, least, greatest, beam, at + 4 * entry, f"{order}f4")
+    return ScanLayout(int(heads.stamp_ns[0]), beams, least, greatest, beam, at + 4 * entry, f"{order}f4")
 
 
 def _windows(buffer: UInt8, at: Int64, width: int) -> UInt8:
@@ -433,7 +433,7 @@ BYTES = 4 << 20
 
 
 @dataclass(slots=True)
-class Gather:
+class MessageBatcher:
     """Scattered messages of one LaserScan topic, in log order, gathered until decoding pays."""
 
     topic: str
@@ -509,10 +509,10 @@ def differs(type_name: str, encoding: str, text: str) -> str | None:
     if not found:
         return None
     for place, (kind, name) in enumerate(expected):
-        seen, called = found[place] if place < len(found) else ("nothing", "")
-        seen = seen.rsplit("/", 1)[-1]
-        if (seen, called) != (kind, name):
-            return f"field {place + 1} is '{f'{seen} {called}'.strip()}', not '{kind} {name}'"
+        found_kind, found_name = found[place] if place < len(found) else ("nothing", "")
+        found_kind = found_kind.rsplit("/", 1)[-1]
+        if (found_kind, found_name) != (kind, name):
+            return f"field {place + 1} is '{f'{found_kind} {found_name}'.strip()}', not '{kind} {name}'"
     return None
 
 

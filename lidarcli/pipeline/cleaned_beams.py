@@ -402,9 +402,9 @@ def _sets_out(paths: _Paths, rows: slice) -> int:
         return first
     x, y, var, stamp_ns = paths.x[rows], paths.y[rows], paths.sd[rows] ** 2, paths.stamp_ns[rows]
     before = np.searchsorted(stamp_ns, stamp_ns - SECOND_NS)
-    way = np.hypot(x - x[before], y - y[before])
+    distance = np.hypot(x - x[before], y - y[before])
     least = LEAST_SPEED * 1e-9 * (stamp_ns - stamp_ns[before])
-    stands = np.flatnonzero(~(way > np.maximum(least, MOVING_SDS * np.sqrt(var + var[before]))))[-1]
+    stands = np.flatnonzero(~(distance > np.maximum(least, MOVING_SDS * np.sqrt(var + var[before]))))[-1]
     # What is on its way so soon after it was first seen was so before.
     return first if before[stands] == 0 else first + int(stands)
 

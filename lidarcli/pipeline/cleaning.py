@@ -214,9 +214,9 @@ def _refuse_motion(
 
     In topics of which no beam has a range (`blind`) nothing can be taken for anything.
     """
-    for frame, told in described.get("poses", {}).items():
-        for topic, verdict in told.get("pose_verdict", {}).items():
-            if verdict == "rejected" and world_in(told, topic) not in ("", MATCH):
+    for frame, source in described.get("poses", {}).items():
+        for topic, verdict in source.get("pose_verdict", {}).items():
+            if verdict == "rejected" and world_in(source, topic) not in ("", MATCH):
                 raise UnreadableError(
                     f"the poses of {frame or 'the sensor'} contradict the sweeps of {topic}; nothing written; "
                     "give other poses (--pose TOPIC, --poses FILE)"
@@ -308,8 +308,8 @@ def _summary(
     summary.removed = {reason: int(count) for reason, count in zip(REASONS, totals, strict=True) if reason in asked}
     parts = ", ".join(f"{reason} {count:,}" for reason, count in summary.removed.items())
     share = f" ({removed / beams:.1%})" if beams else ""
-    say = f"say {_words(options.value)}: {parts}"
-    summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} {say}"
+    says = f"say {_words(options.value)}: {parts}"
+    summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} {says}"
     alike = [
         f"{topic} ({kind.rsplit('/', 1)[-1].rsplit('.', 1)[-1]})"
         for topic, kind in sorted(copy.messages)

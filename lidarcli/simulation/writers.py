@@ -278,52 +278,6 @@ def _foxglove_clouds(raw: RawSweeps, encoding: Encoding) -> list[bytes]:
     return clouds
 
 
-RULE = "=" * 80
-
-LASERSCAN_IDL = f"""\
-{RULE}
-IDL: sensor_msgs/msg/LaserScan
-module sensor_msgs {{
-  module msg {{
-    struct LaserScan {{
-      std_msgs::msg::Header header;
-      float angle_min;
-      float angle_max;
-      float angle_increment;
-      float time_increment;
-      float scan_time;
-      float range_min;
-      float range_max;
-      sequence<float> ranges;
-      sequence<float> intensities;
-    }};
-  }};
-}};
-
-{RULE}
-IDL: std_msgs/msg/Header
-module std_msgs {{
-  module msg {{
-    struct Header {{
-      builtin_interfaces::msg::Time stamp;
-      string frame_id;
-    }};
-  }};
-}};
-
-{RULE}
-IDL: builtin_interfaces/msg/Time
-module builtin_interfaces {{
-  module msg {{
-    struct Time {{
-      int32 sec;
-      uint32 nanosec;
-    }};
-  }};
-}};
-"""
-
-
 def outgoing(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None, encoding: Encoding) -> Iterator[Outgoing]:
     """Encode sweeps block by block, merging in the poses."""
     pose = 0
@@ -357,10 +311,6 @@ def _ros2_schema(name: str) -> tuple[str, str, bytes]:
     return name, SchemaEncoding.ROS2, ros2_definition(name).encode()
 
 
-def _idl_schema(name: str) -> tuple[str, str, bytes]:
-    return (name, "ros2idl", LASERSCAN_IDL.encode()) if name == SCAN else _ros2_schema(name)
-
-
 def _ros1_schema(name: str) -> tuple[str, str, bytes]:
     return name.replace("/msg/", "/"), SchemaEncoding.ROS1, ros1_definition(name).encode()
 
@@ -375,7 +325,6 @@ def _protobuf_schema(name: str) -> tuple[str, str, bytes]:
 
 ENCODINGS: dict[str, tuple[Encoding, str, str, SchemaOf]] = {
     "cdr": (CDR, MessageEncoding.CDR, "ros2", _ros2_schema),
-    "cdr-idl": (CDR, MessageEncoding.CDR, "ros2", _idl_schema),
     "ros1": (ROS1_BYTES, MessageEncoding.ROS1, "ros1", _ros1_schema),
     "json": (JSON, MessageEncoding.JSON, "", _json_schema),
     "protobuf": (PROTOBUF, MessageEncoding.Protobuf, "", _protobuf_schema),
@@ -589,8 +538,8 @@ def geometry_texts(block: RawSweeps, row: int) -> list[str]:
     beams = int(block.beams[row])
     last = block.angle_min[row] + (beams - 1) * block.angle_increment[row]
     times = (block.time_increment, block.scan_time)
-    told = [0.0 if each is None else each[row] for each in times]
-    values = [block.angle_min[row], last, block.angle_increment[row], *told]
+    durations = [0.0 if each is None else each[row] for each in times]
+    values = [block.angle_min[row], last, block.angle_increment[row], *durations]
     return shortest(np.array([*values, block.range_min[row], block.range_max[row]], np.float32))
 
 
@@ -643,7 +592,7 @@ def write_log(
     """Write sweeps into a new log; the same sweeps and options give the same bytes.
 
     `compression`: none, lz4, zstd for MCAP; none, bz2, lz4 for ROS 1 bags; none, zstd (the file), zstd-message for ROS 2
-    folders. `encoding` (MCAP): cdr, cdr-idl, ros1, json, protobuf. `layout` (CSV): rostopic, wide. CSV has no place
+    folders. `encoding` (MCAP): cdr, ros1, json, protobuf. `layout` (CSV): rostopic, wide. CSV has no place
     for `poses`. `clouds`: point clouds instead of LaserScan, in logs of messages.
     Raises OptionError for options that do not fit the container, OutputError for a path that exists.
     """

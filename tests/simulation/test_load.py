@@ -126,7 +126,7 @@ def test_routes_of_all_that_moves(load):
     assert scene.path.loop
     assert scene.path.waypoints == (Waypoint(0, 0, 0.5), Waypoint(4, 0, 0.5), Waypoint(4, 3, 0.3, wait=2))
     assert scene.mount.pose == pytest.approx((0.2, 0, np.pi / 2))
-    assert not scene.mount.told
+    assert not scene.mount.in_log
     assert scene.odometry is not None
     assert scene.odometry.delay == 0.15
     assert not scene.still
