@@ -16,7 +16,7 @@ import pytest
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.formalism import Parameters, detect
-from lidarcli.formalism.mapping.occupancy import compare
+from lidarcli.formalism.mapping.grid import compare
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import load_scene

@@ -26,7 +26,7 @@ from lidarcli.pipeline.cleaned_beams import REASONS, Chosen, CleanOptions, choos
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import SUFFIXES
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inputs.tables import Pair, world_in
+from lidarcli.pipeline.inputs.tables import TableSet, world_in
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, rules_of
 from lidarcli.pipeline.reading.pose_sources import NO_POSES, NONE, Need
 from lidarcli.pipeline.reading.posing import Posing
@@ -200,7 +200,7 @@ def _suffix(log: Log, source: Source) -> str:
     return ".db3.zstd" if log.compression == "zstd" and source.path.endswith(".zstd") else ".db3"
 
 
-def _blind(pair: Pair) -> set[str]:
+def _blind(pair: TableSet) -> set[str]:
     """Return the topics of which no beam has a range."""
     rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "valid"))
     topics, valid = np.array(rows["topic"].to_pylist(), np.str_), held(rows["valid"])[0]
@@ -208,7 +208,7 @@ def _blind(pair: Pair) -> set[str]:
 
 
 def _refuse_motion(
-    log: Log, pair: Pair, described: dict[str, Any], options: CleanOptions, rules: RangeRules, blind: Collection[str]
+    log: Log, pair: TableSet, described: dict[str, Any], options: CleanOptions, rules: RangeRules, blind: Collection[str]
 ) -> None:
     """Refuse a log if it is not known where its sensor was while it moved: what stands would be taken for agents.
 

@@ -145,7 +145,7 @@ def _map_files(path: Path) -> tuple[Path, Path]:
 
 def _map_data(scene: Scene, sweeps: int, resolution: float, image: str) -> tuple[bytes, bytes]:
     """Return the true map as YAML and PGM."""
-    from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
+    from lidarcli.maps import pgm_bytes, yaml_bytes
     from lidarcli.simulation.truth import true_map
 
     grid = true_map(scene, sweeps, resolution)

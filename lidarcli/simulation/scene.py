@@ -15,10 +15,10 @@ from typing import Literal
 
 import numpy as np
 
+from lidarcli.configfiles import Fields, read_toml
 from lidarcli.errors import OptionError
 from lidarcli.simulation.route import CORNERS, STEPS, Corner, Route, Waypoint, feet, plan_route
 from lidarcli.sweeps import TURN, Bool, Float64
-from lidarcli.tomlfiles import Fields, read_toml
 
 MAX_WAYPOINTS = 1_000
 LEAST = 1e-3

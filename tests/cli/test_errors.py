@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from lidarcli import machine
-from lidarcli.cli.about import version_text
+from lidarcli.cli.settings import version_text
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.reading import one_log
@@ -26,7 +26,7 @@ from tests.waiting import HANG, endless, wait_until
 Run = Callable[..., Any]
 
 NOT_A_LOG = "not a log lidarcli knows; it reads "
-SUFFIXES = "*.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd *.clf *.gfs *.2d *.clf.gz *.gfs.gz *.2d.gz"
+SUFFIXES = "*.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd *.clf *.gfs *.clf.gz *.gfs.gz"
 
 
 @pytest.fixture(params=["info", "detect"])

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from lidarcli.cli import run
-from lidarcli.logs.csv.dialect import OTHERS, other_format
+from lidarcli.logs.csv.table import OTHERS, other_format
 from tests.logs.csv_sweeps import sweeps
 from tests.text_logs import LAYOUTS, write_csv
 
@@ -29,6 +29,8 @@ TEXTS = {
         "a pointer of Git LFS, not the file itself",
         "fetch it with `git lfs pull`",
     ),
+    "LaserOdometryLog\n#Created by ArLaserLogger\nversion: 4\n": ("an ARIA log", BEAMS),
+    "## Player version 3.0.2\n0000000012.500 16777343 6665 laser 00 001 001 0001\n": ("a Player log", BEAMS),
     '{"ranges": [1.0, 2.0]}\n': ("JSON", BEAMS),
     '[{"ranges": [1.0, 2.0]}]\n': ("JSON", BEAMS),
     "[[1.0, 2.0],\n [1.0, 2.0]]\n": ("JSON", BEAMS),

@@ -19,11 +19,11 @@ from benchmarks.scenes.moving import Kind, moving_scene
 from benchmarks.scenes.random import SENSORS
 from lidarcli.cli import run
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism.mapping.occupancy import compare
+from lidarcli.formalism.mapping.grid import compare
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.cleaned_beams import REASONS, doubted, neighbours
-from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
 from lidarcli.simulation.writers import write_log
@@ -132,13 +132,13 @@ def test_who_stops_under_another_track_is_gone(kind: Kind, seed: int, tmp_path: 
     assert wrong <= 0.005 * others
 
 
-def tables_of(folder: Path, **tables: dict[str, Any]) -> Pair:
+def tables_of(folder: Path, **tables: dict[str, Any]) -> TableSet:
     """Tables with some columns of theirs."""
     for name, columns in tables.items():
         schema = pa.schema([SCHEMAS[name].field(column) for column in columns])
         arrays = [pa.array(values).cast(one.type) for values, one in zip(columns.values(), schema, strict=True)]
         pq.write_table(pa.Table.from_arrays(arrays, schema=schema), folder / f"run.{name}.parquet")
-    return Pair(f"{folder}/run.", ".parquet")
+    return TableSet(f"{folder}/run.", ".parquet")
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.maps.mapserver import read_map
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.maps import read_map
 from lidarcli.simulation import scene as make
 from lidarcli.simulation import simulate, truth
 from lidarcli.simulation.route import Waypoint, plan_route

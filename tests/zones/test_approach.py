@@ -11,7 +11,7 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import NoScanError, OptionError
-from lidarcli.pipeline.watching.counting import velocity_of
+from lidarcli.pipeline.zone_counting import velocity_of
 from lidarcli.pipeline.zoning import ZoneTables
 from lidarcli.ros.messages import Outgoing
 from lidarcli.simulation import scene as make

@@ -248,7 +248,11 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
     "db3": partial(_written, "run.db3"),
     **{f"ros2-{compression}": partial(_folder, "ros2", compression) for compression in ("none", "zstd", "zstd-message")},
     "ros2-mcap": partial(_folder, "ros2-mcap", "none"),
-    **{f"csv-{layout}": partial(_csv, "run" if layout == "per-sweep" else "run.csv", layout) for layout in LAYOUTS},
+    **{
+        f"csv-{layout}": partial(_csv, "run" if layout == "per-sweep" else "run.csv", layout)
+        for layout in LAYOUTS
+        if layout != "drow"
+    },
     "csv-gz": partial(_csv, "run.csv.gz", "rostopic"),
     **{
         f"clouds-mcap-{encoding}": partial(_mcap, encoding, "zstd", lit, 8000, True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -97,7 +96,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Nothing:
+class MissingInput:
     """An input in which there is no log to open, and why."""
 
     path: str
@@ -150,13 +149,13 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
 
     With a slice of point clouds, the log has the sweeps of these, too.
     """
-    told = opening or OpenOptions()
+    options = opening or OpenOptions()
     with _opened_source(source, opening) as log:
-        if told.range_scale != 1.0 and log.format.startswith(_IN_METRES):
-            log = ChangedLog(log, partial(_in_metres, scale=told.range_scale))
-        if told.segments == JOIN:
+        if options.range_scale != 1.0 and log.format.startswith(_IN_METRES):
+            log = ChangedLog(log, partial(_in_metres, scale=options.range_scale))
+        if options.segments == JOIN:
             log = ChangedLog(log, join)
-        yield log if told.slice is None else SlicedLog(log, told, told.slice)
+        yield log if options.slice is None else SlicedLog(log, options, options.slice)
 
 
 @contextmanager
@@ -194,13 +193,18 @@ def _of_files(files: Sequence[str], opening: OpenOptions | None) -> Log:
 
 def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
     """Tell whether several text files are the sweeps of one log, as far as the first readable one shows."""
-    from lidarcli.logs.csv.layouts import PER_SWEEP
+    from lidarcli.logs.csv.layouts import PER_SWEEP, NamelessError
 
     if len(files) < 2:
         return False
     for file in files[:_TRIED]:
-        with contextlib.suppress(UnreadableError), _opened_file(file) as log:
-            return PER_SWEEP in log.format
+        try:
+            with _opened_file(file) as log:
+                return PER_SWEEP in log.format
+        except NamelessError as err:
+            return err.per_sweep
+        except UnreadableError:
+            continue
     return False
 
 

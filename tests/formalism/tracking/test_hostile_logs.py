@@ -204,12 +204,12 @@ def test_the_longest_log_keeps_no_more_than_a_short_one() -> None:
         (sensor,) = tracker._sensors
         most.append(
             (
-                sensor.fold.bodies.most,
-                sensor.fold.log.room,
-                sensor.fold.log.count,
+                sensor.tracker.bodies.capacity,
+                sensor.tracker.log.capacity,
+                sensor.tracker.log.count,
                 len(sensor.register.bodies),
-                len(tracker._waiting),
-                sum(len(piece.track) for piece in sensor.settled),
+                len(tracker._pending),
+                sum(len(piece.track) for piece in sensor.kind_hits),
                 len(tracker._windows),
             )
         )
