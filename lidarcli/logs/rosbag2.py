@@ -261,7 +261,12 @@ _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
 _PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
 """Definitions of plain tables and indexes, as SQLite stores them."""
 _TABLES = ("topics", "messages", "message_definitions")
-_PRAGMAS = ("temp_store", "cell_size_check", "table_xinfo", "ignore_check_constraints", "quick_check")
+_PRAGMAS = (
+    *("temp_store", "cell_size_check", "table_xinfo", "index_list", "index_xinfo"),
+    *("ignore_check_constraints", "quick_check"),
+)
+_COMPUTED = -2
+"""Column of an index over an expression."""
 ROWID = "_rowid_"
 # Rows come in the order of their numbers, in which tables keep them: sorting would hold all of them. The column `id` is
 # that number in what rosbag2 writes, and may be any other where somebody else has written the table.
@@ -416,10 +421,14 @@ class SqliteLog:
         """Return the database with its journal merged in; None where SQLite refuses it or finds a damaged page."""
         if self._database is not None:
             try:
-                # What a column is computed by, or held against, is SQL of the log.
+                # What a column or an index is computed by is SQL of the log.
                 for kind, name, _ in self._ask(self._database, _SCHEMA):
                     if kind == "table":
                         _refuse_computed(self._database, name)
+                for _, name, *_, is_partial in self._ask(self._database, "PRAGMA index_list(messages)"):
+                    columns = self._database.execute(f"PRAGMA index_xinfo({_quoted(name)})")
+                    if is_partial or any(column == _COMPUTED for _, column, *_ in columns):
+                        raise UnsoundError(f"{name} is an index that would be computed")
                 self._database.execute("PRAGMA ignore_check_constraints = on")
                 if self._ask(self._database, "PRAGMA quick_check(1)").fetchone() == ("ok",):
                     return self.file
@@ -693,7 +702,7 @@ def _wrong_size(header: bytes, size: int) -> str:
     return ""
 
 
-def quoted(name: object) -> str:
+def _quoted(name: object) -> str:
     """Return a name as SQL writes it (`UnsoundError` where it cannot)."""
     if not isinstance(name, str) or "\0" in name:
         raise UnsoundError("a table has no name that can be written")
@@ -702,7 +711,7 @@ def quoted(name: object) -> str:
 
 def _refuse_computed(database: sqlite3.Connection, table: object) -> None:
     """Refuse a table that is not read without running SQL (`UnsoundError`)."""
-    if any(column[-1] for column in database.execute(f"PRAGMA table_xinfo({quoted(table)})")):
+    if any(column[-1] for column in database.execute(f"PRAGMA table_xinfo({_quoted(table)})")):
         raise UnsoundError(f"{table} has columns that would be computed")
 
 

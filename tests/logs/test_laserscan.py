@@ -13,10 +13,16 @@ from lidarcli.logs import blocks as block_bounds
 from lidarcli.logs import laserscan
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.blocks import split_rows
-from lidarcli.logs.laserscan import decode, decode_blocks
+from lidarcli.logs.laserscan import decode_blocks
 from lidarcli.ros import cursor
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.scan_messages import GEOMETRY, scan
+
+
+def decode(*arguments: Any) -> RawSweeps | None:
+    """The blocks of some messages as one."""
+    blocks = list(decode_blocks(*arguments))
+    return concatenate(blocks) if blocks else None
 
 
 def pack(messages: list[bytes], gap: int = 3) -> tuple[Any, Any, Any, Any]:

@@ -9,8 +9,6 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from rosbags.highlevel import AnyReader
 
@@ -22,13 +20,11 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.grid import compare
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.cleaned_beams import REASONS, doubted, neighbours
-from lidarcli.pipeline.inputs.tables import TableSet
+from lidarcli.pipeline.cleaning import REASONS, neighbours
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import Bool, Closure, Float64
-from lidarcli.tabular.schemas import SCHEMAS
 from tests.pipeline import drawn
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 from tests.sweeping import raw_sweeps, room_sweeps, round_room
@@ -130,54 +126,6 @@ def test_who_stops_under_another_track_is_gone(kind: Kind, seed: int, tmp_path: 
     gone, moving, wrong, others = found.counts
     assert gone >= 0.98 * moving > 10_000
     assert wrong <= 0.005 * others
-
-
-def tables_of(folder: Path, **tables: dict[str, Any]) -> TableSet:
-    """Tables with some columns of theirs."""
-    for name, columns in tables.items():
-        schema = pa.schema([SCHEMAS[name].field(column) for column in columns])
-        arrays = [pa.array(values).cast(one.type) for values, one in zip(columns.values(), schema, strict=True)]
-        pq.write_table(pa.Table.from_arrays(arrays, schema=schema), folder / f"run.{name}.parquet")
-    return TableSet(f"{folder}/run.", ".parquet")
-
-
-@pytest.mark.parametrize(
-    ("drives", "seen", "says"),
-    [
-        (True, 100, ["/scan: 50% of the beams on agents always end at the same places before the sensor: "]),
-        (False, 100, []),
-        (False, 20, ["/scan: 50% of the beams on agents are on what was hidden for most of its time: "]),
-    ],
-)
-def test_agents_that_may_be_none_are_told(drives: bool, seen: int, says: list[str], tmp_path: Path) -> None:
-    """One agent before the sensor, seen in some sweeps, and one that walks."""
-    way = 0.05 * np.arange(100)
-    sweeps = np.arange(seen)
-    before, world = np.full(seen, 0.3), 0.3 + drives * way[sweeps]
-    pair = tables_of(
-        tmp_path,
-        objects={
-            "topic": ["/scan"] * (seen + 100),
-            "track": [1] * seen + [2] * 100,
-            "set": ["A"] * (seen + 100),
-            "beams": [100 // seen * 4] * seen + [4] * 100,
-            "box_x": np.append(before, way),
-            "box_y": np.zeros(seen + 100),
-            "world_x": np.append(world, 2.0 * way),
-            "world_y": np.zeros(seen + 100),
-        },
-        tracks={
-            "topic": ["/scan"] * 2,
-            "track": [1, 2],
-            "first_sweep": [0, 0],
-            "last_sweep": [99, 99],
-            "duration": [9.9, 9.9],
-            "sweeps": [seen, 100],
-        },
-    )
-    told = doubted(pair)
-    assert len(told) == len(says)
-    assert all(line.startswith(begin) for line, begin in zip(told, says, strict=True))
 
 
 @pytest.mark.slow

@@ -23,8 +23,7 @@ from lidarcli.pipeline.api.options import (
     watched,
     with_keywords,
 )
-from lidarcli.pipeline.cleaned_beams import CleanOptions
-from lidarcli.pipeline.cleaning import clean_log
+from lidarcli.pipeline.cleaning import CleanOptions, clean_log
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.stores.url import place
