@@ -64,18 +64,18 @@ def clean(
     return summary.table
 
 
-def clean_options(told: Values, *, overwrite: bool = False) -> CleanOptions:
+def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
     """Return which beams are left out, and how they are found."""
-    logs = LogOptions(read_options(told), OpenOptions(segments=told["segments"]), pose_options(told))
+    logs = LogOptions(read_options(options), OpenOptions(segments=options["segments"]), pose_options(options))
     tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
-    remove = told["remove"]
+    remove = options["remove"]
     words = [remove] if isinstance(remove, str) else remove
     if not isinstance(words, list | tuple | set | frozenset) or not all(isinstance(each, str) for each in words):
         raise TypeError(f"remove is a list of words, or one text, not {remove!r}")
     return CleanOptions(
-        detect_options({**told, "catalogue": None}, logs, tracking),
+        detect_options({**options, "catalogue": None}, logs, tracking),
         frozenset(word.strip() for word in parse_removed(",".join(words)).split(",")),
-        parse_value(str(told["value"])),
-        told["margin"],
+        parse_value(str(options["value"])),
+        options["margin"],
         overwrite,
     )
