@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
 Level = Literal["error", "warning", "hint"]
@@ -65,7 +66,7 @@ class Finding:
 
 
 class Sensor(NamedTuple):
-    """Sweeps of one topic and frame, of which findings are told."""
+    """Sweeps of one topic and frame."""
 
     topic: str
     frame: str
@@ -84,6 +85,54 @@ class Sensor(NamedTuple):
         """Return a finding of this sensor; `option` mends it on the command line."""
         fix = Fix("option", option) if option else None
         return Finding(rule, level, self.topic, self.frame, message, evidence or {}, threshold or {}, fix)
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """The declaration of a finding: when it holds, in which words, by what evidence, and with which remedy.
+
+    Predicate, words and fix take the statistics of a sensor; in words and fix these are `{0}`, and `{name}` is the sensor.
+    """
+
+    id: str
+    level: Level
+    holds: Callable[[Any], Any]
+    words: str
+    evidence: str = ""
+    """Keys, each with `=` and an attribute of the statistics where that has another name; `*name`: all of a mapping."""
+    threshold: Mapping[str, Any] = field(default_factory=dict)
+    """Key → value from which on the evidence is a fault, or the attribute that has it."""
+    fix: str = ""
+    """Option of the command line; empty without one."""
+    chain: str = ""
+    """Of rules of one chain the first that holds counts."""
+    unless: Collection[str] = ()
+    """Identifiers of findings beside which this one says nothing new."""
+
+    def finding(self, stats: Any, sensor: Sensor, fix: Fix | None = None) -> Finding:
+        """Return the finding of this rule, which holds; `fix` is for one without a fix of its own."""
+        values: dict[str, Any] = {}
+        for key, _, name in (part.partition("=") for part in self.evidence.split()):
+            values |= getattr(stats, key[1:]) if key[0] == "*" else {key: attrgetter(name or key)(stats)}
+        threshold = {
+            key: attrgetter(value)(stats) if isinstance(value, str) else value for key, value in self.threshold.items()
+        }
+        words = self.words.format(stats, name=sensor.name)
+        if option := self.fix.format(stats):
+            fix = Fix("option", option)
+        return Finding(self.id, self.level, sensor.topic, sensor.frame, words, values, threshold, fix)
+
+
+def judge(rules: Iterable[Rule], stats: Any, sensor: Sensor, known: Collection[str] = ()) -> list[Finding]:
+    """Return the findings on a sensor by its statistics; `known` are identifiers of those that there are already."""
+    findings = []
+    ended: set[str] = set()
+    for rule in rules:
+        if rule.chain in ended or not set(rule.unless).isdisjoint(known) or not rule.holds(stats):
+            continue
+        ended |= {rule.chain} - {""}
+        findings.append(rule.finding(stats, sensor))
+    return findings
 
 
 def transform_lines(parent: str, child: str, x: float, y: float, yaw: float) -> str:

@@ -13,10 +13,9 @@ from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.clock import MAX_TOPICS
-from lidarcli.logs.doubts import Doubts
-from lidarcli.logs.faults import MOST_TOPICS, Faults, repeated_topics
 from lidarcli.logs.options import TopicChoice
 from lidarcli.logs.piles import Settling
+from lidarcli.logs.scan_checks import MOST_TOPICS, LogStats, ScanChecks, repeated_topics
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
 from lidarcli.times import Instant, as_time
@@ -88,8 +87,8 @@ def read_batches(
         if choice.is_listed and (error := choice.error(every=True)) is not None:
             raise error
     lines: dict[str, _Line] = {}
-    doubts = Doubts([topic.name for topic in log.topics() or () if topic.sliced])
-    copies: dict[tuple[str, str], Faults] = {}
+    doubts = ScanChecks([topic.name for topic in log.topics() or () if topic.sliced])
+    copies: dict[tuple[str, str], LogStats] = {}
     compares = choice.is_listed and len(choice.chosen) > 1
     beyond: Counter[str] = Counter()
 
@@ -107,7 +106,7 @@ def read_batches(
         for block, rules in Settling(options.rules, report).blocks(chosen()):
             key = block.topic, ""
             if compares and (key in copies or len(copies) < MOST_TOPICS):
-                copies.setdefault(key, Faults()).add_hashes(block)
+                copies.setdefault(key, LogStats()).add_hashes(block)
             yield from lines[block.topic].take(block, rules)
         for topic, line in lines.items():
             yield from line.batches(final=True)
@@ -115,7 +114,7 @@ def read_batches(
                 report.notes.append(note)
     finally:
         # Who wants no more sweeps still wants to know what looks wrong in those so far.
-        doubts.tell(report)
+        doubts.report_to(report)
         for found in repeated_topics(copies):
             way = "" if found.fix is None else f"; {found.fix.text} reads them once"
             report.add_doubts(found.topic, [replace(found, message=found.message + way)])
@@ -159,7 +158,7 @@ def _words(time: float | Instant | None, unit: str = " s") -> str:
 class _Line:
     """Sweeps of one topic that wait for their batch."""
 
-    def __init__(self, options: ReadOptions, doubts: Doubts) -> None:
+    def __init__(self, options: ReadOptions, doubts: ScanChecks) -> None:
         self._options = options
         self._rules = options.rules
         self._doubts = doubts

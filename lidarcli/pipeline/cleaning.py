@@ -19,8 +19,8 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.tracking.tracker import share_moving
 from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.logs.blocks import Locate
-from lidarcli.logs.clock import LEAP
 from lidarcli.logs.options import TopicChoice
+from lidarcli.logs.rules import LEAP
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
 from lidarcli.pipeline.cleaned_beams import REASONS, Choice, Chosen, choose, doubted
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
