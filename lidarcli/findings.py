@@ -109,8 +109,8 @@ class Rule:
     unless: Collection[str] = ()
     """Identifiers of findings beside which this one says nothing new."""
 
-    def finding(self, stats: Any, sensor: Sensor, fix: Fix | None = None) -> Finding:
-        """Return the finding of this rule, which holds; `fix` is for one without a fix of its own."""
+    def finding(self, stats: Any, sensor: Sensor) -> Finding:
+        """Return the finding of this rule, which holds; without an option its fix is that of the statistics, if any."""
         values: dict[str, Any] = {}
         for key, _, name in (part.partition("=") for part in self.evidence.split()):
             values |= getattr(stats, key[1:]) if key[0] == "*" else {key: attrgetter(name or key)(stats)}
@@ -118,8 +118,8 @@ class Rule:
             key: attrgetter(value)(stats) if isinstance(value, str) else value for key, value in self.threshold.items()
         }
         words = self.words.format(stats, name=sensor.name)
-        if option := self.fix.format(stats):
-            fix = Fix("option", option)
+        option = self.fix.format(stats)
+        fix = Fix("option", option) if option else getattr(stats, "fix", None)
         return Finding(self.id, self.level, sensor.topic, sensor.frame, words, values, threshold, fix)
 
 

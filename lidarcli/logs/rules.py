@@ -355,7 +355,7 @@ _SECTORS = "{name}: beams from {0.places} degrees "
 MIRROR = Rule(
     "mirror",
     "error",
-    lambda s: s.correlation < MIRRORED,
+    lambda s: s.related < MIRRORED,
     "{name} turns the other way than its poses ({0.turns_shown}): its beams run the wrong way round, or the sensor hangs "
     "head down and tf does not say so",
     "correlation turns",
