@@ -25,17 +25,16 @@ if "LIDARCLI_COMPILED" in os.environ:
 if TYPE_CHECKING:
     from lidarcli import formalism
     from lidarcli.errors import LidarcliError, NoScanError, OptionError, OutputError, UnreadableError
-    from lidarcli.formalism.background.model import Background
-    from lidarcli.formalism.mapping.occupancy import Occupancy
+    from lidarcli.formalism.background import Background
+    from lidarcli.formalism.mapping.grid import Occupancy
     from lidarcli.formalism.matching.catalogue import Catalogue
     from lidarcli.formalism.parameters import Parameters
     from lidarcli.pipeline.api.cleaning import clean
-    from lidarcli.pipeline.api.differing import diff
-    from lidarcli.pipeline.api.finding import Tables, detect, tables, track
+    from lidarcli.pipeline.api.files import diff, export, simulate
     from lidarcli.pipeline.api.logs import background, info, map, poses, read
     from lidarcli.pipeline.api.overlaying import overlay
     from lidarcli.pipeline.api.showing import RunReport, plot, report
-    from lidarcli.pipeline.api.writing import export, simulate
+    from lidarcli.pipeline.api.tables import Tables, detect, tables, track
     from lidarcli.pipeline.api.zoning import zones
     from lidarcli.pipeline.detecting import TrackTables
     from lidarcli.pipeline.differing import Difference
@@ -46,17 +45,16 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "lidarcli.errors": ("LidarcliError", "NoScanError", "OptionError", "OutputError", "UnreadableError"),
-    "lidarcli.formalism.background.model": ("Background",),
+    "lidarcli.formalism.background": ("Background",),
     "lidarcli.formalism.matching.catalogue": ("Catalogue",),
-    "lidarcli.formalism.mapping.occupancy": ("Occupancy",),
+    "lidarcli.formalism.mapping.grid": ("Occupancy",),
     "lidarcli.formalism.parameters": ("Parameters",),
-    "lidarcli.pipeline.api.differing": ("diff",),
     "lidarcli.pipeline.api.cleaning": ("clean",),
-    "lidarcli.pipeline.api.finding": ("Tables", "detect", "tables", "track"),
+    "lidarcli.pipeline.api.tables": ("Tables", "detect", "tables", "track"),
+    "lidarcli.pipeline.api.files": ("diff", "export", "simulate"),
     "lidarcli.pipeline.api.logs": ("background", "info", "map", "poses", "read"),
     "lidarcli.pipeline.api.overlaying": ("overlay",),
     "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
-    "lidarcli.pipeline.api.writing": ("export", "simulate"),
     "lidarcli.pipeline.api.zoning": ("zones",),
     "lidarcli.pipeline.detecting": ("TrackTables",),
     "lidarcli.pipeline.differing": ("Difference",),

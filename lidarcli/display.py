@@ -82,10 +82,10 @@ def span(values: Iterable[float], form: str, unit: str) -> str:
     >>> span([1.0, 3.0, 2.0], ".1f", "m"), span([2, 2], ",", "per sweep"), span([], "g", "m")
     ('1.0 to 3.0 m', '2 per sweep', 'none')
     """
-    told = [*values]
-    if not told:
+    given = [*values]
+    if not given:
         return "none"
-    low, high = format(min(told), form), format(max(told), form)
+    low, high = format(min(given), form), format(max(given), form)
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 

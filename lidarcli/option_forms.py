@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
 from typing import Any, get_args
@@ -110,13 +110,23 @@ class Option:
     """True for a flag that is spelled both ways, `--NAME` and `--no-NAME`."""
     required: bool = False
     unless: tuple[str, ...] = ()
-    """Fields that it excludes: one of them on the command line goes before a setting of this one."""
+    """Fields that it excludes; one of them on the command line goes before a setting of this one."""
     help: str = ""
 
     @property
     def is_negated(self) -> bool:
         """True if the command line spells the flag `--no-NAME` alone."""
         return self.value is None and self.default is True and not self.both
+
+    def spelled(self, name: str) -> str:
+        """Return the name on the command line."""
+        return f"--{'no-' if self.is_negated else ''}{name.replace('_', '-')}"
+
+    def is_changed(self, value: Any) -> bool:
+        """Return True for a value that is not the default."""
+        if self.default is None or value is None:
+            return value is not self.default
+        return bool((tuple(value) if isinstance(value, list) else value) != self.default)
 
     def default_words(self, name: str) -> str:
         """The default as help shows it; empty where there is none to show."""
@@ -159,6 +169,57 @@ def defaults_of(group: type) -> dict[str, Any]:
     return {name: option.default for name, option in options_of(group).items()}
 
 
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """Options that exclude others, or that need one of them: for the command line and Python alike."""
+
+    names: tuple[str, ...]
+    """Fields, or headings of the help that stand for all fields below them."""
+    others: tuple[str, ...]
+    """Fields; `field=one|two` is met by these values alone."""
+    words: str
+    """What is wrong, after the name of the option."""
+    needs: bool = False
+    """True if one of `others` has to be given, too; False if none may be."""
+
+    def broken(self, options: Mapping[str, Option], values: Mapping[str, Any], asked: Callable[[str], bool]) -> str:
+        """Return what is wrong with some values, in words; empty where nothing is.
+
+        Parameters
+        ----------
+        options : those of a command or function, by their fields
+        values : their values
+        asked : returns whether the user gave an option
+        """
+        others = [other for other in self.others if other.partition("=")[0] in options]
+        if not others or any(_is_met(other, options, values) for other in others) is self.needs:
+            return ""
+        meant = (name for name, option in options.items() if not {name, option.heading}.isdisjoint(self.names))
+        return next((f"{options[name].spelled(name)} {self.words}" for name in meant if asked(name)), "")
+
+
+def _is_met(other: str, options: Mapping[str, Option], values: Mapping[str, Any]) -> bool:
+    name, mark, wanted = other.partition("=")
+    if mark:
+        return values[name] in wanted.split("|")
+    return options[name].is_changed(values[name])
+
+
+def refuse_combinations(
+    rules: Iterable[Rule], options: Mapping[str, Option], values: Mapping[str, Any], asked: Callable[[str], bool]
+) -> None:
+    """Refuse options that exclude or need each other (`OptionError`), by `unless` and by rules: arguments as of those."""
+    for name, option in options.items():
+        for other in option.unless:
+            if other in options and option.is_changed(values[name]) and options[other].is_changed(values[other]):
+                raise OptionError(
+                    f"{option.spelled(name)} and {options[other].spelled(other)} exclude each other: leave one out"
+                )
+    for rule in rules:
+        if words := rule.broken(options, values, asked):
+            raise OptionError(words)
+
+
 _OPTION_NAME = re.compile(r"--(?:no-)?([a-z][a-z-]*)")
 _CLAUSE = re.compile(r"(?=[.;:,](?:\s|$))")
 _UNIT_OF = {
@@ -183,5 +244,5 @@ def python_words(name: str, option: Option) -> str:
     if option.python:
         words = f"{words} {option.python}"
     # A plain default stands in the signature.
-    told = option.shown if option.default is None else ""
-    return f"{words} [default: {spelled(told)}]" if told else words
+    default = option.shown if option.default is None else ""
+    return f"{words} [default: {spelled(default)}]" if default else words

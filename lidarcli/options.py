@@ -45,10 +45,10 @@ from lidarcli.choices import (
     VIEWS,
 )
 from lidarcli.errors import OptionError
-from lidarcli.option_forms import Argument, File, Number, Option, Text
+from lidarcli.option_forms import Argument, File, Number, Option, Rule, Text
 
 if TYPE_CHECKING:
-    from lidarcli.formalism.background.model import Background
+    from lidarcli.formalism.background import Background
     from lidarcli.formalism.matching.catalogue import Catalogue
 
 AnyPath = str | PathLike[str]
@@ -84,8 +84,6 @@ CLOUDS, ECHO = "Point clouds", "Beams with several echoes"
 OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
 BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
-OF_FINDING = (SELECT, POSES, OBJECTS, THINGS, RANGES, ECHO)
-"""Headings of options that say how objects are found."""
 PICTURE, LOOK, GATES, ZONES, FINDINGS = "Picture", "Look", "Gates", "Zones", "Findings"
 PLACES, CLEANING = "Places", "Beams that say nothing"
 RUN, LOG = "Run", "Log"
@@ -615,11 +613,13 @@ class _Zones(TypedDict, total=False):
     ]
     objects: Annotated[
         AnyPath | None,
-        Option(ZONES, File("TABLE"), shown="find and follow, as track does"),
+        Option(ZONES, File("TABLE"), shown="find and follow, as track does", unless=("no_objects",)),
         "Take the objects from <log>.objects.parquet, as detect or track have written it, with the tables beside.",
     ]
     no_objects: Annotated[
-        bool, Option(ZONES, None, False), "Count beams alone: it is not known whose they are. Takes half the time."
+        bool,
+        Option(ZONES, None, False, unless=("objects",)),
+        "Count beams alone: it is not known whose they are. Takes half the time.",
     ]
     footprint: Annotated[
         str | Sequence[Sequence[float]] | None,
@@ -787,7 +787,7 @@ class Simulating(TypedDict, total=False):
     """Keywords of `simulate`."""
 
     container: Annotated[
-        Literal["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "aria", "player", "rplidar", "jsonl"] | None,
+        Literal["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv"] | None,
         Option(LOG, CONTAINERS, shown="by suffix"),
         "Format, where the name does not say it.",
     ]
@@ -799,7 +799,11 @@ class Simulating(TypedDict, total=False):
     encoding: Annotated[
         str | None, Option(LOG, Text("NAME"), shown="cdr"), "Messages of an mcap: cdr, cdr-idl, ros1, json, protobuf."
     ]
-    layout: Annotated[str | None, Option(LOG, Text("NAME"), shown="rostopic"), "Layout of a csv (docs/formats.md)."]
+    layout: Annotated[
+        Literal["rostopic", "wide"] | None,
+        Option(LOG, ("rostopic", "wide"), shown="rostopic"),
+        "Layout of a csv: as rostopic echo -p writes it, or times and ranges alone.",
+    ]
     clouds: Annotated[
         bool,
         Option(LOG, None, False),
@@ -834,3 +838,30 @@ class Exporting(TypedDict, total=False):
         _COLUMNS,
     ]
     stamps: Annotated[Literal["ns", "us"] | None, Option(OUTPUT, STAMPS, shown="as they are"), _STAMPS]
+
+
+# Combinations of options that have no meaning.
+
+_FOUND = "is for finding objects, and --objects names some that have been found"
+RULES = (
+    Rule(("removed", "any_frame", "station_distance", "station_angle"), ("background",), "is for --background FILE", True),
+    Rule(("jobs",), ("cluster",), "is for this machine, --cluster for others"),
+)
+"""For whatever has these options."""
+OVERLAY_RULES = (Rule((SELECT, POSES, OBJECTS, THINGS, RANGES, ECHO), ("objects",), _FOUND),)
+ZONE_RULES = (
+    Rule((OBJECTS, THINGS, BACKGROUND), ("objects",), _FOUND),
+    Rule((OBJECTS, THINGS, BACKGROUND), ("no_objects",), "is for finding objects, and --no-objects finds none"),
+)
+PLOT_RULES = (
+    Rule(("start", "end"), ("animate",), "is for --animate without --sweep and --sweeps", True),
+    Rule(("start", "end"), ("sweep", "sweeps"), "is for --animate without --sweep and --sweeps"),
+    Rule((POSES,), ("view=map", "background", "zones"), "is for --view map, --background and --zones", True),
+    Rule(("animate", "background"), ("view=map",), "is not for --view map, which is a picture of its own"),
+    Rule(("trail",), ("tracks",), "is for the paths of --tracks in the scene", True),
+    Rule(("trail",), ("view=map",), "is for the paths of --tracks in the scene"),
+    Rule(("tracks",), ("view=all|scene|map",), "is drawn in the scene; give --view all, scene or map", True),
+    Rule(("zones",), ("view=all|scene",), "is drawn in the scene; give --view all or scene", True),
+    Rule(("fps",), ("animate",), "is for --animate", True),
+    Rule(("vertices",), ("view=all|scene|polar",), "is for the scene; give --view all, scene or polar", True),
+)

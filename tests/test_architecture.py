@@ -27,8 +27,7 @@ MAY_IMPORT = {
     "screen": {"display", "stores"},
     "stores": {"errors", "machine"},
     "foxglove": set[str](),
-    "tomlfiles": {"display", "errors"},
-    "yamlfiles": {"errors", "tomlfiles"},
+    "configfiles": {"display", "errors"},
     "compiled": set[str](),
     "machine": set[str](),
     "times": {"errors"},
@@ -45,7 +44,7 @@ MAY_IMPORT = {
     "formalism": CORE,
     "tabular": CORE | {"formalism", "machine", "newfiles", "stores"},
     "ros": CORE,
-    "simulation": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "stores", "tabular", "tomlfiles"},
+    "simulation": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "stores", "tabular", "configfiles"},
     "reports": CORE | {"formalism", "tabular"},
     "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
     "overlays": CORE | {"formalism", "maps", "ros", "tabular"},
@@ -53,7 +52,7 @@ MAY_IMPORT = {
     "pipeline": CORE
     | OPTIONS
     | {"logs", "pose", "formalism", "tabular", "reports", "maps", "overlays", "copying", "ros"}
-    | {"simulation", "screen", "compiled", "machine", "newfiles", "stores", "tomlfiles", "yamlfiles"},
+    | {"simulation", "screen", "compiled", "machine", "newfiles", "stores", "configfiles"},
     "cli": CORE
     | OPTIONS
     | {
@@ -67,7 +66,7 @@ MAY_IMPORT = {
         "pipeline",
         "screen",
         "stores",
-        "tomlfiles",
+        "configfiles",
     },
     "__init__": {"_version", "compiled", "errors", "formalism", "pipeline", "simulation", "sweeps"},
 }
@@ -75,7 +74,7 @@ MAY_IMPORT = {
 
 ROOMS = {
     "pipeline": ("inputs", "reading", "objects", "runs"),
-    "formalism": ("segmentation", "surfaces", "objects", "forest", "features", "verdict", "shape", "description"),
+    "formalism": ("segmentation", "surfaces", "objects", "forest", "features", "description"),
 }
 """Rooms within rooms, each of which may import those before it; the files beside them may import all of them."""
 SHARED = {"detection", "parameters"}
@@ -94,7 +93,7 @@ ROOMS_OF = {
     "distributed": {"pipeline"},
     "rerun": {"overlays"},
     "PIL": {"maps", "reports"},
-    "ruamel": {"maps", "yamlfiles"},
+    "ruamel": {"maps", "configfiles"},
 }
 
 

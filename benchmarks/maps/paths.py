@@ -17,7 +17,7 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.inputs.sources import Nothing, open_source
+from lidarcli.pipeline.inputs.sources import MissingInput, open_source
 from lidarcli.pipeline.reading.path_check import check_paths
 from lidarcli.pose.fit import steps_between
 from lidarcli.pose.matched import MatchedPath, Timing
@@ -59,7 +59,7 @@ class Followed:
 def follow(log: Path) -> Followed:
     """The path of the first sensor of a log, with the poses that every command gets by `--pose match`."""
     (source,) = find_logs([str(log)])
-    assert not isinstance(source, Nothing)
+    assert not isinstance(source, MissingInput)
     with open_source(source, OpenOptions()) as opened:
         choice = TopicChoice(ReadOptions().topics, opened.topics())
         checked = check_paths(opened, None, choice, RangeRules(), match=True)

@@ -9,9 +9,9 @@ import numpy as np
 from benchmarks.maps.figures import Recorded
 from benchmarks.maps.program import run
 from lidarcli.errors import LidarcliError
-from lidarcli.formalism.mapping.occupancy import UNKNOWN
+from lidarcli.formalism.mapping.grid import UNKNOWN
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.inputs.sources import Nothing
+from lidarcli.pipeline.inputs.sources import MissingInput
 from lidarcli.pipeline.mapping import MapOptions, Mapping
 
 PICTURES = ("comprobo24/test-bag", "datmo/overtake_ego.bag")
@@ -21,7 +21,7 @@ def measure_recordings(folder: Path) -> list[Recorded]:
     """A map of each log below the folder whose path is told or can be matched."""
     found = []
     for source in find_logs([str(folder)]):
-        if isinstance(source, Nothing):
+        if isinstance(source, MissingInput):
             continue
         mapping = Mapping(MapOptions())
         try:

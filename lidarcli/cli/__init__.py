@@ -11,9 +11,8 @@ from importlib import import_module
 
 import click
 
-from lidarcli.cli.commands import Commands
+from lidarcli.cli.commands import Commands, DeclaredOption
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import DeclaredOption
 from lidarcli.cli.settings import PREFIX
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OutputError, UnreadableError, is_short_of_memory
 from lidarcli.interrupts import Terminated
@@ -25,7 +24,7 @@ COMMANDS = (
     *("poses", "report", "plot", "export", "simulate", "config", "completion"),
 )
 """Names of the commands; each has a file of its name, unless `HOMES` tells another."""
-HOMES = {"config": "about", "completion": "about"}
+HOMES = dict.fromkeys(("config", "completion"), "settings") | dict.fromkeys(("poses", "export", "simulate"), "writing")
 
 SUPERSEDED = {"match": "give lidarcli diff RUN RUN..., which takes the same tables, and logs"}
 """Command that there was → words for what does its work now."""
@@ -53,7 +52,7 @@ class LazyCommands(Commands):
 def _print_version(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
     """Print the version and end."""
     if value and not ctx.resilient_parsing:
-        from lidarcli.cli.about import version_text
+        from lidarcli.cli.settings import version_text
 
         click.echo(version_text())
         ctx.exit()
@@ -87,7 +86,7 @@ def cli() -> None:
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; its exit code. The one place where errors become exit codes."""
-    say = Messages()
+    messages = Messages()
     try:
         code = _invoke(sys.argv[1:] if arguments is None else list(arguments))
         _flush()
@@ -97,27 +96,27 @@ def run(arguments: Sequence[str] | None = None) -> int:
         click.echo(blotted(words.getvalue()), err=True, nl=False)
         return err.exit_code
     except Terminated:
-        say.error("terminated")
+        messages.error("terminated")
         raise
     except (KeyboardInterrupt, click.Abort):
-        say.error("interrupted")
+        messages.error("interrupted")
         return INTERRUPTED
     except BrokenPipeError:
         # Whoever read our output has had enough (`| head`). Python must not find out again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except LidarcliError as err:
-        say.error(str(err))
+        messages.error(str(err))
         return err.exit_code
     except Exception as err:
         if is_short_of_memory(err):
-            say.error(OUT_OF_MEMORY)
+            messages.error(OUT_OF_MEMORY)
             return UnreadableError.exit_code
         # What becomes of files the commands say themselves; what has no name is standard output.
         if isinstance(err, OSError) and err.filename is None:
-            say.error(f"cannot write standard output: {err.strerror or err}")
+            messages.error(f"cannot write standard output: {err.strerror or err}")
             return OutputError.exit_code
-        say.bug(traceback.format_exc())
+        messages.bug(traceback.format_exc())
         return LidarcliError.exit_code
     return code
 

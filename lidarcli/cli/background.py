@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from lidarcli.choices import IMAGES
-from lidarcli.cli.commands import Commands, command
+from lidarcli.cli.commands import Commands, command, log_options
 from lidarcli.cli.detect import DetectCommand, find
 from lidarcli.cli.messages import Messages, progress_bar, show_reading
-from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import File, Option
@@ -18,7 +17,7 @@ from lidarcli.options import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, Text
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.formalism.background.model import Background
+    from lidarcli.formalism.background import Background
     from lidarcli.pipeline.building import Learned
 
 
@@ -39,7 +38,7 @@ class BuildCommand(ManyLogs, Overwrite, TextOrJson, Learning, total=False):
   lidarcli background build lap.mcap -o route.parquet --pose /odom \\
     --station-distance 0.5 --station-angle 10""",
 )
-def build(say: Messages, told: BuildCommand) -> int:
+def build(messages: Messages, options: BuildCommand) -> int:
     """Learn r_e, the range of the background, from logs.
 
     The scene should be empty. For every beam r_e is the farthest surface that enough
@@ -48,13 +47,13 @@ def build(say: Messages, told: BuildCommand) -> int:
     background of its own. `lidarcli background subtract` finds what differs from it;
     info shows what it knows.
     """
-    refuse_no_logs(told)
-    figure, overwrite = told["plot"], told["overwrite"]
+    refuse_no_logs(options)
+    figure, overwrite = options["plot"], options["overwrite"]
     if figure and place(figure).suffix.lower() not in IMAGES:
         raise click.BadParameter(f"'{figure}' is none of {', '.join(IMAGES)}.", param_hint="'--plot'")
-    if told["output"] == STDOUT:
+    if options["output"] == STDOUT:
         raise click.UsageError("a background is no text for standard output; give the name of a file")
-    logs = log_options(told)
+    logs = log_options(options)
 
     from lidarcli.pipeline.building import (
         Building,
@@ -66,33 +65,35 @@ def build(say: Messages, told: BuildCommand) -> int:
     )
     from lidarcli.pipeline.runs.outcomes import exit_code
 
-    path = place(told["output"])
-    say.begin(told)
-    sources = chosen_logs(say, told)
+    path = place(options["output"])
+    messages.begin(options)
+    sources = chosen_logs(messages, options)
     refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
-    if told["dry_run"]:
-        return print_reads(sources, [told["output"], figure] if figure else [told["output"]])
-    building = Building(BuildOptions(*logs, distance=told["station_distance"], angle=math.radians(told["station_angle"])))
+    if options["dry_run"]:
+        return print_reads(sources, [options["output"], figure] if figure else [options["output"]])
+    building = Building(
+        BuildOptions(*logs, distance=options["station_distance"], angle=math.radians(options["station_angle"]))
+    )
     codes = []
-    with progress_bar(sources, say) as report:
+    with progress_bar(sources, messages) as report:
         for outcome in building.add_all(sources, report):
-            show_reading(outcome, say)
+            show_reading(outcome, messages)
             codes.append(outcome.exit_code)
     sensors = building.sensors()
     if any(codes) and not sensors:
-        return say.end(exit_code(codes), sensors=[])
+        return messages.end(exit_code(codes), sensors=[])
     refuse_nothing(sensors)
     for note in [*building.notes(), *scene_notes(sensors)]:
-        say.note(note)
+        messages.note(note)
     for line in learned_lines(sensors):
-        say.info(line)
+        messages.info(line)
     notes = building.write(path, sensors, overwrite)
-    say.wrote([path])
+    messages.wrote([path])
     if figure:
         notes += draw_background(place(figure), sensors, overwrite)
-        say.wrote([figure])
-    say.notes(notes)
-    return say.end(exit_code(codes), sensors=[_sensor_json(sensor) for sensor in sensors])
+        messages.wrote([figure])
+    messages.notes(notes)
+    return messages.end(exit_code(codes), sensors=[_sensor_json(sensor) for sensor in sensors])
 
 
 @command(
@@ -104,14 +105,14 @@ def build(say: Messages, told: BuildCommand) -> int:
   lidarcli background subtract run.mcap --background hall.parquet --removed
   lidarcli background subtract run.bag --background hall.parquet --any-frame""",
 )
-def subtract(say: Messages, told: DetectCommand) -> int:
+def subtract(messages: Messages, options: DetectCommand) -> int:
     """Find what differs from a background, r_w - r_e, in every sweep.
 
     The same as `lidarcli detect --background FILE`, with the same options and tables:
     objects are built of the beams that differ, and the columns difference and change
     say how.
     """
-    return find(say, told, follow=False)
+    return find(messages, options, follow=False)
 
 
 background = Commands(

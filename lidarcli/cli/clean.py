@@ -2,9 +2,8 @@
 
 from typing import Annotated
 
-from lidarcli.cli.commands import command
-from lidarcli.cli.messages import Messages, progress_bar, show
-from lidarcli.cli.options import usage_errors
+from lidarcli.cli.commands import command, usage_errors
+from lidarcli.cli.messages import Messages, of_one_log
 from lidarcli.option_forms import Argument
 from lidarcli.options import INPUT, Cleaning, Reported, output
 from lidarcli.stores.url import place
@@ -38,8 +37,6 @@ def clean(say: Messages, told: CleanCommand) -> int:
     from lidarcli.pipeline.api.cleaning import clean_options
     from lidarcli.pipeline.cleaning import clean_log
     from lidarcli.pipeline.inputs.search import one_log
-    from lidarcli.pipeline.runs.outcomes import outcome_of
-    from lidarcli.pipeline.runs.over_logs import progress_of
 
     with usage_errors():
         options = clean_options(told, overwrite=told["overwrite"])
@@ -47,7 +44,9 @@ def clean(say: Messages, told: CleanCommand) -> int:
     say.of_missing_core()
     say.begin(told)
     source, path = one_log((told["log"],), False), place(told["output"])
-    with progress_bar([source], say) as report:
-        outcome = outcome_of(source, lambda one: clean_log(one, path, options, progress_of(one, report)))
-    show(outcome, say, lambda run: [run.line, f"  copied   {run.copied}"])
-    return say.end(outcome.exit_code)
+    return of_one_log(
+        say,
+        source,
+        lambda one, progress: clean_log(one, path, options, progress),
+        lambda run: [run.line, f"  copied   {run.copied}"],
+    )

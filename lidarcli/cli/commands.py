@@ -1,22 +1,211 @@
-"""Commands made from groups of declared options: help in sections, hints for typing errors."""
+"""Declared options and commands as click has them: help in sections, settings, hints for typing errors."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from difflib import get_close_matches
 from functools import partial
 from inspect import cleandoc
 from itertools import chain
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 from click.core import ParameterSource
 
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import ORIGINS, DeclaredOption, click_type
-from lidarcli.cli.settings import tell_settings, use_settings
-from lidarcli.option_forms import Argument, File, Option, arguments_of, options_of
+from lidarcli.errors import OptionError
+from lidarcli.option_forms import (
+    Argument,
+    File,
+    Number,
+    Option,
+    Rule,
+    Text,
+    Value,
+    arguments_of,
+    options_of,
+    refuse_combinations,
+)
+from lidarcli.options import RULES
+
+if TYPE_CHECKING:
+    from lidarcli.pipeline.api.options import LogOptions
+
+ORIGINS = "lidarcli.origins"
+"""Key of the context's `meta` for the name of the settings file, which messages about its values name."""
+
+
+class Parsed(click.ParamType):  # type: ignore[type-arg]
+    """A number, or a text that is parsed."""
+
+    def __init__(self, form: Number | Text) -> None:
+        self.form = form
+        self.name = "list" if isinstance(form, Text) and form.is_list else "text"
+        self.metavar = form.metavar
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Return the placeholder that help shows."""
+        return self.metavar
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the value, or raise a usage error that says what is wrong with it."""
+        # A shell that completes a line has no time for the imports of a parser.
+        if not isinstance(value, str) or self.form.parse is None or (ctx and ctx.resilient_parsing):
+            return value
+        try:
+            return self.form.parse(value)
+        except OptionError as err:
+            words = str(err)
+            prefix = f"{param.opts[-1]}: " if param is not None else ""
+            self.fail(f"{words.removeprefix(prefix)}.", param, ctx)
+
+
+class Lines(Parsed):
+    """Texts that may hold blanks: in the environment each stands on a line of its own."""
+
+    envvar_list_splitter = "\n"
+
+
+class Place(click.Path):
+    """A path or URL. Whether it can be read is found out where it is opened, which says more than a usage error."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path as it is."""
+        return value
+
+
+def click_type(value: Value) -> click.ParamType:  # type: ignore[type-arg]
+    """Return the type of an option or an argument that is no flag."""
+    if isinstance(value, tuple):
+        return click.Choice(value)
+    if isinstance(value, File):
+        return Place()
+    assert value is not None, "a flag has no type"
+    return Lines(value) if isinstance(value, Text) and value.has_blanks else Parsed(value)
+
+
+class DeclaredOption(click.Option):
+    """An option made from its declaration; it may be set in a file and in the environment."""
+
+    def __init__(self, field: str, declared: Option, **settings: Any) -> None:
+        """`settings` are those of click that no declaration has, such as a callback."""
+        self.declared = declared
+        self.heading = declared.heading
+        self.field = field
+        name = field.replace("_", "-")
+        names = [f"--{name}"]
+        if declared.both:
+            names = [f"--{name}/--no-{name}"]
+        elif declared.is_negated:
+            names, field = [f"--no-{name}"], f"no_{field}"
+        value = declared.value
+        if value is None:
+            settings |= {"is_flag": True, "default": declared.default and not declared.is_negated}
+        else:
+            settings |= {"type": click_type(value), "multiple": declared.several}
+            if not isinstance(value, tuple):
+                settings["metavar"] = value.metavar
+            if isinstance(value, Number):
+                settings["nargs"] = value.count
+            if declared.default is not None and not declared.several:
+                settings["default"] = declared.default
+        shown = declared.default_words(name)
+        words = declared.help
+        if declared.is_negated:
+            words = f"Do not {words[0].lower()}{words[1:]}"
+        super().__init__(
+            [*filter(None, [declared.short]), *names, field],
+            help=f"{words}  [default: {shown}]" if shown else words,
+            required=declared.required,
+            **settings,
+        )
+
+    @property
+    def key(self) -> str:
+        """Name of the option in `lidarcli.toml`: its long name without the dashes."""
+        return max((name.lstrip("-") for name in self.opts), key=len)
+
+    def variable(self, ctx: click.Context) -> str | None:
+        """Return the environment variable of the option, None if it has none."""
+        if not self.allow_from_autoenv or ctx.auto_envvar_prefix is None:
+            return None
+        # One variable names the settings file, for the whole program; a group has nothing to set beside its commands.
+        if ctx.parent is not None and (self.key == "config" or isinstance(ctx.command, click.Group)):
+            return None
+        return f"{ctx.auto_envvar_prefix}_{self.key.upper().replace('-', '_')}"
+
+    def resolve_envvar_value(self, ctx: click.Context) -> str | None:
+        """Return the value in the environment: an empty one counts as none."""
+        name = self.variable(ctx)
+        return os.environ.get(name) or None if name else None
+
+    def handle_parse_result(self, ctx: click.Context, opts: Mapping[str, Any], args: list[str]) -> tuple[Any, list[str]]:
+        """Return the value, or raise a usage error that also names the variable or file of a wrong value."""
+        with self._origin_named(ctx):
+            return super().handle_parse_result(ctx, opts, args)
+
+    def consume_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> tuple[Any, ParameterSource]:
+        """Return the value and its source; an option that excludes this one goes before a setting of this one."""
+        value, source = super().consume_value(ctx, opts)
+        elsewhere = source in (ParameterSource.ENVIRONMENT, ParameterSource.DEFAULT_MAP)
+        if elsewhere and any(opts.get(name) for name in self.declared.unless):
+            return self.default, ParameterSource.DEFAULT
+        return value, source
+
+    def setting(self, ctx: click.Context) -> Any:
+        """Return the value that a file or variable sets; None if neither does."""
+        value, source = self.consume_value(ctx, {})
+        ctx.set_parameter_source(str(self.name), source)
+        if source is ParameterSource.DEFAULT:
+            return None
+        with self._origin_named(ctx):
+            self.type_cast_value(ctx, value)
+        return value
+
+    @contextmanager
+    def _origin_named(self, ctx: click.Context) -> Iterator[None]:
+        """Let a usage error name the origin of the wrong value."""
+        try:
+            yield
+        except click.BadParameter as err:
+            origin = self.origin(ctx)
+            if origin is None:
+                raise
+            message = f"{err.message.rstrip('.')} (set in {origin})."
+            raise click.BadParameter(message, err.ctx, err.param, err.param_hint) from err
+
+    def origin(self, ctx: click.Context) -> str | None:
+        """Return the variable or the file that the value comes from; None for the command line and for defaults."""
+        source = ctx.get_parameter_source(self.name or "")
+        if source is ParameterSource.ENVIRONMENT:
+            return self.variable(ctx)
+        if source is ParameterSource.DEFAULT_MAP:
+            return str(ctx.meta[ORIGINS])
+        return None
+
+
+@contextmanager
+def usage_errors() -> Iterator[None]:
+    """Turn an `OptionError`, whose words may begin with the option (`--fov: ...`), into a usage error of click."""
+    try:
+        yield
+    except OptionError as err:
+        name, mark, words = str(err).partition(": ")
+        if mark and name.startswith("--") and " " not in name:
+            raise click.BadParameter(f"{words}.", param_hint=f"'{name}'") from err
+        raise click.UsageError(str(err)) from err
+
+
+def log_options(options: Mapping[str, Any]) -> LogOptions:
+    """Return how a command reads its logs."""
+    from lidarcli.pipeline.api.options import log_options
+
+    with usage_errors():
+        return log_options(options)
+
 
 OTHER = "Other"
 TYPED = "lidarcli.typed"
@@ -29,7 +218,7 @@ Work = Callable[[Messages, Any], int]
 
 
 def command(
-    group: type, *, examples: str, changed: Mapping[str, Mapping[str, Any]] | None = None
+    group: type, *, examples: str, changed: Mapping[str, Mapping[str, Any]] | None = None, rules: Sequence[Rule] = ()
 ) -> Callable[[Work], DeclaredCommand]:
     """Make a command of a function.
 
@@ -38,6 +227,7 @@ def command(
     group : arguments and options of the command
     examples : lines for the end of the help
     changed : field -> what its option has in this command otherwise than declared
+    rules : combinations of its options that are refused, beside `RULES`
     """
 
     def decorate(work: Work) -> DeclaredCommand:
@@ -51,8 +241,9 @@ def command(
             callback=partial(
                 _run,
                 work,
-                [field for field, option in options.items() if option.is_negated],
+                options,
                 [field for field, each in (options | arguments_of(group)).items() if _is_read(each)],
+                (*RULES, *rules),
             ),
             help=cleandoc(work.__doc__ or ""),
             epilog=f"Examples:\n\n\b\n{examples}",
@@ -79,13 +270,20 @@ def _is_read(each: Option | Argument) -> bool:
     return isinstance(each.value, File) and not each.value.is_output
 
 
-def _run(work: Work, negated: list[str], read: list[str], /, **values: Any) -> int:
+def _run(work: Work, options: Mapping[str, Option], read: list[str], rules: Sequence[Rule], /, **values: Any) -> int:
     """Call the body of a command with the values by their fields; no file that they name, or settings, is written."""
     from lidarcli.newfiles import reading
 
-    for field in negated:
+    for field in [field for field, option in options.items() if option.is_negated]:
         values[field] = not values.pop(f"no_{field}")
     ctx = click.get_current_context()
+
+    def is_typed(field: str) -> bool:
+        name = f"no_{field}" if options[field].is_negated else field
+        return ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE
+
+    with usage_errors():
+        refuse_combinations(rules, options, values, is_typed)
     named = [values[field] if isinstance(values[field], tuple) else (values[field],) for field in read]
     with reading(filter(None, [ctx.meta.get(ORIGINS), *chain(*named)])):
         return work(ctx.ensure_object(Messages), values)
@@ -93,7 +291,7 @@ def _run(work: Work, negated: list[str], read: list[str], /, **values: Any) -> i
 
 def _set_loudness(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
     """Take `-v` or `-q`."""
-    say = ctx.ensure_object(Messages)
+    messages = ctx.ensure_object(Messages)
     name = str(parameter.name)
     if not value:
         return
@@ -104,12 +302,14 @@ def _set_loudness(ctx: click.Context, parameter: click.Parameter, value: bool) -
         raise click.UsageError("--verbose and --quiet exclude each other")
     if not typed or name in typed:
         # What is typed goes before a setting from elsewhere.
-        say.verbose, say.quiet = name == "verbose", name == "quiet"
+        messages.verbose, messages.quiet = name == "verbose", name == "quiet"
 
 
 def _configure(ctx: click.Context, parameter: click.Parameter, value: str | None) -> None:
     """Take `--config`."""
     if not ctx.resilient_parsing:
+        from lidarcli.cli.settings import use_settings
+
         use_settings(ctx, value)
 
 
@@ -171,7 +371,9 @@ class DeclaredCommand(_Shared):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Tell of the settings, then do the work."""
-        tell_settings(ctx)
+        from lidarcli.cli.settings import show_settings
+
+        show_settings(ctx)
         return super().invoke(ctx)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -7,9 +7,8 @@ from typing import Annotated, Any
 import click
 
 from lidarcli.choices import TABLE_BY_SUFFIX
-from lidarcli.cli.commands import command
+from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import into_folder, into_one, refuse_no_logs
 from lidarcli.option_forms import Option, Text
 from lidarcli.options import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Stamped, output
@@ -104,11 +103,6 @@ def find(say: Messages, told: Mapping[str, Any], *, follow: bool) -> int:
         raise click.UsageError("--format json is the summary, for -o DIR; objects as JSON are --format ndjson")
     if is_one and (told["resume"] or told["partition"] or told["cluster"] is not None):
         raise click.UsageError("--resume, --partition and --cluster are for tables in a folder: give -o DIR")
-    if told["cluster"] is not None and told["jobs"]:
-        raise click.UsageError("--jobs is for this machine, --cluster for others")
-    stations = (told["station_distance"], told["station_angle"])
-    if told["background"] is None and (told["removed"] or told["any_frame"] or stations != (None, None)):
-        raise click.UsageError("--removed, --any-frame and --station-... are for --background FILE")
 
     from lidarcli.pipeline.api.options import detect_options, memory_of, tracking_of
 

@@ -5,9 +5,8 @@ from typing import Annotated
 
 import click
 
-from lidarcli.cli.commands import command
+from lidarcli.cli.commands import command, log_options, usage_errors
 from lidarcli.cli.messages import Messages, progress_bar
-from lidarcli.cli.options import log_options, usage_errors
 from lidarcli.display import no_command
 from lidarcli.option_forms import Argument, File, Option, Text
 from lidarcli.options import GATES, Diffing, Overwrite, TextOrJson, output
@@ -41,43 +40,43 @@ class DiffCommand(Overwrite, TextOrJson, Diffing, total=False):
   lidarcli diff monday.bag tuesday.bag wednesday.bag --min-score 0.95
   lidarcli diff truth.map.yaml room.yaml --format json""",
 )
-def diff(say: Messages, told: DiffCommand) -> int:
+def diff(messages: Messages, options: DiffCommand) -> int:
     """Find what changed from run to run: moved, new, gone.
 
     RUN is a log, a tracks table of `lidarcli track`, a background, or a map (.yaml of
     map_server). Each is compared with the last one before it that saw the place.
     Only what was in view can have gone: the rest is uncertain, with the reason.
     """
-    logs = log_options(told)
+    logs = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.machine import keep_freed_memory
-    from lidarcli.pipeline.api.differing import diff_options
+    from lidarcli.pipeline.api.options import diff_options
     from lidarcli.pipeline.differing import diff_inputs, inputs_of, judged, parse_checks, refuse_outputs, write_changes
 
-    outputs = [place(each) for each in told["output"]]
+    outputs = [place(each) for each in options["output"]]
     with usage_errors():
-        options = diff_options(told, logs, overwrite=told["overwrite"])
-        checks = parse_checks(told["check"])
-        inputs = inputs_of(told["runs"])
-        refuse_outputs(outputs, inputs, options)
+        how = diff_options(options, logs, overwrite=options["overwrite"])
+        checks = parse_checks(options["check"])
+        inputs = inputs_of(options["runs"])
+        refuse_outputs(outputs, inputs, how)
     keep_freed_memory()
-    say.of_missing_core()
-    with progress_bar([one.source for one in inputs if one.source is not None], say) as report:
-        found = diff_inputs(inputs, options, report)
-    if told["format"] == "json":
+    messages.of_missing_core()
+    with progress_bar([one.source for one in inputs if one.source is not None], messages) as report:
+        found = diff_inputs(inputs, how, report)
+    if options["format"] == "json":
         click.echo(json.dumps(found.as_dict(), indent=2))
     else:
         for line in found.lines:
             click.echo(no_command(one_line(line)))
     for line in found.damage:
-        say.error(line)
-    say.notes([*found.notes, *write_changes(found, outputs, told["overwrite"])])
-    say.wrote(outputs)
+        messages.error(line)
+    messages.notes([*found.notes, *write_changes(found, outputs, options["overwrite"])])
+    messages.wrote(outputs)
     verdicts = judged(found, checks)
     for verdict in verdicts:
         if not verdict.holds:
-            say.error(f"check failed: {verdict.failure}")
+            messages.error(f"check failed: {verdict.failure}")
     if not all(verdict.holds for verdict in verdicts):
         return CHECK_FAILED
     return UnreadableError.exit_code if found.damage else 0

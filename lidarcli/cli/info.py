@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from lidarcli.cli.background import background_dict, background_line, background_lines
-from lidarcli.cli.commands import command
+from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import Messages, progress_bar
-from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted, moment, no_command
-from lidarcli.option_forms import Option, Text
+from lidarcli.option_forms import Option, Rule, Text
 from lidarcli.options import FINDINGS, OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.screen import one_line
 from lidarcli.stores.url import place
@@ -58,6 +57,12 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
   lidarcli info bags/ --check "findings.errors == 0"
   lidarcli info empty.background.parquet
   lidarcli info --help-all""",
+    rules=[
+        Rule(("brief",), ("format=text",), "is for text; leave it out for json", needs=True),
+        Rule(
+            ("output",), ("deep", "mask=auto"), "writes what is learned from a log: add --mask auto or --deep", needs=True
+        ),
+    ],
 )
 def info(say: Messages, told: InfoCommand) -> int:
     """Show what is in a log: topics, sweeps, poses and findings.
@@ -67,11 +72,7 @@ def info(say: Messages, told: InfoCommand) -> int:
     """
     refuse_no_logs(told)
     kind, brief = told["format"], told["brief"]
-    if brief and kind != "text":
-        raise click.UsageError(f"--brief is for text; leave it out for {kind}")
     deep, outputs = told["deep"], told["output"]
-    if outputs and not deep and told["mask"] != "auto":
-        raise click.UsageError("-o writes what is learned from a log: add --mask auto or --deep")
     read, opening, poses = log_options(told)
 
     from lidarcli.errors import CHECK_FAILED, NoScanError, UnreadableError

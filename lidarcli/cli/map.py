@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from lidarcli.choices import CLOUDS
-from lidarcli.cli.commands import command
+from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import Messages, progress_bar, show_reading
-from lidarcli.cli.options import log_options
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import options_of
@@ -15,7 +14,7 @@ from lidarcli.options import Jobs, ManyLogs, Mapping, Reading, Reported, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.map_files import Mapped
+    from lidarcli.pipeline.mapping import Mapped
 
 
 class MapCommand(ManyLogs, Reported, Jobs, Mapping, total=False):
@@ -39,52 +38,51 @@ class MapCommand(ManyLogs, Reported, Jobs, Mapping, total=False):
   lidarcli map run.mcap -o cloud.parquet --voxel 0.05 --min-move 0
   lidarcli map run.mcap -o room.yaml --without agents --free-no-return 3""",
 )
-def map(say: Messages, told: MapCommand) -> int:
+def map(messages: Messages, options: MapCommand) -> int:
     """Make one map of one or several logs whose sensors moved.
 
     Counts the cells that beams hit and pass, each at most once per sweep. Needs to know
     where the sensor was: by the log's poses, --poses FILE.tum, or --pose match.
     Several logs are read by as many processes, unless a point cloud is written.
     """
-    refuse_no_logs(told)
-    outputs = told["output"]
+    refuse_no_logs(options)
+    outputs = options["output"]
     suffixes = {place(output).suffix.lower() for output in outputs}
-    if told["voxel"] and suffixes.isdisjoint(CLOUDS):
+    if options["voxel"] and suffixes.isdisjoint(CLOUDS):
         raise click.UsageError(f"--voxel is for a point cloud: give -o with {', '.join(CLOUDS)}")
 
-    from lidarcli.pipeline.map_files import MapRun
-    from lidarcli.pipeline.mapping import MapOptions
+    from lidarcli.pipeline.mapping import MapOptions, MapRun
     from lidarcli.pipeline.runs.outcomes import exit_code
 
-    say.of_missing_core()
-    logs = log_options(told)
-    say.begin(told)
-    sources = chosen_logs(say, told)
-    own = {field: told[field] for field in options_of(Mapping).keys() - options_of(Reading).keys()}  # type: ignore[literal-required]
-    own |= {"overwrite": told["overwrite"], "stamps": told["stamps"]}
-    options = MapOptions(*logs, jobs=told["jobs"] or 0, **own)
-    if told["dry_run"]:
+    messages.of_missing_core()
+    logs = log_options(options)
+    messages.begin(options)
+    sources = chosen_logs(messages, options)
+    own = {field: options[field] for field in options_of(Mapping).keys() - options_of(Reading).keys()}  # type: ignore[literal-required]
+    own |= {"overwrite": options["overwrite"], "stamps": options["stamps"]}
+    how = MapOptions(*logs, jobs=options["jobs"] or 0, **own)
+    if options["dry_run"]:
         return print_reads(sources, outputs)
     codes = []
-    with MapRun(sources, [place(output) for output in outputs], options) as run:
-        with progress_bar(sources, say) as report:
+    with MapRun(sources, [place(output) for output in outputs], how) as run:
+        with progress_bar(sources, messages) as report:
             for outcome in run.outcomes(report):
-                show_reading(outcome, say)
+                show_reading(outcome, messages)
                 codes.append(outcome.exit_code)
         mapped = None if run.is_empty else run.finish()
-    return say.end(exit_code(codes), map=None if mapped is None else _show(mapped, say))
+    return messages.end(exit_code(codes), map=None if mapped is None else _show(mapped, messages))
 
 
-def _show(mapped: "Mapped", say: Messages) -> dict[str, Any]:
+def _show(mapped: "Mapped", messages: Messages) -> dict[str, Any]:
     """Write a summary of the map to stderr; return it as plain values."""
     grid = mapped.grid
     height, width = grid.cells.shape
     size = f"{width * grid.resolution:.1f} x {height * grid.resolution:.1f} m"
-    say.info(
+    messages.info(
         f"map of {counted(mapped.sweeps, 'sweep')} in {', '.join(mapped.worlds)}: {size}, "
         f"{grid.occupied:,} cells of {grid.resolution:g} m occupied, {grid.free:,} free"
     )
-    say.notes(mapped.notes)
-    say.wrote(mapped.outputs)
+    messages.notes(mapped.notes)
+    messages.wrote(mapped.outputs)
     cells = {"width": width, "height": height, "occupied": grid.occupied, "free": grid.free}
     return {"sweeps": mapped.sweeps, "worlds": [*mapped.worlds], "resolution": grid.resolution, **cells}

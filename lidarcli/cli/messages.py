@@ -20,8 +20,8 @@ from lidarcli.screen import Count, Screen, byte_bar, count_bar, one_line
 from lidarcli.stores.url import blotted
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.inputs.sources import Nothing, Source
-    from lidarcli.pipeline.reading.one_log import RunSummary
+    from lidarcli.pipeline.inputs.sources import MissingInput, Source
+    from lidarcli.pipeline.reading.one_log import Progress, RunSummary
     from lidarcli.pipeline.runs.outcomes import Outcome
 
 
@@ -67,10 +67,10 @@ class Messages(Screen):
     summary: dict[str, list[Any]] | None = None
     """Summary that `--format json` prints in the end; None where it is not asked for."""
 
-    def begin(self, told: Mapping[str, Any]) -> None:
+    def begin(self, options: Mapping[str, Any]) -> None:
         """Collect the summary if the options of the command ask for JSON."""
-        if told["format"] == "json":
-            if told.get("dry_run"):
+        if options["format"] == "json":
+            if options.get("dry_run"):
                 raise click.UsageError("--dry-run prints a plan and no summary: leave out --format json")
             self.summary = {"logs": [], "notes": [], "written": []}
 
@@ -144,31 +144,33 @@ class Messages(Screen):
 
 
 @contextmanager
-def progress_bar(sources: Sequence[Source | Nothing], say: Messages) -> Iterator[Callable[[Source, int], None] | None]:
+def progress_bar(
+    sources: Sequence[Source | MissingInput], messages: Messages
+) -> Iterator[Callable[[Source, int], None] | None]:
     """A bar by bytes read: yields what the pipeline calls with a log and the position in it, None where nobody looks."""
-    if not _is_seen(say):
+    if not _shows_bars(messages):
         yield None
         return
     from lidarcli.pipeline.runs.over_logs import summed
 
-    with byte_bar(say) as show:
+    with byte_bar(messages) as show:
         yield summed(sources, show)
 
 
 @contextmanager
-def counted_bar(description: str, total: int | None, unit: str, say: Messages) -> Iterator[Count | None]:
+def counted_bar(description: str, total: int | None, unit: str, messages: Messages) -> Iterator[Count | None]:
     """A bar by things done, as of `count_bar`; yields None where nobody looks."""
-    if not _is_seen(say):
+    if not _shows_bars(messages):
         yield None
         return
-    with count_bar(description, total, unit, say) as show:
+    with count_bar(description, total, unit, messages) as show:
         yield show
 
 
-def _is_seen(say: Messages) -> bool:
+def _shows_bars(messages: Messages) -> bool:
     """Return True if stderr is a terminal that can take a line back."""
     on_terminal = sys.stderr is not None and sys.stderr.isatty()
-    return on_terminal and not say.quiet and os.environ.get("TERM") != "dumb"
+    return on_terminal and not messages.quiet and os.environ.get("TERM") != "dumb"
 
 
 # Summaries.
@@ -179,31 +181,51 @@ TELLING_SECONDS = 1.0
 """Shortest run [s] whose speed is shown: that of a shorter one is mostly the start of the program."""
 
 
-def show(outcome: Outcome, say: Messages, tell: Callable[[Any], Sequence[str]] | None = None) -> None:
+def show(outcome: Outcome, messages: Messages, tell: Callable[[Any], Sequence[str]] | None = None) -> None:
     """Show the outcome of one log: errors always, the rest unless quiet.
 
-    `tell` returns what to say of its summary, by default what was found; lines after the first stand below the log.
+    `tell` returns the lines on its summary, by default what was found; lines after the first stand below the log.
     """
     if outcome.trace:
-        say.bug(outcome.trace)
+        messages.bug(outcome.trace)
     for trouble in filter(None, (outcome.remark, outcome.error)):
-        say.error(outcome.label, trouble)
+        messages.error(outcome.label, trouble)
     if (run := outcome.summary) is not None:
-        show_losses(outcome.label, run, say)
-        first, *rest = _found_lines(run, say) if tell is None else tell(run)
+        show_losses(outcome.label, run, messages)
+        first, *rest = _found_lines(run, messages) if tell is None else tell(run)
         for line in (f"{outcome.label}: {first}", *rest):
-            say.info(line)
-        say.notes(run.notes)
-        say.wrote(run.outputs)
-    if say.summary is not None:
+            messages.info(line)
+        messages.notes(run.notes)
+        messages.wrote(run.outputs)
+    if messages.summary is not None:
         names = ("exit_code", "error", "skipped")
-        told = {"log": outcome.label} | {name: getattr(outcome, name) for name in names}
-        say.summary["logs"].append(told if run is None else told | run.as_dict())
+        row = {"log": outcome.label} | {name: getattr(outcome, name) for name in names}
+        messages.summary["logs"].append(row if run is None else row | run.as_dict())
 
 
-def show_reading(outcome: Outcome, say: Messages) -> None:
+def show_reading(outcome: Outcome, messages: Messages) -> None:
     """Show the outcome of one log that was only read."""
-    show(outcome, say, lambda run: [f"{counted(run.sweeps, 'sweep')}{_damaged(run)}"])
+    show(outcome, messages, _reading_lines)
+
+
+def _reading_lines(run: RunSummary) -> list[str]:
+    return [f"{counted(run.sweeps, 'sweep')}{_damaged(run)}"]
+
+
+def of_one_log(
+    messages: Messages,
+    source: Source,
+    work: Callable[[Source, Progress | None], RunSummary],
+    tell: Callable[[Any], Sequence[str]] = _reading_lines,
+) -> int:
+    """Do the work of a command on one log, show what became of it, and return the exit code; `tell` as of `show`."""
+    from lidarcli.pipeline.runs.outcomes import outcome_of
+    from lidarcli.pipeline.runs.over_logs import progress_of
+
+    with progress_bar([source], messages) as report:
+        outcome = outcome_of(source, lambda one: work(one, progress_of(one, report)))
+    show(outcome, messages, tell)
+    return messages.end(outcome.exit_code)
 
 
 class Total:
@@ -216,7 +238,7 @@ class Total:
         self._logs = 0
         self._failed = 0
         self._skipped = 0
-        self._codes: dict[Source | Nothing | None, int] = {}
+        self._codes: dict[Source | MissingInput | None, int] = {}
 
     def add(self, outcome: Outcome) -> None:
         """Take what became of one log."""
@@ -229,22 +251,22 @@ class Total:
             self._found.sweeps += outcome.summary.sweeps
             self._found.add_found(outcome.summary)
 
-    def show(self, say: Messages) -> None:
+    def show(self, messages: Messages) -> None:
         """One line over several logs."""
         if self._logs < 2:
             if self._skipped or not self._logs:
-                say.info("1 log, done before" if self._skipped else "0 logs")
+                messages.info("1 log, done before" if self._skipped else "0 logs")
             return
         failures = f", {self._failed} with errors" if self._failed else ""
         skipped = f", {self._skipped} done before" if self._skipped else ""
-        say.info(f"{self._logs} logs{failures}{skipped}: {_counts(self._found)}")
+        messages.info(f"{self._logs} logs{failures}{skipped}: {_counts(self._found)}")
 
-    def exit_code(self, sources: Sequence[Source | Nothing]) -> int:
+    def exit_code(self, sources: Sequence[Source | MissingInput]) -> int:
         """The first exit code that is not zero, in the order of the logs."""
         return next((code for source in sources if (code := self._codes.get(source, 0))), 0)
 
 
-def _found_lines(run: RunSummary, say: Messages) -> list[str]:
+def _found_lines(run: RunSummary, messages: Messages) -> list[str]:
     lines = [f"{_counts(run)}{_damaged(run)}"]
     if run.sweeps:
         lines += _parts(f"  beams    {run.beams:,}: ", run.by_status, run.beams, ("valid",))
@@ -252,20 +274,20 @@ def _found_lines(run: RunSummary, say: Messages) -> list[str]:
         words = beams_on(run.things is not None)
         on = {name: run.by_set[letter] for letter, name in words.items()}
         lines += _parts("  on       ", on, run.beams, (*on,))
-    if say.verbose:
+    if messages.verbose:
         lines.append(f"  topics   {', '.join(sorted(run.topics)) or 'none'}")
         lines.append(f"  time     {run.seconds:.3f} s{_speed(run)}")
     return lines
 
 
-def show_losses(label: str, run: RunSummary, say: Messages) -> None:
+def show_losses(label: str, run: RunSummary, messages: Messages) -> None:
     """Show what of a log could not be read, and which topics were not there."""
     from lidarcli.logs.options import no_scan_topic
 
     for line in run.damage:
-        say.error(label, line)
+        messages.error(label, line)
     for topic in run.missing_topics:
-        say.error(label, no_scan_topic([topic]))
+        messages.error(label, no_scan_topic([topic]))
 
 
 def _counts(run: RunSummary) -> str:
@@ -278,8 +300,8 @@ def _counts(run: RunSummary) -> str:
 
 
 def _speed(run: RunSummary) -> str:
-    is_told = run.seconds >= TELLING_SECONDS and run.sweeps
-    return f", {run.sweeps / run.seconds:,.0f} sweeps/s" if is_told else ""
+    is_shown = run.seconds >= TELLING_SECONDS and run.sweeps
+    return f", {run.sweeps / run.seconds:,.0f} sweeps/s" if is_shown else ""
 
 
 def _damaged(run: RunSummary) -> str:

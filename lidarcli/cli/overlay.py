@@ -2,10 +2,9 @@
 
 from typing import Annotated
 
-from lidarcli.cli.commands import command
-from lidarcli.cli.messages import Messages, progress_bar, show_reading
-from lidarcli.cli.options import log_options, refuse_finding
-from lidarcli.options import OF_FINDING, OneLog, Overlaying, Overwrite, TextOrJson, output
+from lidarcli.cli.commands import command, log_options
+from lidarcli.cli.messages import Messages, of_one_log
+from lidarcli.options import OVERLAY_RULES, OneLog, Overlaying, Overwrite, TextOrJson, output
 from lidarcli.stores.url import place
 
 
@@ -30,6 +29,7 @@ class OverlayCommand(OneLog, Overwrite, TextOrJson, Overlaying, total=False):
   lidarcli overlay run.bag -o run.overlay.bag --no-layout
   lidarcli overlay run.mcap -o run.rrd
   ros2 bag play -i run.mcap -i run.overlay.mcap""",
+    rules=OVERLAY_RULES,
 )
 def overlay(say: Messages, told: OverlayCommand) -> int:
     """Write objects and tracks as markers that viewers play.
@@ -38,15 +38,11 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
     labels and velocities. Open the file together with the log, or give --with-log.
     """
     logs = log_options(told)
-    if told["objects"] is not None:
-        refuse_finding(OF_FINDING)
 
     from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.overlaying import overlay_options
     from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
-    from lidarcli.pipeline.runs.outcomes import outcome_of
-    from lidarcli.pipeline.runs.over_logs import progress_of
 
     options = overlay_options(told, logs, overwrite=told["overwrite"])
     keep_freed_memory()
@@ -54,7 +50,4 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
     say.begin(told)
     source, path = one_log(told["log"], told["join"]), place(told["output"])
     refuse_overlay(path, source, options)
-    with progress_bar([source], say) as report:
-        outcome = outcome_of(source, lambda one: write_overlay(one, path, options, progress_of(one, report)))
-        show_reading(outcome, say)
-    return say.end(outcome.exit_code)
+    return of_one_log(say, source, lambda one, progress: write_overlay(one, path, options, progress))

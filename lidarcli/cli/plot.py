@@ -16,12 +16,11 @@ from lidarcli.choices import (
     VIEWS,
     Look,
 )
-from lidarcli.cli.commands import command
+from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import Messages, counted_bar, standard_output
-from lidarcli.cli.options import log_options
 from lidarcli.errors import OptionError
 from lidarcli.option_forms import Number, Option, Text, options_of
-from lidarcli.options import LOOK, PICTURE, STDOUT, SWEEP, OneLog, Overwrite, Plotting, Window, output
+from lidarcli.options import LOOK, PICTURE, PLOT_RULES, STDOUT, SWEEP, OneLog, Overwrite, Plotting, Window, output
 from lidarcli.stores.url import Place, place
 
 if TYPE_CHECKING:
@@ -30,8 +29,6 @@ if TYPE_CHECKING:
 
 MAP = "map"
 """View of the whole run in the world."""
-WITH_TRACKS = ("all", "scene")
-"""Views with the scene, in which tracks are drawn."""
 MOST_FRAMES = 50.0
 """Greatest number of frames per second: viewers of GIF files show no more."""
 
@@ -106,6 +103,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
   lidarcli plot run.mcap --sweep 80 --zones nav2.yaml -o zones.png
   lidarcli plot run.mcap --view map --tracks run.tracks.parquet -o map.png
   lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 --overwrite""",
+    rules=PLOT_RULES,
 )
 def plot(say: Messages, told: Mapping[str, Any]) -> int:
     """Draw sweeps: scene with boxes, r(theta), s(theta), map.
@@ -117,27 +115,12 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
     background, tracks, window = told["background"], told["tracks"], (told["start"], told["end"])
     read, opening, poses = log_options({**told, "start": None, "end": None})
     in_world = view == MAP
-    if at is not None and (told["sweep"] is not None or told["sweeps"] is not None or animate):
-        raise click.UsageError("--at names one sweep: it excludes --sweep, --sweeps and --animate")
     wanted = _wanted_sweeps(told)
     _refuse_suffix(output, animate)
-    if window != (None, None) and (not animate or wanted is not None):
-        raise click.UsageError("--start and --end are for --animate without --sweep and --sweeps")
     if output == STDOUT and (animate or len(wanted or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
-    if not (in_world or told["zones"] or background is not None) and poses != type(poses)():
-        raise click.UsageError("--pose, --poses, --pose-delay and --no-deskew are for --view map, --background and --zones")
-    if in_world:
-        if animate or background is not None:
-            raise click.UsageError("--view map is a picture of its own, without --animate and --background")
-        wanted = None if told["sweep"] is None and told["sweeps"] is None and at is None else wanted
-    if told["trail"] is not None and (in_world or tracks is None):
-        raise click.UsageError("--trail is for the paths of --tracks in the scene")
-    if not in_world and tracks is not None and view not in WITH_TRACKS:
-        views = " or ".join((*WITH_TRACKS, MAP))
-        raise click.UsageError(f"--tracks are drawn in the scene; give --view {views}")
-    if told["zones"] and view not in WITH_TRACKS:
-        raise click.UsageError(f"--zones are drawn in the scene; give --view {' or '.join(WITH_TRACKS)}")
+    if in_world and told["sweep"] is None and told["sweeps"] is None and at is None:
+        wanted = None
 
     from lidarcli.pipeline.inputs.search import files_of, one_log
 
@@ -153,7 +136,8 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
         wanted = (sweep_at(source, at, told["topic"], opening),)
     paths = _outputs(output, source, wanted, animate, in_world)
     look = Look(*(told[field] for field in ("width", "dpi", "title", "legend", "vertices", "fps")))
-    _refuse_look(look, paths, view, animate)
+    if look.dpi is not None and paths[0].suffix.lower() in (".svg", ".pdf"):
+        raise click.UsageError("--dpi is for .png and animations; .svg and .pdf have no pixels")
 
     from lidarcli.errors import UnreadableError
     from lidarcli.newfiles import refuse
@@ -235,21 +219,9 @@ def _draw_map(
     return UnreadableError.exit_code if drawn.damage else 0
 
 
-def _refuse_look(look: Look, paths: list[Place], view: str, animate: bool) -> None:
-    """Refuse what this picture has no use for."""
-    if look.fps is not None and not animate:
-        raise click.UsageError("--fps is for --animate")
-    if look.vertices and view not in ("all", "scene", "polar"):
-        raise click.UsageError("--vertices are marked in the scene; give --view all, scene or polar")
-    if look.dpi is not None and str(paths[0]) != STDOUT and paths[0].suffix.lower() in (".svg", ".pdf"):
-        raise click.UsageError("--dpi is for .png and animations; .svg and .pdf have no pixels")
-
-
 def _wanted_sweeps(told: Mapping[str, Any]) -> tuple[int, ...] | None:
     """The sweeps to draw; None for all."""
     sweep, sweeps = told["sweep"], told["sweeps"]
-    if sweep is not None and sweeps is not None:
-        raise click.UsageError("--sweep and --sweeps exclude each other")
     if sweep is not None:
         return (sweep,)
     return (0,) if sweeps is None and not told["animate"] else sweeps

@@ -19,7 +19,7 @@ from lidarcli.stores.url import Place, is_url, place
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from lidarcli.pipeline.inputs.sources import Nothing, Source
+    from lidarcli.pipeline.inputs.sources import MissingInput, Source
     from lidarcli.pipeline.objects.options import DetectOptions
     from lidarcli.pipeline.runs.cluster import Cluster
     from lidarcli.pipeline.runs.folder_run import FolderRun, Plan
@@ -37,14 +37,14 @@ def refuse_no_logs(told: Mapping[str, Any]) -> None:
         raise click.UsageError("standard input is either a log or the list of --files-from")
 
 
-def chosen_logs(say: Messages, told: Mapping[str, Any]) -> list[Source | Nothing]:
+def chosen_logs(say: Messages, told: Mapping[str, Any]) -> list[Source | MissingInput]:
     """Return the logs that `ManyLogs` names, with notes on those in parts; see `search.choose`."""
     from lidarcli.pipeline.inputs.search import choose
 
     return choose(told["logs"], told["files_from"], told["base"], told["shard"], told["join"], say.note)
 
 
-def print_reads(sources: Iterable[Source | Nothing], writes: Iterable[str] = ()) -> int:
+def print_reads(sources: Iterable[Source | MissingInput], writes: Iterable[str] = ()) -> int:
     """Print what would be read and written, a line each; return the exit code."""
     from lidarcli.pipeline.runs.outcomes import exit_code
 
@@ -54,11 +54,11 @@ def print_reads(sources: Iterable[Source | Nothing], writes: Iterable[str] = ())
     return code
 
 
-def print_read(source: Source | Nothing, verb: str = "read") -> int:
+def print_read(source: Source | MissingInput, verb: str = "read") -> int:
     """Print what would be done with one log; the exit code of that."""
-    from lidarcli.pipeline.inputs.sources import Nothing
+    from lidarcli.pipeline.inputs.sources import MissingInput
 
-    if isinstance(source, Nothing):
+    if isinstance(source, MissingInput):
         click.echo(f"fail   {one_line(f'{source.label}: {source.error}')}")
         return source.error.exit_code
     size = f" ({source.size:,} bytes)" if source.size else ""
@@ -142,7 +142,7 @@ def into_one(say: Messages, told: Mapping[str, Any], kind: str, options: DetectO
     return say.end(total.exit_code(sources))
 
 
-def _begin(say: Messages, told: Mapping[str, Any], options: DetectOptions) -> list[Source | Nothing]:
+def _begin(say: Messages, told: Mapping[str, Any], options: DetectOptions) -> list[Source | MissingInput]:
     """Return the logs of a run, after what is said before it."""
     from lidarcli.machine import keep_freed_memory
 
@@ -156,7 +156,7 @@ def _begin(say: Messages, told: Mapping[str, Any], options: DetectOptions) -> li
 
 
 def _outcomes(
-    sources: Sequence[Source | Nothing], folder: Place, options: DetectOptions, report: Report, cluster: Cluster | None
+    sources: Sequence[Source | MissingInput], folder: Place, options: DetectOptions, report: Report, cluster: Cluster | None
 ) -> Iterator[Outcome]:
     """Yield the outcome of each log, here or on a cluster."""
     if cluster is None:

@@ -1,20 +1,24 @@
 """Settings from `lidarcli.toml` and from the environment, for the options that the command line leaves out."""
 
-from __future__ import annotations
-
+import json
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
 from datetime import date
 from difflib import get_close_matches
 from functools import reduce
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
 import click
 
+from lidarcli import compiled
+from lidarcli._version import __version__
+from lidarcli.cli.commands import ORIGINS, DeclaredOption, command
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import ORIGINS, DeclaredOption
 from lidarcli.errors import OptionError
-from lidarcli.option_forms import File
+from lidarcli.option_forms import Argument, File, Text
+from lidarcli.options import TextOrJson
+from lidarcli.screen import one_line
 
 NAME = "lidarcli.toml"
 NONE = "none"
@@ -75,7 +79,7 @@ def _below(ctx: click.Context, words: str) -> Iterator[tuple[str, click.Command,
         yield from _below(click.Context(command, ctx, name), f"{words} {name}".lstrip())
 
 
-def options(command: click.Command) -> list[DeclaredOption]:
+def settable(command: click.Command) -> list[DeclaredOption]:
     """The options of a command that may be set elsewhere."""
     return [each for each in command.params if isinstance(each, DeclaredOption) and each.key != "config"]
 
@@ -88,7 +92,7 @@ def unknown_variables(ctx: click.Context) -> list[str]:
     known = [
         variable.removeprefix(prefix)
         for _, one, below in _below(ctx, "")
-        for each in options(one)
+        for each in settable(one)
         if (variable := each.variable(below))
     ]
     words = []
@@ -105,7 +109,7 @@ def strange_variables(ctx: click.Context) -> list[str]:
     """Words for the variables of the environment that look like an option of some command, and of which there is none."""
     root = ctx.find_root()
     known = [f"{PREFIX}_{name.split()[0].upper()}" for name, _, _ in commands(ctx)]
-    own = [name for each in options(root.command) if (name := each.variable(root))]
+    own = [name for each in settable(root.command) if (name := each.variable(root))]
     strange = [
         name
         for name in sorted(os.environ)
@@ -116,23 +120,23 @@ def strange_variables(ctx: click.Context) -> list[str]:
     return [f"{name}: lidarcli has no such command or option" for name in strange]
 
 
-def tell_settings(ctx: click.Context) -> None:
+def show_settings(ctx: click.Context) -> None:
     """Tell of the settings that are in force, and of files and variables that do nothing."""
     if ctx.info_name == "completion":
         # A shell asks whenever it starts, wherever that is.
         return
-    say = ctx.ensure_object(Messages)
+    messages = ctx.ensure_object(Messages)
     if file := ctx.meta.get(ORIGINS):
-        say.info(f"settings from {file}")
+        messages.info(f"settings from {file}")
     elif ORIGINS not in ctx.meta and os.path.exists(NAME):  # noqa: PTH110 (Path raises where nobody may look)
-        say.info(f"{NAME} here is not used: name it with --config {NAME}")
+        messages.info(f"{NAME} here is not used: name it with --config {NAME}")
     for line in unknown_variables(ctx):
-        say.info(f"lidarcli: {line}")
+        messages.info(f"lidarcli: {line}")
 
 
 def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
     """The file's values as the default maps of all commands, as `click` nests them; all of the file is checked."""
-    from lidarcli.tomlfiles import read_toml
+    from lidarcli.configfiles import read_toml
 
     settings = read_toml(file, "settings file")
     shared = {key: value for key, value in settings.items() if not isinstance(value, Mapping)}
@@ -143,10 +147,10 @@ def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
     every: set[str] = set()
     # A key such as `background = "room.parquet"` is an option, not the tables of the commands.
     tables = _by_command(file, {key: settings[key] for key in settings.keys() - shared}, ctx)
-    for name, command, _ in commands(ctx):
+    for name, one, _ in commands(ctx):
         table = tables.get(name, {})
         header = name.replace(" ", ".")
-        known = {each.key: each for each in options(command)}
+        known = {each.key: each for each in settable(one)}
         every |= known.keys()
         for key in table:
             if _spelled(key) not in known:
@@ -256,3 +260,162 @@ def _text(file: str, option: DeclaredOption, item: str | float) -> str:
     if not isinstance(item, str) or not is_path or "://" in item:
         return str(item)
     return os.path.join(os.path.dirname(file), item)  # noqa: PTH118, PTH120 (keeps what Path would tidy away)
+
+
+LIBRARIES = ("numpy", "pyarrow", "mcap", "rosbags", "pandas", "matplotlib", "click", "rich")
+EXTRAS = ("distributed", "rerun-sdk")
+SHELLS = ("bash", "zsh", "fish")
+VARIABLE = "_LIDARCLI_COMPLETE"
+"""Variable by which a shell asks for completions."""
+
+
+def version_text() -> str:
+    """The version of lidarcli on a line of its own, then whether it is compiled, the system and the libraries."""
+    import platform
+    import textwrap
+
+    def line(name: str, words: str) -> str:
+        head = f"  {name:<11}"
+        return textwrap.fill(words, 79, initial_indent=head, subsequent_indent=" " * len(head))
+
+    system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
+    return "\n".join(
+        (
+            f"lidarcli {__version__}",
+            line("core", compiled.about_core()),
+            line("system", system),
+            line("libraries", ", ".join(_found(LIBRARIES))),
+            line("optional", ", ".join(_found(EXTRAS)) or "none"),
+        )
+    )
+
+
+def _found(names: tuple[str, ...]) -> list[str]:
+    """Those that are installed, with their versions."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    found = []
+    for name in names:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """The value of one option of a command, and its origin."""
+
+    command: str
+    option: str
+    value: str | None
+    origin: str
+
+
+class ConfigCommand(TextOrJson, total=False):
+    """Options of `config`."""
+
+    command: Annotated[tuple[str, ...], Argument("[COMMAND]", Text("COMMAND"), several=True, required=False)]
+
+
+@command(
+    ConfigCommand,
+    examples="""\
+  lidarcli config
+  lidarcli config background build
+  lidarcli config detect --format json
+  lidarcli --config lab.toml config detect""",
+)
+def config(messages: Messages, options: ConfigCommand) -> int:
+    """Show the settings in force, each with its origin.
+
+    Without COMMAND: what the settings file and the environment set, for every command.
+    With COMMAND: all options of it, also those that have their default.
+
+    An option is taken from the command line, else from the environment
+    (LIDARCLI_DETECT_JOBS=2), else from the settings file, else it has its default.
+    """
+    ctx = click.get_current_context()
+    asked = " ".join(options["command"])
+    there = [each for each in commands(ctx) if f"{each[0]} ".startswith(f"{asked} " if asked else "")]
+    if not there:
+        raise click.UsageError(f"there is no command '{asked}'")
+    settings = []
+    for line in strange_variables(ctx):
+        messages.error(line)
+    for name, one, below in there:
+        settings += [_setting(name, each, below) for each in settable(one)]
+    for line in dict.fromkeys(line for _, _, below in there for line in unknown_variables(below)):
+        messages.error(line)
+    shown = [each for each in settings if asked or each.origin != "default"]
+    file = ctx.find_root().meta.get(ORIGINS)
+    if options["format"] == "json":
+        click.echo(json.dumps([asdict(each) for each in shown], indent=2, ensure_ascii=False))
+        return 0
+    if file is None:
+        messages.info("settings file: none")
+    if not shown:
+        messages.info("every option has its default; lidarcli config COMMAND shows them")
+    for line in _table([(each.command, f"--{each.option}", _shown(each), each.origin) for each in shown]):
+        click.echo(one_line(line))
+    return 0
+
+
+def _setting(command: str, each: DeclaredOption, ctx: click.Context) -> Setting:
+    """The value of an option without the command line."""
+    value = each.setting(ctx)
+    origin = each.origin(ctx)
+    if origin is None:
+        return Setting(command, each.key, _default(each), "default")
+    items = value if isinstance(value, list | tuple) else [value]
+    return Setting(command, each.key, " ".join(_word(item) for item in items), origin)
+
+
+def _default(each: DeclaredOption) -> str | None:
+    """The default as help shows it; None if there is none."""
+    if each.required:
+        return "required"
+    shown = each.declared.default_words(each.key)
+    return shown or ("false" if each.is_flag else None)
+
+
+def _word(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _shown(setting: Setting) -> str:
+    return "-" if setting.value is None else setting.value
+
+
+def _table(rows: list[tuple[str, str, str, str]]) -> list[str]:
+    """Rows as columns of equal width; the last one is as long as it is."""
+    widths = [max((len(row[column]) for row in rows), default=0) for column in range(3)]
+    return ["  ".join([*(text.ljust(width) for text, width in zip(row, widths, strict=False)), row[3]]) for row in rows]
+
+
+class CompletionCommand(TypedDict, total=False):
+    """Options of `completion`."""
+
+    shell: Annotated[str, Argument("SHELL", SHELLS)]
+
+
+@command(
+    CompletionCommand,
+    examples="""\
+  source <(lidarcli completion bash)
+  echo 'source <(lidarcli completion bash)' >> ~/.bashrc
+  lidarcli completion zsh > ~/.zfunc/_lidarcli
+  lidarcli completion fish | source""",
+)
+def completion(messages: Messages, options: CompletionCommand) -> int:
+    """Print the completion script for SHELL: bash, zsh or fish.
+
+    docs/install.md says where each shell wants it.
+    """
+    from click.shell_completion import get_completion_class
+
+    kind = get_completion_class(options["shell"])
+    assert kind is not None  # SHELLS are those that click knows
+    click.echo(kind(click.get_current_context().find_root().command, {}, "lidarcli", VARIABLE).source())
+    return 0

@@ -4,13 +4,12 @@ from typing import Annotated
 
 import click
 
-from lidarcli.cli.commands import command
+from lidarcli.cli.commands import command, log_options, usage_errors
 from lidarcli.cli.messages import Messages, Total, progress_bar, show
-from lidarcli.cli.options import log_options, refuse_finding, usage_errors
 from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
-from lidarcli.options import BACKGROUND, GATES, OBJECTS, STDOUT, THINGS, ManyLogs, Reported, Zoning, output
+from lidarcli.options import GATES, STDOUT, ZONE_RULES, ManyLogs, Reported, Zoning, output
 from lidarcli.stores.url import place
 
 
@@ -39,6 +38,7 @@ class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
   lidarcli zones run.bag --zones zones.toml --objects run.objects.parquet
   lidarcli zones run.db3 --zones nav2.yaml \\
     --footprint '[[0.3, 0.2], [0.3, -0.2], [-0.3, 0.0]]'""",
+    rules=ZONE_RULES,
 )
 def zones(say: Messages, told: ZonesCommand) -> int:
     """Find who or what was in a zone, when, and how near.
@@ -52,9 +52,6 @@ def zones(say: Messages, told: ZonesCommand) -> int:
     if told["output"] == STDOUT:
         raise click.UsageError("-o is the name of a folder; there is no standard output of tables")
     logs = log_options(told)
-    if told["objects"] is not None or told["no_objects"]:
-        why = "--objects names some that have been found" if told["objects"] else "--no-objects finds none"
-        refuse_finding((OBJECTS, THINGS, BACKGROUND), why)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.machine import keep_freed_memory

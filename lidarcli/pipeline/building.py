@@ -10,14 +10,13 @@ import numpy as np
 
 from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
-from lidarcli.formalism.background.learning import Learning
-from lidarcli.formalism.background.model import MAJORITY, STEADY, Background
-from lidarcli.formalism.background.stations import Grid
+from lidarcli.formalism.background import MAJORITY, STEADY, Background, Grid
+from lidarcli.formalism.learning import Learning
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse, write_whole
 from lidarcli.pipeline.inputs.search import SUFFIXES, files_of
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.pipeline.runs.outcomes import Outcome
@@ -66,7 +65,7 @@ class Building:
             self._damage += [f"{self._described[-1]['name']}: {line}" for line in summary.damage]
         return summary
 
-    def add_all(self, sources: Sequence[Source | Nothing], report: LogProgress | None = None) -> Iterator[Outcome]:
+    def add_all(self, sources: Sequence[Source | MissingInput], report: LogProgress | None = None) -> Iterator[Outcome]:
         """Learn from one log after the other; a bad one does not stop the rest."""
         return over_logs(sources, self.add, report)
 
@@ -105,7 +104,9 @@ class Building:
             self._learning[key].add(mine)
 
 
-def refuse_output(path: Place, sources: Sequence[Source | Nothing], overwrite: bool, others: Sequence[Place] = ()) -> None:
+def refuse_output(
+    path: Place, sources: Sequence[Source | MissingInput], overwrite: bool, others: Sequence[Place] = ()
+) -> None:
     """Refuse a background table that cannot be written, or that would replace one of the logs, before any work.
 
     Raises

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.tracking.results import HIDDEN, VIEWS
-from lidarcli.formalism.zones.points import samples, seen
+from lidarcli.formalism.zones import samples, seen
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Polygon
-from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.overlay_sources import Cursor
 from lidarcli.pipeline.reading.one_log import Progress
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
-from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
+from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.pose.faults import Key
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
@@ -115,7 +115,7 @@ class Choice:
     """Beams beside others that are chosen, too."""
 
 
-def choose(log: Log, pair: Pair, choice: Choice, progress: Progress | None = None) -> dict[str, Chosen]:
+def choose(log: Log, pair: TableSet, choice: Choice, progress: Progress | None = None) -> dict[str, Chosen]:
     """Return the chosen beams of each topic by the tables of its objects.
 
     Raises
@@ -321,7 +321,7 @@ class _Track(NamedTuple):
         return max(REACH, self.half + AROUND)
 
 
-def _agents(pair: Pair) -> dict[Key, _Agents]:
+def _agents(pair: TableSet) -> dict[Key, _Agents]:
     """Return where agents are, by topic and frame, hidden or not."""
     found = {}
     paths = _paths(pair)
@@ -331,7 +331,7 @@ def _agents(pair: Pair) -> dict[Key, _Agents]:
     return found
 
 
-def _tracks(pair: Pair) -> dict[Key, list[_Track]]:
+def _tracks(pair: TableSet) -> dict[Key, list[_Track]]:
     """Return the tracks of each topic and frame by number."""
     columns = ("topic", "frame_id", "track", "set", "moved_at", "length", "width")
     rows = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], columns)
@@ -346,7 +346,7 @@ def _tracks(pair: Pair) -> dict[Key, list[_Track]]:
     return {key: sorted(tracks) for key, tracks in found.items()}
 
 
-def _paths(pair: Pair) -> dict[str, _Paths]:
+def _paths(pair: TableSet) -> dict[str, _Paths]:
     """Return the trajectories of each topic."""
     columns = ("topic", "track", "sweep", "stamp", "frame", "x", "y", "x_sd", "y_sd", "seen")
     rows = read_columns(pair.trajectories, "trajectories", SCHEMAS["trajectories"], columns)
@@ -474,7 +474,7 @@ def _with_agents(rows: Int64, half: float, paths: _Paths, agents: _Reach) -> Boo
     return inside
 
 
-def _sensor(pair: Pair, topic: str, frame: str) -> tuple[Int64, Float64, bool]:
+def _sensor(pair: TableSet, topic: str, frame: str) -> tuple[Int64, Float64, bool]:
     """Return the sweeps of a sensor, its pose (S, 3) in each, and whether it hangs head down."""
     names = ("pose_x", "pose_y", "pose_yaw")
     rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "frame_id", "sweep", *names))
@@ -495,7 +495,7 @@ def _sensor(pair: Pair, topic: str, frame: str) -> tuple[Int64, Float64, bool]:
     return sweep, pose, 2 * int(np.count_nonzero(flipped)) > len(x)
 
 
-def doubted(pair: Pair) -> list[str]:
+def doubted(pair: TableSet) -> list[str]:
     """Return notes on agents that may be none, by topic: the robot itself, and what was hidden for most of its time."""
     names = ("box_x", "box_y", "world_x", "world_y")
     rows = read_columns(pair.objects, "objects", SCHEMAS["objects"], ("topic", "track", "set", "beams", *names))
@@ -574,7 +574,7 @@ class _Stay:
     free: int = 0
 
 
-def _temporary(log: Log, pair: Pair, choice: Choice) -> dict[Key, _Stays]:
+def _temporary(log: Log, pair: TableSet, choice: Choice) -> dict[Key, _Stays]:
     """Return by topic and frame the tracks that stood where the place was also seen free, in a pass of its own."""
     stays = _stood(pair)
     if not stays:
@@ -608,7 +608,7 @@ def _temporary(log: Log, pair: Pair, choice: Choice) -> dict[Key, _Stays]:
     }
 
 
-def _stood(pair: Pair) -> dict[Key, list[_Stay]]:
+def _stood(pair: TableSet) -> dict[Key, list[_Stay]]:
     """Return where tracks stood, by topic and frame."""
     rows = read_columns(pair.objects, "objects", SCHEMAS["objects"], _COLUMNS)
     track, there = held(rows["track"])

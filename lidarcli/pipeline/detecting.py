@@ -16,7 +16,7 @@ from lidarcli.errors import LidarcliError, warn
 from lidarcli.formalism import Detection, Parameters
 from lidarcli.formalism.matching.catalogue import Catalogue, names_in
 from lidarcli.newfiles import NewFiles, refuse
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.objects.making import Made, Rows, Splitting, finder, rows_of
 from lidarcli.pipeline.objects.options import OF_TRACKS, DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, read_log
@@ -29,7 +29,7 @@ from lidarcli.tabular.stamps import in_unit
 from lidarcli.tabular.writing import BY_DATE, RowSink, TableFiles, TopicOrder, table_metadata
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.inputs.tables import Pair
+    from lidarcli.pipeline.inputs.tables import TableSet
     from lidarcli.pipeline.objects.following import TrackOptions
 
 
@@ -64,14 +64,14 @@ def detect_to_files(source: Source, folder: Place, options: DetectOptions, progr
 
 def detect_beside(
     source: Source, folder: Path, options: DetectOptions, progress: Progress | None = None
-) -> tuple[Pair, RunSummary]:
+) -> tuple[TableSet, RunSummary]:
     """Write the tables of one log below a private folder, for a second pass over the log; tells progress up to one half."""
     # Only a second pass needs this import.
-    from lidarcli.pipeline.inputs.tables import Pair
+    from lidarcli.pipeline.inputs.tables import TableSet
 
     half = None if progress is None else lambda position: progress(position // 2)
     summary = detect_to_files(source, folder, replace(options, overwrite=True, layout=None, stamps=NS), half)
-    return Pair(f"{folder / source.name}.", ".parquet"), summary
+    return TableSet(f"{folder / source.name}.", ".parquet"), summary
 
 
 def second_of_two(progress: Progress | None, size: int) -> Progress | None:
@@ -129,7 +129,7 @@ def _rows(
 
 
 def detect_files(
-    sources: Sequence[Source | Nothing], folder: Place, options: DetectOptions, report: LogProgress | None = None
+    sources: Sequence[Source | MissingInput], folder: Place, options: DetectOptions, report: LogProgress | None = None
 ) -> Iterator[Outcome]:
     """Write the tables of every log below `folder`, one after the other or several at the same time."""
     at_once = logs_at_once(sources, options.jobs or options.cores)
@@ -139,7 +139,7 @@ def detect_files(
 
 
 def detect_stream(
-    sources: Sequence[Source | Nothing],
+    sources: Sequence[Source | MissingInput],
     out: IO[bytes],
     kind: str,
     options: DetectOptions,
@@ -176,7 +176,11 @@ def detect_stream(
 
 
 def detect_file(
-    sources: Sequence[Source | Nothing], path: Place, kind: str, options: DetectOptions, report: LogProgress | None = None
+    sources: Sequence[Source | MissingInput],
+    path: Place,
+    kind: str,
+    options: DetectOptions,
+    report: LogProgress | None = None,
 ) -> Iterator[Outcome]:
     """Write the objects of all logs to one file, which appears when it is whole, and only if any log could be read."""
     refuse([path], options.overwrite, options.inputs(sources))

@@ -22,9 +22,8 @@ from lidarcli.logs.options import TopicChoice, nothing_read, scan_topics
 from lidarcli.logs.piles import Settling
 from lidarcli.logs.scan_checks import MOST, MOST_TOPICS, LogStats, ScanChecks, repeated_topics
 from lidarcli.masks import Masks
-from lidarcli.pipeline.inputs.filters import View, filter_text
-from lidarcli.pipeline.inputs.masks import mask_text
-from lidarcli.pipeline.inputs.sources import Nothing, Source, made_of_clouds, open_source, parts_of
+from lidarcli.pipeline.inputs.masks import View, filter_text, mask_text
+from lidarcli.pipeline.inputs.sources import MissingInput, Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.pose_sources import FoundPoses, PoseInfo, PoseOptions, pose_infos
@@ -347,14 +346,14 @@ def fix_text(info: LogInfo, suffix: str) -> str:
 
 
 def inspect_logs(
-    sources: Sequence[Source | Nothing],
+    sources: Sequence[Source | MissingInput],
     opening: OpenOptions,
     rules: RangeRules,
     poses: PoseOptions,
     report: LogProgress | None = None,
     deep: bool = False,
     topics: Collection[str] | None = None,
-) -> Iterator[tuple[Source | Nothing, LogInfo | Learned | Failure]]:
+) -> Iterator[tuple[Source | MissingInput, LogInfo | Learned | Failure]]:
     """Yield the contents of each log or background table, or its failure, one after the other."""
     for source in sources:
         yield (

@@ -16,7 +16,7 @@ from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Lo
 from lidarcli.logs.clock import mended
 from lidarcli.overlays.files import topic_name
 from lidarcli.overlays.objects import COLUMNS, PATH_COLUMNS, Poses, Trajectories
-from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pose.messages import TRANSFORMS
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
 from lidarcli.sweeps import Bool, Int64, RawSweeps
@@ -177,7 +177,7 @@ class Joined:
 class Tables:
     """The sweeps and objects tables of one log, from which rows are taken as its sweeps come by."""
 
-    def __init__(self, pair: Pair) -> None:
+    def __init__(self, pair: TableSet) -> None:
         self._pair = pair
         told = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ["topic", "pose_x"])
         self.topics: tuple[str, ...] = tuple(sorted(told["topic"].unique().to_pylist()))

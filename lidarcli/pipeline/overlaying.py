@@ -16,9 +16,9 @@ import numpy as np
 from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError
 from lidarcli.formalism.detection import SETS
-from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
-from lidarcli.maps.mapserver import MAP_TYPE, image_of, occupancy_cdr, read_map
+from lidarcli.maps import MAP_TYPE, image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import NewFiles, refuse, writing
 from lidarcli.overlays.files import BAG, FRAME, MAP, RRD, SUFFIXES, overlay_file, topic_name, topics_of_objects
 from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, SECOND, Markers, marker_arrays, transforms
@@ -26,7 +26,7 @@ from lidarcli.overlays.objects import Colours, Trajectories, is_mirrored, marker
 from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_config
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inputs.tables import Pair, one_pair, poses_of, world_in
+from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, poses_of, world_in
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import (
     Copies,
@@ -40,9 +40,8 @@ from lidarcli.pipeline.overlay_sources import (
     transform_topics,
 )
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
-from lidarcli.pipeline.watching.counting import Objects
-from lidarcli.pipeline.watching.frames import Frames
-from lidarcli.pipeline.watching.showing import Showing
+from lidarcli.pipeline.zone_counting import Objects
+from lidarcli.pipeline.zone_frames import Frames, Showing
 from lidarcli.range_rules import normalise
 from lidarcli.reports.palette import SET_STYLES, SHAPE_COLOURS, ZONE_COLOURS, on_dark
 from lidarcli.ros.messages import ROS2, TF, Outgoing
@@ -101,7 +100,7 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
         _recording()
     inputs = options.detect.inputs([source])
     if options.objects is not None:
-        pair = one_pair(options.objects)
+        pair = one_table_set(options.objects)
         inputs += [str(pair.objects), str(pair.sweeps)]
     if options.map is not None:
         inputs += [str(options.map), str(image_of(options.map))]
@@ -142,7 +141,7 @@ def write_overlay(source: Source, path: Place, options: OverlayOptions, progress
     with ExitStack() as stack:
         new = stack.enter_context(NewFiles(paths, options.overwrite))
         if options.objects is not None:
-            pair, found = one_pair(options.objects), None
+            pair, found = one_table_set(options.objects), None
         else:
             pair, found = detect_beside(source, new.part(path).with_name("tables"), options.detect, progress)
             progress = second_of_two(progress, source.size)
@@ -183,7 +182,7 @@ class Overlay:
     def __init__(
         self,
         source: Source,
-        pair: Pair,
+        pair: TableSet,
         grid: Occupancy | None,
         opening: OpenOptions,
         is_ros2: bool,

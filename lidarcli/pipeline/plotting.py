@@ -13,8 +13,7 @@ from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import ROUND, SETS, Detection
-from lidarcli.formalism.mapping.counts import placed
-from lidarcli.formalism.mapping.occupancy import HIT
+from lidarcli.formalism.mapping.grid import HIT, placed
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice, nothing_read
@@ -36,10 +35,10 @@ from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.inputs.tables import Pair
+    from lidarcli.pipeline.inputs.tables import TableSet
     from lidarcli.pipeline.mapping import MapOptions, Mapping
     from lidarcli.pipeline.objects.subtracting import Subtracting
-    from lidarcli.pipeline.watching.showing import Showing, ShownZone
+    from lidarcli.pipeline.zone_frames import Showing, ShownZone
     from lidarcli.zone import Zones
 BATCH = 64
 NEAR = 1.0
@@ -62,7 +61,7 @@ class PlotOptions:
     opening: OpenOptions = field(default_factory=OpenOptions)
     background: str | None = None
     """A background table, to draw r_w - r_e."""
-    tracks: str | Pair | None = None
+    tracks: str | TableSet | None = None
     """Tables of `track`, to draw the paths up to each sweep."""
     trail: float = TRAIL
     """Length of these paths [s]."""
@@ -157,8 +156,7 @@ def _showing(log: Log, zones: Zones | None) -> Showing | None:
     if zones is None:
         return None
     # Imported here: most plots need no zones.
-    from lidarcli.pipeline.watching.frames import Frames
-    from lidarcli.pipeline.watching.showing import Showing
+    from lidarcli.pipeline.zone_frames import Frames, Showing
 
     return Showing(zones, Frames.of(log, zones))
 
@@ -339,9 +337,9 @@ class _Work:
         # The objects table stands for those in memory.
         name = tables if isinstance(tables, str) else str(tables.objects)
         if self._paths is None:
-            from lidarcli.pipeline.inputs.tables import one_pair, read_table
+            from lidarcli.pipeline.inputs.tables import one_table_set, read_table
 
-            pair = one_pair(tables)
+            pair = one_table_set(tables)
             read = {kind: Rows.join([read_table(pair, kind, columns)]) for kind, columns in COLUMNS.items()}
             self._paths = Paths(read["sweeps"], read["objects"], read["trajectories"], batch.topic)
             if not self._paths.are_there:
@@ -468,11 +466,11 @@ def write_maps(
 
 def _overview(tracks: str, source: Source, mapping: Mapping) -> MapPicture:
     """Return the things and agents in the tables of this log, of the topics and in one of the worlds of the map."""
-    from lidarcli.pipeline.inputs.tables import one_pair, poses_of, read_table, world_in
+    from lidarcli.pipeline.inputs.tables import one_table_set, poses_of, read_table, world_in
     from lidarcli.tabular.reading import note_value, notes_of
     from lidarcli.tabular.writing import SOURCE
 
-    pair = one_pair(tracks)
+    pair = one_table_set(tracks)
     read = {kind: read_table(pair, kind, columns) for kind, columns in map_picture.COLUMNS.items()}
     sweeps, things, trajectories = (Rows.join([read[kind]]) for kind in ("sweeps", "tracks", "trajectories"))
     _, logs = sweeps.words("log")

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
-from lidarcli.pipeline.inputs.tables import Pair, batches
+from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
+from lidarcli.pipeline.inputs.tables import TableSet, batches
 from lidarcli.pipeline.reading.one_log import opening_of, rules_of
 from lidarcli.range_rules import closure
 from lidarcli.reports.columns import Origin, Run
@@ -44,7 +44,7 @@ class Viewed:
     """A line for each beams table that cannot be read."""
 
 
-def viewer_of(run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str], join: bool = False) -> Viewed:
+def viewer_of(run: Run, summary: Summary, pairs: Sequence[TableSet], logs: Sequence[str], join: bool = False) -> Viewed:
     """Return the sweeps that the viewer shows, with their beams as far as logs or beams tables have them."""
     choice = choose_sweeps(run, summary)
     wanted = _wanted(run, summary, choice)
@@ -85,7 +85,7 @@ def _match(sources: Sequence[Origin], logs: Sequence[str], join: bool) -> dict[i
         here = find_logs(named, join)
         mine: dict[int, Source] = {}
         for log in here:
-            if isinstance(log, Nothing):
+            if isinstance(log, MissingInput):
                 raise UnreadableError(f"{log.path}: {log.error}")
             names = [source.log for source in sources]
             mine |= {k: log for k, name in enumerate(names) if log.name in (name, name.split("/")[-1])}
@@ -146,7 +146,7 @@ def _from_log(number: int, log: Source, source: Origin, topics: dict[str, Int64]
     return {(number, topic): into.raw() for topic, into in gathered.items()}
 
 
-def _from_beams(number: int, pair: Pair, topics: dict[str, Int64]) -> dict[tuple[int, str], Raw]:
+def _from_beams(number: int, pair: TableSet, topics: dict[str, Int64]) -> dict[tuple[int, str], Raw]:
     parts: dict[str, list[tuple[Int64, Int64, Float64, Float64]]] = {}
     for rows in batches(pair, BEAM_COLUMNS):
         names = rows["topic"].dictionary.to_pylist()

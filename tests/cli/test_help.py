@@ -17,7 +17,7 @@ import pytest
 
 import lidarcli as package
 from lidarcli.cli import COMMANDS, cli
-from lidarcli.cli.options import DeclaredOption
+from lidarcli.cli.commands import DeclaredOption
 from lidarcli.compiled import about_core
 from lidarcli.formalism import Parameters
 from lidarcli.option_forms import options_of

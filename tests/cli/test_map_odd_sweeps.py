@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.formalism.mapping.occupancy import OCCUPIED
-from lidarcli.maps.mapserver import read_map
+from lidarcli.formalism.mapping.grid import OCCUPIED
+from lidarcli.maps import read_map
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.cli.maps import COUNTED, DRIVE, Run, fields, names, occupied, ply, still
@@ -183,7 +183,7 @@ def test_poses_far_away(lidarcli: Run, tmp_path: Path) -> None:
 
 BEYOND = """
 import numpy as np
-from lidarcli.formalism.mapping.counts import Counts, TooLargeError, placed
+from lidarcli.formalism.mapping.grid import Counts, TooLargeError, placed
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import SweepPoses
 from tests.sweeping import raw_sweeps, round_room

@@ -12,7 +12,7 @@ from urllib.parse import unquote
 
 import pytest
 
-from lidarcli.reports.ci import command
+from lidarcli.reports.programs import command
 from tests.cli.test_report_runs import row, write_manifest
 from tests.reports.runs import START, TENTH, crossing, sweep, thing, write_run
 

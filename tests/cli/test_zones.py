@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import lidarcli as package
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS
 from lidarcli.simulation.scene import Course, Odometry
 from tests.cli.maps import Run, names

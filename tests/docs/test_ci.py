@@ -1,4 +1,4 @@
-"""The pipelines of docs/ci.md do what they say, and docs/reports.md lists every figure."""
+"""The pipelines of docs/ci.md do what they say."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ import duckdb
 import pytest
 from ruamel.yaml import YAML
 
-from lidarcli.reports import figures
 from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "ci.md").read_text("utf-8")
-REPORTS = (ROOT / "docs" / "reports.md").read_text("utf-8")
 
 
 def blocks(language: str) -> list[str]:
@@ -97,8 +95,3 @@ def test_duckdb(tables: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert lost[0][3] >= lost[-1][3] > 0
     assert all(row[2] < 1.9 for row in near)
     assert near
-
-
-def test_every_kind_that_is_counted_is_documented() -> None:
-    for name, kinds in (figures.CATEGORIES | figures.TRACK_CATEGORIES).items():
-        assert all(f"`{name}.{kind}`" in REPORTS for kind in kinds)

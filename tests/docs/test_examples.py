@@ -21,12 +21,6 @@ def test_the_examples_of_a_page(page: str, tmp_path: Path) -> None:
     assert run_page(page, tmp_path) >= 3
 
 
-@pytest.mark.parametrize("page", ELSEWHERE)
-def test_pages_with_pictures_are_run_beside_these(page: str) -> None:
-    text = (ROOT / "tests" / "docs" / f"{ELSEWHERE[page]}.py").read_text(encoding="utf-8")
-    assert f'run_page("{page}"' in text
-
-
 @pytest.mark.parametrize(
     ("command", "calls"),
     [

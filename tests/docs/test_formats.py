@@ -7,14 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli import choices, tomlfiles
-from lidarcli.logs import base, batches, open_log, text, unpacking
+from lidarcli import choices, configfiles, maps
+from lidarcli.logs import base, batches, mcap_records, open_log, rosbag2, text, unpacking
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.carmen import LASERS
 from lidarcli.logs.csv.layouts import LAYOUTS
-from lidarcli.logs.mcap import records, walk
-from lidarcli.logs.rosbag2 import database
-from lidarcli.maps import mapserver
 from lidarcli.ros import bag_metadata
 from tests.places import ROOT
 
@@ -47,10 +43,6 @@ def test_every_row_has_its_tests(title: str, least: int) -> None:
     assert [row for row, tests in tested.items() if "::test_" not in tests] == []
 
 
-def test_no_page_for_users_names_a_test() -> None:
-    assert "::test_" not in PAGE
-
-
 def test_the_bounds_are_those_of_the_code() -> None:
     table = PAGE.split("## Bounds")[1].split("\n## ")[0]
     said = {
@@ -65,24 +57,21 @@ def test_the_bounds_are_those_of_the_code() -> None:
         "LaserScan topics of a log": f"{batches.MAX_TOPICS:,} (`--topic` chooses among more)",
         "what a log unpacks to, whatever its compression": f"{small} MiB, and {unpacking.MAX_RATIO:,} times what is packed",
         "a chunk of an MCAP, which is held as a whole": (
-            f"{records.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
+            f"{mcap_records.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
         ),
-        "messages of an MCAP": f"{walk.FREE_MESSAGES:,}, and one for each byte of the file",
         "a message of a ROS bag": f"{base.MAX_MESSAGE >> 20} MiB",
         "messages of a ROS 2 database together": "the bytes of its file",
-        "steps of SQLite for one statement": (
-            f"{database.STEPS:,}, and {database.STEPS_PER_BYTE} for each byte of the file"
-        ),
-        "a text in the schema and the topics of a database": f"{database.MAX_TEXT >> 10} KiB",
+        "steps of SQLite for one statement": (f"{rosbag2.STEPS:,}, and {rosbag2.STEPS_PER_BYTE} for each byte of the file"),
+        "a text in the schema and the topics of a database": f"{rosbag2.MAX_TEXT >> 10} KiB",
         "`metadata.yaml`": f"{bag_metadata.MAX_METADATA >> 20} MiB",
         "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
         "damaged places that are named one by one": str(base.ReadReport.MAX_DAMAGE),
         "pixels of a map": (
-            f"one for each byte of its image; at least {mapserver.MOST_PACKED_PIXELS:,}, at most {mapserver.MOST_PIXELS:,}"
+            f"one for each byte of its image; at least {maps.MOST_PACKED_PIXELS:,}, at most {maps.MOST_PIXELS:,}"
         ),
         "numbers of files in YAML and TOML": (
-            f"-{tomlfiles.LARGEST:,.0f} to {tomlfiles.LARGEST:,.0f} where nothing else is said; "
-            f"origins of maps within {mapserver.FARTHEST:,.0f} m; "
+            f"-{configfiles.LARGEST:,.0f} to {configfiles.LARGEST:,.0f} where nothing else is said; "
+            f"origins of maps within {maps.FARTHEST:,.0f} m; "
             f"cells of a map {1000 * choices.MAP_RESOLUTIONS[0]:g} mm to {choices.MAP_RESOLUTIONS[1]:g} m"
         ),
     }
@@ -130,13 +119,6 @@ def test_the_examples_of_rplidar_text_are_read(number: int, tmp_path: Path) -> N
 def section(title: str) -> str:
     """The text of a section of the page."""
     return PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0]
-
-
-def test_the_topics_of_a_carmen_log_are_those_of_the_code() -> None:
-    text = PAGE.split("\n## CARMEN\n")[1]
-    for word, laser in LASERS.items():
-        numbered = word.decode().startswith("RAWLASER") and word[-1:] in b"23"
-        assert numbered or (f"`{word.decode()}`" in text and f"`{laser.topic}`" in text), word
 
 
 def test_every_layout_has_an_example() -> None:

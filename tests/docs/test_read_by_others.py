@@ -55,16 +55,6 @@ def test_stamps_and_nested_columns_survive(folder: Path) -> None:
     assert polars_stamp.dt.epoch("ns").to_list() == stamps
     assert duckdb.sql(f"select epoch_ns(stamp) from '{path}' order by sweep").fetchall() == [(stamp,) for stamp in stamps]
 
-    objects = folder / "room.objects.parquet"
-    arrow = pq.read_table(objects)
-    kinds = [[vertex["kind"] for vertex in vertices] for vertices in arrow["vertices"].to_pylist()]
-    rows = duckdb.sql(f"select vertices[1].kind, len(vertices) from '{objects}'").fetchall()
-    assert rows == [(kind[0], len(kind)) for kind in kinds]
-    in_polars = pl.read_parquet(objects)["vertices"].to_list()
-    assert [[vertex["kind"] for vertex in vertices] for vertices in in_polars] == kinds
-    in_pandas = pd.read_parquet(objects)["vertices"]
-    assert [[vertex["kind"] for vertex in vertices] for vertices in in_pandas] == kinds
-
 
 def test_the_queries_of_stamps(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = (SCENE.parent.parent / "docs" / "tables.md").read_text("utf-8")

@@ -1,4 +1,4 @@
-"""The commands of docs/reports.md do what the page says, and draw its pictures.
+"""The commands of docs/reports.md and docs/diff.md do what the pages say, and draw their pictures.
 
 `python -m tests.docs.test_reports_page` writes them anew.
 """
@@ -17,17 +17,26 @@ from tests.docs.running import run_page
 from tests.docs.test_paper_page import LIKENESS, reduced
 from tests.places import ROOT
 
-PAGE = (ROOT / "docs" / "reports.md").read_text(encoding="utf-8")
-IMAGES = ROOT / "docs" / "images" / "plot"
-SHOWN = re.findall(r"!\[[^\]]+\]\(images/plot/([\w-]+\.(?:png|gif))\)", PAGE)
-MOST_BYTES = 400_000
+IMAGES = ROOT / "docs" / "images"
+SHOWN = {
+    "reports": re.findall(
+        r"\((images/plot/[\w-]+\.(?:png|gif))\)", (ROOT / "docs" / "reports.md").read_text(encoding="utf-8")
+    ),
+    "diff": ["images/diff.png"],
+}
+"""Page → its pictures."""
+MADE = {"images/diff.png": "changes.png"}
+"""Picture → its name in the commands, where that is another."""
 
 
-def reduce_pictures(folder: Path) -> None:
-    """Reduce the PNG files that the page shows to the colours that it shows them with."""
-    for name in SHOWN:
-        if name.endswith(".png"):
-            (folder / name).write_bytes(reduced(folder / name))
+def drawn(page: str, folder: Path) -> dict[Path, Path]:
+    """Run the commands of a page; picture of the page → the one that was drawn now, with the colours of the page."""
+    run_page(f"docs/{page}.md", folder)
+    found = {ROOT / "docs" / name: folder / MADE.get(name, Path(name).name) for name in SHOWN[page]}
+    for path in found.values():
+        if path.suffix == ".png":
+            path.write_bytes(reduced(path))
+    return found
 
 
 def frames(path: Path) -> np.ndarray:
@@ -40,26 +49,17 @@ def frames(path: Path) -> np.ndarray:
     return np.array(found)
 
 
-def test_every_picture_is_there_and_small() -> None:
-    assert sorted(SHOWN) == ["corridor.png", "people.gif", "people.png"]
-    assert sorted(path.name for path in IMAGES.iterdir()) == sorted(SHOWN)
-    assert max((IMAGES / name).stat().st_size for name in SHOWN) < MOST_BYTES
-
-
 @pytest.mark.whole
-def test_the_commands_do_what_they_say_and_make_the_pictures(tmp_path: Path) -> None:
-    assert run_page("docs/reports.md", tmp_path) >= 3
-    reduce_pictures(tmp_path)
-    for name in SHOWN:
-        today, shown = frames(tmp_path / name), frames(IMAGES / name)
-        assert today.shape == shown.shape, f"{name}: run `python -m tests.docs.test_reports_page`"
-        assert np.abs(today - shown).mean() < LIKENESS, f"{name}: run `python -m tests.docs.test_reports_page`"
+@pytest.mark.parametrize("page", SHOWN)
+def test_the_commands_make_the_pictures(page: str, tmp_path: Path) -> None:
+    for shown, now in drawn(page, tmp_path).items():
+        today, before = frames(now), frames(shown)
+        assert today.shape == before.shape, f"{shown.name}: run `python -m tests.docs.test_reports_page`"
+        assert np.abs(today - before).mean() < LIKENESS, f"{shown.name}: run `python -m tests.docs.test_reports_page`"
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as name:
-        run_page("docs/reports.md", Path(name))
-        reduce_pictures(Path(name))
-        IMAGES.mkdir(exist_ok=True)
-        for shown in SHOWN:
-            (IMAGES / shown).write_bytes((Path(name) / shown).read_bytes())
+    for each in SHOWN:
+        with tempfile.TemporaryDirectory() as name:
+            for shown, now in drawn(each, Path(name)).items():
+                shown.write_bytes(now.read_bytes())

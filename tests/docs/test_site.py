@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import runpy
 import subprocess
@@ -98,12 +97,6 @@ def test_every_page_of_docs_is_in_the_navigation(site: Path, pages: dict[Path, l
     assert {"samples/README.html", "CHANGELOG.html", "CONTRIBUTING.html"} <= reached
 
 
-def test_the_navigation_has_its_groups(site: Path) -> None:
-    text = (site / "docs" / "tutorial.html").read_text(encoding="utf-8")
-    captions = re.findall(r'class="caption-text">(\w+)<', text)
-    assert captions[:4] == ["Start", "Use", "Understand", "Develop"]
-
-
 def inner_links(pages: dict[Path, list[Element]]) -> Iterator[tuple[Path, str, Path, str]]:
     """Every link to a page of the site: from where, as it is written, to which page, to which place there."""
     for page, elements in pages.items():
@@ -128,27 +121,6 @@ def test_links_lead_to_pages_and_places_that_are_there(pages: dict[Path, list[El
         if not target.exists() or (target in places and anchor and anchor not in places[target])
     ]
     assert broken == []
-
-
-def test_links_between_pages_have_become_links_between_pages(pages: dict[Path, list[Element]]) -> None:
-    assert [address for _, address, target, _ in inner_links(pages) if target.suffix == ".md"] == []
-
-
-def test_the_first_page_is_the_readme(site: Path, pages: dict[Path, list[Element]]) -> None:
-    (refresh,) = [element for element in pages[site / "index.html"] if "http-equiv" in element.attributes]
-    assert refresh.attributes["content"] == "0; url=README.html"
-    assert (site / "README.html").exists()
-
-
-def test_the_search_knows_the_words_of_the_pages_without_a_server(site: Path, pages: dict[Path, list[Element]]) -> None:
-    index = json.loads(
-        (site / "searchindex.js").read_text(encoding="utf-8").removeprefix("Search.setIndex(").removesuffix(")")
-    )
-    found = index["terms"]["odometri"]  # stemmed
-    names = {index["docnames"][number] for number in (found if isinstance(found, list) else [found])}
-    assert "docs/poses" in names
-    scripts = [element.attributes.get("src", "") for element in pages[site / "search.html"] if element.tag == "script"]
-    assert "searchindex.js" in {script.split("?")[0] for script in scripts}
 
 
 def test_badges_are_left_out_and_pictures_stay() -> None:

@@ -13,9 +13,9 @@ import pytest
 from lidarcli.errors import LidarcliError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulation.csv_writer import LAYOUTS, write_csv
 from tests.logs.watched import CsvLog
 from tests.sweeping import STEP, raw_sweeps
+from tests.text_logs import LAYOUTS, write_csv
 
 CASES = 240
 WORDS = (b"nan", b"inf", b"-", b"", b"null", b"1e999", b"-1e400", b"9" * 400, b"0x1", b'"', b"'", b"[", b"]", b"(", b")")

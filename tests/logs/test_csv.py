@@ -23,11 +23,11 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
 from lidarcli.logs.numbers import shown
 from lidarcli.logs.options import parse_columns
-from lidarcli.simulation.csv_writer import LAYOUTS, write_csv
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
 from tests.logs.watched import CsvLog
 from tests.places import REAL_LOGS, needs_real_logs
+from tests.text_logs import LAYOUTS, write_csv
 
 GEOMETRY = OpenOptions(angle_min=FIRST, angle_increment=STEP)
 NAMED = replace(GEOMETRY, columns=("time", "ranges"))

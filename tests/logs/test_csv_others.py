@@ -8,8 +8,8 @@ import pytest
 
 from lidarcli.cli import run
 from lidarcli.logs.csv.table import OTHERS, other_format
-from lidarcli.simulation.csv_writer import LAYOUTS, write_csv
 from tests.logs.csv_sweeps import sweeps
+from tests.text_logs import LAYOUTS, write_csv
 
 BEAMS = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
 POSES = "it holds poses, no ranges"

@@ -17,11 +17,10 @@ from lidarcli.logs.csv.beam_rows import cut_turns
 from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
 from lidarcli.logs.csv.rplidar import LISTED, MEASURED, PRINTED, SAVED
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulation.run import truth_paths
-from lidarcli.simulation.text_logs import write_rplidar
 from lidarcli.sweeps import RawSweeps, Status, concatenate
 from tests.logs.watched import CsvLog
 from tests.sweeping import raw_sweeps
+from tests.text_logs import write_rplidar
 
 Beam = tuple[int, float, float]
 """Quality, bearing [deg, clockwise], distance [mm]."""
@@ -354,11 +353,6 @@ def test_the_writer_rounds_to_what_the_format_has(tmp_path: Path) -> None:
     ]
     got = sound((tmp_path / "run.txt").read_bytes())
     np.testing.assert_array_equal(got.ranges[:, ::-1], [[1.0, 0.0, 3.0, 0.0, 0.0, 0.0]] * 2)
-
-
-def test_the_simulator_names_the_truth_by_the_stem_of_the_log() -> None:
-    for name in ("run.txt", "run.jsonl.gz", "run.csv.gz", "run.mcap"):
-        assert truth_paths(Path(name))[0] == Path("run.truth.parquet")
 
 
 def test_a_column_of_times() -> None:

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from lidarcli.logs import carmen
+from lidarcli.logs import carmen, mcap, rosbag1, rosbag2
 from lidarcli.logs.base import Message, ReadReport
 from lidarcli.logs.csv import log as csv
-from lidarcli.logs.mcap import log as mcap
-from lidarcli.logs.rosbag1 import log as rosbag1
-from lidarcli.logs.rosbag2 import log as rosbag2
 from lidarcli.sweeps import RawSweeps
 
 

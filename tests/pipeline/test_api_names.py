@@ -13,7 +13,7 @@ import click
 import pytest
 
 import lidarcli
-from lidarcli.cli.options import DeclaredOption
+from lidarcli.cli.commands import DeclaredOption
 from tools.reference import commands
 
 COMMANDS = (

@@ -19,11 +19,11 @@ from benchmarks.scenes.moving import Kind, moving_scene
 from benchmarks.scenes.random import SENSORS
 from lidarcli.cli import run
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism.mapping.occupancy import compare
+from lidarcli.formalism.mapping.grid import compare
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.cleaned_beams import REASONS, _beside, _came_along, _Paths, _Reach, _sets_out, _Track, doubted
-from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
 from lidarcli.simulation.writers import write_log
@@ -180,13 +180,13 @@ def test_what_came_along_with_an_agent_is_part_of_it(x: float, first: int, count
     assert _came_along(_Track(2, False, 0, 0.1), paths, agents, ends, np.zeros(1, np.int64)) == came
 
 
-def tables_of(folder: Path, **tables: dict[str, Any]) -> Pair:
+def tables_of(folder: Path, **tables: dict[str, Any]) -> TableSet:
     """Tables with some columns of theirs."""
     for name, columns in tables.items():
         schema = pa.schema([SCHEMAS[name].field(column) for column in columns])
         arrays = [pa.array(values).cast(one.type) for values, one in zip(columns.values(), schema, strict=True)]
         pq.write_table(pa.Table.from_arrays(arrays, schema=schema), folder / f"run.{name}.parquet")
-    return Pair(f"{folder}/run.", ".parquet")
+    return TableSet(f"{folder}/run.", ".parquet")
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import pytest
 from lidarcli.errors import OptionError
 from lidarcli.pipeline.inputs.files import matching
 from lidarcli.pipeline.inputs.search import choose, find_logs, left_out, log_name, refuse_clashes
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.simulation.writers import write_log
 from tests.pipeline.folders import logs_apart
@@ -99,7 +99,7 @@ def test_what_is_no_log(tmp_path: Path) -> None:
     inputs = [str(tmp_path / "absent.mcap"), str(tmp_path / "dangling.mcap"), str(tmp_path)]
     (tmp_path / "empty").mkdir()
     inputs[2] = str(tmp_path / "empty")
-    errors = [str(source.error) for source in find_logs(inputs) if isinstance(source, Nothing)]
+    errors = [str(source.error) for source in find_logs(inputs) if isinstance(source, MissingInput)]
     assert errors == [
         "no such file or folder",
         "the link leads to nothing",

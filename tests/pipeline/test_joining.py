@@ -8,7 +8,7 @@ import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.search import choose, files_of, find_logs, one_log, refuse_clashes
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def touch(*names: str) -> None:
         Path(name).write_bytes(b"x" * len(name))
 
 
-def told(found: list[Source | Nothing]) -> dict[str, list[str]]:
+def told(found: list[Source | MissingInput]) -> dict[str, list[str]]:
     """Name of each log → its files."""
     sources = [source for source in found if isinstance(source, Source)]
     assert len(sources) == len(found)
@@ -134,7 +134,7 @@ def test_folders_beside_what_is_named_are_logs_of_their_own(folder: Path) -> Non
 def test_what_is_named_has_to_be_there(folder: Path) -> None:
     touch("run_0.bag")
     (absent,) = find_logs(["run_0.bag", "run_1.bag"], join=True)
-    assert isinstance(absent, Nothing)
+    assert isinstance(absent, MissingInput)
     assert (absent.path, str(absent.error)) == ("run_1.bag", "no such file or folder")
 
 

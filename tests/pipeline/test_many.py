@@ -9,7 +9,7 @@ import pytest
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.pipeline.detecting import detect_files
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.reading import one_log
 from lidarcli.pipeline.runs.outcomes import Outcome, exit_code, outcome_of
@@ -27,7 +27,7 @@ def test_one_bad_log_does_not_stop_the_rest(tmp_path: Path, monkeypatch: pytest.
 
     monkeypatch.setattr(one_log, "open_source", opens)
     sources = [Source(name, name) for name in ("bad", "bug", "good")]
-    absent = Nothing("absent", UnreadableError("no such file or folder"))
+    absent = MissingInput("absent", UnreadableError("no such file or folder"))
     outcomes = list(detect_files([*sources, absent], tmp_path, DetectOptions(jobs=1)))
     assert [(outcome.label, outcome.exit_code, outcome.error) for outcome in outcomes] == [
         ("bad", 3, "byte 0: not a log"),

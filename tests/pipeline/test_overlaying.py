@@ -16,7 +16,7 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline import overlay_sources
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import Tables, frames_told, in_order
 from lidarcli.ros.messages import Outgoing
@@ -49,13 +49,13 @@ def test_what_is_beyond_the_window_is_not_lost(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.fixture
-def two(logs: Path, tmp_path: Path) -> Pair:
+def two(logs: Path, tmp_path: Path) -> TableSet:
     """The tables of a log with two topics."""
     detect_to_files(Source(str(logs / "two.mcap"), "two"), tmp_path, DetectOptions())
-    return Pair(f"{tmp_path}/two.", ".parquet")
+    return TableSet(f"{tmp_path}/two.", ".parquet")
 
 
-def test_every_row_is_beside_its_sweep(two: Pair, logs: Path) -> None:
+def test_every_row_is_beside_its_sweep(two: TableSet, logs: Path) -> None:
     counts: dict[str, int] = {}
     rows: list[tuple[str, int]] = []
     tables = Tables(two)
@@ -73,12 +73,12 @@ def test_every_row_is_beside_its_sweep(two: Pair, logs: Path) -> None:
     assert sum(counts.values()) == pq.read_metadata(two.sweeps).num_rows
 
 
-def joined(pair: Pair, log: Path) -> int:
+def joined(pair: TableSet, log: Path) -> int:
     with open_log(log) as opened:
         return sum(len(each.row) for each in Tables(pair).join(opened, ReadReport()))
 
 
-def test_rows_in_disorder_are_refused(two: Pair, logs: Path) -> None:
+def test_rows_in_disorder_are_refused(two: TableSet, logs: Path) -> None:
     table = pq.read_table(two.objects)
     pq.write_table(table.take(pa.array(range(table.num_rows - 1, -1, -1))), two.objects)
     with pytest.raises(UnreadableError, match="not in the order of topic and sweep"):
@@ -86,7 +86,7 @@ def test_rows_in_disorder_are_refused(two: Pair, logs: Path) -> None:
 
 
 @pytest.mark.parametrize(("column", "step"), [("stamp", 1000), ("stamp", -1000), ("sweep", 1)])
-def test_sweeps_of_another_log_are_refused(two: Pair, logs: Path, column: str, step: int) -> None:
+def test_sweeps_of_another_log_are_refused(two: TableSet, logs: Path, column: str, step: int) -> None:
     table = pq.read_table(two.sweeps)
     at = table.schema.get_field_index(column)
     kind = table.schema.field(at)
@@ -96,7 +96,7 @@ def test_sweeps_of_another_log_are_refused(two: Pair, logs: Path, column: str, s
         joined(two, logs / "two.mcap")
 
 
-def test_objects_of_sweeps_that_the_sweeps_table_has_not_are_refused(two: Pair, logs: Path) -> None:
+def test_objects_of_sweeps_that_the_sweeps_table_has_not_are_refused(two: TableSet, logs: Path) -> None:
     table = pq.read_table(two.sweeps)
     pq.write_table(table.filter(pa.compute.not_equal(table["sweep"], 5)), two.sweeps)
     with pytest.raises(UnreadableError, match="not the tables of this log"):

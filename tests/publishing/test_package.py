@@ -163,7 +163,7 @@ def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_source_distribution_holds_what_is_tracked(sdist: Path) -> None:
     packed = {path.relative_to(sdist).as_posix() for path in sdist.rglob("*") if path.is_file()}
     made = {name for name in packed if name in ("PKG-INFO", "setup.cfg") or ".egg-info/" in name}
-    left_out = {".gitignore", ".ci/run"}
+    left_out = {".git-blame-ignore-revs", ".gitignore", ".ci/run"}
     assert packed - made == set(tracked()) - left_out
 
 

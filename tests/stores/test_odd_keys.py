@@ -7,7 +7,7 @@ from typing import cast
 import pytest
 
 from lidarcli.pipeline.inputs import search
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.stores.url import State, Url, blotted
 
 
@@ -29,7 +29,7 @@ def test_keys_that_stand_for_no_place_are_told() -> None:
         if cause is None:
             assert isinstance(found[f"s3://b/logs/{name}"], Source)
         elif cause:
-            error = cast("Nothing", found[f"s3://b/logs/{name}"]).error
+            error = cast("MissingInput", found[f"s3://b/logs/{name}"]).error
             assert str(error) == f"its name {cause}; rename the object"
 
 

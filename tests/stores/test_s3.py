@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from tests.conftest import Ran
 from tests.splitting import split_mcap
 from tests.stores.conftest import CREDENTIALS, Store
@@ -99,7 +99,7 @@ def test_folders_and_patterns(pattern: str, found: list[str], store: Store) -> N
         store.put(f"logs/bag/{name.partition('/')[2]}", (SAMPLES / name).read_bytes())
     sources = find_logs([f"s3://{store.bucket}/{pattern}"])
     assert sorted(source.name for source in sources if isinstance(source, Source)) == found
-    assert not any(isinstance(source, Nothing) for source in sources)
+    assert not any(isinstance(source, MissingInput) for source in sources)
 
 
 def test_many_logs_are_found_by_few_requests(store: Store) -> None:

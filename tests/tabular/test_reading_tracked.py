@@ -12,7 +12,7 @@ import pytest
 
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
-from lidarcli.pipeline.inputs.tables import Pair, find_pairs, read_table, table_files
+from lidarcli.pipeline.inputs.tables import TableSet, find_table_sets, read_table, table_files
 from lidarcli.pipeline.objects import following
 from lidarcli.reports.figures import STATISTICS
 from lidarcli.tabular import SCHEMAS
@@ -145,8 +145,8 @@ def test_a_column_that_was_always_there_is_missed(tracked: Path) -> None:
 
 
 def test_a_tracks_table_names_its_log(tracked: Path) -> None:
-    pairs, problems = find_pairs([str(tracked / "room.tracks.parquet"), str(tracked / "*.tracks.parquet")])
-    assert (pairs, problems) == ([Pair(f"{tracked}/room.", ".parquet")], [])
+    pairs, problems = find_table_sets([str(tracked / "room.tracks.parquet"), str(tracked / "*.tracks.parquet")])
+    assert (pairs, problems) == ([TableSet(f"{tracked}/room.", ".parquet")], [])
     assert pairs[0].tracks == tracked / "room.tracks.parquet"
     assert pairs[0].tracks in table_files([str(tracked)])
     assert read_table(pairs[0], "tracks", ["track", "set"]).to_pydict() == {

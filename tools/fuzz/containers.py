@@ -17,11 +17,10 @@ import lz4.frame
 import numpy as np
 import zstandard
 
-from lidarcli.simulation.csv_writer import LAYOUTS
 from lidarcli.simulation.generate import SimulatedPoses
 from lidarcli.simulation.scene import Odometry
-from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
+from tests.text_logs import LAYOUTS, write_log
 from tools.fuzz.mutate import Random, mutate
 
 SWEEPS = 10
@@ -267,7 +266,7 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
     "carmen-gz": partial(_text, "carmen", "run.log.gz"),
     "rplidar": partial(_rplidar, "run.txt"),
     "rplidar-gz": partial(_rplidar, "run.txt.gz"),
-    "jsonl": partial(_written, "run.jsonl"),
+    "jsonl": partial(_jsonl, "run.jsonl"),
     "jsonl-gz": partial(_jsonl, "run.jsonl.gz"),
     **{f"mcap-{encoding}-lit": partial(_mcap, encoding, "none", True) for encoding in ("cdr", "ros1", "json")},
     **{f"mcap-{encoding}-echoes": partial(_echoes, encoding) for encoding in ("cdr", "ros1")},

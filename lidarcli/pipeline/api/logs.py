@@ -11,8 +11,8 @@ from typing import Any, Unpack
 import pyarrow as pa
 
 from lidarcli.errors import NoScanError, warn
-from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.formalism.background import Background
+from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import read_batches
 from lidarcli.logs.options import TopicChoice, clouds_hint, no_scan_topic
@@ -33,8 +33,7 @@ from lidarcli.pipeline.detecting import Failed
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inspecting import info_dict, inspect_log
-from lidarcli.pipeline.map_files import MapRun
-from lidarcli.pipeline.mapping import MapOptions
+from lidarcli.pipeline.mapping import MapOptions, MapRun
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import Posing
@@ -111,19 +110,19 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
     read, opening, poses = log_options(options)
     sources = sources_of(log, options["join"])
     failed = Failed(len(sources))
-    told = []
+    found = []
     with watched(progress, sources) as report:
         for source in sources:
             with failed.noted(source):
                 tell = progress_of(source, report)
-                found = inspect_log(source, opening, read.rules, poses, tell, options["deep"], read.topics)
-                for line in found.damage:
+                one = inspect_log(source, opening, read.rules, poses, tell, options["deep"], read.topics)
+                for line in one.damage:
                     warn(f"{source.label}: {line}")
-                if found.exit_code == NoScanError.exit_code:
-                    warn(f"{source.label}: {no_scan_topic()}{clouds_hint(found.topics)}")
-                told.append(info_dict(found))
+                if one.exit_code == NoScanError.exit_code:
+                    warn(f"{source.label}: {no_scan_topic()}{clouds_hint(one.topics)}")
+                found.append(info_dict(one))
     failed.conclude()
-    return told
+    return found
 
 
 @with_keywords

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from difflib import get_close_matches
@@ -15,29 +15,30 @@ from functools import wraps
 from inspect import Parameter, cleandoc, signature
 from os import PathLike, fspath
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast, get_type_hints, overload
 
-from lidarcli.choices import NS
+from lidarcli.choices import NS, SIGNIFICANCE
 from lidarcli.errors import OptionError, warn
-from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.background import Background
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.options import open_options, range_rules
 from lidarcli.masks import Masks
-from lidarcli.option_forms import Number, Option, defaults_of, options_of, python_words
-from lidarcli.options import Objects, Paths
+from lidarcli.option_forms import Number, Option, Rule, defaults_of, options_of, python_words, refuse_combinations
+from lidarcli.options import RULES, Finding, Objects, Paths
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.pose_sources import NONE, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, summed
 from lidarcli.range_rules import RangeRules, parse_no_return
 from lidarcli.screen import Screen, byte_bar, count_bar
 
 if TYPE_CHECKING:
+    from lidarcli.pipeline.differing import DiffOptions
     from lidarcli.pipeline.objects.following import TrackOptions
     from lidarcli.pipeline.objects.options import DetectOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
@@ -56,12 +57,26 @@ OPENING = ("columns", "angle_min", "angle_increment", "fov", "range_max", "degre
 # Functions with keywords.
 
 
-def with_keywords(function: F) -> F:
-    """Return a function whose `**options: Unpack[...]` are shown, checked by name and limits, and complete.
+@overload
+def with_keywords(rules: F) -> F: ...
+
+
+@overload
+def with_keywords(rules: Sequence[Rule]) -> Callable[[F], F]: ...
+
+
+def with_keywords(rules: Any) -> Any:
+    """Decorate a function whose `**options: Unpack[...]` are shown, checked by name and limits, and complete.
 
     Type checkers and editors that read sources understand `Unpack`; those that look at the living function, as IPython and
-    help() do, get a signature and a docstring with every keyword.
+    help() do, get a signature and a docstring with every keyword. `rules` are refused beside `RULES`.
     """
+    if callable(rules):
+        return _with_keywords(rules, RULES)
+    return lambda function: _with_keywords(function, (*RULES, *rules))
+
+
+def _with_keywords(function: F, rules: Sequence[Rule]) -> F:
     group = _group_of(function)
     known = options_of(group)
     defaults = defaults_of(group)
@@ -76,7 +91,9 @@ def with_keywords(function: F) -> F:
                 raise TypeError(_unknown(function.__name__, name, names))
             if name in known:
                 _check(name, known[name], value)
-        return function(*arguments, **{**defaults, **given})
+        values = {**defaults, **given}
+        refuse_combinations(rules, known, values, lambda name: known[name].is_changed(values[name]))
+        return function(*arguments, **values)
 
     types = keyword_types(group)
     keyword_only = [
@@ -127,7 +144,7 @@ def _documented(text: str, meanings: list[str]) -> str:
 
 
 @contextmanager
-def watched(progress: Progress, sources: Sequence[Source | Nothing]) -> Iterator[LogProgress | None]:
+def watched(progress: Progress, sources: Sequence[Source | MissingInput]) -> Iterator[LogProgress | None]:
     """Yield what the work on some logs calls with a log and the position in it; None where nobody wants to know."""
     if progress is True:
         with byte_bar(Screen()) as show:
@@ -169,7 +186,7 @@ def sources_of(log: Any, join: bool) -> list[Source]:
     named = paths_of(log)
     found = find_logs(named, join, warn)
     for each in found:
-        if isinstance(each, Nothing):
+        if isinstance(each, MissingInput):
             error = type(each.error)(f"{each.path}: {each.error}")
             # What was asked for has to be there; of a folder the rest is read.
             if each.path in named:
@@ -221,15 +238,19 @@ class LogOptions(NamedTuple):
     poses: PoseOptions
 
 
-def log_options(told: Values) -> LogOptions:
+def log_options(options: Values) -> LogOptions:
     """Return how logs are read."""
-    return LogOptions(read_options(told), opening_options(told), pose_options(told))
+    return LogOptions(read_options(options), opening_options(options), pose_options(options))
 
 
-def read_options(told: Values) -> ReadOptions:
+def read_options(options: Values) -> ReadOptions:
     """Return which sweeps to read, and how ranges are judged; a command without these fields reads all sweeps."""
     return ReadOptions(
-        topics(told.get("topic")), told.get("start"), told.get("end"), told.get("every", 1), rules=rules(told)
+        topics(options.get("topic")),
+        options.get("start"),
+        options.get("end"),
+        options.get("every", 1),
+        rules=rules(options),
     )
 
 
@@ -239,11 +260,11 @@ def topics(names: str | Iterable[str] | None) -> frozenset[str] | None:
     return frozenset(name for name in named if name) or None
 
 
-def rules(told: Values) -> RangeRules:
+def rules(options: Values) -> RangeRules:
     """Return how ranges are judged."""
-    no_return = told["no_return"]
+    no_return = options["no_return"]
     text = no_return if isinstance(no_return, str) else ",".join(map(str, no_return))
-    return range_rules(told["range"], parse_no_return(text), _masks(told["mask"]))
+    return range_rules(options["range"], parse_no_return(text), _masks(options["mask"]))
 
 
 def _masks(mask: str | PathLike[str] | None) -> Masks | None:
@@ -253,76 +274,86 @@ def _masks(mask: str | PathLike[str] | None) -> Masks | None:
     return Masks(learn=True) if mask == AUTO else read_masks(path_text(mask))
 
 
-def opening_options(told: Values) -> OpenOptions:
+def opening_options(options: Values) -> OpenOptions:
     """Return what a log has to be told; range limits also say which points of a cloud are the robot itself."""
     return open_options(
-        **{name: told[name] for name in OPENING}, heights=told["slice"], bins=told["bins"], limits=told["range"]
+        **{name: options[name] for name in OPENING}, heights=options["slice"], bins=options["bins"], limits=options["range"]
     )
 
 
-def pose_options(told: Values) -> PoseOptions:
+def pose_options(options: Values) -> PoseOptions:
     """Return where poses come from, and how they are used."""
-    file = None if told["poses"] is None else fspath(told["poses"])
-    return PoseOptions(told["pose"], file, told.get("pose_delay"), told["beam_order"], told["deskew"])
+    file = None if options["poses"] is None else fspath(options["poses"])
+    return PoseOptions(options["pose"], file, options.get("pose_delay"), options["beam_order"], options["deskew"])
 
 
 def detect_options(
-    told: Values, logs: LogOptions, tracking: TrackOptions | None = None, parameters: Parameters | None = None, **more: Any
+    options: Values,
+    logs: LogOptions,
+    tracking: TrackOptions | None = None,
+    parameters: Parameters | None = None,
+    **more: Any,
 ) -> DetectOptions:
     """Return how objects are found; `parameters` replace the keywords of what an object is."""
     from lidarcli.pipeline.objects.options import DetectOptions
 
-    background = background_options(told)
-    catalogue = told["catalogue"]
+    background = background_options(options)
+    catalogue = options["catalogue"]
     return DetectOptions(
-        parameters=parameters_of(parameters, told, subtracted=background is not None),
+        parameters=parameters_of(parameters, options, subtracted=background is not None),
         read=logs.read,
         opening=logs.opening,
         poses=logs.poses,
         background=background,
         catalogue=read_catalogue(catalogue) if isinstance(catalogue, str | PathLike) else catalogue,
         tracking=tracking,
-        explain=told.get("explain", False),
-        stamps=told.get("stamps", NS),
-        jobs=told["jobs"] or 0,
+        explain=options.get("explain", False),
+        stamps=options.get("stamps", NS),
+        jobs=options["jobs"] or 0,
         **more,
     )
 
 
-def tracking_of(told: Values) -> TrackOptions:
+def tracking_of(options: Values) -> TrackOptions:
     """Return how things are followed."""
     # These imports take long, and only tracking needs them.
     from lidarcli.formalism.parameters import TrackParameters
     from lidarcli.pipeline.objects.following import TrackOptions
 
-    how = TrackParameters(significance=told["significance"], memory=told["memory"])
-    return TrackOptions(how, trajectories=told.get("trajectories", True))
+    how = TrackParameters(significance=options["significance"], memory=options["memory"])
+    return TrackOptions(how, trajectories=options.get("trajectories", True))
 
 
-def memory_of(told: Values) -> TrackOptions | None:
+def memory_of(options: Values) -> TrackOptions | None:
     """Return how `detect` judges things by all sweeps, if it does."""
-    if not told["memory"]:
+    if not options["memory"]:
         return None
     from lidarcli.pipeline.objects.following import TrackOptions
 
     return TrackOptions(tracks=False)
 
 
-def background_options(told: Values) -> BackgroundOptions | None:
+def diff_options(options: Values, logs: LogOptions, *, overwrite: bool = False) -> DiffOptions:
+    """Return how runs are compared."""
+    from lidarcli.pipeline.differing import DiffOptions
+
+    tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True, "trajectories": False})
+    detect = detect_options({**defaults_of(Finding), **options}, logs, tracking)
+    return DiffOptions(detect, options["align"], options["min_score"], overwrite)
+
+
+def background_options(options: Values) -> BackgroundOptions | None:
     """Return what to compare sweeps with, and how; None without a background."""
-    background = told.get("background")
+    background = options.get("background")
     if background is None:
-        asked = ("removed", "any_frame", "station_distance", "station_angle")
-        if any(told.get(name) not in (None, False) for name in asked):
-            raise OptionError("removed, any_frame, station_distance and station_angle are for a background")
         return None
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
-    angle = told["station_angle"]
+    angle = options["station_angle"]
     how: dict[str, Any] = {
-        "removed": told["removed"],
-        "any_frame": told["any_frame"],
-        "distance": told["station_distance"],
+        "removed": options["removed"],
+        "any_frame": options["any_frame"],
+        "distance": options["station_distance"],
         "angle": None if angle is None else math.radians(angle),
     }
     if isinstance(background, str | PathLike):
@@ -332,9 +363,9 @@ def background_options(told: Values) -> BackgroundOptions | None:
     return BackgroundOptions("the background", tuple(background), **how)
 
 
-def parameters_of(parameters: Parameters | None, told: Values, *, subtracted: bool = False) -> Parameters:
+def parameters_of(parameters: Parameters | None, options: Values, *, subtracted: bool = False) -> Parameters:
     """Return the parameters as such, or from their keywords."""
-    given = {name: told.get(name, default) for name, default in defaults_of(Objects).items()}
+    given = {name: options.get(name, default) for name, default in defaults_of(Objects).items()}
     if parameters is not None:
         if not isinstance(parameters, Parameters):
             raise TypeError(f"parameters have to be Parameters, not {type(parameters).__name__}")
@@ -348,15 +379,8 @@ def parameters_of(parameters: Parameters | None, told: Values, *, subtracted: bo
     return Parameters.for_profile(**given)
 
 
-def refuse_reading(told: Values, group: type, *more: str) -> None:
+def refuse_reading(options: Values, group: type, *more: str) -> None:
     """Refuse options of how a log is read (`TypeError`), where sweeps in memory are given."""
     unasked = defaults_of(group) | dict.fromkeys(more)
-    if asked := [name for name, value in unasked.items() if told[name] != value]:
+    if asked := [name for name, value in unasked.items() if options[name] != value]:
         raise TypeError(f"only a log can be read with {', '.join(asked)}")
-
-
-def refuse_finding(told: Values, group: type, headings: Collection[str], why: str) -> None:
-    """Refuse options of finding objects, those below some headings, where there is nothing to find (`OptionError`)."""
-    for name, option in options_of(group).items():
-        if option.heading in headings and told[name] != option.default:
-            raise OptionError(f"--{name.replace('_', '-')} is for finding objects, and {why}")

@@ -8,7 +8,7 @@ from typing import Unpack
 
 from lidarcli.choices import SIGNIFICANCE
 from lidarcli.errors import warn
-from lidarcli.options import OF_FINDING, AnyPath, Overlaying, Paths
+from lidarcli.options import OVERLAY_RULES, AnyPath, Overlaying, Paths
 from lidarcli.pipeline.api.options import (
     LogOptions,
     Progress,
@@ -17,7 +17,6 @@ from lidarcli.pipeline.api.options import (
     log_options,
     path_text,
     paths_of,
-    refuse_finding,
     several,
     tracking_of,
     watched,
@@ -30,7 +29,7 @@ from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.stores.url import place
 
 
-@with_keywords
+@with_keywords(OVERLAY_RULES)
 def overlay(
     log: Paths, output: AnyPath, overwrite: bool = False, *, progress: Progress = False, **options: Unpack[Overlaying]
 ) -> list[str]:
@@ -55,8 +54,6 @@ def overlay(
         A file exists, or cannot be written.
     """
     how = overlay_options(options, log_options(options), overwrite=overwrite)
-    if how.objects is not None:
-        refuse_finding(options, Overlaying, OF_FINDING, "--objects names some that have been found")
     source, path = one_log(paths_of(log), options["join"]), place(fspath(output))
     refuse_overlay(path, source, how)
     with watched(progress, [source]) as report:

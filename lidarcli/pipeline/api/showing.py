@@ -13,6 +13,7 @@ from lidarcli.errors import OptionError, warn
 from lidarcli.formalism import Parameters
 from lidarcli.newfiles import refuse, write_whole
 from lidarcli.options import (
+    PLOT_RULES,
     AnyPath,
     Changed,
     Delay,
@@ -34,18 +35,16 @@ from lidarcli.pipeline.api.options import (
     several,
     with_keywords,
 )
-from lidarcli.pipeline.inputs.held import tables_of
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
-from lidarcli.pipeline.inputs.tables import Pair, table_files
+from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
 from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_pictures, write_pictures
 from lidarcli.pipeline.reporting import Made, ReportOptions, encoded, format_of, make_report, render, understand
-from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.checks import Verdict
+from lidarcli.reports.document import PartsReport
 from lidarcli.reports.drawing import Axes, Figure, figure_of
-from lidarcli.reports.json import as_dict
 from lidarcli.reports.picture import Picture
-from lidarcli.reports.zone_report import ZonesReport
+from lidarcli.reports.programs import as_dict
 from lidarcli.stores.url import place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.reading import HeldTable
@@ -56,7 +55,7 @@ HEIGHT = 720
 """Height of the report in a notebook [px]."""
 
 
-@with_keywords
+@with_keywords(PLOT_RULES)
 def plot(
     log: Paths | SweepBatch,
     sweep: int = 0,
@@ -138,7 +137,7 @@ def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None,
     return drawn.pictures[0]
 
 
-def _tracks(tables: Tables | None, log: str) -> str | Pair | None:
+def _tracks(tables: Tables | None, log: str) -> str | TableSet | None:
     """Return the tables of the log that is drawn: of those of several logs its own."""
     if tables is None:
         return None
@@ -146,7 +145,7 @@ def _tracks(tables: Tables | None, log: str) -> str | Pair | None:
     found = [each for each in given if not isinstance(each, HeldTable)]
     if len(found) < len(given):
         raise OptionError("--tracks: give what track returns, not a table of changes")
-    mine = [each for each in found if isinstance(each, Pair) and each.log == log]
+    mine = [each for each in found if isinstance(each, TableSet) and each.log == log]
     if len(found) != 1 and len(mine) != 1:
         raise OptionError(f"--tracks: give the tables of {log or 'one log'}, not those of {len(found)} logs")
     return found[0] if len(found) == 1 else mine[0]
@@ -194,7 +193,7 @@ class RunReport:
         report, figures = self._made.report, self.figures
         held = sum(verdict.holds for verdict in self.checks)
         judged = f", {held} of {len(self.checks)} checks hold" if self.checks else ""
-        if isinstance(report, ZonesReport | ChangesReport):
+        if isinstance(report, PartsReport):
             return f"<report on {report.lines[0]}{judged}>"
         return f"<report on {report.title}: {figures['sweeps']:,.0f} sweeps, {figures['objects']:,.0f} objects{judged}>"
 

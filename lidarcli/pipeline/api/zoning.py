@@ -12,7 +12,7 @@ import pyarrow as pa
 from lidarcli.choices import SIGNIFICANCE
 from lidarcli.errors import OptionError, warn
 from lidarcli.masks import Polygon
-from lidarcli.options import BACKGROUND, OBJECTS, THINGS, Paths, Zoning
+from lidarcli.options import ZONE_RULES, Paths, Zoning
 from lidarcli.pipeline.api.options import (
     LogOptions,
     Progress,
@@ -20,7 +20,6 @@ from lidarcli.pipeline.api.options import (
     detect_options,
     log_options,
     path_text,
-    refuse_finding,
     several,
     sources_of,
     tracking_of,
@@ -30,12 +29,11 @@ from lidarcli.pipeline.api.options import (
 from lidarcli.pipeline.detecting import Failed
 from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.runs.over_logs import progress_of
-from lidarcli.pipeline.watching.options import ZoneOptions, refuse_options
-from lidarcli.pipeline.zoning import ZoneTables, watch
+from lidarcli.pipeline.zoning import ZoneOptions, ZoneTables, refuse_options, watch
 from lidarcli.zone import crossing_edges, on_one_line
 
 
-@with_keywords
+@with_keywords(ZONE_RULES)
 def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) -> ZoneTables:
     """Tell who or what was in a zone, when, and how near: an offline check of a recording, no safety function.
 
@@ -58,9 +56,6 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
     """
     if not options["zones"]:
         raise TypeError("zones() needs zones=FILE")
-    if options["objects"] is not None or options["no_objects"]:
-        why = "--objects names some that have been found" if options["objects"] else "--no-objects finds none"
-        refuse_finding(options, Zoning, (OBJECTS, THINGS, BACKGROUND), why)
     how = zone_options(options, log_options(options))
     sources = sources_of(log, options["join"])
     failed = Failed(len(sources))
@@ -82,8 +77,6 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
 def zone_options(told: Values, logs: LogOptions, *, overwrite: bool = False) -> ZoneOptions:
     """Return which zones are watched, and how."""
     names = several(told["zones"])
-    if told["objects"] is not None and told["no_objects"]:
-        raise OptionError("--objects and --no-objects exclude each other: leave one out")
     tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
     options = ZoneOptions(
         zones=read_zones(names),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from os import PathLike, fspath
 
+from lidarcli.configfiles import Fields, read_toml
 from lidarcli.errors import OptionError
-from lidarcli.formalism.intensity import MOST_INTENSITY
+from lidarcli.formalism.detection import MOST_INTENSITY
 from lidarcli.formalism.matching.catalogue import KINDS, Catalogue, Thing
-from lidarcli.tomlfiles import Fields, read_toml
 
 MOST_THINGS = 1000
 """Every object is compared with each of them."""

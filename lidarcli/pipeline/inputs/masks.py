@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from lidarcli.configfiles import Fields, read_toml
 from lidarcli.errors import OptionError
-from lidarcli.masks import Circle, Mask, Masks, Mount, Polygon, Sector, Shape
+from lidarcli.masks import CLOSE, Circle, Mask, Masks, Mount, Polygon, Sector, Shape, same_name
 from lidarcli.range_rules import FARTHEST
-from lidarcli.tomlfiles import Fields, read_toml
+from lidarcli.sweeps import TURN
 
 AUTO = "auto"
 """In place of a file: learn the mask from each log."""
@@ -110,11 +114,11 @@ def mounts_of(tables: Sequence[Fields]) -> tuple[Mount, ...]:
     if left:
         parents = {frame: (parent, number) for number, (frame, parent) in left.items()}
         here = next(iter(parents))
-        way: list[str] = []
-        while here not in way:
-            way.append(here)
+        chain: list[str] = []
+        while here not in chain:
+            chain.append(here)
             here = parents[here][0]
-        circle = " > ".join([*way[way.index(here) :], here])
+        circle = " > ".join([*chain[chain.index(here) :], here])
         tables[parents[here][1]].fail("parent", f"leads back to the frame itself: {circle}")
     return mounts
 
@@ -149,7 +153,7 @@ def plain(masks: Masks) -> dict[str, list[dict[str, Any]]]:
             for mount in masks.mounts
         ],
     }
-    return {kind: told for kind, told in tables.items() if told}
+    return {kind: table for kind, table in tables.items() if table}
 
 
 def _mask_table(mask: Mask) -> dict[str, Any]:
@@ -160,8 +164,8 @@ def _mask_table(mask: Mask) -> dict[str, Any]:
         case Polygon(corners):
             return names | {"polygon": [[_short(x), _short(y)] for x, y in corners]}
         case Sector(begin, end, nearest, farthest):
-            told = {"from": math.degrees(begin), "to": math.degrees(end), "nearest": nearest, "farthest": farthest}
-            return names | {"sector": {key: _short(value) for key, value in told.items()}}
+            table = {"from": math.degrees(begin), "to": math.degrees(end), "nearest": nearest, "farthest": farthest}
+            return names | {"sector": {key: _short(value) for key, value in table.items()}}
 
 
 def mask_text(masks: Masks, proposed: Masks) -> str:
@@ -190,3 +194,73 @@ def _value(value: Any) -> str:
 
 def _short(value: float) -> float:
     return round(value, DECIMALS)
+
+
+NODE = "scan_to_scan_filter_chain"
+"""Program of laser_filters, and the name of its node."""
+
+
+class View(NamedTuple):
+    """Bearings of the beams of a topic, from the least to the greatest [rad]."""
+
+    topic: str
+    low: float
+    high: float
+
+
+def filter_text(masks: Masks, views: Sequence[View]) -> str:
+    """Return the parameters of a node for each topic with a mask, as YAML; empty without a mask.
+
+    Raises
+    ------
+    OptionError
+        A mask is no sector of bearings.
+    """
+    chains = {}
+    for view in views:
+        mine = [mask.shape for mask in masks.masks if not mask.topic or same_name(mask.topic, view.topic)]
+        if filters := [each for shape in mine for each in _filters(shape, view)]:
+            chains[view.topic] = filters
+    blocks = []
+    for topic, filters in chains.items():
+        node = NODE if len(chains) == 1 else f"{re.sub('[^0-9A-Za-z]+', '_', topic).strip('_')}_filter_chain"
+        named = "" if len(chains) == 1 else f" -r __node:={node}"
+        lines = [
+            f"# ros2 run laser_filters {NODE} --ros-args -r scan:={topic}{named} --params-file FILE",
+            f"{node}:",
+            "  ros__parameters:",
+        ]
+        for number, parameters in enumerate(filters, 1):
+            lines += [
+                f"    filter{number}:",
+                f"      name: mask{number}",
+                "      type: laser_filters/LaserScanSectorFilter",
+                "      params:",
+                *(f"        {key}: {value}" for key, value in parameters.items()),
+            ]
+        blocks.append("".join(f"{line}\n" for line in lines))
+    return "\n".join(blocks)
+
+
+def _filters(shape: object, view: View) -> Iterator[dict[str, str]]:
+    """Yield the parameters of the filters for one mask of a sensor."""
+    if not isinstance(shape, Sector):
+        raise OptionError("laser_filters takes sectors of bearings; write other masks to a .toml file")
+    width = shape.end - shape.begin if 0.0 <= shape.end - shape.begin <= TURN else (shape.end - shape.begin) % TURN
+    # A filter knows nothing of turns; a mask and a sensor may count their bearings from different ones.
+    first = shape.begin + TURN * np.ceil((view.low - shape.begin - width - CLOSE) / TURN)
+    while first <= view.high + CLOSE:
+        # A filter takes what lies between its limits, and a mask these, too.
+        yield {
+            "angle_min": f"{first - CLOSE:.10f}",
+            "angle_max": f"{first + width + CLOSE:.10f}",
+            "range_min": _beyond(shape.nearest, -np.inf),
+            "range_max": _beyond(shape.farthest, np.inf),
+        }
+        first += TURN
+
+
+def _beyond(edge: float, side: float) -> str:
+    """Return a limit between a range [m] and the next float32 to a side."""
+    value = np.float32(edge)
+    return f"{0.5 * (float(value) + float(np.nextafter(value, np.float32(side)))):#.10g}"

@@ -19,10 +19,10 @@ from lidarcli.display import counted
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
-from lidarcli.logs.rosbag2.folder import is_bag
+from lidarcli.logs.joined import Numbered, numbered
+from lidarcli.logs.rosbag2 import is_bag, natural
 from lidarcli.pipeline.inputs.files import Objects, fixed_part, folder_of_pattern, matcher_of, matching, read_file
-from lidarcli.pipeline.inputs.joining import joined, joined_by_name, split_notes
-from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source, hold_one_sweep_each
+from lidarcli.pipeline.inputs.sources import STDIN, MissingInput, Source, hold_one_sweep_each
 from lidarcli.stores.url import Place, State, Url, has_bucket, head, is_folder, is_url, listing, place
 
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *TEXT_LOG_SUFFIXES)
@@ -34,7 +34,7 @@ _WRAPPER = (".gz", ".zstd", ".active")
 
 def find_logs(
     inputs: Iterable[str], join: bool = False, note: Callable[[str], None] | None = None
-) -> list[Source | Nothing]:
+) -> list[Source | MissingInput]:
     """Return the logs that `inputs` name, in their order; a folder, also of a store, is searched, its logs sorted.
 
     `note` hears of logs in folders that a search leaves out.
@@ -49,8 +49,8 @@ def find_logs(
     if not join:
         return [source for _, here in found for source in here]
     named: list[Source] = []
-    absent: list[Source | Nothing] = []
-    searched: list[Source | Nothing] = []
+    absent: list[Source | MissingInput] = []
+    searched: list[Source | MissingInput] = []
     for text, here in found:
         first = here[0]
         if len(here) > 1 or (first.path != text and not (is_url(text) and first.path == str(place(text)))):
@@ -62,19 +62,19 @@ def find_logs(
     return [*(absent or ([joined(named)] if named else [])), *joined_by_name(searched)]
 
 
-def _named(text: str, left: Counter[str] | None) -> list[Source | Nothing]:
-    """Return the logs that one name means, or a `Nothing`."""
+def _named(text: str, left: Counter[str] | None) -> list[Source | MissingInput]:
+    """Return the logs that one name means, or a `MissingInput`."""
     if is_url(text):
         return find_stored(text)
     path = Path(text)
     if text == STDIN:
         return [Source(STDIN, "stdin")]
     if (denied := _denied(path)) is not None:
-        return [Nothing(text, UnreadableError(f"cannot be opened: {denied}"))]
+        return [MissingInput(text, UnreadableError(f"cannot be opened: {denied}"))]
     if not path.exists():
         return [*_pattern(text)]
     if path.is_dir() and not is_one_log(path):
-        return _search(path, left) or [Nothing(text, UnreadableError(f"no log in this folder ({known_suffixes()})"))]
+        return _search(path, left) or [MissingInput(text, UnreadableError(f"no log in this folder ({known_suffixes()})"))]
     return [Source(text, log_name(path))]
 
 
@@ -95,15 +95,15 @@ def one_log(logs: Sequence[str], join: bool = False) -> Source:
         raise OptionError(f"{log} and {logs[1]}: name one log; --join reads parts of one recording as one log")
     sources = find_logs(logs, join)
     first = sources[0]
-    if isinstance(first, Nothing) and (join or len(sources) == 1):
+    if isinstance(first, MissingInput) and (join or len(sources) == 1):
         raise UnreadableError(f"{first.path}: {first.error}")
-    if len(sources) > 1 or isinstance(first, Nothing):
+    if len(sources) > 1 or isinstance(first, MissingInput):
         hint = "" if join or not split_notes(sources) else ", or read those of one recording as one by --join"
         raise OptionError(f"{log}: holds {len(sources)} logs; name one of them{hint}")
     return first
 
 
-def files_of(sources: Iterable[Source | Nothing]) -> list[str]:
+def files_of(sources: Iterable[Source | MissingInput]) -> list[str]:
     """Return the files that sources are read from, none of which may be an output."""
     found: list[str] = []
     for source in sources:
@@ -117,11 +117,11 @@ def files_of(sources: Iterable[Source | Nothing]) -> list[str]:
     return found
 
 
-def refuse_clashes(sources: Sequence[Source | Nothing]) -> None:
+def refuse_clashes(sources: Sequence[Source | MissingInput]) -> None:
     """Refuse two logs whose outputs would have the same name (`OptionError`)."""
     taken: dict[str, str] = {}
     for source in sources:
-        if isinstance(source, Nothing):
+        if isinstance(source, MissingInput):
             continue
         if source.name in taken:
             first, second = taken[source.name], source.label
@@ -183,17 +183,17 @@ def _is_readable(path: Path) -> bool:
     return False
 
 
-def _search(folder: Path, left: Counter[str] | None) -> list[Source | Nothing]:
+def _search(folder: Path, left: Counter[str] | None) -> list[Source | MissingInput]:
     """Return the logs below a folder by path, and the folders that could not be searched.
 
     Links are followed; a folder that was seen already is not entered again.
     """
-    seen: set[tuple[int, int]] = set()
-    found: dict[Path, Source | Nothing] = {}
+    visited: set[tuple[int, int]] = set()
+    found: dict[Path, Source | MissingInput] = {}
 
     def unreadable(err: OSError, cannot: str = "cannot be searched") -> None:
         path = Path(os.fsdecode(err.filename))
-        found[path] = Nothing(str(path), UnreadableError(f"{cannot}: {err.strerror}"))
+        found[path] = MissingInput(str(path), UnreadableError(f"{cannot}: {err.strerror}"))
 
     def is_log(path: Path) -> bool:
         try:
@@ -211,10 +211,10 @@ def _search(folder: Path, left: Counter[str] | None) -> list[Source | Nothing]:
         except OSError as err:
             unreadable(err)
             continue
-        if (known.st_dev, known.st_ino) in seen:
+        if (known.st_dev, known.st_ino) in visited:
             folders.clear()
             continue
-        seen.add((known.st_dev, known.st_ino))
+        visited.add((known.st_dev, known.st_ino))
         # Hidden files are no logs: macOS puts a `._run.bag` beside every `run.bag` on foreign disks.
         shut = [at / name for name in folders if name.startswith(".")]
         folders[:] = sorted(name for name in folders if not name.startswith("."))
@@ -250,33 +250,33 @@ def _below(folder: Path, log: Path) -> str:
     return log.relative_to(folder).with_name(log_name(log)).as_posix()
 
 
-def _pattern(text: str) -> Iterator[Source | Nothing]:
+def _pattern(text: str) -> Iterator[Source | MissingInput]:
     """Yield the logs of a pattern that no shell has expanded; one log where its files hold one sweep each."""
     if Path(text).is_symlink():
-        yield Nothing(text, UnreadableError("the link leads to nothing"))
+        yield MissingInput(text, UnreadableError("the link leads to nothing"))
         return
     files, denied = matching(text) if glob.has_magic(text) else ([], [])
     for err in denied:
-        yield Nothing(os.fsdecode(err.filename), UnreadableError(f"cannot be searched: {err.strerror}"))
+        yield MissingInput(os.fsdecode(err.filename), UnreadableError(f"cannot be searched: {err.strerror}"))
     if not files and not denied:
         hint = "; URLs of stores begin with s3://, gs:// or az://" if re.match(r"[a-z0-9]+:/", text) else ""
-        yield Nothing(text, UnreadableError(f"no such file or folder{hint}"))
+        yield MissingInput(text, UnreadableError(f"no such file or folder{hint}"))
     elif files and hold_one_sweep_each([Path(file) for file in files]):
         yield Source(text, log_name(Path(files[0]).parent), tuple(files))
     elif files:
         yield from _keyed(text, find_logs(files))
 
 
-def _keyed(pattern: str, found: Iterable[Source | Nothing]) -> Iterator[Source | Nothing]:
+def _keyed(pattern: str, found: Iterable[Source | MissingInput]) -> Iterator[Source | MissingInput]:
     """Yield the logs of a pattern, named by their places below its part without signs, which keeps names apart."""
     base = fixed_part(pattern)
-    seen: set[str] = set()
+    visited: set[str] = set()
     for source in found:
         # `**` names a folder and what is in it.
         above = {str(parent) for parent in PurePath(source.path).parents}
-        if source.path in seen or any(path in seen and Path(path).is_dir() for path in above):
+        if source.path in visited or any(path in visited and Path(path).is_dir() for path in above):
             continue
-        seen.add(source.path)
+        visited.add(source.path)
         if isinstance(source, Source) and not PurePath(source.name).parent.parts:
             below = os.path.relpath(source.path, base or ".")
             name = PurePath(below).with_name(source.name).as_posix()
@@ -289,10 +289,11 @@ def known_suffixes() -> str:
     return "searched for " + " ".join(f"*{suffix}" for suffix in SUFFIXES)
 
 
-def find_stored(text: str) -> list[Source | Nothing]:
+def find_stored(text: str) -> list[Source | MissingInput]:
     """Return the logs of a URL: an object, all below a folder, or those that match a pattern; sorted by name.
 
-    In a pattern `*` and `?` stop at a slash and `**/` stands for any folders. Where listing fails, one `Nothing` says why.
+    In a pattern `*` and `?` stop at a slash and `**/` stands for any folders. Where listing fails, one
+    `MissingInput` says why.
     """
     url = place(text)
     assert isinstance(url, Url)
@@ -305,10 +306,10 @@ def find_stored(text: str) -> list[Source | Nothing]:
         objects = dict(listing(url))
         found = _stored_below(url, objects)
         if not found:
-            return [Nothing(text, UnreadableError(_why_none(url, objects)))]
+            return [MissingInput(text, UnreadableError(_why_none(url, objects)))]
         return found
     except UnreadableError as err:
-        return [Nothing(text, UnreadableError(str(err).removeprefix(f"{url}: ")))]
+        return [MissingInput(text, UnreadableError(str(err).removeprefix(f"{url}: ")))]
 
 
 def _why_none(url: Url, objects: Objects) -> str:
@@ -317,10 +318,10 @@ def _why_none(url: Url, objects: Objects) -> str:
     return "no such object or folder" if has_bucket(url) else "there is no such bucket"
 
 
-def _stored_below(base: Url, objects: Objects) -> list[Source | Nothing]:
+def _stored_below(base: Url, objects: Objects) -> list[Source | MissingInput]:
     """Return all logs below a folder: bags and folders of sweeps, each as one log, and objects by their suffix."""
     folders: dict[str, list[Url]] = {"": []}
-    found: dict[PurePosixPath, Source | Nothing] = {}
+    found: dict[PurePosixPath, Source | MissingInput] = {}
     for url in objects:
         below = url.key.removeprefix(base.key).strip("/")
         if {".", ".."} & {*below.split("/")} and url.name.lower().endswith(SUFFIXES):
@@ -344,14 +345,14 @@ def _stored_below(base: Url, objects: Objects) -> list[Source | Nothing]:
     return [found[key] for key in sorted(found)]
 
 
-def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
+def _matching(text: str, pattern: Url) -> list[Source | MissingInput]:
     """Return the logs of a pattern, by their places below its part without signs."""
     base, objects = folder_of_pattern(pattern)
     matches = matcher_of(pattern)
     urls = [url for url in objects if matches(url.key)]
     if hold_one_sweep_each([url for url in urls if url.suffix in (".csv", ".tsv", ".txt")]):
         return [_of_objects(str(pattern), urls[0].parent.name, urls, objects)]
-    found: dict[str, Source | Nothing] = {}
+    found: dict[str, Source | MissingInput] = {}
     # A pattern may also name folders: bags, or some to search; what is in a bag is no log of its own.
     folders = {str(parent) for url in objects for parent in PurePosixPath(url.key).parents} - {".", base.key}
     for folder in sorted(filter(matches, folders)):
@@ -372,23 +373,23 @@ def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
     if found:
         return [found[path] for path in sorted(found)]
     why = "no object matches this pattern" if objects or has_bucket(pattern) else "there is no such bucket"
-    return [Nothing(text, UnreadableError(why))]
+    return [MissingInput(text, UnreadableError(why))]
 
 
-def _source(url: Url, name: str, objects: Objects) -> Source | Nothing:
+def _source(url: Url, name: str, objects: Objects) -> Source | MissingInput:
     """Return an object as a log, unless its URL reads like one with options."""
     try:
-        is_told = place(str(url)) == url
+        is_same = place(str(url)) == url
     except OptionError:
-        is_told = False
-    if not is_told:
+        is_same = False
+    if not is_same:
         return _odd(url, "has an empty part (//)" if "//" in url.key else "reads like the options of a URL")
     return Source(str(url), name, found=objects[url])
 
 
-def _odd(url: Url, why: str) -> Nothing:
+def _odd(url: Url, why: str) -> MissingInput:
     """Return the error of an object whose name cannot be used."""
-    return Nothing(str(url), UnreadableError(f"its name {why}; rename the object"))
+    return MissingInput(str(url), UnreadableError(f"its name {why}; rename the object"))
 
 
 def _of_objects(path: str, name: str, urls: list[Url], objects: Objects) -> Source:
@@ -408,7 +409,7 @@ def choose(
     shard: Shard | None = None,
     join: bool = False,
     note: Callable[[str], None] | None = None,
-) -> list[Source | Nothing]:
+) -> list[Source | MissingInput]:
     """Choose the logs of a run, in the order in which they are named, those of a list last.
 
     Parameters
@@ -429,11 +430,11 @@ def choose(
     """
     found = find_logs(logs, join, note)
     if listed is not None:
-        below: list[Source | Nothing] = []
+        below: list[Source | MissingInput] = []
         for number, line in _lines(listed):
             for source in _listed(line):
                 place_in_list = f"{listed}: line {number}: {source.path}"
-                below.append(replace(source, path=place_in_list) if isinstance(source, Nothing) else source)
+                below.append(replace(source, path=place_in_list) if isinstance(source, MissingInput) else source)
         found += joined_by_name(below) if join else below
     if note is not None and not join:
         for words in split_notes(found):
@@ -456,7 +457,7 @@ def is_in_shard(key: str, shard: Shard) -> bool:
     return int.from_bytes(digest, "big") % count == number - 1
 
 
-def _key(source: Source | Nothing) -> str:
+def _key(source: Source | MissingInput) -> str:
     return source.name if isinstance(source, Source) else source.path
 
 
@@ -470,7 +471,7 @@ def _lines(listed: str) -> list[tuple[int, str]]:
     return [(number, line) for number, line in lines if line and not line.startswith("#")]
 
 
-def _listed(line: str) -> list[Source | Nothing]:
+def _listed(line: str) -> list[Source | MissingInput]:
     """Return the logs that a line of a list names."""
     where = place(line) if is_url(line) else None
     if isinstance(where, Url) and where.options:
@@ -478,7 +479,7 @@ def _listed(line: str) -> list[Source | Nothing]:
             "a list takes no options of a URL (?endpoint_override=): they say where credentials are sent; name the log on "
             "the command line, or set AWS_ENDPOINT_URL"
         )
-        return [Nothing(line, error)]
+        return [MissingInput(line, error)]
     return [_object(line)] if _is_object(line) else find_logs([line])
 
 
@@ -513,3 +514,99 @@ def _named_below(source: Source, base: str) -> Source:
     if not inside or not below.name:
         raise OptionError(f"{source.path}: is not below --base {base}")
     return replace(source, name=str(below.with_name(PurePosixPath(source.name).name)))
+
+
+_RECORDED = (".bag", ".mcap", ".db3")
+"""Suffixes of what recorders split."""
+_MOST = 3
+"""Recordings in parts that notes name."""
+
+
+def joined(parts: Sequence[Source]) -> Source:
+    """Return one log of recordings that a user names, or the only one of them as it is.
+
+    Its name is what their names have in common without their numbers, else that of the first by name.
+
+    Raises
+    ------
+    OptionError
+        One of them is named twice, or is standard input.
+    """
+    if len(parts) < 2:
+        return parts[0]
+    visited: set[str] = set()
+    for part in parts:
+        if part.is_stdin:
+            raise OptionError("--join opens logs more than once: give the name of a file instead of -")
+        where = part.path if is_url(part.path) else os.path.realpath(part.path)
+        if where in visited:
+            raise OptionError(f"--join: {part.path} is named twice")
+        visited.add(where)
+    ordered = sorted(parts, key=lambda part: natural(part.path))
+    names = [numbered(part.name) for part in ordered]
+    is_split = names[0] is not None and len({name.stem if name else None for name in names}) == 1
+    return _of(ordered, names[0].log if is_split and names[0] else ordered[0].name)
+
+
+def joined_by_name(found: Sequence[Source | MissingInput]) -> list[Source | MissingInput]:
+    """Return logs with the parts of each recording as one log, in the place of its first part."""
+    whole: dict[str, Source] = {}
+    behind: set[str] = set()
+    for group in _groups(found):
+        name = numbered(group[0].file_name)
+        assert name is not None, "all parts are numbered"
+        first = PurePosixPath(group[0].name)
+        whole[group[0].path] = _of(group, str(first.with_name(name.log)))
+        behind |= {part.path for part in group[1:]}
+    return [whole.get(source.path, source) for source in found if source.path not in behind]
+
+
+def split_notes(found: Sequence[Source | MissingInput]) -> list[str]:
+    """Return notes on logs that look like parts of one recording."""
+    groups = _groups(found)
+    notes = [
+        f"{group[0].path} and {len(group) - 1} more look like parts of one recording: --join reads them as one log"
+        for group in groups[:_MOST]
+    ]
+    if len(groups) > _MOST:
+        notes.append(f"so do the files of {counted(len(groups) - _MOST, 'more recording')}")
+    return notes
+
+
+def _of(parts: Sequence[Source], name: str) -> Source:
+    return replace(parts[0], name=name, files=(), parts=tuple(parts), found=None)
+
+
+def _groups(found: Iterable[Source | MissingInput]) -> list[list[Source]]:
+    """Return the parts of each recording, in their order: files of one folder and stem, numbered from 0 on."""
+    alike: dict[tuple[str, str, str], list[tuple[str, int, Source]]] = {}
+    for source in found:
+        if isinstance(source, Source) and (name := _recorded(source)) is not None:
+            key = str(place(source.path).parent), name.stem, name.suffix
+            # Names of one stem differ in their dates, which sort by time.
+            alike.setdefault(key, []).append((name.log, name.number, source))
+    return [group for parts in alike.values() for group in _split(sorted(parts, key=lambda part: part[:2]))]
+
+
+def _recorded(source: Source) -> Numbered | None:
+    name = None if source.files or source.parts else numbered(source.file_name)
+    return name if name is not None and name.suffix in _RECORDED else None
+
+
+def _split(parts: Sequence[tuple[str, int, Source]]) -> Iterator[list[Source]]:
+    """Yield the groups of several parts: each begins with number 0, from which numbers rise.
+
+    Without a number 0 files are no parts: days of a month and robots are numbered, too.
+    """
+    group: list[Source] = []
+    last = -1
+    for _, number, source in parts:
+        if number == 0 or number <= last:
+            if len(group) > 1:
+                yield group
+            group = []
+        if group or number == 0:
+            group.append(source)
+        last = number
+    if len(group) > 1:
+        yield group

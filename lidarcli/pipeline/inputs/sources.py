@@ -96,7 +96,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Nothing:
+class MissingInput:
     """An input in which there is no log to open, and why."""
 
     path: str
@@ -149,13 +149,13 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
 
     With a slice of point clouds, the log has the sweeps of these, too.
     """
-    told = opening or OpenOptions()
+    options = opening or OpenOptions()
     with _opened_source(source, opening) as log:
-        if told.range_scale != 1.0 and log.format.startswith(_IN_METRES):
-            log = ChangedLog(log, partial(_in_metres, scale=told.range_scale))
-        if told.segments == JOIN:
+        if options.range_scale != 1.0 and log.format.startswith(_IN_METRES):
+            log = ChangedLog(log, partial(_in_metres, scale=options.range_scale))
+        if options.segments == JOIN:
             log = ChangedLog(log, join)
-        yield log if told.slice is None else SlicedLog(log, told, told.slice)
+        yield log if options.slice is None else SlicedLog(log, options, options.slice)
 
 
 @contextmanager
@@ -245,13 +245,13 @@ def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
     head = file.read(HEAD) or b""
     file.seek(0)
     if head.startswith(MCAP):
-        from lidarcli.logs.mcap.log import McapLog
+        from lidarcli.logs.mcap import McapLog
 
         file.keep()
         return McapLog(stream, opening, str(url), file.size)
     if head.startswith(ROS1):
         # Its reader makes a temporary file of a stream, which has no name: nothing is left of it whatever happens.
-        from lidarcli.logs.rosbag1.log import Rosbag1Log
+        from lidarcli.logs.rosbag1 import Rosbag1Log
 
         with _named(url, "-"):
             return cast(Log, Rosbag1Log(stream, opening))

@@ -1,9 +1,13 @@
-"""From what a user names to the tables of a log: its objects and sweeps, its tracks, and what the metadata says."""
+"""From what a user names or holds in memory to the tables of a log: files, Arrow tables, data frames."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+import json
+import sys
+from base64 import b64decode, b64encode
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike, fspath
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +23,7 @@ from lidarcli.tabular.reading import (
     HeldTable,
     Readable,
     column_names,
+    is_text,
     note_value,
     notes_of,
     read_columns,
@@ -37,7 +42,7 @@ TRACK_COLUMNS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class TableSet:
     """The tables of one log."""
 
     before: str
@@ -90,23 +95,23 @@ class Pair:
         return place(f"{self.before}{table}{self.after}")
 
 
-Given = str | Pair | HeldTable
+Given = str | TableSet | HeldTable
 """A name of tables, the tables of a log, or a table of changes in memory."""
 
 
-class Found(NamedTuple):
+class FoundTables(NamedTuple):
     """The tables that files, folders and patterns name, each once, in their order."""
 
-    pairs: list[Pair]
+    table_sets: list[TableSet]
     changes: list[Readable]
     """Tables of changes, which are those of several logs."""
     problems: list[UnreadableError]
     """Errors of other names."""
 
 
-def find_tables(inputs: Iterable[Given]) -> Found:
+def find_tables(inputs: Iterable[Given]) -> FoundTables:
     """Return the tables that files, folders and patterns name; those that are known stay as they are."""
-    pairs: dict[Pair, None] = {}
+    table_sets: dict[TableSet, None] = {}
     changes: dict[Readable, None] = {}
     problems = []
     for text in inputs:
@@ -115,23 +120,23 @@ def find_tables(inputs: Iterable[Given]) -> Found:
         except UnreadableError as err:
             problems.append(err)
             continue
-        pairs |= dict.fromkeys(found.pairs)
+        table_sets |= dict.fromkeys(found.table_sets)
         changes |= dict.fromkeys(found.changes)
         problems += found.problems
-    return Found([*pairs], [*changes], problems)
+    return FoundTables([*table_sets], [*changes], problems)
 
 
-def find_pairs(inputs: Iterable[Given]) -> tuple[list[Pair], list[UnreadableError]]:
+def find_table_sets(inputs: Iterable[Given]) -> tuple[list[TableSet], list[UnreadableError]]:
     """Return the tables of logs that `inputs` name, and errors of other names."""
-    pairs, changes, problems = find_tables(inputs)
+    table_sets, changes, problems = find_tables(inputs)
     others = [
         UnreadableError(f"{path}: this is the changes table of lidarcli diff; it is no table of a log")
-        for path in (changes if not pairs else ())
+        for path in (changes if not table_sets else ())
     ]
-    return pairs, [*problems, *others]
+    return table_sets, [*problems, *others]
 
 
-def one_pair(text: str | Pair) -> Pair:
+def one_table_set(text: str | TableSet) -> TableSet:
     """Return the tables of the one log that a file, folder or pattern names.
 
     Raises
@@ -141,28 +146,28 @@ def one_pair(text: str | Pair) -> Pair:
     OptionError
         There are those of several logs.
     """
-    pairs, problems = find_pairs([text])
+    table_sets, problems = find_table_sets([text])
     if problems:
         raise problems[0]
-    if len(pairs) > 1:
-        raise OptionError(f"{text}: holds the tables of {len(pairs)} logs; name one of them")
-    return pairs[0]
+    if len(table_sets) > 1:
+        raise OptionError(f"{text}: holds the tables of {len(table_sets)} logs; name one of them")
+    return table_sets[0]
 
 
 def table_files(inputs: Iterable[str]) -> list[Place]:
     """Return the files of all pairs that `inputs` name."""
     found = find_tables(inputs)
     changes = [path for path in found.changes if not isinstance(path, HeldTable)]
-    return [*(getattr(pair, table) for pair in found.pairs for table in SCHEMAS), *changes]
+    return [*(getattr(table_set, table) for table_set in found.table_sets for table in SCHEMAS), *changes]
 
 
-def _tables_given(given: Given) -> Found:
-    if isinstance(given, Pair):
-        return Found([given], [], [])
-    return Found([], [given], []) if isinstance(given, HeldTable) else _tables_named(given)
+def _tables_given(given: Given) -> FoundTables:
+    if isinstance(given, TableSet):
+        return FoundTables([given], [], [])
+    return FoundTables([], [given], []) if isinstance(given, HeldTable) else _tables_named(given)
 
 
-def _tables_named(text: str) -> Found:
+def _tables_named(text: str) -> FoundTables:
     """Return the tables that a name stands for, and the errors of folders that cannot be searched."""
     named, files, denied = files_named(text)
     changes = [file for file in files if _is_of_changes(file, named)]
@@ -179,11 +184,11 @@ def _tables_named(text: str) -> Found:
         if named is Named.FILE:
             raise UnreadableError(f"{text}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})")
         raise UnreadableError(f"{text}: no tables match this pattern")
-    return Found([pair for _, _, pair in tables], [*changes], denied)
+    return FoundTables([table_set for _, _, table_set in tables], [*changes], denied)
 
 
 def _is_of_changes(file: Place, named: Named) -> bool:
-    """Tell whether a file is a table of changes: by its name and columns; one that is named itself may have any name."""
+    """Return whether a file is a table of changes: by its name and columns; one that is named itself may have any name."""
     is_called_so = file.name == "changes.parquet" or file.name.endswith(".changes.parquet")
     is_other = named is not Named.FILE or _table_of(file) is not None
     if not is_called_so and (is_other or file.suffix != ".parquet"):
@@ -195,42 +200,36 @@ def _is_of_changes(file: Place, named: Named) -> bool:
         return is_called_so
 
 
-def is_table(file: Place, table: str) -> bool:
-    """Tell whether a file is such a table, by its name or by a folder above it."""
-    found = _table_of(file)
-    return found is not None and found[0] == table
-
-
 def _is_named_below(folder: str, file: Place) -> bool:
-    """Tell whether a file is a table by its path below a folder, whatever the folders above that are called."""
+    """Return whether a file is a table by its path below a folder, whatever the folders above that are called."""
     root = str(place(folder)).rstrip("/")
     below = str(file).removeprefix(f"{root}/").split("/")
     return file.name.endswith(tuple(map(table_suffix, SCHEMAS))) or any(part in SCHEMAS for part in below[:-1])
 
 
-def _table_of(file: Place) -> tuple[str, Pair] | None:
+def _table_of(file: Place) -> tuple[str, TableSet] | None:
     """Return the name of the table that a file is, by its path, and the tables of its log; None for other files."""
     query = f"?{file.options}" if isinstance(file, Url) and file.options else ""
     for table in SCHEMAS:
         if file.name.endswith(table_suffix(table)):
             words = str(file).removesuffix(query).removesuffix(f"{table}.parquet")
-            return table, Pair(words, f".parquet{query}")
+            return table, TableSet(words, f".parquet{query}")
     if file.suffix != ".parquet":
         return None
     parts = str(file).split("/")
     for at in range(len(parts) - 2, -1, -1):
         if parts[at] in SCHEMAS:
             before = "".join(f"{part}/" for part in parts[:at])
-            return parts[at], Pair(before, "".join(f"/{part}" for part in parts[at + 1 :]))
+            return parts[at], TableSet(before, "".join(f"/{part}" for part in parts[at + 1 :]))
     return None
 
 
-def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
+def read_table(table_set: TableSet, kind: str, columns: Iterable[str]) -> pa.Table:
     """Read columns of one of the tables of a log, or raise `UnreadableError`, of those in memory `OptionError`."""
-    path = getattr(pair, kind)
+    path = getattr(table_set, kind)
     if not path.exists() and isinstance(path, HeldTable):
         raise OptionError(
-            f"no {kind} table {f'of {pair.log} ' if pair.log else ''}among those in memory: give what "
+            f"no {kind} table {f'of {table_set.log} ' if table_set.log else ''}among those in memory: give what "
             f"lidarcli.{MAKERS.get(kind, 'track')} returns as a whole"
         )
     if not path.exists():
@@ -238,13 +237,13 @@ def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
     return read_columns(path, kind, SCHEMAS[kind], columns)
 
 
-def require(pair: Pair, kind: str, columns: Collection[str]) -> None:
+def require(table_set: TableSet, kind: str, columns: Collection[str]) -> None:
     """Refuse a table without these columns, which are null where an older version has written it."""
-    there = column_names(getattr(pair, kind), kind) if columns else []
+    there = column_names(getattr(table_set, kind), kind) if columns else []
     missing = sorted({*columns} - {*there})
     if missing:
         raise UnreadableError(
-            f"{getattr(pair, kind)}: no column {', '.join(missing)}, which a check asks for; "
+            f"{getattr(table_set, kind)}: no column {', '.join(missing)}, which a check asks for; "
             "an older version has written this table: write it again"
         )
 
@@ -258,7 +257,7 @@ def read_changes(path: Readable) -> pa.Table:
     return table
 
 
-def read_tracks(pair: Pair, objects: pa.Table, columns: Iterable[str]) -> pa.Table | None:
+def read_tracks(table_set: TableSet, objects: pa.Table, columns: Iterable[str]) -> pa.Table | None:
     """Read columns of the tracks table of a log; None where it has none.
 
     Raises
@@ -266,13 +265,13 @@ def read_tracks(pair: Pair, objects: pa.Table, columns: Iterable[str]) -> pa.Tab
     UnreadableError
         It cannot be read, or is not that of these objects: `detect` may have written them again.
     """
-    if not pair.tracks.exists():
+    if not table_set.tracks.exists():
         return None
-    tracks = read_table(pair, "tracks", {"topic", "track", *columns})
-    known, seen = _numbers(tracks), _numbers(objects)
-    if (known and not seen) or not seen <= known:
+    tracks = read_table(table_set, "tracks", {"topic", "track", *columns})
+    known, used = _numbers(tracks), _numbers(objects)
+    if (known and not used) or not used <= known:
         raise UnreadableError(
-            f"{pair.tracks}: does not belong to {pair.objects.name}, whose tracks are others; "
+            f"{table_set.tracks}: does not belong to {table_set.objects.name}, whose tracks are others; "
             "write both again with lidarcli track"
         )
     return tracks
@@ -287,15 +286,15 @@ def _numbers(table: pa.Table) -> set[tuple[str, float]]:
     return {(topic, number) for topic, numbers in zip(topics, mine, strict=True) for number in numbers.tolist()}
 
 
-def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
+def origin_of(table_set: TableSet, sweeps: pa.Table) -> Origin:
     """Return the origin of a log as its sweeps table tells it; other programs that write tables may leave it out."""
     notes = notes_of(sweeps)
     origin = note_value(notes, SOURCE, dict)
     size, mask = origin.get("size"), origin.get("mask")
     # The name of the log as its rows have it: with its place below the folder that was given.
-    log = str(sweeps["log"][0].as_py()) if sweeps.num_rows else pair.log
+    log = str(sweeps["log"][0].as_py()) if sweeps.num_rows else table_set.log
     return Origin(
-        label=str(pair.objects),
+        label=str(table_set.objects),
         log=log,
         format=str(origin.get("format", "")),
         size=size if isinstance(size, int) else None,
@@ -306,9 +305,9 @@ def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
     )
 
 
-def batches(pair: Pair, columns: list[str]) -> Iterator[pa.RecordBatch]:
+def batches(table_set: TableSet, columns: list[str]) -> Iterator[pa.RecordBatch]:
     """Yield columns of the beams table piece by piece: it may be large."""
-    return read_pieces(pair.beams, "beams", SCHEMAS["beams"], columns)
+    return read_pieces(table_set.beams, "beams", SCHEMAS["beams"], columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,7 +340,7 @@ def _tables(text: str) -> list[Place]:
         return files
     if denied:
         raise denied[0]
-    tables = [file for file in files if is_table(file, "tracks")]
+    tables = [file for file in files if (known := _table_of(file)) is not None and known[0] == "tracks"]
     if not tables and named is Named.FOLDER:
         raise UnreadableError(f"{text}: no *{_TRACKS} in this folder; write some with lidarcli track")
     if not tables:
@@ -359,11 +358,245 @@ def poses_of(described: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the poses of each sensor frame, at least with their `world`, in what metadata say of a log."""
     poses = described.get("poses")
     found = poses.items() if isinstance(poses, dict) else ()
-    return {frame: way for frame, way in found if isinstance(way, dict) and "world" in way}
+    return {frame: pose for frame, pose in found if isinstance(pose, dict) and "world" in pose}
 
 
-def world_in(way: Mapping[str, Any], topic: str) -> str:
+def world_in(description: Mapping[str, Any], topic: str) -> str:
     """Return the fixed frame of a topic by the description of the poses of its sensor; empty where nobody tells."""
-    world = way.get("world")
+    world = description.get("world")
     world = world.get(topic) if isinstance(world, dict) else world
     return world.strip("/") if isinstance(world, str) else ""
+
+
+KEYS = ("log", "topic")
+"""Columns of every table of logs."""
+CHANGES_KEYS = frozenset(("log_a", "log_b", "status"))
+"""Columns by which a table of changes is known."""
+_SWEEPS_INSIDE, _ROWS_INSIDE = "lidarcli.memory.sweeps", "lidarcli.memory.rows"
+"""Keys of the metadata of an objects table in memory: its sweeps table, and the rows for which that is the right one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldTableSet(TableSet):
+    """The tables of one log that are in memory, named as files of them would be."""
+
+    held: dict[str, pa.Table]
+
+    def _table(self, table: str) -> HeldTable:
+        return HeldTable(f"{self.before}{table}{self.after}", self.held.get(table))
+
+
+def with_sweeps(objects: pa.Table, sweeps: pa.Table) -> pa.Table:
+    """Return an objects table whose metadata hold its sweeps table: by itself it tells of no sweep without objects."""
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, sweeps.schema, options=pa.ipc.IpcWriteOptions(compression="zstd")) as stream:
+        stream.write_table(sweeps)
+    inside = {_SWEEPS_INSIDE: b64encode(sink.getvalue()), _ROWS_INSIDE: str(objects.num_rows)}
+    return objects.replace_schema_metadata({**(objects.schema.metadata or {}), **inside})
+
+
+def _sweeps_inside(table: pa.Table) -> pa.Table | None:
+    """Return the sweeps table in the metadata of an objects table; None where it has none, or fewer rows than it had."""
+    notes = notes_of(table)
+    if notes.get(_ROWS_INSIDE) != str(table.num_rows) or _SWEEPS_INSIDE not in notes:
+        return None
+    try:
+        return pa.ipc.open_stream(b64decode(notes[_SWEEPS_INSIDE])).read_all()
+    except (ValueError, OSError, pa.ArrowException):
+        return None
+
+
+def without_sweeps(table: pa.Table) -> pa.Table:
+    """Return a table without what `with_sweeps` puts into its metadata."""
+    metadata = table.schema.metadata or {}
+    inside = {_SWEEPS_INSIDE.encode(), _ROWS_INSIDE.encode()}
+    if metadata.keys().isdisjoint(inside):
+        return table
+    return table.replace_schema_metadata({key: value for key, value in metadata.items() if key not in inside})
+
+
+def is_in_memory(value: Any) -> bool:
+    """Return whether a value is a table: of Arrow, pandas, polars or any library that hands out Arrow streams."""
+    # A series of paths hands out a stream, too, but has no columns.
+    return _is_frame(value) or (hasattr(value, "__arrow_c_stream__") and hasattr(value, "columns"))
+
+
+def arrow_of(value: Any) -> pa.Table:
+    """Return a table as one of Arrow; the metadata of a data frame are its `attrs`."""
+    if isinstance(value, pa.Table):
+        return value
+    try:
+        if not _is_frame(value):
+            return pa.table(value)
+        table = pa.Table.from_pandas(value, preserve_index=False)
+    except (pa.ArrowException, ValueError, TypeError) as err:
+        raise OptionError(f"a {type(value).__name__} that is no table: {' '.join(str(err).split())}") from None
+    # A category without a value has no type.
+    for at, field in enumerate(table.schema):
+        if pa.types.is_dictionary(field.type) and pa.types.is_null(field.type.value_type):
+            table = table.set_column(at, field.name, pa.nulls(table.num_rows))
+    notes = {key: note for key, note in value.attrs.items() if isinstance(key, str) and isinstance(note, str)}
+    return table.replace_schema_metadata(notes)
+
+
+def table_sets_of(tables: Sequence[Any]) -> list[HeldTableSet]:
+    """Return the tables of each log, of some that belong together: at most one of each kind holds rows of a log.
+
+    Raises
+    ------
+    OptionError
+        One is no table of lidarcli, or two of a kind are of the same log.
+    """
+    given = [arrow_of(table) for table in tables]
+    known = [(_kind_of(table), without_sweeps(table)) for table in given]
+    if all(kind != "sweeps" for kind, _ in known):
+        known += [("sweeps", sweeps) for table in given if (sweeps := _sweeps_inside(table)) is not None]
+    split = [(kind, table, _by_log(table)) for kind, table in known]
+    # The order of the logs is that of their sweeps, which every log has.
+    ordered = sorted(split, key=lambda each: each[0] != "sweeps")
+    logs = dict.fromkeys(log for _, _, parts in ordered for log in parts)
+    found = []
+    for log in logs or {"": None}:
+        held: dict[str, pa.Table] = {}
+        for kind, table, parts in split:
+            part = parts.get(log)
+            if part is None and kind in held:
+                continue
+            if part is not None and kind in held and held[kind].num_rows:
+                raise OptionError(f"two {kind} tables hold rows of {log}: name one of them")
+            held[kind] = _rows_of_log(table.slice(0, 0) if part is None else part, log, [*logs])
+        found.append(HeldTableSet(f"{log}." if log else "", ".parquet", held))
+    return found
+
+
+def tables_of(values: Any) -> list[Given]:
+    """Return tables, each named by a path or in memory: those of a tuple that a function returned belong together.
+
+    Raises
+    ------
+    TypeError
+        One is neither a path nor a table.
+    OptionError
+        One is no table of lidarcli, or two of a kind are of the same log.
+    """
+    found: list[Given] = []
+    table_sets: list[HeldTableSet] = []
+    loose: list[Any] = []
+    for each in _each_table(values):
+        if isinstance(each, str):
+            found.append(each)
+        elif isinstance(each, list):
+            table_sets += table_sets_of(each)
+        elif {*(table := arrow_of(each)).column_names} >= CHANGES_KEYS:
+            found.append(HeldTable("changes.parquet", table))
+        else:
+            loose.append(each)
+    return [*found, *_joined([*table_sets, *(table_sets_of(loose) if loose else ())])]
+
+
+def tables_to_export(values: Any) -> list[str | HeldTable]:
+    """Return tables of any kind, each named by a path or in memory (`TypeError` if one is neither)."""
+    given = [*_each_table(values)]
+    if any(isinstance(each, list) for each in given):
+        raise TypeError("tables of one kind are exported at a time: give one of these, as .objects")
+    return [each if isinstance(each, str) else HeldTable("the table", without_sweeps(arrow_of(each))) for each in given]
+
+
+def _each_table(values: Any) -> Iterator[Any]:
+    """Yield the path of each table as text, a table itself, or the list of those that a function returned together."""
+    made = (isinstance(values, tuple) and hasattr(values, "_fields")) or _has_changes(values)
+    given = [values] if isinstance(values, str | PathLike) or is_in_memory(values) or made else values
+    if not isinstance(given, Iterable) or isinstance(given, Mapping):
+        raise TypeError(_no_table(values))
+    for each in given:
+        if isinstance(each, str | PathLike):
+            yield fspath(each)
+        elif is_in_memory(each):
+            yield each
+        elif isinstance(each, tuple) and hasattr(each, "_fields"):
+            together = [*each, getattr(each, "trajectories", None)]
+            yield [table for table in together if table is not None]
+        elif _has_changes(each):
+            yield each.changes
+        else:
+            raise TypeError(_no_table(each))
+
+
+def _no_table(value: Any) -> str:
+    return (
+        "tables are named by their paths, or are what detect, track, tables, zones and diff return, Arrow tables or "
+        f"data frames, not {type(value).__name__}"
+    )
+
+
+def _has_changes(value: Any) -> bool:
+    """Return whether a value is what `diff` returns."""
+    return is_in_memory(getattr(value, "changes", None))
+
+
+def _joined(table_sets: Sequence[HeldTableSet]) -> list[HeldTableSet]:
+    """Return the pairs, those of one log as one where they hold other kinds, as what `track` and `zones` return."""
+    found: list[HeldTableSet] = []
+    for table_set in table_sets:
+        same = next((k for k, one in enumerate(found) if _belong(one, table_set)), None)
+        if same is None:
+            found.append(table_set)
+        else:
+            found[same] = replace(table_set, held=found[same].held | table_set.held)
+    return found
+
+
+def _belong(one: HeldTableSet, other: HeldTableSet) -> bool:
+    return (one.before, one.after) == (other.before, other.after) and not one.held.keys() & other.held.keys()
+
+
+def _is_frame(value: Any) -> bool:
+    """Return whether a value is a data frame of pandas, which nobody imports for the question."""
+    pandas = sys.modules.get("pandas")
+    return pandas is not None and isinstance(value, pandas.DataFrame)
+
+
+def _kind_of(table: pa.Table) -> str:
+    """Return the kind of a table, by its columns: that which has most of them."""
+    names = {*table.column_names}
+    if not names.issuperset(KEYS):
+        some = ", ".join(table.column_names[:10])
+        raise OptionError(f"a table with the columns {some} is none of lidarcli: no column {' or '.join(KEYS)}")
+    for name in KEYS:
+        if (times := table.column_names.count(name)) > 1:
+            raise OptionError(f"a table in memory has {times} columns {name}, not one")
+    return max(SCHEMAS, key=lambda kind: len(names & {*SCHEMAS[kind].names}) - len(SCHEMAS[kind]) / 1000)
+
+
+def _by_log(table: pa.Table) -> dict[str, pa.Table]:
+    """Return the rows of each log."""
+    import pyarrow.compute as pc
+
+    if not is_text(table["log"].type):
+        raise OptionError(f"column log is {table['log'].type}, not text: it names the log of each row")
+    names = table["log"].cast(pa.string())
+    logs = names.unique().drop_null().to_pylist()
+    return {log: table if len(logs) == 1 else table.filter(pc.equal(names, log)) for log in logs}
+
+
+def _rows_of_log(table: pa.Table, log: str, logs: Sequence[str]) -> pa.Table:
+    """Return the rows of one of several logs with the metadata that are about it."""
+    notes = notes_of(table)
+    sources, damage = note_value(notes, SOURCE, list), note_value(notes, DAMAGE, list)
+    if not sources:
+        return table
+    if len(sources) == len(logs) and log in logs:
+        notes[SOURCE] = json.dumps(sources[logs.index(log)])
+    else:
+        notes.pop(SOURCE)
+    if DAMAGE in notes:
+        notes[DAMAGE] = json.dumps([*_lines_of(damage, log, logs)])
+    return table.replace_schema_metadata(notes)
+
+
+def _lines_of(damage: Sequence[Any], log: str, logs: Sequence[str]) -> Iterator[Any]:
+    """Yield the lines that name a log; those that name none are the first one's."""
+    for line in damage:
+        of = next((each for each in logs if str(line).startswith(f"{each}: ")), logs[0] if logs else log)
+        if of == log:
+            yield line

@@ -12,7 +12,7 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.machine import cores
 from lidarcli.pipeline.inputs.search import files_of
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.objects.making import Recipe
 from lidarcli.pipeline.reading.one_log import named_files, reading_as_dict
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
@@ -75,7 +75,7 @@ class DetectOptions:
         """Return the path of each table of a log; `date` as of `Reading.date`."""
         return table_paths(folder, source.name, self.tables, self.layout, date)
 
-    def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
+    def inputs(self, sources: Sequence[Source | MissingInput]) -> list[str]:
         """Return the files that are read, none of which an output may replace."""
         options = [each.path for each in (self.background, self.catalogue) if each is not None]
         return [*files_of(sources), *filter(None, options), *named_files(self)]

@@ -35,7 +35,7 @@ from lidarcli._version import __version__
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.machine import keep_freed_memory
 from lidarcli.newfiles import scratch_folder
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.runs.outcomes import INTERNAL_ERROR, Outcome, Work, outcome_of
 from lidarcli.pipeline.runs.processes import signals_held
@@ -145,7 +145,7 @@ class Cluster:
         """Danger of this cluster; None where there is none."""
         return danger(self._client.scheduler.address)
 
-    def outcomes(self, sources: Sequence[Source | Nothing], work: Work) -> Iterator[Outcome]:
+    def outcomes(self, sources: Sequence[Source | MissingInput], work: Work) -> Iterator[Outcome]:
         """Do `work` for each of `sources`, and yield the outcomes in the order in which they end.
 
         Raises
@@ -161,7 +161,7 @@ class Cluster:
             with suppress(Exception):
                 self._client.unregister_worker_plugin(name)
 
-    def submit(self, sources: tuple[Source | Nothing, ...], name: str) -> Any:
+    def submit(self, sources: tuple[Source | MissingInput, ...], name: str) -> Any:
         """Submit some logs to the next free worker."""
         sent = tuple(map(_sent, sources))
         return self._client.submit(_do, name, sent, pure=False, key=f"{name}-{os.urandom(8).hex()}")
@@ -322,7 +322,7 @@ def danger(address: str) -> str | None:
 class _Task:
     """Logs that are submitted together: one, or several small ones."""
 
-    sources: tuple[Source | Nothing, ...]
+    sources: tuple[Source | MissingInput, ...]
     lost: int = 0
     """Times that the cluster has lost it."""
     alone: bool = False
@@ -332,11 +332,11 @@ class _Task:
 class _Submitting:
     """One run over a cluster: logs that wait, tasks that were submitted, and logs that seem to kill workers."""
 
-    def __init__(self, cluster: Cluster, sources: Sequence[Source | Nothing], name: str) -> None:
+    def __init__(self, cluster: Cluster, sources: Sequence[Source | MissingInput], name: str) -> None:
         self._cluster = cluster
         self._name = name
         self._waiting = deque(sources)
-        self._suspects: deque[Source | Nothing] = deque()
+        self._suspects: deque[Source | MissingInput] = deque()
         self._running: dict[Any, _Task] = {}
         """Future → its task."""
         self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -362,7 +362,7 @@ class _Submitting:
         if not self._running and self._suspects:
             self._submit(_Task((self._suspects.popleft(),), alone=True))
 
-    def _next(self, window: int) -> tuple[Source | Nothing, ...]:
+    def _next(self, window: int) -> tuple[Source | MissingInput, ...]:
         """Take the next logs for one task, fewer towards the end, so that all workers end at the same time."""
         most = min(TOGETHER, len(self._waiting) // (2 * window))
         found = [self._waiting.popleft()]
@@ -413,14 +413,14 @@ def _failed(task: _Task, code: int, error: str) -> list[Outcome]:
     return [Outcome(source.label, code, error=error, source=source) for source in task.sources]
 
 
-def _size(source: Source | Nothing) -> int:
+def _size(source: Source | MissingInput) -> int:
     """Return the bytes of a log; of an unknown size enough for a task."""
-    return 0 if isinstance(source, Nothing) else source.size or TOGETHER_BYTES
+    return 0 if isinstance(source, MissingInput) else source.size or TOGETHER_BYTES
 
 
-def _sent(source: Source | Nothing) -> Source | Nothing:
+def _sent(source: Source | MissingInput) -> Source | MissingInput:
     """Return a log for a worker, whose working directory is another."""
-    return source if isinstance(source, Nothing) else _absolute(source)
+    return source if isinstance(source, MissingInput) else _absolute(source)
 
 
 def _absolute(source: Source) -> Source:
@@ -434,7 +434,7 @@ def _absolute(source: Source) -> Source:
     )
 
 
-def _do(name: str, sources: tuple[Source | Nothing, ...]) -> list[Outcome]:
+def _do(name: str, sources: tuple[Source | MissingInput, ...]) -> list[Outcome]:
     """Do some logs, on a worker."""
     worker: Any = distributed.get_worker()
     key, setup = worker.get_current_task(), worker.plugins[name]

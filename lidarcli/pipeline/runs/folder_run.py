@@ -15,7 +15,7 @@ from lidarcli._version import __version__
 from lidarcli.errors import LidarcliError, OptionError, OutputError, UnreadableError
 from lidarcli.newfiles import exists_already
 from lidarcli.pipeline.inputs.files import read_file
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.runs.manifest import (
     Manifest,
@@ -38,7 +38,7 @@ from lidarcli.tabular.writing import BY_DATE, DAMAGE, PARAMETERS, SOURCE, VERSIO
 class Step:
     """Step of a run: one input, and whether it is done already."""
 
-    source: Source | Nothing
+    source: Source | MissingInput
     done: Entry | None = None
     """Entry of an earlier run that did it; then nothing is read."""
 
@@ -51,7 +51,7 @@ class Plan:
     notes: list[str] = field(default_factory=list)
 
     @property
-    def left(self) -> list[Source | Nothing]:
+    def left(self) -> list[Source | MissingInput]:
         """Inputs that are still to be done."""
         return [step.source for step in self.steps if step.done is None]
 
@@ -111,7 +111,7 @@ class FolderRun:
         mine = {output for entry in entries for output in entry.outputs}
         plan = Plan([], [f"{problem}; not used" for problem in problems])
         for source in sources:
-            if isinstance(source, Nothing):
+            if isinstance(source, MissingInput):
                 plan.steps.append(Step(source))
                 continue
             outputs = tuple(map(absolute, self._outputs(source)))
@@ -126,7 +126,7 @@ class FolderRun:
             foreign = [out for out in existing if out not in mine and not _is_of(out, source)]
             if foreign:
                 error = OutputError(f"{foreign[0]} exists and is not of this log; use --overwrite to replace it")
-                plan.steps.append(Step(Nothing(source.path, error)))
+                plan.steps.append(Step(MissingInput(source.path, error)))
                 continue
             plan.steps.append(Step(source, done=done))
         return plan
@@ -141,7 +141,7 @@ class FolderRun:
             if isinstance(step.source, Source) and step.done is None:
                 existing = next(iter(self._existing(step.source, there)), None)
                 if existing is not None:
-                    plan.steps[index] = Step(Nothing(step.source.path, exists_already(existing)))
+                    plan.steps[index] = Step(MissingInput(step.source.path, exists_already(existing)))
 
     def dry(self, plan: Plan) -> Iterator[tuple[Step, list[tuple[str, bool]]]]:
         """Yield the steps of a plan with their files, as far as they are known before reading, and whether these exist."""
@@ -189,7 +189,7 @@ class FolderRun:
             if state_of(old) is not None
         ]
 
-    def _remove_other_days(self, source: Source | Nothing, outputs: Sequence[str]) -> list[str]:
+    def _remove_other_days(self, source: Source | MissingInput, outputs: Sequence[str]) -> list[str]:
         """Remove the tables of a log that has another day now: a reader of the folder would find it twice."""
         notes = []
         for old in self._days.pop(_url(source), ()):
@@ -298,7 +298,7 @@ def _is_below(folder: Place, name: str) -> bool:
     return False
 
 
-def _url(source: Source | Nothing) -> str:
+def _url(source: Source | MissingInput) -> str:
     """Return the place of an input, independent of the working directory."""
     return absolute(source.path)
 
@@ -314,7 +314,7 @@ def parameters_hash(options: DetectOptions) -> str:
     return digest.hexdigest()
 
 
-def _as_before(source: Source | Nothing, done: Entry) -> Outcome:
+def _as_before(source: Source | MissingInput, done: Entry) -> Outcome:
     """Return the outcome of a log in an earlier run."""
     return Outcome(
         source.label, done.exit_code, error=done.message if done.exit_code else None, source=source, skipped=True

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from lidarcli.errors import LidarcliError, OutputError, UnreadableError
 from lidarcli.newfiles import write_whole
 from lidarcli.pipeline.inputs.files import all_files
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.stores.url import Place, State, Url, absolute, place
 from lidarcli.tabular.runs import Entry, read_run, run_rows
 from lidarcli.tabular.schemas import RUNS
@@ -28,10 +28,10 @@ ASKED_AT_ONCE = 16
 """Requests for the state of an object at a time: each takes tens of milliseconds."""
 _DAY = re.compile(r"/date=[^/]*/")
 
-Sources = Sequence[Source | Nothing]
+Sources = Sequence[Source | MissingInput]
 
 
-def known(sources: Sources) -> list[Source | Nothing]:
+def known(sources: Sources) -> list[Source | MissingInput]:
     """Return the inputs with their states before anything is read: a log that changes meanwhile is another log."""
     asked = [source for source in sources if isinstance(source, Source) and source.found is None]
     with ThreadPoolExecutor(ASKED_AT_ONCE, "ask") as pool:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, UnreadableError, is_short_of_memory
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import RunSummary
 
 INTERNAL_ERROR = 70
@@ -30,7 +30,7 @@ class Outcome:
     """Traceback of an internal error."""
     remark: str | None = None
     """Note on trouble that was overcome."""
-    source: Source | Nothing | None = field(default=None, compare=False)
+    source: Source | MissingInput | None = field(default=None, compare=False)
     """The input it is about."""
     skipped: bool = False
     """True where it was done before, and nothing was read now."""
@@ -45,9 +45,9 @@ class Failure:
     trace: str | None = None
 
 
-def attempt(source: Source | Nothing, work: Callable[[Source], T]) -> T | Failure:
+def attempt(source: Source | MissingInput, work: Callable[[Source], T]) -> T | Failure:
     """Do the work for one input, and turn its errors into a `Failure`, so that the other inputs are done."""
-    if isinstance(source, Nothing):
+    if isinstance(source, MissingInput):
         return Failure(str(source.error), source.error.exit_code)
     try:
         return work(source)
@@ -66,7 +66,7 @@ def attempt(source: Source | Nothing, work: Callable[[Source], T]) -> T | Failur
         gc.collect(1)
 
 
-def outcome_of(source: Source | Nothing, work: Work) -> Outcome:
+def outcome_of(source: Source | MissingInput, work: Work) -> Outcome:
     """Do the work for one input and return its outcome."""
     result = attempt(source, work)
     if isinstance(result, Failure):

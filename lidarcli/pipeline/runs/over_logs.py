@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary
 from lidarcli.pipeline.runs.outcomes import Outcome, outcome_of
 
@@ -26,7 +26,7 @@ class LogWork(Protocol):
 
 
 def over_logs(
-    sources: Sequence[Source | Nothing], work: LogWork, report: LogProgress | None = None, at_once: int = 1
+    sources: Sequence[Source | MissingInput], work: LogWork, report: LogProgress | None = None, at_once: int = 1
 ) -> Iterator[Outcome]:
     """Do the work for one log after the other, or for several at the same time in worker processes.
 
@@ -59,7 +59,7 @@ def progress_of(source: Source, report: LogProgress | None) -> Callable[[int], N
     return None if report is None else lambda position: report(source, position)
 
 
-def summed(sources: Sequence[Source | Nothing], show: Callable[[int, int | None, str], object]) -> LogProgress:
+def summed(sources: Sequence[Source | MissingInput], show: Callable[[int, int | None, str], object]) -> LogProgress:
     """Return the progress of several logs that tells `show` of the bytes read, of all (None: not known), and the log."""
     sizes = [source.size for source in sources if isinstance(source, Source)]
     total = sum(sizes) if all(sizes) else None
@@ -72,7 +72,7 @@ def summed(sources: Sequence[Source | Nothing], show: Callable[[int, int | None,
     return report
 
 
-def logs_at_once(sources: Sequence[Source | Nothing], jobs: int) -> int:
+def logs_at_once(sources: Sequence[Source | MissingInput], jobs: int) -> int:
     """Return the number of logs to process at the same time: more than one only where it pays, and at most `jobs`."""
     logs = [source for source in sources if isinstance(source, Source)]
     # Standard input belongs to this process and cannot be handed to another.

@@ -16,7 +16,7 @@ from multiprocessing import resource_tracker
 from types import FrameType
 
 from lidarcli.machine import keep_freed_memory
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.runs.outcomes import INTERNAL_ERROR, Outcome, Work, outcome_of
 
 
@@ -108,7 +108,7 @@ class _Stopped(BaseException):
     """The parent ends this worker: unwinds through the writers, which remove their unfinished files."""
 
 
-def side_by_side(sources: Sequence[Source | Nothing], work: Work, jobs: int) -> Iterator[Outcome]:
+def side_by_side(sources: Sequence[Source | MissingInput], work: Work, jobs: int) -> Iterator[Outcome]:
     """Do `work` for each of `sources` in `jobs` worker processes, and yield the outcomes in their order.
 
     No more logs are handed out than there are workers, so that only these are done again when a worker dies.
@@ -154,7 +154,7 @@ def _collect_whole(running: dict[int, Future[Outcome]], done: dict[int, Outcome]
         done[index] = running.pop(index).result()
 
 
-def _again(work: Work, source: Source | Nothing) -> Outcome:
+def _again(work: Work, source: Source | MissingInput) -> Outcome:
     """Do one log again, alone in a fresh pool, after a worker died."""
     pool = _pool(1)
     try:
@@ -188,7 +188,7 @@ def _leave(number: int, frame: object) -> None:
     raise _Stopped
 
 
-def _do(work: Work, source: Source | Nothing) -> Outcome:
+def _do(work: Work, source: Source | MissingInput) -> Outcome:
     """One log, in a worker process."""
     global _working
     _working = True

@@ -1,0 +1,128 @@
+"""`lidarcli export`, `poses` and `simulate`: files made of tables, of a log and of a scene."""
+
+from typing import Annotated
+
+from lidarcli.cli.commands import command, log_options
+from lidarcli.cli.messages import Messages, counted_bar, of_one_log, standard_output
+from lidarcli.display import counted
+from lidarcli.option_forms import Argument, File, Option, Rule, options_of
+from lidarcli.options import OUTPUT, STDOUT, Exporting, OneLog, Overwrite, Reading, Reported, Simulating, output
+from lidarcli.stores.url import place
+
+
+class ExportCommand(Overwrite, Exporting, total=False):
+    """Options of `export`."""
+
+    tables: Annotated[tuple[str, ...], Argument("TABLE...", File("TABLE"), several=True)]
+    output: Annotated[str, output("FILE"), "File to write: .csv, .ndjson, .arrow or .parquet; - for standard output."]
+    format: Annotated[
+        str | None, Option(OUTPUT, ("csv", "ndjson", "arrow", "parquet"), shown="csv"), "Format of the stream of -o -."
+    ]
+
+
+@command(
+    ExportCommand,
+    examples="""\
+  lidarcli export run.objects.parquet -o run.csv
+  lidarcli export run.tracks.parquet -o - --columns track,set,speed_mean
+  lidarcli export 'tables/*.objects.parquet' -o all.ndjson --overwrite
+  lidarcli export run.beams.parquet -o - --format arrow > beams.arrow""",
+    rules=[Rule(("format",), ("output=-",), "is for the stream of -o -; a file has the format of its suffix", needs=True)],
+)
+def export(messages: Messages, options: ExportCommand) -> int:
+    """Write tables as CSV, NDJSON, Arrow or Parquet.
+
+    TABLE is any Parquet table that lidarcli wrote, a folder to search, or a
+    pattern. Several tables of one kind are written one after the other.
+    """
+    output, kind = options["output"], options["format"]
+    from lidarcli.pipeline.exporting import chosen, export_file, export_stream, format_of
+
+    form = (kind or "csv") if output == STDOUT else format_of(place(output))
+    wanted = chosen(options["tables"], [*options["columns"]], options["stamps"])
+    for problem in wanted.problems:
+        messages.error(str(problem))
+    if output == STDOUT:
+        _, notes = export_stream(wanted, standard_output().buffer, form)
+    else:
+        rows, notes = export_file(wanted, place(output), form, options["overwrite"])
+    messages.notes(notes)
+    if output != STDOUT:
+        messages.info(f"  wrote    {output} ({rows:,} rows)")
+    return wanted.problems[0].exit_code if wanted.problems else 0
+
+
+class PosesCommand(OneLog, Reported, Reading, total=False):
+    """Options of `poses`."""
+
+    output: Annotated[
+        str, output("FILE"), "File to write: .tum or .txt (lines of timestamp x y z qx qy qz qw), or .parquet."
+    ]
+
+
+@command(
+    PosesCommand,
+    examples="""\
+  lidarcli poses run.mcap -o run.tum
+  lidarcli poses run.mcap -o odometry.tum --pose /odom
+  lidarcli poses scans.csv -o scans.tum --pose match
+  lidarcli poses run.bag -o run.poses.parquet
+  evo_traj tum run.tum --plot""",
+)
+def poses(messages: Messages, options: PosesCommand) -> int:
+    """Write where the sensor was at each sweep, as evo reads it."""
+    logs = log_options(options)
+
+    from lidarcli.pipeline.inputs.search import one_log
+    from lidarcli.pipeline.trajectories import PathOptions, refuse_path, write_path
+
+    messages.begin(options)
+    source, path = one_log(options["log"], options["join"]), place(options["output"])
+    how = PathOptions(*logs, options["overwrite"], options["stamps"])
+    refuse_path(path, source, how)
+    return of_one_log(messages, source, lambda one, progress: write_path(one, path, how, progress))
+
+
+class SimulateCommand(Overwrite, Simulating, total=False):
+    """Options of `simulate`."""
+
+    scene: Annotated[str, Argument("SCENE.toml", File("SCENE.toml"))]
+    output: Annotated[
+        str,
+        output("LOG"),
+        "Log to write: .mcap, .bag, .db3, .csv, .csv.gz, or a name without suffix for a ROS 2 bag folder.",
+    ]
+
+
+@command(
+    SimulateCommand,
+    examples="""\
+  lidarcli simulate samples/room.toml -o room.mcap
+  lidarcli simulate samples/room.toml -o room.bag --compression lz4 --sweeps 9
+  lidarcli simulate samples/room.toml -o room.csv --layout wide --seed 7
+  lidarcli simulate samples/people.toml -o people3d.mcap --clouds
+  lidarcli simulate samples/people.toml -o people --duration 2.5
+  lidarcli simulate hall.toml -o run.mcap --map map.yaml --map-resolution 0.1""",
+)
+def simulate(messages: Messages, options: SimulateCommand) -> int:
+    """Ray-cast a scene into a log, with the truth beside it.
+
+    Writes LOG, <log>.truth.parquet (one row per sweep and visible entity) and
+    <log>.truth-beams.parquet (the entity of every beam).
+    """
+    from lidarcli.simulation import simulate as run
+
+    scene = options["scene"]
+    with counted_bar(scene, None, "sweeps", messages) as progress:
+        result = run(
+            scene,
+            options["output"],
+            overwrite=options["overwrite"],
+            progress=progress,
+            **{field: options[field] for field in options_of(Simulating)},  # type: ignore[literal-required]
+        )
+    messages.info(f"{scene}: {counted(result.sweeps, 'sweep')}")
+    written = (result.log, result.truth, result.truth_beams, result.true_map)
+    messages.wrote(filter(None, written))
+    messages.notes(result.notes)
+    return 0

@@ -1,0 +1,199 @@
+"""`lidarcli.detect`, `lidarcli.track` and `lidarcli.tables`: objects, and the things that they belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from itertools import chain
+from os import PathLike
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+
+import pyarrow as pa
+
+from lidarcli.errors import OptionError
+from lidarcli.formalism import Parameters
+from lidarcli.options import Detecting, Paths, Reading, Tabling, Tracking, parse_names
+from lidarcli.pipeline.api.options import (
+    Progress,
+    Values,
+    detect_options,
+    log_options,
+    memory_of,
+    refuse_reading,
+    sources_of,
+    tracking_of,
+    watched,
+    with_keywords,
+)
+from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
+from lidarcli.pipeline.inputs.tables import with_sweeps
+from lidarcli.sweeps import SweepBatch
+from lidarcli.tabular.reading import notes_of
+from lidarcli.tabular.schemas import BRIEF
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from lidarcli.pipeline.objects.following import TrackOptions
+
+LogsOrBatches = Paths | SweepBatch | Iterable[SweepBatch]
+
+
+@with_keywords
+def detect(
+    log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Detecting]
+) -> pa.Table:
+    """The objects of every sweep as a table.
+
+    Parameters
+    ----------
+    log : logs as of `read`, each of which is a log of its own in the table; or a batch, or batches (of one topic, or in
+        order of topics)
+    parameters : replaces the keywords from `profile` to `walls`
+
+    Returns
+    -------
+    pyarrow.Table
+        One row per object per sweep (docs/tables.md); `.to_pandas()` makes a data frame of it.
+
+    Raises
+    ------
+    UnreadableError, NoScanError, OptionError
+        As of `read`.
+    """
+    made = _found(log, ("objects", "sweeps"), parameters, options, memory_of(options), progress)
+    return with_sweeps(made["objects"], made["sweeps"])
+
+
+@with_keywords
+def track(
+    log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Tracking]
+) -> TrackTables:
+    """The objects and the sweeps of every log, and the things that its objects belong to, as tables.
+
+    Parameters
+    ----------
+    log : as of `detect`; batches of a log and topic have to come in the order of the log
+    parameters : replaces the keywords from `profile` to `walls`
+
+    Returns
+    -------
+    TrackTables
+        `objects`, `sweeps` and `tracks`, each a pyarrow.Table as the command line writes it (docs/tables.md); and
+        `trajectories`, which unpacking leaves out.
+
+    Raises
+    ------
+    UnreadableError, NoScanError, OptionError
+        As of `read`.
+    """
+    names = [*TrackTables._fields, *(["trajectories"] if options["trajectories"] else [])]
+    made = _found(log, names, parameters, options, tracking_of(options), progress)
+    made["objects"] = with_sweeps(made["objects"], made["sweeps"])
+    trajectories = made.pop("trajectories", None)
+    found = TrackTables(**made)
+    found.trajectories = trajectories
+    return found
+
+
+class _Tables(NamedTuple):
+    objects: pd.DataFrame
+    """One row per object per sweep."""
+    sweeps: pd.DataFrame
+    """One row per sweep."""
+    tracks: pd.DataFrame
+    """One row per thing."""
+    beams: pd.DataFrame | None = None
+    """One row per beam of each sweep, where that was asked for."""
+
+
+class Tables(_Tables):
+    """The tables of logs as pandas data frames, with the columns of docs/tables.md; the first four can be unpacked."""
+
+    trajectories: pd.DataFrame | None = None
+    """One row per thing and sweep, from its first sight to its last, unless they were left out."""
+
+
+@with_keywords
+def tables(
+    log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Tabling]
+) -> Tables:
+    """All tables of one or more logs as pandas data frames: what `track` finds.
+
+    Stamps are `datetime64[ns, UTC]`, names (log, topic, set, shape, label) categories, whole numbers `Int64` or
+    `Int32`, truths `boolean`, and vertices and faces lists of dicts.
+
+    Parameters
+    ----------
+    log : as of `track`
+    parameters : replaces the keywords from `profile` to `walls`
+
+    Returns
+    -------
+    Tables
+        `objects`, `sweeps`, `tracks`, `trajectories` unless `trajectories=False`, and, with `beams=True`, `beams`: each
+        a pandas.DataFrame.
+
+    Raises
+    ------
+    UnreadableError, NoScanError, OptionError
+        As of `read`.
+    """
+    more = [name for name in ("trajectories", "beams") if options[name]]
+    names = ("objects", "sweeps", "tracks", *more)
+    # Here the name is that of the columns of the tables.
+    columns, options["columns"] = options["columns"], ""
+    made = _found(log, names, parameters, options, tracking_of(options), progress)
+    if chosen := parse_names(columns) if isinstance(columns, str) else tuple(columns):
+        made = narrowed(made, chosen)
+    made["objects"] = with_sweeps(made["objects"], made["sweeps"])
+    frames = {name: _frame(table) for name, table in made.items()}
+    trajectories = frames.pop("trajectories", None)
+    found = Tables(**frames)
+    found.trajectories = trajectories
+    return found
+
+
+def narrowed(tables: Mapping[str, pa.Table], columns: Sequence[str]) -> dict[str, pa.Table]:
+    """Return of each table the columns that it has (`OptionError` where none has one)."""
+    if [*columns] == ["brief"]:
+        return {name: table.select(BRIEF[name]) for name, table in tables.items()}
+    there = [*dict.fromkeys(name for table in tables.values() for name in table.column_names)]
+    for name in columns:
+        if name not in there:
+            near = get_close_matches(name, there, 1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(there)}"
+            raise OptionError(f"--columns: no table has a column {name}; {hint}")
+    return {kind: table.select([name for name in columns if name in table.column_names]) for kind, table in tables.items()}
+
+
+def _frame(table: pa.Table) -> pd.DataFrame:
+    """A data frame whose types depend on the schema alone, not on what is missing."""
+    import pandas as pd
+
+    # Numbers and truths that may be missing: numpy would make fractions of one, and objects of the other.
+    nullable = {pa.int32(): pd.Int32Dtype(), pa.int64(): pd.Int64Dtype(), pa.bool_(): pd.BooleanDtype()}
+    frame: pd.DataFrame = table.to_pandas(types_mapper=nullable.get)
+    # What a report tells of the run, and of damage.
+    frame.attrs = dict[Any, Any](notes_of(table))
+    return frame
+
+
+def _found(
+    log: Any,
+    tables: Sequence[str],
+    parameters: Parameters | None,
+    options: Values,
+    tracking: TrackOptions | None,
+    progress: Progress,
+) -> dict[str, pa.Table]:
+    """Some tables of logs or of batches, by their names."""
+    how = detect_options(options, log_options(options), tracking, parameters)
+    items: Iterator[Any] = iter([log] if isinstance(log, str | PathLike | SweepBatch) else log)
+    first = next(items, None)
+    if not isinstance(first, SweepBatch):
+        sources = sources_of([] if first is None else [first, *items], options["join"])
+        with watched(progress, sources) as report:
+            return of_logs(sources, tables, how, report)
+    refuse_reading({**options, "progress": progress or None}, Reading, "jobs", "progress")
+    return of_batches(chain([first], items), tables, how)
