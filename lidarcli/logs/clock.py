@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.logs.rules import LEAP, LONG, SET_BACK
+from lidarcli.findings import LEAP, LONG, SET_BACK
 from lidarcli.sweeps import Bool, Float64, Int64, RawSweeps
 from lidarcli.times import SECOND_NS, Instant
 

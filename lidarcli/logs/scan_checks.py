@@ -14,12 +14,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from lidarcli.findings import Finding, Sensor, judge
-from lidarcli.logs.base import ReadReport
-from lidarcli.logs.blocks import FAR, WIDEST_VIEW
-from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock, ClockInfo, Sample, in_words
-from lidarcli.logs.rules import (
+from lidarcli.findings import (
     CERTAINLY_MM,
+    FAR,
     FASTEST,
     FINEST_STEP,
     LOG_RULES,
@@ -29,7 +26,13 @@ from lidarcli.logs.rules import (
     SOME,
     SWEEP_RULES,
     UNUSABLE,
+    WIDEST_VIEW,
+    Finding,
+    Sensor,
+    judge,
 )
+from lidarcli.logs.base import ReadReport
+from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock, ClockInfo, Sample, in_words
 from lidarcli.range_rules import FARTHEST, LONGEST_SWEEP
 from lidarcli.sweeps import TURN, Bool, Float32, Int32, Int64, RawSweeps, Status, SweepBatch, spared
 

@@ -16,11 +16,11 @@ from lidarcli.choices import ABOVE, INF, KEEP, MATCH, NAN
 from lidarcli.copying import MCAP, ROS1, ROS2, Copy, copy_log, replaced
 from lidarcli.display import counted
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.findings import LEAP
 from lidarcli.formalism.tracking.tracker import share_moving
 from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.logs.blocks import Locate
 from lidarcli.logs.options import TopicChoice
-from lidarcli.logs.rules import LEAP
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
 from lidarcli.pipeline.cleaned_beams import REASONS, Choice, Chosen, choose, doubted
 from lidarcli.pipeline.detecting import detect_beside, second_of_two

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
-from lidarcli.findings import DEEP_RULES, RULES, Finding
+from lidarcli.findings import DEEP_IDS, IDS, Finding
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part
@@ -218,7 +218,7 @@ def inspect_log(
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
             notes=(*report.notes, *masking.notes, *_pose_notes(posing, found), *notes, *_not_shown(only_counted)),
             damage=tuple(damage_lines(report)),
-            findings=tuple(sorted(findings, key=lambda each: (RULES.index(each.id), each.topic, each.frame))),
+            findings=tuple(sorted(findings, key=lambda each: (IDS.index(each.id), each.topic, each.frame))),
             learned=learned,
             proposed=masking.proposed,
         )
@@ -389,7 +389,7 @@ def _learned(source: Source) -> Learned:
     return load(source)
 
 
-FIGURES = (*("findings", "findings.errors", "findings.warnings", "findings.hints"), *(f"findings.{rule}" for rule in RULES))
+FIGURES = (*("findings", "findings.errors", "findings.warnings", "findings.hints"), *(f"findings.{rule}" for rule in IDS))
 """Figures that a check of findings may name."""
 
 
@@ -401,7 +401,7 @@ def understand_checks(checks: Sequence[str], deep: bool) -> list[Check]:
 
     parsed = [parse_check(text, only=FIGURES, page="docs/info.md") for text in checks]
     for check in parsed:
-        if not deep and check.name.removeprefix("findings.") in DEEP_RULES:
+        if not deep and check.name.removeprefix("findings.") in DEEP_IDS:
             raise OptionError(f"--check '{check.expression}': only --deep looks for {check.name}: add --deep")
     return parsed
 

@@ -17,13 +17,13 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topic
-from lidarcli.logs.csv import rplidar
+from lidarcli.logs.cells import time_notes, time_unit, to_ns
+from lidarcli.logs.csv import beam_rows
 from lidarcli.logs.csv.beam_rows import LongDecoder
 from lidarcli.logs.csv.layouts import PER_SWEEP, RPLIDAR, Layout, layout_of
 from lidarcli.logs.csv.sweep_rows import Decoder, ListDecoder, WideDecoder
 from lidarcli.logs.csv.table import other_format, read_head
 from lidarcli.logs.text import FIRST_BLOCK, MAX_LINE, TextBlock, TextLog
-from lidarcli.logs.times import time_notes, time_unit, to_ns
 from lidarcli.sweeps import RawSweeps, concatenate
 
 _SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".xy", ".scan", ".gz")
@@ -141,7 +141,7 @@ class CsvLog(TextLog):
             raise UnreadableError(f"{self.path}: empty file")
         text = b"".join(block.text for block in head)
         lines = text.split(b"\n")[:-1]
-        if not self._options.columns and (layout := rplidar.recognise(lines)) is not None:
+        if not self._options.columns and (layout := beam_rows.recognise(lines)) is not None:
             return layout
         if (other := other_format(text)) is not None:
             raise UnreadableError(f"{self.path}: {other.refusal}")

@@ -12,16 +12,13 @@ import numpy as np
 
 from lidarcli.display import counted
 from lidarcli.errors import OptionError
-from lidarcli.findings import RULES, Finding, Fix, Sensor, judge, transform_lines
-from lidarcli.logs.base import Log, OpenOptions, ReadReport
-from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.logs.options import TopicChoice
-from lidarcli.logs.rules import (
+from lidarcli.findings import (
     BODY,
     BODY_UNKNOWN,
     DEVIATIONS,
     FLICKER,
     FLICKERS,
+    IDS,
     LASERS,
     LASERS_UNKNOWN,
     LASERS_UNTOLD,
@@ -34,7 +31,15 @@ from lidarcli.logs.rules import (
     MOUNT_UNKNOWN,
     PATH_FIT,
     STAMP,
+    Finding,
+    Fix,
+    Sensor,
+    judge,
+    transform_lines,
 )
+from lidarcli.logs.base import Log, OpenOptions, ReadReport
+from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector
 from lidarcli.pipeline.inputs.masks import mask_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
@@ -166,7 +171,7 @@ def deep_findings(
                 finding, mount = _lasers_finding(*firsts[world], sensor, FrameTree(links, sensor.topic))
                 findings += finding
             mounts += mount
-        findings.sort(key=lambda one: (RULES.index(one.id), one.topic, one.frame))
+        findings.sort(key=lambda one: (IDS.index(one.id), one.topic, one.frame))
         return DeepFindings(tuple(findings), masking.learned, tuple(mounts))
 
 
