@@ -17,6 +17,7 @@ from lidarcli.choices import ABOVE, INF, KEEP, MATCH, NAN
 from lidarcli.copying import MCAP, ROS1, ROS2, Copy, copy_log, replaced
 from lidarcli.display import counted
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.findings import LEAP
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.tracking.results import HIDDEN, VIEWS
 from lidarcli.formalism.tracking.tracker import share_moving
@@ -24,7 +25,6 @@ from lidarcli.formalism.zones import samples, seen
 from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import Locate
-from lidarcli.logs.clock import LEAP
 from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Polygon
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
