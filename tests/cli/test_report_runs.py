@@ -166,17 +166,6 @@ def test_checks_decide_the_exit_code(lidarcli: Run, fleet: Path) -> None:
     assert ran.err == "lidarcli: check failed: failed is 1, expected == 0\n"
 
 
-def test_checks_that_have_seen_some_of_the_logs_alone_say_so(lidarcli: Run, fleet: Path) -> None:
-    ran = lidarcli("report", fleet, "--check", "logs == 5")
-    assert ran.code == 3
-    assert ran.err.splitlines() == [
-        "lidarcli: incomplete: 1 log failed: the checks saw what is left; --check 'failed <= 1' accepts that",
-        "lidarcli: incomplete: 1 log damaged: the checks saw what is left; --check 'damaged <= 1' accepts that",
-    ]
-    assert lidarcli("report", fleet, "--check", "logs == 4").code == 1
-    assert lidarcli("report", fleet).code == 0
-
-
 @pytest.mark.parametrize(
     ("expression", "why"),
     [
@@ -235,29 +224,6 @@ def test_nothing_to_report_on(lidarcli: Run, tmp_path: Path) -> None:
         assert (ran.code, ran.out, ran.err) == (3, "", f"lidarcli: {name}: {why}\n")
 
 
-def test_a_manifest_without_rows_has_a_report_in_every_format(lidarcli: Run, tmp_path: Path) -> None:
-    path = write_manifest(tmp_path, "1", [])
-    for kind in FORMATS:
-        ran = lidarcli("report", path, "--format", kind, "--check", "logs == 0")
-        assert (ran.code, ran.err) == (0, "")
-    assert lidarcli("report", path, "--check", "sweeps_per_second > 1").code == 1
-
-
-def test_many_logs_and_messages_are_counted_where_they_are_not_shown(lidarcli: Run, tmp_path: Path) -> None:
-    rows = [row(f"same{k:03}", "failed", "cut " * 40) for k in range(100)]
-    rows += [row(f"a/place/that/is/{'longer/' * 12}than{k:03}", "failed", f"byte {k}") for k in range(50)]
-    path = write_manifest(tmp_path, "1", rows)
-    ran = lidarcli("report", path)
-    assert max(map(len, ran.out.splitlines())) <= 80
-    assert ran.out.count("/logs/same") == 10
-    assert "   and 90 more\n" in ran.out
-    assert "and 31 logs more with 31 other messages; --format json has all\n" in ran.out
-    text = lidarcli("report", path, "--format", "markdown").out
-    assert (text.count("/logs/same"), "  - and 90 more\n" in text) == (10, True)
-    assert lidarcli("report", path, "--format", "html").out.count("<td>/logs/") == 150
-    assert len(json.loads(lidarcli("report", path, "--format", "json").out)["logs"]) == 150
-
-
 class Tags(HTMLParser):
     """Elements that are open, each of which has to be closed in turn."""
 
@@ -288,28 +254,3 @@ def test_texts_of_logs_stay_texts(lidarcli: Run, tmp_path: Path) -> None:
         assert "exit code 3: no message" in out
     suite = ET.fromstring(lidarcli("report", path, "--format", "junit").out.encode())[0]
     assert suite.get("failures") == "2"
-
-
-def test_outputs(lidarcli: Run, fleet: Path, tmp_path: Path) -> None:
-    names = ["a.md", "b.json", "c.xml", "d.txt", "e.html"]
-    words = [word for name in names for word in ("-o", tmp_path / name)]
-    ran = lidarcli("report", fleet, *words)
-    assert (ran.code, ran.out) == (0, "")
-    assert [line.split()[1] for line in ran.err.splitlines()] == [str(tmp_path / name) for name in names]
-    assert lidarcli("report", fleet, *words).code == 5
-    manifest = sorted(fleet.iterdir())[0]
-    before = manifest.read_bytes()
-    ran = lidarcli("report", fleet, "-o", manifest, "--format", "json", "--overwrite")
-    assert (ran.code, ran.out) == (5, "")
-    assert manifest.read_bytes() == before
-
-
-def test_the_manifest_of_a_run(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    (tmp_path / "bad.mcap").write_text("nothing\n")
-    ran = lidarcli("detect", logs / "run.mcap", logs / "cut.mcap", tmp_path / "bad.mcap", "-o", tmp_path, "--resume")
-    assert ran.code == 3
-    found = json.loads(lidarcli("report", tmp_path / "_lidarcli", "--format", "json").out)
-    outcomes = {log["log"]: log["outcome"] for log in found["logs"]}
-    assert outcomes == {"run": "ok", "cut": "damaged", "bad": "failed"}
-    assert found["figures"]["sweeps"] > 0
-    assert "Damaged logs\n1 log, exit code " in lidarcli("report", tmp_path / "_lidarcli").out
