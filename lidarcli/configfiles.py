@@ -88,7 +88,7 @@ class Fields:
         raise OptionError(f"{self.file}: {self.place}: '{key}' {cause}")
 
     def has(self, *keys: str) -> bool:
-        """Tell whether any of the keys is given."""
+        """Return whether any of the keys is given."""
         self.asked += keys
         return any(key in self.values for key in keys)
 

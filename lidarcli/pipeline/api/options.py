@@ -275,7 +275,7 @@ def _masks(mask: str | PathLike[str] | None) -> Masks | None:
 
 
 def opening_options(options: Values) -> OpenOptions:
-    """Return what a log has to be told; range limits also say which points of a cloud are the robot itself."""
+    """Return what a log needs to be opened; range limits also say which points of a cloud are the robot itself."""
     return open_options(
         **{name: options[name] for name in OPENING}, heights=options["slice"], bins=options["bins"], limits=options["range"]
     )

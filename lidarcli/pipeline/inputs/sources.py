@@ -193,7 +193,7 @@ def _of_files(files: Sequence[str], opening: OpenOptions | None) -> Log:
 
 
 def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
-    """Tell whether several text files are the sweeps of one log, as far as the first readable one shows."""
+    """Return whether several text files are the sweeps of one log, as far as the first readable one shows."""
     from lidarcli.logs.csv.layouts import PER_SWEEP
 
     if len(files) < 2:

@@ -179,9 +179,9 @@ def _read_sources(node: _Node) -> None:
         elif kind != _SCAN:
             unread.append(f"{name} ({kind})")
         else:
-            told = source.number("source_timeout", timeout, low=0, high=LONGEST)
-            node.sources[name] = _Source(node.topic(source.text("topic", "scan")), told)
-            _read_exclusions(node, source, node.topic(source.text("topic", "scan")))
+            topic = node.topic(source.text("topic", "scan"))
+            node.sources[name] = _Source(topic, source.number("source_timeout", timeout, low=0, high=LONGEST))
+            _read_exclusions(node, source, topic)
     if unread:
         node.note(f"only scans are read, not {', '.join(unread)}: the list of events is incomplete")
 
