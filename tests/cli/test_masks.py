@@ -47,7 +47,6 @@ def test_what_a_parked_sensor_sees_is_proposed(lidarcli: Run, parked: Path, tmp_
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        (["run.mcap", "-o", "new.toml"], 2, "-o writes what is learned from a log: add --mask auto or --deep"),
         (["run.mcap", "run.mcap", "--mask", "auto", "-o", "new.toml"], 2, "-o is for one log, and these are 2"),
         (["run.mcap", "--mask", "nowhere.toml"], 3, "nowhere.toml: cannot read the mask: No such file or directory"),
     ],
