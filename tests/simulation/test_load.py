@@ -225,11 +225,11 @@ def test_what_is_wrong_with_a_route_is_said_in_one_line(load, text, message):
         ),
         (
             "[[wall]]\npoints = [[1, 2]]",
-            "[[wall]] number 1: 'points' must be a list of at least 2 points, as [[0, 0], [2.5, 0]]",
+            "[[wall]] number 1: 'points' must be a list of at least 2 points of finite numbers, as [[0, 0], [2.5, 0]]",
         ),
         (
             "[[wall]]\npoints = [[1, 2], [3]]",
-            "[[wall]] number 1: 'points' must be a list of at least 2 points, as [[0, 0], [2.5, 0]]",
+            "[[wall]] number 1: 'points' must be a list of at least 2 points of finite numbers, as [[0, 0], [2.5, 0]]",
         ),
         ("[[ladder]]\nx=1\ny=1\nleg=0.3", "[[ladder]] number 1: 'leg' must be above 0 and at most 0.2, not 0.3"),
         ("[sensor]\nbeams = 0", "[sensor]: 'beams' must be at least 1 and at most 100000, not 0"),
@@ -342,7 +342,7 @@ def test_brackets_and_dots_of_texts_and_comments_do_not_count(load):
         ),
         (
             f"[[wall]]\npoints = [[0, 0], [{10**400}, 1]]",
-            "[[wall]] number 1: 'points' must be a list of at least 2 points, as [[0, 0], [2.5, 0]]",
+            "[[wall]] number 1: 'points' must be a list of at least 2 points of finite numbers, as [[0, 0], [2.5, 0]]",
         ),
         (
             "[[person]]\nx = 0\ny = 0\nvelocity = [1, -1e9]",

@@ -305,17 +305,12 @@ def find_stored(text: str) -> list[Source | MissingInput]:
             return _matching(text, url)
         objects = dict(listing(url))
         found = _stored_below(url, objects)
-        if not found:
-            return [MissingInput(text, UnreadableError(_why_none(url, objects)))]
-        return found
+        if found:
+            return found
+        why = "no such object or folder" if has_bucket(url) else "there is no such bucket"
+        return [MissingInput(text, UnreadableError(f"no log in this folder ({known_suffixes()})" if objects else why))]
     except UnreadableError as err:
         return [MissingInput(text, UnreadableError(str(err).removeprefix(f"{url}: ")))]
-
-
-def _why_none(url: Url, objects: Objects) -> str:
-    if objects:
-        return f"no log in this folder ({known_suffixes()})"
-    return "no such object or folder" if has_bucket(url) else "there is no such bucket"
 
 
 def _stored_below(base: Url, objects: Objects) -> list[Source | MissingInput]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -169,7 +170,13 @@ def _opened_source(source: Source, opening: OpenOptions | None) -> Iterator[Log]
         with open_stored(url, [found for file in source.files if isinstance(found := place(file), Url)], opening) as log:
             yield log
         return
-    with _of_files(source.files, opening) if source.files else open_log(source.path, opening=opening) as log:
+    if source.files:
+        from lidarcli.logs.csv.log import CsvLog
+
+        with CsvLog(source.files, opening) as log:
+            yield log
+        return
+    with open_log(source.path, opening=opening) as log:
         yield log
 
 
@@ -184,12 +191,6 @@ def _joined(source: Source, opening: OpenOptions | None) -> Log:
             for part, name in zip(source.parts, names, strict=True)
         ],
     )
-
-
-def _of_files(files: Sequence[str], opening: OpenOptions | None) -> Log:
-    from lidarcli.logs.csv.log import CsvLog
-
-    return CsvLog(files, opening)
 
 
 def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
@@ -264,7 +265,8 @@ def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack:
 
     folder = _scratch(stack) / "log"
     # The folders below a pattern tell apart files of one name.
-    base = _common_folder(files)
+    shared = os.path.commonprefix([file.key.split("/")[:-1] for file in files])  # noqa: RUF071 (of parts, not of characters)
+    base = "".join(f"{part}/" for part in shared)
     copies = [folder / file.key.removeprefix(base) for file in files]
     for file, copy in zip(files, copies, strict=True):
         copy.parent.mkdir(parents=True, exist_ok=True)
@@ -281,17 +283,6 @@ def _scratch(stack: ExitStack) -> Path:
     from lidarcli.newfiles import scratch_folder
 
     return stack.enter_context(scratch_folder())
-
-
-def _common_folder(files: Sequence[Url]) -> str:
-    """Return the common beginning of the names of all files, up to a slash."""
-    folders = [file.key.split("/")[:-1] for file in files]
-    shared = []
-    for parts in zip(*folders, strict=False):
-        if len(set(parts)) > 1:
-            break
-        shared.append(parts[0])
-    return "".join(f"{part}/" for part in shared)
 
 
 @contextmanager
