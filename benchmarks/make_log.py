@@ -15,8 +15,7 @@ from mcap.writer import Writer
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.simulation.generate import simulate_blocks
-from lidarcli.simulation.load import load_scene
-from lidarcli.simulation.scene import Sensor
+from lidarcli.simulation.scene import Sensor, load_scene
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import TURN, RawSweeps, concatenate
 

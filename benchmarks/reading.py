@@ -32,8 +32,6 @@ LOGS = {
     "ROS 1 bag": ("run.bag", "bag"),
     "ROS 2 bag (.db3)": ("run.db3", "db3"),
     "CARMEN": ("run.clf", "carmen"),
-    "ARIA": ("run.2d", "aria"),
-    "Player": ("run.log", "player"),
     "CSV (rostopic)": ("run.csv", "csv"),
     "JSON lines": ("run.jsonl", "jsonl"),
     "RPLIDAR text": ("run.txt", "rplidar"),

@@ -25,8 +25,8 @@ if "LIDARCLI_COMPILED" in os.environ:
 if TYPE_CHECKING:
     from lidarcli import formalism
     from lidarcli.errors import LidarcliError, NoScanError, OptionError, OutputError, UnreadableError
-    from lidarcli.formalism.background.model import Background
-    from lidarcli.formalism.mapping.occupancy import Occupancy
+    from lidarcli.formalism.background import Background
+    from lidarcli.formalism.mapping.grid import Occupancy
     from lidarcli.formalism.matching.catalogue import Catalogue
     from lidarcli.formalism.parameters import Parameters
     from lidarcli.pipeline.api.cleaning import clean
@@ -45,9 +45,9 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "lidarcli.errors": ("LidarcliError", "NoScanError", "OptionError", "OutputError", "UnreadableError"),
-    "lidarcli.formalism.background.model": ("Background",),
+    "lidarcli.formalism.background": ("Background",),
     "lidarcli.formalism.matching.catalogue": ("Catalogue",),
-    "lidarcli.formalism.mapping.occupancy": ("Occupancy",),
+    "lidarcli.formalism.mapping.grid": ("Occupancy",),
     "lidarcli.formalism.parameters": ("Parameters",),
     "lidarcli.pipeline.api.cleaning": ("clean",),
     "lidarcli.pipeline.api.tables": ("Tables", "detect", "tables", "track"),

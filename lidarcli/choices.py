@@ -69,23 +69,12 @@ OCCUPIED_RATIO = 0.25
 """Least share of hits among the sweeps that hit or passed an occupied cell."""
 MAX_MAP_KM2 = 0.25
 """Largest ground of a map [km²]: at 5 cm 100 million cells, 1.3 GB if all of them are seen."""
-TEXT_CONTAINERS = ("csv", "carmen", "aria", "player", "rplidar", "jsonl")
-CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", *TEXT_CONTAINERS)
+CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv")
 """Formats of simulated logs: `ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
 TABLE_BY_SUFFIX = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow"}
 """Formats of a file that holds one table."""
-CONTAINER_BY_SUFFIX = {
-    ".mcap": "mcap",
-    ".bag": "bag",
-    ".db3": "db3",
-    ".csv": "csv",
-    ".log": "carmen",
-    ".clf": "carmen",
-    ".2d": "aria",
-    ".txt": "rplidar",
-    ".jsonl": "jsonl",
-}
-"""Suffix of a log that is simulated → its container; those of text may end in .gz as well."""
+CONTAINER_BY_SUFFIX = {".mcap": "mcap", ".bag": "bag", ".db3": "db3", ".csv": "csv"}
+"""Suffix of a log that is simulated → its container; a CSV may end in .csv.gz as well."""
 CLOUDS = (".ply", ".pcd", ".parquet")
 """Suffixes of point clouds."""
 NS, _ = STAMPS = ("ns", "us")

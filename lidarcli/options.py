@@ -16,7 +16,7 @@ from lidarcli.errors import OptionError
 from lidarcli.option_forms import Argument, File, Number, Option, Rule, Text
 
 if TYPE_CHECKING:
-    from lidarcli.formalism.background.model import Background
+    from lidarcli.formalism.background import Background
     from lidarcli.formalism.matching.catalogue import Catalogue
 
 AnyPath = str | PathLike[str]
@@ -47,7 +47,7 @@ STDOUT = "-"
 
 OUTPUT, MANY = "Output", "Many logs"
 SELECT, POSES = "Sweeps to read", "Where the sensor was"
-RANGES, GEOMETRY = "Beams without a range", "Text logs without geometry"
+RANGES, GEOMETRY = "Beams without a range", "Text logs without names or geometry"
 CLOUDS, ECHO = "Point clouds", "Beams with several echoes"
 OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
 BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
@@ -308,8 +308,21 @@ class Limits(TypedDict, total=False):
 
 
 class Ranges(Limits, total=False):
-    """Limits of ranges, and the geometry of beams that a log lacks."""
+    """Limits of ranges, and the names of columns and the geometry of beams that a log lacks."""
 
+    columns: Annotated[
+        str | Iterable[str],
+        Option(
+            GEOMETRY,
+            Text("LIST", is_list=True),
+            "",
+            shown="those of the file",
+            rare=True,
+            python="Python also takes a list.",
+        ),
+        "Names of the columns of a CSV, in place of its own: time,ranges for one sweep per row, angle,range for one beam "
+        "per row (docs/formats.md).",
+    ]
     angle_min: Annotated[
         float | None,
         Option(GEOMETRY, ANGLE, shown="from the file, or centred on --fov", rare=True),
@@ -749,7 +762,7 @@ class Simulating(TypedDict, total=False):
     """Keywords of `simulate`."""
 
     container: Annotated[
-        Literal["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "aria", "player", "rplidar", "jsonl"] | None,
+        Literal["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv"] | None,
         Option(LOG, choices.CONTAINERS, shown="by suffix"),
         "Format, where the name does not say it.",
     ]
@@ -761,7 +774,11 @@ class Simulating(TypedDict, total=False):
     encoding: Annotated[
         str | None, Option(LOG, Text("NAME"), shown="cdr"), "Messages of an mcap: cdr, cdr-idl, ros1, json, protobuf."
     ]
-    layout: Annotated[str | None, Option(LOG, Text("NAME"), shown="rostopic"), "Layout of a csv (docs/formats.md)."]
+    layout: Annotated[
+        Literal["rostopic", "wide"] | None,
+        Option(LOG, ("rostopic", "wide"), shown="rostopic"),
+        "Layout of a csv: as rostopic echo -p writes it, or times and ranges alone.",
+    ]
     clouds: Annotated[
         bool,
         Option(LOG, None, False),

@@ -74,7 +74,7 @@ MAY_IMPORT = {
 
 ROOMS = {
     "pipeline": ("inputs", "reading", "objects", "runs"),
-    "formalism": ("segmentation", "surfaces", "objects", "forest", "features", "verdict", "shape", "description"),
+    "formalism": ("segmentation", "surfaces", "objects", "forest", "features", "description"),
 }
 """Rooms within rooms, each of which may import those before it; the files beside them may import all of them."""
 SHARED = {"detection", "parameters"}

@@ -16,10 +16,10 @@ import pytest
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.formalism import Parameters, detect
-from lidarcli.formalism.mapping.occupancy import compare
-from lidarcli.simulation import entities as make
+from lidarcli.formalism.mapping.grid import compare
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.scene import load_scene
 from lidarcli.simulation.truth import true_map
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import Float64, SweepBatch, concatenate

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.cli import run
-from lidarcli.logs.mcap.log import McapLog
+from lidarcli.logs.mcap import McapLog
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.sweeping import START, STEP, raw_sweeps, round_room

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import lidarcli
-from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.background import Background
 from lidarcli.reports import palette, panels
 from lidarcli.reports.drawing import project_style
 

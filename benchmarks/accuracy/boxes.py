@@ -11,7 +11,7 @@ from benchmarks.accuracy.methods import labels_of
 from benchmarks.accuracy.scoring import assign
 from benchmarks.scenes.random import SENSORS, sensor_with
 from lidarcli.formalism import SHAPES, VERTEX_KINDS, Detection, detect
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 

@@ -16,10 +16,8 @@ import lidarcli
 from benchmarks.annotations.choice import CHOSEN, Chosen
 from benchmarks.annotations.table import BUILDING, THING, Sweep
 from lidarcli.formalism import Detection, Parameters, detect
-from lidarcli.formalism.mapping.counts import Beams, Counts, MotionFilter, placed
-from lidarcli.formalism.mapping.lines import islands, lines
-from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED
-from lidarcli.formalism.mapping.places import FARTHEST, Places
+from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Beams, Counts, MotionFilter, placed
+from lidarcli.formalism.mapping.places import FARTHEST, Places, islands, lines
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch
 
 FOLDER, POSES = "carmen_ple/", "/corrected"

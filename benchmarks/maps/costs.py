@@ -15,7 +15,7 @@ from benchmarks.maps.figures import Speed
 from benchmarks.maps.program import make_map
 from benchmarks.maps.recordings import RESOLUTION, Drive, write_drive
 from benchmarks.maps.rules import counts_of
-from lidarcli.formalism.mapping.occupancy import SKIPPED
+from lidarcli.formalism.mapping.grid import SKIPPED
 from lidarcli.simulation.generate import START_NS, SimulatedPoses
 from lidarcli.simulation.scene import Odometry
 from lidarcli.simulation.writers import write_log

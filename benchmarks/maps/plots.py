@@ -14,7 +14,7 @@ from PIL import Image
 
 from benchmarks.maps.recordings import Drive
 from benchmarks.maps.scenes import walkers
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 
 GREYS = {OCCUPIED: 0.05, FREE: 1.0}
 UNKNOWN_GREY = 0.85

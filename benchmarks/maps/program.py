@@ -10,8 +10,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lidarcli.formalism.mapping.occupancy import Occupancy
-from lidarcli.maps.mapserver import read_map
+from lidarcli.formalism.mapping.grid import Occupancy
+from lidarcli.maps import read_map
 
 LIDARCLI = str(Path(sys.executable).with_name("lidarcli"))
 

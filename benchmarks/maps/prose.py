@@ -21,7 +21,7 @@ from benchmarks.maps.rules import (
 from benchmarks.maps.scoring import GHOST
 from benchmarks.tracking.real import MOUNT
 from lidarcli.choices import MIN_MOVE
-from lidarcli.formalism.mapping.counts import MIN_TURN, PAUSE_NS
+from lidarcli.formalism.mapping.grid import MIN_TURN, PAUSE_NS
 
 TUNING, REPORTING = 0, 80_000
 """First seeds of drives that constants may be chosen on, and of what is reported."""

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.maps.figures import Recorded
 from benchmarks.maps.program import run
 from lidarcli.errors import LidarcliError
-from lidarcli.formalism.mapping.occupancy import UNKNOWN
+from lidarcli.formalism.mapping.grid import UNKNOWN
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput
 from lidarcli.pipeline.mapping import MapOptions, Mapping

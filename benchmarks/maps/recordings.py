@@ -9,8 +9,7 @@ import numpy as np
 
 from benchmarks.maps.scenes import walkers
 from lidarcli.choices import MAP_RESOLUTION
-from lidarcli.formalism.mapping.counts import Beams, MotionFilter, placed
-from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED, Occupancy
+from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Beams, MotionFilter, Occupancy, placed
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Scene

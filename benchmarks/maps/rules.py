@@ -13,8 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.mapping.counts import Beams, Counts
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, SKIPPED, UNKNOWN, Occupancy
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, SKIPPED, UNKNOWN, Beams, Counts, Occupancy
 from lidarcli.sweeps import Bool, Float64, Int64
 
 GMAPPING_RATIO = 0.25

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.scenes.clearance import in_polygon, to_segments
 from benchmarks.scenes.random import draw_thing
 from benchmarks.scenes.stage import Rng, Stage, timed
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import Route, Waypoint, plan_route
 from lidarcli.simulation.scene import Entity, Motion, Odometry, Scene, Sensor
 from lidarcli.sweeps import TURN, Bool, Float64

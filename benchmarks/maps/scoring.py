@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.formalism.mapping.occupancy import OCCUPIED, TOLERANCE, Occupancy, compare
+from lidarcli.formalism.mapping.grid import OCCUPIED, TOLERANCE, Occupancy, compare
 from lidarcli.sweeps import Float64, Int64
 
 GHOST = 0.3

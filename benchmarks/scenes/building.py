@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.scenes.clearance import distance, outline
 from benchmarks.scenes.random import Plan, Rng, draw_thing
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
 from lidarcli.sweeps import Float64
 

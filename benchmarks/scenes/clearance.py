@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Entity
 from lidarcli.sweeps import Float64
 

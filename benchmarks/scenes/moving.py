@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.scenes.random import draw_thing, walls_with_openings
 from benchmarks.scenes.stage import Rng, Stage, reach, timed
 from lidarcli.errors import OptionError
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import STEPS, Route, plan_route
 from lidarcli.simulation.scene import Course, Entity, Motion, Scene, Sensor, super_ellipse
 from lidarcli.sweeps import TURN, Float64

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.scenes.clearance import covers, distance, in_polygon, outline
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, Float64
 

@@ -17,7 +17,7 @@ from lidarcli.options import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, Text
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.formalism.background.model import Background
+    from lidarcli.formalism.background import Background
     from lidarcli.pipeline.building import Learned
 
 

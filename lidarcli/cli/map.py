@@ -14,7 +14,7 @@ from lidarcli.options import Jobs, ManyLogs, Mapping, Reading, Reported, output
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.map_files import Mapped
+    from lidarcli.pipeline.mapping import Mapped
 
 
 class MapCommand(ManyLogs, Reported, Jobs, Mapping, total=False):
@@ -51,8 +51,7 @@ def map(messages: Messages, options: MapCommand) -> int:
     if options["voxel"] and suffixes.isdisjoint(CLOUDS):
         raise click.UsageError(f"--voxel is for a point cloud: give -o with {', '.join(CLOUDS)}")
 
-    from lidarcli.pipeline.map_files import MapRun
-    from lidarcli.pipeline.mapping import MapOptions
+    from lidarcli.pipeline.mapping import MapOptions, MapRun
     from lidarcli.pipeline.runs.outcomes import exit_code
 
     messages.of_missing_core()

@@ -90,8 +90,7 @@ class SimulateCommand(Overwrite, Simulating, total=False):
     output: Annotated[
         str,
         output("LOG"),
-        "Log to write: .mcap, .bag, .db3, .csv, .csv.gz, .log or .clf (CARMEN), .2d (ARIA), .txt (RPLIDAR), .jsonl, or a "
-        "name without suffix for a ROS 2 bag folder.",
+        "Log to write: .mcap, .bag, .db3, .csv, .csv.gz, or a name without suffix for a ROS 2 bag folder.",
     ]
 
 
@@ -100,12 +99,9 @@ class SimulateCommand(Overwrite, Simulating, total=False):
     examples="""\
   lidarcli simulate samples/room.toml -o room.mcap
   lidarcli simulate samples/room.toml -o room.bag --compression lz4 --sweeps 9
-  lidarcli simulate samples/room.toml -o room.csv --layout long --seed 7
+  lidarcli simulate samples/room.toml -o room.csv --layout wide --seed 7
   lidarcli simulate samples/people.toml -o people3d.mcap --clouds
   lidarcli simulate samples/people.toml -o people --duration 2.5
-  lidarcli simulate samples/drive.toml -o drive.log --sweeps 40
-  lidarcli simulate samples/drive.toml -o drive.2d --sweeps 40
-  lidarcli simulate samples/room.toml -o run.log --container player --seed 7
   lidarcli simulate hall.toml -o run.mcap --map map.yaml --map-resolution 0.1""",
 )
 def simulate(messages: Messages, options: SimulateCommand) -> int:

@@ -1,13 +1,12 @@
 cimport cython
 
 from lidarcli cimport native
-from lidarcli.formalism cimport description, features, objects, segmentation, surfaces, verdict
+from lidarcli.formalism cimport description, features, objects, segmentation, surfaces
 from lidarcli.formalism.description cimport Columns, Description
-from lidarcli.formalism.features cimport Features
+from lidarcli.formalism.features cimport Features, Verdict
 from lidarcli.formalism.objects cimport Bodies, Protrusions
 from lidarcli.formalism.segmentation cimport Breakpoints, Noise, Points, Scans, Segments
 from lidarcli.formalism.surfaces cimport Faces, Survey
-from lidarcli.formalism.verdict cimport Verdict
 
 cdef double NAN
 

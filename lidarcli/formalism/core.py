@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from lidarcli import native
-from lidarcli.formalism import description, features, objects, segmentation, surfaces, verdict
+from lidarcli.formalism import description, features, objects, segmentation, surfaces
 from lidarcli.formalism.description import Columns, Description
-from lidarcli.formalism.features import Features
+from lidarcli.formalism.features import Features, Verdict
 from lidarcli.formalism.objects import Bodies, Protrusions
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.segmentation import Breakpoints, Noise, Points, Scans, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
-from lidarcli.formalism.verdict import Verdict
 
 NAN = float("nan")
 
@@ -183,8 +182,8 @@ def _as_sensors_need(core: Core, scans: Scans) -> None:
     objects.join_fragments(core.bodies, core.survey, core.points, core.segments, core.survey.loose)
     features.gather(core.features, core.survey, core.points, core.segments, core.bodies)
     features.measure(core.features, core.survey, core.points, core.segments, core.faces, core.bodies, scans)
-    verdict.decide(core.verdict, core.features)
-    verdict.choose(core.survey, core.segments, core.features, core.verdict)
+    features.decide(core.verdict, core.features)
+    features.choose(core.survey, core.segments, core.features, core.verdict)
     for j in range(core.segments.count):
         core.survey.label[j] = core.bodies.label[j]
 

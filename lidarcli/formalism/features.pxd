@@ -7,6 +7,7 @@ from lidarcli.formalism.objects cimport Bodies
 from lidarcli.formalism.segmentation cimport Points, Scans, Segments
 from lidarcli.formalism.surfaces cimport Faces, Survey
 
+
 cdef Py_ssize_t JUMP_LEAST, JUMP_MOST, HIDDEN, OPEN, WIDTH, REACH, BEAMS, ALIGNED, SUPPORT, SUPPORT_NEAR, BACKING, LINE
 cdef Py_ssize_t LINE_BEHIND, DEPTH_BEHIND, LINE_BEFORE, UNBROKEN, CROSS_LINE, BULGE_TO, BULGE_AWAY, WALLS
 cdef Py_ssize_t NOISE, GRAZING, PROTRUSION, ROUGHNESS, VIEW, RANGE, FLICKER, COUNT, BINS
@@ -102,3 +103,28 @@ cdef double _follow(
     Features features, Points points, Scans scans, Py_ssize_t start, int way, double normal_x, double normal_y,
     double c
 ) noexcept nogil
+
+
+cdef Py_ssize_t ASKED, LEAVES
+
+
+cdef class Trees:
+    cdef list owner
+    cdef readonly Py_ssize_t trees
+    cdef double prior
+    cdef Py_ssize_t* feature
+    cdef double* bound
+    cdef double* leaf
+
+
+cdef class Verdict:
+    cdef list owner
+    cdef Trees trees
+    cdef double least
+    cdef double* thing
+
+
+cdef void decide(Verdict verdict, Features evidence) noexcept nogil
+@cython.locals(n=Py_ssize_t, root=Py_ssize_t)
+cdef double score(Trees trees, Features evidence, Py_ssize_t k) noexcept nogil
+cdef void choose(Survey survey, Segments segments, Features evidence, Verdict verdict) noexcept nogil

@@ -39,8 +39,8 @@ POSED_TYPES = POSE_TYPES | {foxglove.SCAN}
 
 BINARY_SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".zstd")
 """Suffixes of logs that are not text."""
-TEXT_LOG_SUFFIXES = (".clf", ".gfs", ".2d", ".clf.gz", ".gfs.gz", ".2d.gz")
-"""Suffixes that only CARMEN and ARIA logs have; a file that ends in `.log` may be anything."""
+TEXT_LOG_SUFFIXES = (".clf", ".gfs", ".clf.gz", ".gfs.gz")
+"""Suffixes that only CARMEN logs have; a file that ends in `.log` may be anything."""
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 
 MAX_MESSAGE = 64 << 20
@@ -67,7 +67,7 @@ class Topic:
     type: str
     """As `ros_type` spells it, or the schema's name (`foxglove.LaserScan`)."""
     encoding: str
-    """`cdr`, `ros1`, `json`, `protobuf`, `csv`, `carmen`, `aria` or `player`."""
+    """`cdr`, `ros1`, `json`, `protobuf`, `csv` or `carmen`."""
     messages: int | None = None
     read_as: str = field(default="", compare=False)
     """Type as which messages are read as sweeps, where they are; a LaserScan of messages that begin with one."""
@@ -198,6 +198,8 @@ class OpenOptions:
     """Echo taken of a beam that has several: one of `choices.ECHOES`."""
     segments: str = SEGMENTS[0]
     """Use of messages that are segments of a turn: one of `choices.SEGMENTS`."""
+    columns: tuple[str, ...] = ()
+    """Names of the columns of a CSV, in place of its own, as `--columns` takes them; empty for its own."""
 
     def __post_init__(self) -> None:
         """Refuse a word without a meaning (`OptionError`)."""
@@ -217,7 +219,7 @@ class Log(Protocol):
     """As the user wrote it; `-` for standard input."""
     format: str
     """For people: `mcap`, `ros1 bag`, `ros2 bag (sqlite3)`, `ros2 bag (mcap)`, `csv (rostopic echo -p)`,
-    `carmen`, `aria`, `player`, `json lines`."""
+    `carmen`, `json lines`."""
 
     @property
     def compression(self) -> str:

@@ -169,7 +169,7 @@ class PartedLog:
         self.position = before + int(self.parts[number].size * min(share, 1.0))
 
 
-_CAT = ("carmen", "aria", "player")
+_CAT = ("carmen",)
 """Formats of text that say at their beginning what the lines behind it need."""
 _CSV = "csv"
 

@@ -167,10 +167,10 @@ def parse_number(cell: bytes) -> float | None:
     return float(text)
 
 
-def say(cell: bytes, most: int = 24) -> str:
+def shown(cell: bytes, most: int = 24) -> str:
     """Return a cell for a message: short, printable.
 
-    >>> say(b"abc")
+    >>> shown(b"abc")
     "'abc'"
     """
     text = cell.decode("utf-8", "replace").strip()
@@ -182,7 +182,7 @@ def not_a_number(cell: bytes) -> str:
     """Return the cause for a row with this cell, which is no number."""
     if cell.strip(b" \"'") in (b"...", b"\xe2\x80\xa6"):
         return "the array was abbreviated ('...') when the log was written (ros2 topic echo: --full-length)"
-    return f"{say(cell)} is not a number"
+    return f"{shown(cell)} is not a number"
 
 
 def _between(text: bytes, starts: Int32, ends: Int32, null: Bool | None, kind: Any) -> Any:

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 
 from lidarcli.choices import BINS, ECHOES, JOIN, UNITS
 from lidarcli.errors import LidarcliError, NoScanError, OptionError, UnreadableError
-from lidarcli.logs.base import CLOUD_TYPES, LASERSCAN, SCAN_TYPES, OpenOptions, Slice, Topic
+from lidarcli.logs.base import CLOUD_TYPES, LASERSCAN, MAX_BEAMS, SCAN_TYPES, OpenOptions, Slice, Topic
 from lidarcli.masks import Masks
 from lidarcli.range_rules import FARTHEST, RangeRules
 from lidarcli.sweeps import TURN
@@ -46,6 +46,7 @@ def open_options(
     range_unit: str,
     echo: str,
     segments: str = JOIN,
+    columns: str | Iterable[str] = (),
     heights: tuple[float, float] | None = None,
     bins: int | None = None,
     limits: tuple[float, float] | None = None,
@@ -89,10 +90,36 @@ def open_options(
         slice=part,
         echo=echo,
         segments=segments,
+        columns=parse_columns(columns),
     )
     if part is not None:
         _refuse_view(told, part.bins)
     return told
+
+
+def parse_columns(names: str | Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the columns of a CSV: `time,ranges`, or `time,other*23,ranges*682`.
+
+    Raises
+    ------
+    OptionError
+        There is no name before a comma, or no number behind a star.
+
+    >>> parse_columns("time, ranges")
+    ('time', 'ranges')
+    """
+    found = tuple(name.strip() for name in (names.split(",") if isinstance(names, str) else names))
+    if found == ("",):
+        return ()
+    for name in found:
+        word, star, count = name.partition("*")
+        if not word.strip():
+            raise OptionError(f"--columns: '{','.join(found)}' has an empty name")
+        if star and not (count.strip().isdecimal() and 0 < int(count) <= MAX_BEAMS):
+            raise OptionError(f"--columns: '{name}' is not NAME*N, as ranges*360")
+    if max(found.count("ranges"), found.count("intensities")) > 1:
+        raise OptionError("--columns: only one name stands for all other columns; give the others a number, as ranges*360")
+    return found
 
 
 def _refuse_view(told: OpenOptions, bins: int) -> None:

@@ -21,8 +21,8 @@ from typing import Any, BinaryIO, cast
 
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES, Log, OpenOptions
-from lidarcli.logs.beginnings import is_aria, is_carmen, is_json_lines, is_player
-from lidarcli.logs.rosbag2.folder import is_bag, is_storage
+from lidarcli.logs.beginnings import is_carmen, is_json_lines
+from lidarcli.logs.rosbag2 import is_bag, is_storage
 
 HEAD = 4096
 """Number of bytes that a format is recognised by."""
@@ -114,14 +114,10 @@ def has_file(folder: Path, endings: Iterable[str]) -> bool:
 
 
 FORMATS: tuple[Format, ...] = (
-    Format("MCAP", "lidarcli.logs.mcap.log", "McapLog", lambda head: head.startswith(MCAP), streams=True),
-    Format("ROS 1 bag", "lidarcli.logs.rosbag1.log", "Rosbag1Log", lambda head: head.startswith(ROS1), streams=True),
-    Format(
-        "ROS 2 bag (folder, .db3, compressed)", "lidarcli.logs.rosbag2.log", "Rosbag2Log", _is_rosbag2, _is_rosbag2_folder
-    ),
+    Format("MCAP", "lidarcli.logs.mcap", "McapLog", lambda head: head.startswith(MCAP), streams=True),
+    Format("ROS 1 bag", "lidarcli.logs.rosbag1", "Rosbag1Log", lambda head: head.startswith(ROS1), streams=True),
+    Format("ROS 2 bag (folder, .db3, compressed)", "lidarcli.logs.rosbag2", "Rosbag2Log", _is_rosbag2, _is_rosbag2_folder),
     Format("CARMEN log (also .gz)", "lidarcli.logs.carmen", "CarmenLog", _text_begins(is_carmen), streams=True),
-    Format("ARIA log (.2d, also .gz)", "lidarcli.logs.aria", "AriaLog", _text_begins(is_aria), streams=True),
-    Format("Player log (also .gz)", "lidarcli.logs.player", "PlayerLog", _text_begins(is_player), streams=True),
     Format(
         "JSON lines of `mcap cat` (also .gz)",
         "lidarcli.logs.jsonlines",

@@ -7,11 +7,11 @@ import os
 import stat
 import zlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import BinaryIO, Protocol, Self, TypeVar
+from typing import BinaryIO, Protocol, Self
 
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import POSE_TYPES, Message, OpenOptions, ReadReport
@@ -200,9 +200,6 @@ def _line_ends(blocks: Iterator[TextBlock]) -> Iterator[TextBlock]:
         yield replace(block, text=text)
 
 
-Index = TypeVar("Index")
-
-
 class TextLog(ABC):
     """A log of text, from a file or a stream; subclasses decode its lines."""
 
@@ -255,13 +252,6 @@ class TextLog(ABC):
 
     def __exit__(self, *exc: object) -> None:
         self.close()
-
-    def _indexed(self, index: Callable[[Iterable[TextBlock]], Index]) -> Index | None:
-        """Return an index of the whole text, which is read apart from all passes; None for a stream."""
-        if self._once:
-            return None
-        with unreadable(self.path), Path(self.path).open("rb") as file:
-            return index(TextSource(file, self.size).blocks())
 
     def _blocks(self, report: ReadReport) -> Iterator[TextBlock]:
         """Start a pass: return all blocks; UnreadableError for the second pass over a stream."""

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from lidarcli.maps.mapserver import MAP_TYPE
+from lidarcli.maps import MAP_TYPE
 from lidarcli.overlays.markers import MARKER_TYPE
 from lidarcli.ros.mcap_file import ALL, add_channel, offered, start_ros2
 from lidarcli.ros.messages import ROS1, SCAN, TF, Outgoing, bag_writer, ros2_definition

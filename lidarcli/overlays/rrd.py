@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli.errors import OptionError
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.overlays import viewers
 from lidarcli.overlays.files import MAP
 from lidarcli.overlays.markers import Kind, Markers, quaternions

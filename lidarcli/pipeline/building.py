@@ -10,9 +10,8 @@ import numpy as np
 
 from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
-from lidarcli.formalism.background.learning import Learning
-from lidarcli.formalism.background.model import MAJORITY, STEADY, Background
-from lidarcli.formalism.background.stations import Grid
+from lidarcli.formalism.background import MAJORITY, STEADY, Background, Grid
+from lidarcli.formalism.learning import Learning
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse, write_whole

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.tracking.results import HIDDEN, VIEWS
-from lidarcli.formalism.zones.points import samples, seen
+from lidarcli.formalism.zones import samples, seen
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
@@ -22,7 +22,7 @@ from lidarcli.pipeline.overlay_sources import Cursor
 from lidarcli.pipeline.reading.one_log import Progress
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
-from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
+from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.pose.faults import Key
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses

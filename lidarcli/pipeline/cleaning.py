@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.choices import ABOVE, INF, KEEP, MATCH, NAN
-from lidarcli.copying.copies import Copy, replaced
+from lidarcli.copying import MCAP, ROS1, ROS2, Copy, copy_log, replaced
 from lidarcli.display import counted
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.tracking.tracker import share_moving
@@ -41,8 +41,6 @@ from lidarcli.tabular.stamps import restamped
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_metadata, table_suffix
 from lidarcli.times import SECOND_NS
 
-MCAP, ROS1, ROS2 = "mcap", "ros1 bag", "ros2 bag"
-"""Beginnings of the formats that can be cleaned."""
 FREEING = "inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls"
 ZERO = "0 becomes range_max in AMCL and gmapping: beams free what is beyond walls"
 WALLS = "{:g} m is a range that the sensor can measure: programs take it for a wall"
@@ -132,7 +130,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         editing = _Editing(chosen, options.value)
         copy = Copy(editing, ReadReport())
         with writing(path):
-            _copy(log, new.part(path), copy)
+            copy_log(log, new.part(path), copy)
         editing.conclude()
         summary = _summary(source, found, options, chosen, copy, editing)
         summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
@@ -267,31 +265,6 @@ def _refuse_motion(
         seems = "the sensor moves" if share is None else f"{share:.0%} of what stands seems to move"
         why = "no poses (--pose none)" if detect.poses.source == NONE else _UNMATCHED
         raise UnreadableError(f"{why}: {seems}; nothing written")
-
-
-def _copy(log: Log, target: Path, copy: Copy) -> None:
-    """Copy a log of any container."""
-    # A log costs the libraries of its own container alone.
-    if log.format.startswith(ROS2):
-        from lidarcli.copying.rosbag2 import copy_folder
-        from lidarcli.logs.rosbag2.log import Rosbag2Log
-
-        assert isinstance(log, Rosbag2Log)
-        copy_folder(log, target, copy)
-        return
-    with target.open("xb") as out:
-        if log.format.startswith(ROS1):
-            from lidarcli.copying.rosbag1 import copy_bag
-            from lidarcli.logs.rosbag1.log import Rosbag1Log
-
-            assert isinstance(log, Rosbag1Log)
-            copy_bag(log, out, copy)
-        else:
-            from lidarcli.copying.mcap import copy_mcap
-            from lidarcli.logs.mcap.log import McapLog
-
-            assert isinstance(log, McapLog)
-            copy_mcap(log, out, copy)
 
 
 class _Editing:

@@ -26,38 +26,51 @@ from lidarcli.choices import (
     OCCUPIED_RATIO,
 )
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.mapping.counts import Beams, Counts, TooLargeError, placed
-from lidarcli.formalism.mapping.occupancy import (
+from lidarcli.formalism.background import Background
+from lidarcli.formalism.mapping.grid import (
     CLEAR,
     HIT,
     OCCUPIED,
     SKIPPED,
     TOLERANCE,
     UNKNOWN,
+    Beams,
+    Counts,
     Occupancy,
+    TooLargeError,
     UnlikeError,
     compare,
+    placed,
 )
-from lidarcli.formalism.matching.alignment import LEAST_OVERLAP, NEAR_HERE_TURN, Fit, search, settle
+from lidarcli.formalism.matching.alignment import (
+    LEAST_OVERLAP,
+    NEAR_HERE_TURN,
+    Fit,
+    Standing,
+    align,
+    proposals,
+    search,
+    settle,
+)
 from lidarcli.formalism.matching.differences import (
+    BESIDE,
     GONE,
     MOST_CHANGES,
     MOVED,
     NEW,
+    SAME_PLACE,
     STRUCTURE,
     THING,
     Changes,
     Compared,
     Run,
     TooManyError,
+    measured,
+    within,
 )
-from lidarcli.formalism.matching.extents import BESIDE, measured, within
-from lidarcli.formalism.matching.ground import MOST_CELLS, SEEN_FREE, Ground, Nearest, Surveying, of_map
-from lidarcli.formalism.matching.pairs import SAME_PLACE
-from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, proposals
+from lidarcli.formalism.matching.ground import HERE, MOST_CELLS, SEEN_FREE, Ground, Motion, Nearest, Surveying, of_map
 from lidarcli.formalism.tracking.results import ENDS
-from lidarcli.maps.mapserver import image_of, read_map
+from lidarcli.maps import image_of, read_map
 from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.detecting import detect_beside, second_of_two
 from lidarcli.pipeline.inputs.search import find_logs
@@ -69,7 +82,7 @@ from lidarcli.pipeline.overlay_sources import Cursor
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log
 from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
-from lidarcli.pipeline.watching.counting import OBJECT_COLUMNS, Objects
+from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS

@@ -16,9 +16,9 @@ import numpy as np
 from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError
 from lidarcli.formalism.detection import SETS
-from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
-from lidarcli.maps.mapserver import MAP_TYPE, image_of, occupancy_cdr, read_map
+from lidarcli.maps import MAP_TYPE, image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import NewFiles, refuse, writing
 from lidarcli.overlays.files import BAG, FRAME, MAP, RRD, SUFFIXES, overlay_file, topic_name, topics_of_objects
 from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, SECOND, Markers, marker_arrays, transforms
@@ -40,9 +40,8 @@ from lidarcli.pipeline.overlay_sources import (
     transform_topics,
 )
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
-from lidarcli.pipeline.watching.counting import Objects
-from lidarcli.pipeline.watching.frames import Frames
-from lidarcli.pipeline.watching.showing import Showing
+from lidarcli.pipeline.zone_counting import Objects
+from lidarcli.pipeline.zone_frames import Frames, Showing
 from lidarcli.range_rules import normalise
 from lidarcli.reports.palette import SET_STYLES, SHAPE_COLOURS, ZONE_COLOURS, on_dark
 from lidarcli.ros.messages import ROS2, TF, Outgoing

@@ -13,8 +13,7 @@ from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import ROUND, SETS, Detection
-from lidarcli.formalism.mapping.counts import placed
-from lidarcli.formalism.mapping.occupancy import HIT
+from lidarcli.formalism.mapping.grid import HIT, placed
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice, nothing_read
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.tables import TableSet
     from lidarcli.pipeline.mapping import MapOptions, Mapping
     from lidarcli.pipeline.objects.subtracting import Subtracting
-    from lidarcli.pipeline.watching.showing import Showing, ShownZone
+    from lidarcli.pipeline.zone_frames import Showing, ShownZone
     from lidarcli.zone import Zones
 BATCH = 64
 NEAR = 1.0
@@ -157,8 +156,7 @@ def _showing(log: Log, zones: Zones | None) -> Showing | None:
     if zones is None:
         return None
     # Imported here: most plots need no zones.
-    from lidarcli.pipeline.watching.frames import Frames
-    from lidarcli.pipeline.watching.showing import Showing
+    from lidarcli.pipeline.zone_frames import Frames, Showing
 
     return Showing(zones, Frames.of(log, zones))
 

@@ -26,27 +26,26 @@ from lidarcli.pipeline.inputs.tables import (
     require,
 )
 from lidarcli.pipeline.runs.manifest import FOLDER
-from lidarcli.reports.changes import Changed, changed_of
-from lidarcli.reports.changes_report import ChangesReport
+from lidarcli.reports.changes import ChangesPart, changes_part
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check, verdict_of
-from lidarcli.reports.columns import Origin, Rows, Run, least_observed
-from lidarcli.reports.compare import compare
+from lidarcli.reports.columns import Origin, Rows, Run, ZoneRows, least_observed
+from lidarcli.reports.document import Part, PartsReport
 from lidarcli.reports.figures import DELTA, OF_CHANGES, OF_MAPS
 from lidarcli.reports.report import Report
 from lidarcli.reports.runs import BAD, FIGURES, RunsReport, RunsSummary, summarise_runs
-from lidarcli.reports.streams import streams_of
 from lidarcli.reports.summary import (
     OBJECT_COLUMNS,
     SWEEP_COLUMNS,
     TRACK_COLUMNS,
     TRACKED_COLUMNS,
+    compare,
     edges_of,
+    streams_of,
     summarise,
     values_of,
 )
 from lidarcli.reports.wording import counted
-from lidarcli.reports.zone_report import ZonesReport
-from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, watched_in, zoned_of
+from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_in, zones_part
 from lidarcli.stores.url import Place, absolute, place
 from lidarcli.tabular.reading import Readable
 from lidarcli.tabular.runs import Entry, read_run
@@ -99,7 +98,7 @@ class ReportOptions:
 class Made:
     """A report, and where the rows come from that it is about."""
 
-    report: Report | ZonesReport | ChangesReport
+    report: Report | PartsReport
     page: Page | None = None
     """Contents of the HTML alone, where it was asked for."""
 
@@ -131,22 +130,21 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
             f"--check '{missing[0].expression}' asks for changes, and no table of them is named; "
             "lidarcli diff A B -o x.changes.parquet writes it"
         )
-    changed, unread = _read_changes(tables.changes, step)
-    found = tables.table_sets, [*tables.problems, *unread]
-    if changed is not None and not tables.table_sets:
-        return _report_changes(changed, found[1], options)
-    if tables.table_sets and all(map(_is_of_zones, tables.table_sets)):
-        return _report_zones(*found, options, changed, step)
-    run, pairs, problems = _load(*found, checks, viewer, step)
+    changes, unread = _read_changes(tables.changes, step)
+    failed = [*tables.problems, *unread]
+    if all(map(_is_of_zones, tables.table_sets)) and (tables.table_sets or changes is not None):
+        zones = _zones_alone(tables.table_sets, failed, step) if tables.table_sets else None
+        return _report_parts(zones, changes, failed, options)
+    run, pairs, problems = _load(tables.table_sets, failed, checks, viewer, step)
     if run.zones is not None:
         # Only now it is known which zones there are.
         checks = understand(options, run.zones.names)
-    unseen = (*_unseen(checks, run.sources), *_unobserved(checks, run), *_unseen_changes(checks, changed))
-    of_changes = {} if changed is None else changed.figures
+    unseen = (*_unseen(checks, run.sources), *_unobserved(checks, run), *_unseen_changes(checks, changes))
+    of_changes = {} if changes is None else changes.figures
     if not options.baseline:
         summary = summarise(run)
         verdicts = tuple(judge(check, summary.figures | of_changes, run) for check in checks)
-        report = Report(summary, changed=changed, verdicts=verdicts, unread=problems, unseen=unseen)
+        report = Report(summary, changes=changes, verdicts=verdicts, unread=problems, unseen=unseen)
         step()
         return _with_page(report, run, pairs, options) if viewer else Made(report)
     compared = [check for check in checks if check.name.startswith(DELTA)]
@@ -159,7 +157,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     comparison = compare(run, summary, base_run, baseline)
     values = summary.figures | comparison.figures | of_changes
     verdicts = tuple(judge(check, values, run) for check in checks)
-    report = Report(summary, comparison, changed, verdicts=verdicts, unread=problems, unseen=unseen)
+    report = Report(summary, comparison, changes, verdicts=verdicts, unread=problems, unseen=unseen)
     step()
     return _with_page(report, run, pairs, options) if viewer else Made(report)
 
@@ -233,14 +231,7 @@ def _read_zones(pair: TableSet) -> tuple[pa.Table, pa.Table]:
     return events, zones
 
 
-def _refuse_without_objects(options: ReportOptions, kind: str) -> None:
-    """Refuse options that need tables of objects, where there are only those of a kind."""
-    for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
-        if values:
-            raise OptionError(f"{name}: these are tables of {kind} alone; name the objects table of the log as well")
-
-
-def _read_changes(paths: Sequence[Readable], step: Callable[[], None]) -> tuple[Changed | None, list[UnreadableError]]:
+def _read_changes(paths: Sequence[Readable], step: Callable[[], None]) -> tuple[ChangesPart | None, list[UnreadableError]]:
     """Read tables of changes; returns them, None without any, with an error for each that cannot be read."""
     found: list[tuple[str, pa.Table]] = []
     problems = []
@@ -250,41 +241,47 @@ def _read_changes(paths: Sequence[Readable], step: Callable[[], None]) -> tuple[
         except UnreadableError as err:
             problems.append(err)
         step()
-    return changed_of(found) if found else None, problems
+    return changes_part(found) if found else None, problems
 
 
-def _unseen_changes(checks: Sequence[Check], changed: Changed | None) -> tuple[str, ...]:
+def _unseen_changes(checks: Sequence[Check], changes: ChangesPart | None) -> tuple[str, ...]:
     """Return a line where checks are of changes of runs that could be read in part alone."""
-    damaged = [] if changed is None else [source for source in changed.sources if source.damage]
+    damaged = [] if changes is None else [source for source in changes.sources if source.damage]
     if not damaged or not any(check.needs_changes for check in checks):
         return ()
     return (f"{damaged[0].log}: its runs were damaged when it was made ({damaged[0].damage[0]})",)
 
 
-def _report_changes(changed: Changed, problems: Sequence[UnreadableError], options: ReportOptions) -> Made:
-    """Report on changes alone."""
-    _refuse_without_objects(options, "changes")
-    checks = [parse_check(text, only=(*OF_CHANGES, *OF_MAPS), page="docs/diff.md") for text in options.checks]
-    return Made(
-        ChangesReport(
-            changed,
-            verdicts=tuple(verdict_of(check, changed.figures.get(check.name)) for check in checks),
-            unread=tuple(map(str, problems)),
-            unseen=_unseen_changes(checks, changed),
-        )
-    )
-
-
-def _report_zones(
-    pairs: Sequence[TableSet],
+def _report_parts(
+    zones: tuple[ZoneRows, list[Origin]] | None,
+    changes: ChangesPart | None,
     problems: Sequence[UnreadableError],
     options: ReportOptions,
-    changed: Changed | None,
-    step: Callable[[], None],
 ) -> Made:
-    """Report on zones, where there are no tables of objects."""
-    _refuse_without_objects(options, "zones")
-    problems = [*problems]
+    """Report on zones, on changes, or on both, where there are no tables of objects."""
+    kind = "changes" if zones is None else "zones"
+    for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
+        if values:
+            raise OptionError(f"{name}: these are tables of {kind} alone; name the objects table of the log as well")
+    others = () if changes is None else (*OF_CHANGES, *OF_MAPS)
+    parts: list[Part] = [] if zones is None else [zones_part(*zones)]
+    parts += [] if changes is None else [changes]
+    report = PartsReport(tuple(parts), unread=tuple(map(str, problems)))
+    if zones is None:
+        checks = [parse_check(text, only=others, page="docs/diff.md") for text in options.checks]
+        verdicts = [verdict_of(check, report.figures.get(check.name)) for check in checks]
+        unseen = _unseen_changes(checks, changes)
+    else:
+        checks = [parse_zone_check(text, zones[0].names, others) for text in options.checks]
+        verdicts = [judge_zones(check, report.figures, zones[0]) for check in checks]
+        unseen = (*_unseen(checks, zones[1]), *unobserved(checks, zones[0]), *_unseen_changes(checks, changes))
+    return Made(replace(report, verdicts=tuple(verdicts), unseen=unseen))
+
+
+def _zones_alone(
+    pairs: Sequence[TableSet], problems: list[UnreadableError], step: Callable[[], None]
+) -> tuple[ZoneRows, list[Origin]]:
+    """Read tables of zones of which there are none of objects; adds to `problems` what cannot be read."""
     read: dict[int, tuple[pa.Table, pa.Table]] = {}
     sources: list[Origin] = []
     for pair in pairs:
@@ -296,24 +293,9 @@ def _report_zones(
         read[len(sources)] = found
         sources.append(origin_of(pair, found[1]))
         step()
-    watched = watched_in(read) if read else None
-    if watched is None:
+    if not read:
         raise nothing_read(problems)
-    zoned = zoned_of(watched, [source.log for source in sources])
-    of_changes = {} if changed is None else changed.figures
-    others = () if changed is None else (*OF_CHANGES, *OF_MAPS)
-    checks = [parse_zone_check(text, watched.names, others) for text in options.checks]
-    verdicts = tuple(judge_zones(check, zoned.figures | of_changes, watched) for check in checks)
-    return Made(
-        ZonesReport(
-            zoned,
-            tuple(sources),
-            changed,
-            verdicts=verdicts,
-            unread=tuple(map(str, problems)),
-            unseen=(*_unseen(checks, sources), *unobserved(checks, watched), *_unseen_changes(checks, changed)),
-        )
-    )
+    return zones_in(read), sources
 
 
 def _command(options: ReportOptions) -> str:
@@ -400,8 +382,8 @@ def _load(
     _refuse_missing(checks, kept, [elsewhere.get(pair, pair) for pair in kept])
     things = Rows.join([*tracks.values()], [*tracks]) if tracks else None
     paths = Rows.join([*trajectories.values()], [*trajectories]) if trajectories else None
-    watched = watched_in(zones) if zones else None
-    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things, paths, watched)
+    zone_rows = zones_in(zones) if zones else None
+    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things, paths, zone_rows)
     return run, kept, tuple(str(problem) for problem in problems)
 
 
@@ -464,29 +446,22 @@ def encoded(words: str) -> bytes:
 def render(made: Made | MadeRuns, kind: str, colour: bool = False, brief: bool = False) -> str:
     """The report in one of `FORMATS`, `brief` in one of `SHORT_FORMATS`; for html, one of tables was made with `viewer`."""
     report = made.report
-    if kind == "github":
-        from lidarcli.reports import ci
+    if kind == "html":
+        from lidarcli.reports import html
 
-        return ci.as_github(report, "" if brief else render(made, "text"))
-    if kind == "text":
-        from lidarcli.reports import terminal
+        return html.render(report, None if isinstance(made, MadeRuns) else made.page)
+    from lidarcli.reports import programs, text
 
-        return terminal.brief(report, colour) if brief else terminal.render(report, colour)
-    if kind == "markdown":
-        from lidarcli.reports import markdown
-
-        return markdown.brief(report) if brief else markdown.render(report)
-    if kind == "json":
-        from lidarcli.reports import json
-
-        return json.render(report)
-    if kind == "junit":
-        from lidarcli.reports import ci
-
-        return ci.as_junit(report)
-    from lidarcli.reports import html
-
-    return html.render(report, None if isinstance(made, MadeRuns) else made.page)
+    match kind:
+        case "text":
+            return text.brief_text(report, colour) if brief else text.as_text(report, colour)
+        case "markdown":
+            return text.brief_markdown(report) if brief else text.as_markdown(report)
+        case "github":
+            return programs.as_github(report, "" if brief else text.as_text(report))
+        case "json":
+            return programs.as_json(report)
+    return programs.as_junit(report)
 
 
 MANIFEST_SUFFIX = ".parquet"

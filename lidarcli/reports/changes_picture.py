@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 
-from lidarcli.formalism.mapping.occupancy import OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.formalism.mapping.grid import OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.reports import palette
 from lidarcli.reports.changes import FIRST, Change, RunPair
 from lidarcli.reports.drawing import Entries, draw_legend, file_bytes, fit_height, new_figure, project_style

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,8 @@ from lidarcli.sweeps import Float64, Int32, Int64, spared
 if TYPE_CHECKING:
     import pyarrow as pa
 
+Record = SimpleNamespace
+"""A row of a table, or of what a report shows: attributes are its columns."""
 OBJECTS_OF_SWEEP = ("objects", "agents")
 """Columns of the sweeps table (Def. 4) that together count the objects of a sweep, tracked or not …"""
 BEAMS_OF_OBJECTS = ("object_beams", "agent_beams")
@@ -112,6 +115,27 @@ class Rows:
         codes = np.where(there, codes, -1).astype(np.int32, copy=False)
         return codes, chunk.dictionary.to_pylist()
 
+    def texts(self, name: str, at: Int64 | slice = slice(None)) -> list[str]:
+        """A column of names in some rows, empty for null."""
+        codes, names = self.words(name)
+        return ["" if code < 0 else names[code] for code in codes[at].tolist()]
+
+    def records(self, at: Int64, names: Sequence[str], **more: Sequence[Any]) -> list[Record]:
+        """Some rows, each with its values by column and `more`: empty for a name that is null, NaN for a number."""
+        import pyarrow as pa
+
+        columns: dict[str, Sequence[Any]] = {}
+        for name in names:
+            column = self.table[name]
+            if pa.types.is_dictionary(column.type):
+                columns[name] = self.texts(name, at)
+            elif pa.types.is_timestamp(column.type) or (pa.types.is_integer(column.type) and not column.null_count):
+                columns[name] = self.integers(name)[at].tolist()
+            else:
+                columns[name] = self.numbers(name)[at].tolist()
+        columns |= more
+        return [Record(**dict(zip(columns, values, strict=True))) for values in zip(*columns.values(), strict=True)]
+
     def are(self, name: str, word: str) -> NDArray[np.bool_]:
         """(K,) rows with this name in a column."""
         codes, names = self.words(name)
@@ -160,7 +184,7 @@ def least_observed(sights: Iterable[Sight]) -> Sight | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Watched:
+class ZoneRows:
     """Zones that were watched in one or many logs."""
 
     events: Rows
@@ -195,7 +219,7 @@ class Run:
     """Of the sources that were tracked; None where none was."""
     trajectories: Rows | None = None
     """Trajectories, if the viewer asks for them; of the sources that have them."""
-    zones: Watched | None = None
+    zones: ZoneRows | None = None
     """Of the sources that have tables of zones; None where none has."""
 
     @cached_property

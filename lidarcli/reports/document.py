@@ -8,11 +8,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from lidarcli.errors import CHECK_FAILED, UnreadableError
-from lidarcli.reports.changes import RunPair
 from lidarcli.reports.checks import Verdict
+from lidarcli.reports.columns import Origin
+
+if TYPE_CHECKING:
+    from lidarcli.reports.changes import RunPair
 
 TEXT, MARKDOWN, PAGE = "text", "markdown", "page"
 """Formats for people: the terminal, Markdown and HTML."""
@@ -44,6 +47,17 @@ class Table:
     """Columns that are flush right."""
     more: str = ""
     """Rows that are left out, in words."""
+
+
+NAMES = frozenset({"zone", "kind", "by", "log", "status", "detail", "shape", "label", "end"})
+"""Columns of `table_of` that hold names, which are flush left; numbers are flush right."""
+
+
+def table_of(cells: Mapping[str, Sequence[str]], more: str = "") -> Table:
+    """Return a table of heading → cells; columns without a single entry are left out."""
+    head = [name for name, column in cells.items() if any(column)]
+    right = [k for k, name in enumerate(head) if name not in NAMES]
+    return Table(head, [*zip(*(cells[name] for name in head), strict=True)], right, more)
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,3 +262,92 @@ class Document(ABC):
         if not all(verdict.holds for verdict in self.verdicts):
             return CHECK_FAILED
         return UnreadableError.exit_code if self.unseen else 0
+
+
+class Opening(NamedTuple):
+    """Beginning of a report on one kind of table alone."""
+
+    cards: Sequence[Card] = ()
+    lines: Sequence[str] = ()
+    values: Mapping[str, Any] = {}
+    """Entries of its JSON."""
+
+
+class Part(Protocol):
+    """Tables of one kind in a report: beside objects, beside another part, or alone."""
+
+    @property
+    def schema(self) -> str:
+        """Name of the JSON schema of a report on them alone."""
+
+    @property
+    def title(self) -> str:
+        """Subject in a few words."""
+
+    @property
+    def sources(self) -> tuple[Origin, ...]:
+        """Origins of the tables."""
+
+    @property
+    def figures(self) -> Mapping[str, float | None]:
+        """Figures by name; None where there is nothing to measure."""
+
+    @property
+    def lines(self) -> Sequence[str]:
+        """Summary, a line for each zone or run."""
+
+    @property
+    def words(self) -> Mapping[str, str]:
+        """Word → meaning, of those that a page explains."""
+
+    @property
+    def opening(self) -> Opening:
+        """Beginning of a report on them alone."""
+
+    def sections(self) -> dict[str, Section]:
+        """Return the sections by name, in their order."""
+
+    def cards(self) -> list[Card]:
+        """Return the key figures."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the entries of the JSON beside the figures."""
+
+
+@dataclass(frozen=True, slots=True)
+class PartsReport(Document):
+    """A report on tables of zones, of changes, or of both, where there are no tables of objects."""
+
+    parts: tuple[Part, ...]
+    """The first one gives the report its title."""
+
+    @property
+    def title(self) -> str:
+        """Subject of the report in a few words."""
+        return self.parts[0].title
+
+    @property
+    def sources(self) -> tuple[Origin, ...]:
+        """Origins of the tables that give the report its title."""
+        return self.parts[0].sources
+
+    @property
+    def figures(self) -> Mapping[str, float | None]:
+        """Figures of all parts by name."""
+        return {name: value for part in self.parts for name, value in part.figures.items()}
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Summary in a line for each zone or run."""
+        return (*self.parts[0].opening.lines, *(line for part in self.parts for line in part.lines))
+
+    def sections(self) -> dict[str, Section]:
+        """Return the sections by name, in their order."""
+        found = {name: one for part in reversed(self.parts) for name, one in part.sections().items()}
+        words = [pair for part in self.parts for pair in part.words.items()]
+        return found | ({"words": Section("Words", [Facts(words)], (PAGE,))} if words else {})
+
+    def cards(self) -> list[Card]:
+        """Return the key figures, those of checks last."""
+        of_parts = [card for part in self.parts for card in part.cards()]
+        return [*self.parts[0].opening.cards, *of_parts, *self.check_cards()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -342,3 +342,15 @@ def plain_number(value: float | None) -> float | int | None:
     if value is None or not math.isfinite(value):
         return None
     return int(value) if value == int(value) else float(f"{value:.9g}")
+
+
+def plain(value: Any) -> Any:
+    """Return a value or an array for JSON, with numbers as of `plain_number`."""
+    if isinstance(value, np.ndarray):
+        return value.tolist() if value.dtype.kind in "iu" else [plain_number(each) for each in value.tolist()]
+    return plain_number(value) if isinstance(value, float) else value
+
+
+def plain_fields(one: object, *names: str) -> dict[str, Any]:
+    """Return some fields of a record by name, as of `plain`."""
+    return {name: plain(getattr(one, name)) for name in names}

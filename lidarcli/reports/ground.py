@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli.choices import MAP_RESOLUTION, MIN_MOVE, OCCUPIED_RATIO
-from lidarcli.formalism.mapping.counts import Beams, Counts, MotionFilter, TooLargeError
-from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy
+from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, Beams, Counts, MotionFilter, Occupancy, TooLargeError
 from lidarcli.reports.columns import Rows, Run
 from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int64, SweepPoses, UInt8, record
 

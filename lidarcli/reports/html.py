@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import io
 import json
+import re
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,31 +16,31 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from lidarcli._version import __version__
 from lidarcli.display import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
-from lidarcli.reports.changes_report import ChangesReport
-from lidarcli.reports.charts import changes_chart, charts, constants, overview_chart
-from lidarcli.reports.ci import clean
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
+from lidarcli.reports.changes_picture import Sight, changes_figure
+from lidarcli.reports.charts import charts, constants
 from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.reports.document import PAGE, Code, Document, FromAbove
+from lidarcli.reports.document import PAGE, Code, Document, FromAbove, PartsReport
+from lidarcli.reports.drawing import project_style
 from lidarcli.reports.ground import Ground, Raw, Walls, ground_of, limits_of, rows_of
-from lidarcli.reports.map_picture import MapPicture
-from lidarcli.reports.palette import page_style
+from lidarcli.reports.map_picture import MapPicture, map_figure
+from lidarcli.reports.palette import COLOURS, page_style, themed
+from lidarcli.reports.programs import clean
 from lidarcli.reports.report import TRACK_CELLS_RIGHT, Report, track_cells
 from lidarcli.reports.runs import RunsReport
-from lidarcli.reports.streams import KINDS, Stream
-from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import number
-from lidarcli.reports.zone_report import ZonesReport
-from lidarcli.reports.zones import Zoned
+from lidarcli.reports.summary import KINDS, Stream, Summary
+from lidarcli.reports.wording import number, share
+from lidarcli.reports.zones import ZonesPart
 from lidarcli.sweeps import Float64, Int64, UInt8
 from lidarcli.tabular.runs import Entry
 
-SCRIPTS = ("data", "pen", "scene", "curves", "timeline", "looking", "saving", "main")
+SCRIPTS = ("data", "pen", "scene", "curves", "charts", "timeline", "looking", "saving", "main")
 """Parts of the viewer, each after those that it needs."""
 
 
@@ -62,6 +64,12 @@ SPEED = 0.005
 """Unit of velocities as whole numbers [m/s]."""
 ANGLE = 32_767 / (3 * np.pi)
 """Whole numbers by radian of angles; theta_f may pass π."""
+SVG_STYLE: dict[str, Any] = {"svg.fonttype": "none", "svg.image_inline": True, "axes.grid": False}
+"""Style of drawings in the page, whose texts stay texts."""
+OVERVIEW_SIZE = 7.0
+"""Longest side of the run from above [inch]."""
+GREYS = (0.15, 1.0, int(COLOURS["pressed"][0][1:3], 16) / 255)
+"""Greys of occupied, free and unknown cells of a map; the last one is a colour of the page, and turns dark with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +92,8 @@ def render(report: Document, shown: Page | None = None) -> str:
     """Return the page; one of a `Report` needs what is shown of its sweeps."""
     if isinstance(report, Report) and shown is not None:
         return _page("report.html", report, report.summary.sources, **_shown(report, shown))
-    if isinstance(report, ZonesReport):
+    if isinstance(report, PartsReport):
         return _page("runs.html", report, report.sources)
-    if isinstance(report, ChangesReport):
-        return _page("runs.html", report, report.changed.sources)
     assert isinstance(report, RunsReport)
     return _page("runs.html", report, report.summary.logs)
 
@@ -100,7 +106,11 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
     tracks = summary.tracked.tracks if summary.tracked else ()
     overview = None
     if shown.overview is not None:
-        overview = Markup(overview_chart(replace(shown.overview, grid=shown.grid)).svg)
+        with project_style(SVG_STYLE):
+            figure = map_figure(replace(shown.overview, grid=shown.grid), OVERVIEW_SIZE, greys=GREYS)
+            overview = _inline("The run from above", figure)
+    drawn = [*charts(report, shown.walls)]
+    viewer = viewer | {"charts": [chart.values for chart in drawn]}
     return {
         "summary": summary,
         "script": Markup(script),
@@ -108,11 +118,11 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
         "data": Markup(embedded(viewer)),
         "viewer": viewer,
         "has_raw": any("raw" in stream for stream in viewer["streams"]),
-        "has_zones": summary.zoned is not None,
+        "has_zones": summary.zones is not None,
         "viewer_style": Markup(_part("viewer.css")),
         "overview": overview,
         "has_map": shown.grid is not None,
-        "charts": [replace(chart, svg=Markup(chart.svg)) for chart in charts(report, shown.walls)],
+        "charts": drawn,
         "constants": constants(report),
         "command": shown.command,
         "tracks": tracks,
@@ -134,7 +144,7 @@ def _page(template: str, report: Document, made: Iterable[Origin | Entry], **val
         lstrip_blocks=True,
     )
     environment.tests["code"] = lambda value: isinstance(value, Code)
-    environment.globals.update(number=number, stamp=stamp, drawn=_drawn)
+    environment.globals.update(number=number, share=share, stamp=stamp, drawn=_drawn)
     sections = {name: one for name, one in report.sections().items() if PAGE in one.formats}
     return environment.get_template(template).render(
         **values,
@@ -147,8 +157,26 @@ def _page(template: str, report: Document, made: Iterable[Origin | Entry], **val
 
 
 def _drawn(block: FromAbove) -> Markup:
-    """Return the changes of a run from above."""
-    return Markup(changes_chart(block.number, block.changes).svg)
+    """Return the changes of a run from above, without the ground, which tables do not hold."""
+    with project_style(SVG_STYLE):
+        return _inline(f"Changes of run {block.number}", changes_figure([block.changes], [Sight()]))
+
+
+def _inline(title: str, figure: Figure) -> Markup:
+    """Return a figure as a part of a page: ids of its own, a width that follows the page, and its colours."""
+    out = io.StringIO()
+    figure.set_layout_engine(None)
+    figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
+    body = out.getvalue()
+    prefix = "c" + re.sub(r"\W", "", title)
+    body = re.sub(r"<metadata>.*?</metadata>", "", body[body.index("<svg") :], count=1, flags=re.DOTALL)
+    body = re.sub(r'\bid="', f'id="{prefix}-', body)
+    body = re.sub(r'(xlink:href="|url\()#', rf"\1#{prefix}-", body)
+    for side in ("width", "height"):
+        body = re.sub(rf'(<svg[^>]*?) {side}="[^"]*"', r"\1", body, count=1)
+    # A hundredth of a point is finer than any screen.
+    body = re.sub(r'\bd="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), body)
+    return Markup(themed(body).replace("<svg", f'<svg role="img" aria-label="{title}"', 1))
 
 
 def embedded(value: Any) -> str:
@@ -227,7 +255,7 @@ def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str
             objects,
             raw.get((summary.streams.all[k].source, summary.streams.all[k].topic)),
         )
-        | ({} if summary.zoned is None else _zones(summary.zoned, summary.streams.all[k]))
+        | ({} if summary.zones is None else _zones(summary.zones, summary.streams.all[k]))
         for k, rows in enumerate(choice.rows)
     ]
     return {
@@ -350,12 +378,12 @@ def _corners(x: Float64, y: Float64, length: Float64, width: Float64, yaw: Float
     )
 
 
-def _zones(zoned: Zoned, stream: Stream) -> dict[str, Any]:
+def _zones(zones: ZonesPart, stream: Stream) -> dict[str, Any]:
     """Return the zones of a stream: outline, and the times of events and of visits since its start [s]."""
-    if stream.source not in zoned.courses:
+    if stream.source not in zones.timelines:
         return {}
-    begin = (zoned.starts_ns[stream.source] - stream.start_ns) * 1e-9
-    length = zoned.seconds[stream.source]
+    begin = (zones.starts_ns[stream.source] - stream.start_ns) * 1e-9
+    length = zones.seconds[stream.source]
 
     def times(spans: Sequence[tuple[float, float]]) -> list[list[float]]:
         return [[round(begin + share * length, 3) for share in span] for span in spans]
@@ -370,7 +398,7 @@ def _zones(zoned: Zoned, stream: Stream) -> dict[str, Any]:
                 "frame": one.frame,
                 "outline": [[round(x, 4), round(y, 4)] for x, y in one.outline],
             }
-            for one in zoned.courses[stream.source]
+            for one in zones.timelines[stream.source]
         ]
     }
 

@@ -15,8 +15,8 @@ from matplotlib.ticker import PercentFormatter
 
 from lidarcli.choices import AS_IT_COMES, Look
 from lidarcli.display import counted
-from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
+from lidarcli.formalism.background import Background
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.reports import palette
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import draw_legend, entries_of, file_bytes, fit_height, new_figure, project_style

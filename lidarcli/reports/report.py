@@ -11,10 +11,8 @@ from typing import TypeVar
 import numpy as np
 
 from lidarcli.display import stamp
-from lidarcli.reports.changes import Changed
-from lidarcli.reports.changes_report import change_cards, change_sections
+from lidarcli.reports.changes import ChangesPart
 from lidarcli.reports.columns import Origin
-from lidarcli.reports.compare import Comparison
 from lidarcli.reports.document import (
     MARKDOWN,
     PAGE,
@@ -32,31 +30,39 @@ from lidarcli.reports.document import (
     Table,
 )
 from lidarcli.reports.figures import CATEGORIES, DELTA, SPREADS, TRACK_SPREADS, unit_of
-from lidarcli.reports.streams import KINDS, Standing, Stream, unlike_of
-from lidarcli.reports.summary import Summary, Track, Tracked, scene_of
+from lidarcli.reports.summary import (
+    KINDS,
+    Comparison,
+    Standing,
+    Stream,
+    Summary,
+    Track,
+    Tracked,
+    beams_by_set,
+    differences,
+    has_agents,
+    kind_counts,
+    rate,
+    scene_of,
+    track_kinds,
+    unlike_of,
+)
 from lidarcli.reports.wording import (
     NONE,
     OF_TRACKS,
     SCENES,
     WORDS,
-    beams_by_set,
     column,
     counted,
-    differences,
-    has_agents,
-    kind_counts,
     number,
     percent,
     quantities,
     quantity,
-    rate,
     resample,
     shade,
     share,
     spark,
-    track_kinds,
 )
-from lidarcli.reports.zone_report import ZONE_WORDS, zone_cards, zone_sections, zone_words
 from lidarcli.sweeps import Float64, worth_telling
 
 Item = TypeVar("Item", Track, Standing)
@@ -103,7 +109,7 @@ def sections_of(summary: Summary, comparison: Comparison | None) -> dict[str, Se
         *_figures(summary),
         *_kinds(summary),
         *(_tracks(summary.tracked) if summary.tracked is not None else ()),
-        *_zones(summary),
+        *(summary.zones.sections().items() if summary.zones is not None else ()),
         *_labels(summary),
         *_distributions(summary),
         *_standing(summary),
@@ -135,8 +141,8 @@ def cards_of(summary: Summary) -> list[Card]:
         if (part := tracked.agent_share) is not None:
             scene = scene_of(part)
             cards.append(_card("beams on agents", percent(part), f"{scene} scene: {SCENES[scene]}", "agent"))
-    if summary.zoned is not None:
-        cards += zone_cards(summary.zoned)
+    if summary.zones is not None:
+        cards += summary.zones.cards()
     missing, faults = "no sweep is missing", "stamps always increase"
     if figures["gaps"]:
         longest = quantity("longest_gap", figures["longest_gap"])
@@ -285,9 +291,9 @@ def _kinds(summary: Summary) -> Iterator[tuple[str, Section]]:
     for name in ("shape", "visibility", "change"):
         if counts := kind_counts(summary, name):
             shares = Shares(name, "objects", counts, sum(counts.values()))
-            yield name, Section(f"Objects by {name}", [shares], (TEXT, MARKDOWN), fold)
+            yield name, Section(f"Objects by {name}", [shares], fold=fold)
     beams = Shares("beams", "number", _beams(summary), sum(summary.status.values()))
-    yield "beams", Section("Beams", [beams], (MARKDOWN,), fold)
+    yield "beams", Section("Beams", [beams], (MARKDOWN, PAGE), fold)
 
 
 def _beams(summary: Summary) -> dict[str, int]:
@@ -304,7 +310,7 @@ def _tracks(tracked: Tracked) -> Iterator[tuple[str, Section]]:
         if counts := track_kinds(tracked, name):
             shares = Shares(name.removeprefix("tracks."), "tracks", counts, sum(counts.values()))
             title = name.replace(".", " by ").capitalize()
-            yield name, Section(title, [shares], formats, "Tracks")
+            yield name, Section(title, [shares], fold="Tracks")
     shown = tracked.most(TRACKS)
     if not shown:
         return
@@ -355,11 +361,6 @@ def track_cells(tracks: Sequence[Track]) -> dict[str, list[str]]:
         "top speed": column([one.speed_max for one in tracks], " m/s"),
         "end": [one.end for one in tracks],
     }
-
-
-def _zones(summary: Summary) -> Iterator[tuple[str, Section]]:
-    if summary.zoned is not None:
-        yield from zone_sections(summary.zoned, [source.log for source in summary.sources])
 
 
 def _short(label: str) -> str:
@@ -482,7 +483,7 @@ def _most(values: Float64) -> float | None:
 def _words(summary: Summary) -> tuple[str, Section]:
     """Return the words of the page that not everybody knows."""
     rows = [(name, words) for name, words in WORDS.items() if summary.tracked is not None or name not in OF_TRACKS]
-    rows += [] if summary.zoned is None else ZONE_WORDS.items()
+    rows += [] if summary.zones is None else summary.zones.words.items()
     return "words", Section("Words", [Facts(rows)], (PAGE,))
 
 
@@ -543,7 +544,7 @@ class Report(Document):
 
     summary: Summary
     comparison: Comparison | None = None
-    changed: Changed | None = None
+    changes: ChangesPart | None = None
 
     @property
     def title(self) -> str:
@@ -555,16 +556,16 @@ class Report(Document):
     def figures(self) -> Mapping[str, float | None]:
         """Figures by name; with a baseline also their differences, with tables of changes those of these."""
         found = self.summary.figures | (self.comparison.figures if self.comparison else {})
-        return found | (self.changed.figures if self.changed else {})
+        return found | (self.changes.figures if self.changes else {})
 
     def sections(self) -> dict[str, Section]:
         """Return the sections by name, in their order."""
         found = sections_of(self.summary, self.comparison)
-        return found if self.changed is None else dict(change_sections(self.changed)) | found
+        return found if self.changes is None else self.changes.sections() | found
 
     def cards(self) -> list[Card]:
         """Return the key figures, those of checks and damage last."""
-        of_changes = [] if self.changed is None else change_cards(self.changed)
+        of_changes = [] if self.changes is None else self.changes.cards()
         return [*cards_of(self.summary), *of_changes, *self.check_cards(), *damage_cards(self.summary)]
 
     @property
@@ -583,9 +584,7 @@ class Report(Document):
         if figures["damage"]:
             parts.append(f"damage in {counted(figures['damage'], 'place')} of the logs")
         lines = [f"{self.title}: {', '.join(parts)}"]
-        if self.summary.zoned is not None:
-            lines += [zone_words(one) for one in self.summary.zoned.zones]
-        lines += [] if self.changed is None else [one.line for one in self.changed.pairs]
+        lines += [line for part in (self.summary.zones, self.changes) if part is not None for line in part.lines]
         return (*lines, *(() if self.comparison is None else (self.comparison.words,)))
 
     @property

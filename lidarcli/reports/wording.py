@@ -10,16 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli import display
-from lidarcli.choices import beams_on
-from lidarcli.reports.figures import CATEGORIES, TRACK_CATEGORIES, Density, unit_of
-from lidarcli.reports.streams import Unlike
-from lidarcli.reports.summary import Summary, Tracked
+from lidarcli.reports.figures import Density, unit_of
 from lidarcli.sweeps import Float64
 
 NONE = "-"
 TINY = 1e-12
-NAMED = 3
-"""Most frames that are named."""
 EIGHTHS = " ▁▂▃▄▅▆▇█"
 SHADES = " ░▒▓█"
 SCENES = {
@@ -154,6 +149,17 @@ def counted(value: float | None, name: str) -> str:
     return f"{NONE} {name}s" if value is None else display.counted(int(value), name)
 
 
+def in_unit(value: float | None, unit: str = "", form: str = "") -> str:
+    """Return a number with its unit, by a format; empty where there is none.
+
+    >>> in_unit(1.25, "m", ".1f"), in_unit(12345, "s"), in_unit(None, "m"), in_unit(float("nan"))
+    ('1.2 m', '12,345 s', '', '')
+    """
+    if value is None or math.isnan(value):
+        return ""
+    return f"{format(value, form) if form else number(value)} {unit}".rstrip()
+
+
 def span(values: Sequence[float]) -> str:
     """Return the least and the greatest value, or one number where both read the same.
 
@@ -161,48 +167,6 @@ def span(values: Sequence[float]) -> str:
     ('5 to 20', '10')
     """
     return " to ".join(dict.fromkeys(number(value) for value in (min(values), max(values))))
-
-
-def rate(summary: Summary) -> str:
-    """Return the rate of sweeps; from the least to the greatest where sensors are unlike."""
-    if summary.unlike.rates:
-        return f"{span(summary.unlike.rates)} Hz"
-    return quantity("rate", summary.figures["rate"])
-
-
-def differences(unlike: Unlike) -> str:
-    """Return the differences of sensors in words; empty where they are alike."""
-    parts = [f"{span(unlike.rates)} Hz"] if unlike.rates else []
-    parts += [f"{span(unlike.beams)} beams"] if unlike.beams else []
-    if unlike.frames:
-        more = f" and {len(unlike.frames) - NAMED:,} more" if len(unlike.frames) > NAMED else ""
-        named = ", ".join(name or "(no name)" for name in unlike.frames[:NAMED])
-        parts.append(f"frames {named}{more}")
-    return "; ".join(parts)
-
-
-def has_agents(summary: Summary) -> bool:
-    """Return True if there were tracks, or the tables have agents."""
-    return summary.tracked is not None or bool(summary.figures["agents"])
-
-
-def beams_by_set(summary: Summary) -> dict[str, int]:
-    """Return the beams by set; without agents where they were not looked for."""
-    return {
-        words if name == "S" else f"on {words}": summary.sets[name] for name, words in beams_on(has_agents(summary)).items()
-    }
-
-
-def kind_counts(summary: Summary, name: str) -> dict[str, int]:
-    """Return objects by kind, in the order of the declaration."""
-    counts = summary.kinds[name]
-    return {kind: counts[kind] for kind in CATEGORIES[name] if kind in counts}
-
-
-def track_kinds(tracked: Tracked, name: str) -> dict[str, int]:
-    """Return tracks by kind, in the order of the declaration."""
-    counts = tracked.kinds[name]
-    return {kind.replace("_", " "): counts[kind] for kind in TRACK_CATEGORIES[name] if kind in counts}
 
 
 def bar(part: float, width: int) -> str:

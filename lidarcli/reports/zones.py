@@ -13,9 +13,24 @@ import pyarrow as pa
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle
 from lidarcli.reports.checks import Check, Verdict, accepts, count_events, parse_check, verdict_of
-from lidarcli.reports.columns import Rows, Sight, Watched, least_observed
-from lidarcli.reports.figures import STATISTICS, ZONES, Spread, zone_names, zone_of
+from lidarcli.reports.columns import Origin, Record, Rows, Sight, ZoneRows, least_observed
+from lidarcli.reports.document import (
+    MARKDOWN,
+    PAGE,
+    TEXT,
+    Band,
+    Bands,
+    Block,
+    Card,
+    Notes,
+    Opening,
+    Section,
+    Table,
+    table_of,
+)
+from lidarcli.reports.figures import STATISTICS, ZONES, Spread, plain_fields, plain_number, zone_names, zone_of
 from lidarcli.reports.palette import ZONE_COLOURS
+from lidarcli.reports.wording import NONE, column, counted, in_unit, number, percent
 from lidarcli.sweeps import Bool, Float64, Int64
 from lidarcli.tabular.reading import note_value, notes_of
 from lidarcli.tabular.writing import PARAMETERS
@@ -37,11 +52,38 @@ MOST_CORNERS = 1_000
 """Most corners of an outline that a page shows."""
 LISTED = ("occupied", "approach", "stale")
 """Kinds of the events that are listed; visits and crossings are counted."""
-GRAVEST = (*ZONE_COLOURS,)
-"""Actions, the gravest first."""
+EVENT = (
+    *("topic", "zone", "kind", "action", "first_sweep", "t", "duration", "cut", "points", "nearest", "ttc"),
+    *("set", "track", "label"),
+)
+"""Columns of the events that are listed."""
+RANKED = (*ZONE_COLOURS,)
+"""Actions, the most severe first."""
+EVENTS = 12
+"""Most events that text and Markdown show; the page shows all that are kept."""
+LOGS = 6
+"""Most logs whose timelines are drawn."""
+WHO = {"A": "agents", "O": "things", "S": "walls"}
+"""Set of the points of an event → what was in the zone."""
+AREA_CELLS = ("zone", "events", "active", "nearest", "observed", "by")
+"""Columns of the table of areas; the first and the last one wrap."""
+WAY_CELLS = ("zone", "visits", "dwell", "in", "out", "observed")
+"""Columns of the table of visits and crossings."""
+NEVER = "never observed"
+ZONE_WORDS = {
+    "event": "a stretch of time in which a zone was occupied, or a collision with what is in it was ahead",
+    "active": "the time that all events of a zone took",
+    "nearest": "the least distance from the sensor to a point in the zone",
+    "observed": "the share of the sweeps in which something in the zone could have been found: enough beams reach it",
+    "visit, dwell": "the stay of an agent in a zone, and how long it lasts",
+    "in, out": "crossings of a line to the left and to the right of the way from its first point to its second",
+    "ttc": "time to collision: until the robot meets what is in the zone, at its present speed",
+    "by": "what most of the points in the zone were on: agents, other things, walls",
+}
+"""Word → meaning, of those that a page with zones explains."""
 
 
-def watched_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> Watched:
+def zones_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> ZoneRows:
     """Return the zones in the tables of some sources, with their outlines as far as the metadata tells them."""
     shapes: dict[str, dict[str, Any]] = {}
     left_out: list[tuple[str, str]] = []
@@ -54,10 +96,10 @@ def watched_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> Watched:
                 shapes.setdefault(one["name"], one)
                 left_out += [(log, one["name"])] if one["name"] not in judged else []
     events, zones = (Rows.join([one[k] for one in read.values()], [*read]) for k in (0, 1))
-    return Watched(events, zones, shapes, tuple(left_out))
+    return ZoneRows(events, zones, shapes, tuple(left_out))
 
 
-def figures_of(watched: Watched) -> dict[str, float | None]:
+def figures_of(watched: ZoneRows) -> dict[str, float | None]:
     """Return the figures `zones.NAME.X`, summed over logs: every name of `figures.zone_names` of each zone → value.
 
     It is None where there is nothing to measure. A zone that was never observed has `observed` alone.
@@ -81,7 +123,7 @@ def of_zone(rows: Rows, zone: str, *kinds: str) -> Bool:
     return chosen
 
 
-def _values(watched: Watched, zone: str, columns: Mapping[str, Float64]) -> dict[str, float | None]:
+def _values(watched: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> dict[str, float | None]:
     """Return the figures of a zone without the beginning of their names; `columns`: `NUMBERS` of the rows of all zones."""
     events, mine = watched.events, of_zone(watched.zones, zone)
     of = {name: Spread.of(values[mine]) for name, values in columns.items()}
@@ -108,7 +150,7 @@ def _values(watched: Watched, zone: str, columns: Mapping[str, Float64]) -> dict
     return values
 
 
-def sights_of(watched: Watched, zone: str) -> list[Sight]:
+def sights_of(watched: ZoneRows, zone: str) -> list[Sight]:
     """Return how a zone was observed in each log that has it; those missing in gaps above `TIMEOUT` count, too."""
     rows, mine = watched.zones, np.flatnonzero(of_zone(watched.zones, zone))
     (log, logs), observed, stamp = rows.words("log"), rows.numbers("observed"), rows.integers("stamp")
@@ -125,7 +167,7 @@ def sights_of(watched: Watched, zone: str) -> list[Sight]:
     return found
 
 
-def unobserved(checks: Sequence[Check], watched: Watched) -> tuple[str, ...]:
+def unobserved(checks: Sequence[Check], watched: ZoneRows) -> tuple[str, ...]:
     """Return a line for each zone of checks that was not observed all the time, unless one says how much is enough."""
     wanted: dict[str, None] = {}
     for check in checks:
@@ -178,7 +220,7 @@ def parse_zone_check(expression: str, zones: Collection[str], others: Collection
     return check
 
 
-def judge_zones(check: Check, values: Mapping[str, float | None], watched: Watched) -> Verdict:
+def judge_zones(check: Check, values: Mapping[str, float | None], watched: ZoneRows) -> Verdict:
     """Hold a check against the figures of zones, or against the rows of their events."""
     found = values.get(check.name) if check.condition is None else count_events(check.condition, watched)
     return verdict_of(check, found)
@@ -200,34 +242,40 @@ class ZoneSummary:
     """Set → events in which most of the points were of that set."""
     visits: int
 
+    def cells(self) -> dict[str, str]:
+        """Return heading → cell of a table; empty where it can have no such value."""
+        values = self.figures
+        if not values["observed"]:
+            return {"zone": self.name, "observed": "0 %", "by": NEVER}
+        cells = {"zone": self.name}
+        if not self.is_line:
+            cells |= {"events": number(values["events"]), "active": in_unit(self.active, "s")}
+            cells["nearest"] = in_unit(values["nearest"], "m", ".2f")
+        if self.visits:
+            cells |= {"visits": number(self.visits), "dwell": in_unit(values["dwell.mean"], "s")}
+        if self.is_line or values["in"] or values["out"]:
+            cells |= {name: number(values[name]) for name in ("in", "out")}
+        by = ", ".join(f"{WHO[name]} {self.by[name]}" for name in WHO if self.by.get(name))
+        return cells | {"observed": percent(values["observed"]).replace(".0 %", " %"), "by": by}
+
+    @property
+    def line(self) -> str:
+        """What happened in it."""
+        if not self.figures["observed"]:
+            return f"{self.name}: {NEVER}"
+        cells, parts = self.cells(), []
+        if not self.is_line:
+            parts.append(counted(self.figures["events"], "event"))
+            parts += [cells["active"]] if self.figures["events"] else []
+            parts += [f"nearest {cells['nearest']}"] if cells["nearest"] else []
+            parts += [f"by {cells['by']}"] if cells["by"] else []
+        parts += [counted(self.visits, "visit")] if self.visits else []
+        parts += [f"in {cells['in']}, out {cells['out']}"] if "in" in cells else []
+        return f"{self.name}: {', '.join(parts)}"
+
 
 @dataclass(frozen=True, slots=True)
-class ZoneEvent:
-    """An event, as a row of a table for people."""
-
-    source: int
-    log: str
-    topic: str
-    sweep: int
-    zone: str
-    kind: str
-    action: str
-    start_ns: int
-    t: float
-    duration: float
-    cut: bool
-    points: float
-    """NaN, here and below, where there is none."""
-    nearest: float
-    ttc: float
-    set: str
-    """Empty, here and below, where nothing is known."""
-    track: float
-    label: str
-
-
-@dataclass(frozen=True, slots=True)
-class Course:
+class ZoneTimeline:
     """Stretches in which events of a zone went on, in shares of the time of a log."""
 
     zone: str
@@ -242,27 +290,100 @@ class Course:
 
 
 @dataclass(frozen=True, slots=True)
-class Zoned:
-    """The zones of a run."""
+class ZonesPart:
+    """The zones of a run, as a part of a report."""
 
+    sources: tuple[Origin, ...]
     figures: dict[str, float | None]
     """Every name of `figures.zone_names` of each zone → value."""
     zones: tuple[ZoneSummary, ...]
-    events: tuple[ZoneEvent, ...]
-    """The gravest first, at most `KEPT`; those of kinds that are `LISTED`."""
+    events: list[Record]
+    """Log and `EVENT` of each, the most severe first, at most `KEPT`; those of kinds that are `LISTED`."""
     listed: int
     """Number of all events of these kinds."""
     sweeps: int
     starts_ns: dict[int, int]
-    """Source → its first stamp ..."""
+    """Source → its first stamp [ns]."""
     seconds: dict[int, float]
-    """... and the time from there to its last one [s]."""
-    courses: dict[int, tuple[Course, ...]]
-    """Source → course of each of its zones."""
+    """Source → time from its first stamp to its last one [s]."""
+    timelines: dict[int, tuple[ZoneTimeline, ...]]
+    """Source → timeline of each of its zones."""
+    schema = "lidarcli.zones/1"
+    words = ZONE_WORDS
+
+    @property
+    def title(self) -> str:
+        """Subject in a few words."""
+        return f"zones in {self.sources[0].log if len(self.sources) == 1 else counted(len(self.sources), 'log')}"
+
+    @property
+    def lines(self) -> list[str]:
+        """A line for each zone."""
+        return [one.line for one in self.zones]
+
+    @property
+    def opening(self) -> Opening:
+        """Number of sweeps, as a report on zones alone begins."""
+        time = in_unit(sum(self.seconds.values()), "s")
+        line = f"{self.title}: {counted(self.sweeps, 'sweep')} in {time}, {counted(len(self.zones), 'zone')}"
+        return Opening([Card("sweeps", number(self.sweeps), time)], [line], {"sweeps": self.sweeps})
+
+    def sections(self) -> dict[str, Section]:
+        """Return the sections by name."""
+        logs = [source.log for source in self.sources]
+        rows = [one.cells() for one in self.zones]
+        areas = [row for row, one in zip(rows, self.zones, strict=True) if not one.is_line]
+        ways = [row for row in rows if {"visits", "in"} & {*row}]
+        blocks: list[Block] = [_table(areas, AREA_CELLS)] if areas else []
+        for source, found in [*self.timelines.items()][:LOGS]:
+            bands = [Band(one.zone, "" if one.action == "none" else one.action, one.events, one.visits) for one in found]
+            blocks.append(Bands(logs[source] if len(self.timelines) > 1 else "", self.seconds[source], bands))
+        if len(self.timelines) > LOGS:
+            blocks.append(Notes([(f"and {counted(len(self.timelines) - LOGS, 'more log')}",)]))
+        blocks += [_table(ways, WAY_CELLS)] if ways else []
+        sections = {"zones": Section("Zones", blocks)}
+        title = "Events of zones" + (", the worst first" if self.listed > 1 else "")
+        for name, most, formats in (("events", EVENTS, (TEXT, MARKDOWN)), ("page of events", KEPT, (PAGE,))):
+            if shown := self.events[:most]:
+                left = self.listed - len(shown)
+                more = f"and {left:,} more, all of them in the table of events" if left else ""
+                table = table_of(_event_cells(shown, several=len(logs) > 1), more)
+                sections[name] = Section(title, [table], formats, "Events of zones")
+        return sections
+
+    def cards(self) -> list[Card]:
+        """Return the number of events, and which zones were never observed."""
+        events = sum(int(one.figures["events"] or 0) for one in self.zones)
+        words = f"in {counted(len(self.zones), 'zone')}, active for {in_unit(sum(one.active for one in self.zones), 's')}"
+        if unseen := [one.name for one in self.zones if not one.figures["observed"]]:
+            words += f"; {NEVER}: {', '.join(unseen)}"
+        return [Card("events of zones", number(events), words, meaning=f"event: {self.words['event']}")]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the zones and the events to look at first, for JSON."""
+        return {
+            "zones": [
+                {**plain_fields(one, "name", "action"), "line": one.is_line, **plain_fields(one, "active", "by", "visits")}
+                for one in self.zones
+            ],
+            "events": [
+                {
+                    **plain_fields(one, "log", "topic", "zone", "kind", "action"),
+                    "sweep": one.first_sweep,
+                    **plain_fields(one, "t", "duration"),
+                    "cut": bool(one.cut),
+                    **plain_fields(one, "points", "nearest", "ttc"),
+                    "set": one.set or None,
+                    "track": plain_number(one.track),
+                    "label": one.label or None,
+                }
+                for one in self.events
+            ],
+        }
 
 
-def zoned_of(watched: Watched, logs: Sequence[str]) -> Zoned:
-    """Sum up zones; `logs`: names of the sources."""
+def zones_part(watched: ZoneRows, sources: Sequence[Origin]) -> ZonesPart:
+    """Sum up the zones of sources."""
     figures, events = figures_of(watched), watched.events
     actions = _actions(watched)
     duration = events.numbers("duration")
@@ -281,19 +402,20 @@ def zoned_of(watched: Watched, logs: Sequence[str]) -> Zoned:
             )
         )
     stamp = watched.zones.integers("stamp")
-    sources, begin = np.unique(watched.zones.source, return_index=True)
+    present, begin = np.unique(watched.zones.source, return_index=True)
     # Rows of a source follow each other.
-    parts = zip(sources.tolist(), np.split(stamp, begin[1:]), strict=False)
+    parts = zip(present.tolist(), np.split(stamp, begin[1:]), strict=False)
     spans = {source: (int(mine.min()), int(mine.max())) for source, mine in parts}
-    return Zoned(
+    return ZonesPart(
+        sources=tuple(sources),
         figures=figures,
         zones=tuple(found),
-        events=_gravest(watched, logs),
-        listed=int(np.any([events.are("kind", kind) for kind in LISTED], axis=0).sum()),
+        events=_most_severe(events, [source.log for source in sources]),
+        listed=len(_listed(events)),
         sweeps=_sweeps(watched.zones),
         starts_ns={source: first for source, (first, _) in spans.items()},
         seconds={source: (last - first) * 1e-9 for source, (first, last) in spans.items()},
-        courses={source: tuple(_courses(watched, source, span, actions)) for source, span in spans.items()},
+        timelines={source: tuple(_timelines(watched, source, span, actions)) for source, span in spans.items()},
     )
 
 
@@ -306,56 +428,29 @@ def _sweeps(rows: Rows) -> int:
     return int(np.pad(counts, (0, -len(counts) % size)).reshape(-1, size).max(axis=1, initial=0).sum())
 
 
-def _actions(watched: Watched) -> dict[str, str]:
+def _actions(watched: ZoneRows) -> dict[str, str]:
     """Return the action of each zone, by the metadata or else by its events."""
-    zone, action = (_texts(watched.events, name) for name in ("zone", "action"))
+    zone, action = (watched.events.texts(name) for name in ("zone", "action"))
     told = {name: str(shape["action"]) for name, shape in watched.shapes.items() if "action" in shape}
     return dict(zip(zone, action, strict=True)) | told
 
 
-def _gravest(watched: Watched, logs: Sequence[str]) -> tuple[ZoneEvent, ...]:
-    """Return the events to look at first: by action, then the nearest, then the longest."""
-    rows = watched.events
-    mine = np.flatnonzero(np.any([rows.are("kind", kind) for kind in LISTED], axis=0))
-    action = np.array([GRAVEST.index(word) if word in GRAVEST else len(GRAVEST) for word in _texts(rows, "action")])
-    numbers = {name: rows.numbers(name) for name in ("t", "duration", "points", "nearest", "ttc", "track", "cut")}
-    is_stale = rows.are("kind", "stale")
-    nearest, longest = np.nan_to_num(numbers["nearest"], nan=np.inf), -numbers["duration"]
-    order = mine[np.lexsort((longest[mine], nearest[mine], action[mine], is_stale[mine]))][:KEPT]
-    names = ("topic", "zone", "kind", "action", "set", "label")
-    words = {name: _texts(rows, name) for name in names}
-    whole = {name: rows.integers(name) for name in ("first_sweep", "start")}
-    return tuple(
-        ZoneEvent(
-            source=int(rows.source[row]),
-            log=logs[int(rows.source[row])],
-            topic=words["topic"][row],
-            sweep=int(whole["first_sweep"][row]),
-            zone=words["zone"][row],
-            kind=words["kind"][row],
-            action=words["action"][row],
-            start_ns=int(whole["start"][row]),
-            t=float(numbers["t"][row]),
-            duration=float(numbers["duration"][row]),
-            cut=bool(numbers["cut"][row]),
-            points=float(numbers["points"][row]),
-            nearest=float(numbers["nearest"][row]),
-            ttc=float(numbers["ttc"][row]),
-            set=words["set"][row],
-            track=float(numbers["track"][row]),
-            label=words["label"][row],
-        )
-        for row in order.tolist()
-    )
+def _most_severe(rows: Rows, logs: Sequence[str]) -> list[Any]:
+    """Return the events to look at first, and their number: by action, then the nearest, then the longest."""
+    mine = _listed(rows)
+    action = np.array([RANKED.index(word) if word in RANKED else len(RANKED) for word in rows.texts("action")])
+    nearest, longest = np.nan_to_num(rows.numbers("nearest"), nan=np.inf), -rows.numbers("duration")
+    keys = (longest, nearest, action, rows.are("kind", "stale"))
+    order = mine[np.lexsort([key[mine] for key in keys])][:KEPT]
+    return rows.records(order, EVENT, log=[logs[source] for source in rows.source[order]])
 
 
-def _texts(rows: Rows, name: str) -> list[str]:
-    """Return a column of names, empty for null."""
-    codes, names = rows.words(name)
-    return ["" if code < 0 else names[code] for code in codes.tolist()]
+def _listed(rows: Rows) -> Int64:
+    """Return the events that are listed."""
+    return np.flatnonzero(np.any([rows.are("kind", kind) for kind in LISTED], axis=0))
 
 
-def _courses(watched: Watched, source: int, span: tuple[int, int], actions: Mapping[str, str]) -> Iterator[Course]:
+def _timelines(watched: ZoneRows, source: int, span: tuple[int, int], actions: Mapping[str, str]) -> Iterator[ZoneTimeline]:
     """Yield the course of each zone in a source."""
     first, last = span
     events, rows = watched.events, watched.zones
@@ -374,7 +469,7 @@ def _courses(watched: Watched, source: int, span: tuple[int, int], actions: Mapp
         shape = watched.shapes.get(name, {})
         corners = _corners(shape)
         frame = str(shape["frame"]) if corners else ""
-        yield Course(name, actions.get(name, ""), alarms, ways, frame, corners)
+        yield ZoneTimeline(name, actions.get(name, ""), alarms, ways, frame, corners)
 
 
 def _corners(shape: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:
@@ -402,3 +497,24 @@ def _merged(begin: Float64, end: Float64) -> tuple[tuple[float, float], ...]:
         else:
             found.append((low, high))
     return tuple(found)
+
+
+def _event_cells(events: Sequence[Any], several: bool = False) -> dict[str, list[str]]:
+    """Return heading → cells of events in a table, with their logs where there are `several`."""
+    lasts, ttc = column([one.duration for one in events], " s"), column([one.ttc for one in events], " s")
+    return {
+        "zone": [one.zone for one in events],
+        "time": [f"{one.t:,.2f} s" for one in events],
+        "kind": [one.kind for one in events],
+        "lasts": [("≥ " if one.cut else "") + words for one, words in zip(events, lasts, strict=True)],
+        "points": [in_unit(one.points) for one in events],
+        "nearest": [in_unit(one.nearest, "m", ".2f") for one in events],
+        "ttc": ["" if words == NONE else words for words in ttc],
+        "track": [in_unit(one.track) for one in events],
+        "by": [f"{WHO.get(one.set, '').removesuffix('s')} {one.label}".strip() for one in events],
+        "log": [one.log if several else "" for one in events],
+    }
+
+
+def _table(rows: Sequence[Mapping[str, str]], names: Sequence[str]) -> Table:
+    return table_of({name: [row.get(name, "") for row in rows] for name in names})

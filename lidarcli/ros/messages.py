@@ -118,9 +118,18 @@ class Outgoing(NamedTuple):
 BAG_COMPRESSIONS = {"none": None, "bz2": rosbag1.Writer.CompressionFormat.BZ2, "lz4": rosbag1.Writer.CompressionFormat.LZ4}
 
 
-def bag_writer(path: Path, compression: str) -> rosbag1.Writer:
+class BagWriter(rosbag1.Writer):
+    """A writer that forgets the entries of written chunks, but for their number: memory does not grow with messages."""
+
+    def write_chunk(self, chunk: Any) -> None:
+        super().write_chunk(chunk)
+        for number, entries in chunk.connections.items():
+            chunk.connections[number] = range(len(entries))
+
+
+def bag_writer(path: Path, compression: str) -> BagWriter:
     """Return a writer of a new bag, packed by one of `BAG_COMPRESSIONS`; it is still to be opened."""
-    writer = rosbag1.Writer(path)
+    writer = BagWriter(path)
     if (form := BAG_COMPRESSIONS[compression]) is not None:
         writer.set_compression(form)
     if compression == "lz4":

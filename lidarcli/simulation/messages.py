@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import cos, sin
@@ -14,7 +15,6 @@ import numpy as np
 from lidarcli import foxglove
 from lidarcli.ros.messages import ODOMETRY, ROS1, ROS2, SCAN, TF, cdr_scans, ros1_scans
 from lidarcli.simulation.generate import SimulatedPoses
-from lidarcli.simulation.text_logs import number_or_word
 from lidarcli.sweeps import RawSweeps
 
 
@@ -80,6 +80,13 @@ def _ros(name: str, store: Any, serialize: Callable[[Any, str], Any], ros1: bool
 
 CDR = _ros("cdr", ROS2, ROS2.serialize_cdr, ros1=False)
 ROS1_BYTES = _ros("ros1", ROS1, ROS1.serialize_ros1, ros1=True)
+
+
+def number_or_word(value: float) -> float | str:
+    """Return a float as JSON has it: a word, as in the JSON mapping of protobuf, for what is no number there."""
+    if math.isfinite(value):
+        return value
+    return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
 
 
 def json_bytes(_: str, message: dict[str, Any]) -> bytes:

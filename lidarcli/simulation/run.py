@@ -10,8 +10,7 @@ from pathlib import Path
 from lidarcli.choices import CONTAINER_BY_SUFFIX, MAP_RESOLUTION
 from lidarcli.errors import OptionError
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
-from lidarcli.simulation.load import MAX_SWEEPS, load_scene
-from lidarcli.simulation.scene import Scene
+from lidarcli.simulation.scene import MAX_SWEEPS, Scene, load_scene
 from lidarcli.stores.url import Url, place
 from lidarcli.sweeps import RawSweeps
 
@@ -146,7 +145,7 @@ def _map_files(path: Path) -> tuple[Path, Path]:
 
 def _map_data(scene: Scene, sweeps: int, resolution: float, image: str) -> tuple[bytes, bytes]:
     """Return the true map as YAML and PGM."""
-    from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
+    from lidarcli.maps import pgm_bytes, yaml_bytes
     from lidarcli.simulation.truth import true_map
 
     grid = true_map(scene, sweeps, resolution)

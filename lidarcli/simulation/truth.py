@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from lidarcli._version import __version__
 from lidarcli.columns import Column
 from lidarcli.errors import OptionError
-from lidarcli.formalism.mapping.counts import Beams, Counts, TooLargeError
-from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED, Occupancy
-from lidarcli.maps.mapserver import MOST_PIXELS
+from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Beams, Counts, Occupancy, TooLargeError
+from lidarcli.maps import MOST_PIXELS
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import SimulatedBlock, relative, simulate_blocks
 from lidarcli.simulation.scene import Scene

@@ -1,13 +1,18 @@
-"""Sweeps in any supported container: MCAP, bags of ROS 1 and ROS 2, text; the suffix says which, unless told otherwise."""
+"""Sweeps as a log: MCAP, bags of ROS 1 and ROS 2, CSV; the suffix says which, unless told otherwise."""
 
 from __future__ import annotations
 
+import gzip
+import io
 import sqlite3
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import IO
 
+import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType
 from rosbags import rosbag1, rosbag2
@@ -15,15 +20,14 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys.store import Typestore
 
-from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS, TEXT_CONTAINERS
+from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.foxglove import descriptors, json_schema
 from lidarcli.ros.mcap_file import start
 from lidarcli.ros.messages import BAG_COMPRESSIONS, ROS1, ROS2, SCAN, Outgoing, bag_writer, ros1_definition, ros2_definition
 from lidarcli.simulation.generate import SimulatedPoses
 from lidarcli.simulation.messages import CDR, JSON, LASERSCAN_IDL, PROTOBUF, ROS1_BYTES, Encoding, as_clouds
-from lidarcli.simulation.text_logs import write_aria, write_carmen, write_jsonlines, write_player, write_rplidar
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps import Float32, RawSweeps
 
 
 def outgoing(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None, encoding: Encoding) -> Iterator[Outgoing]:
@@ -182,6 +186,129 @@ def write_db3(
         next(folder.glob("*.db3")).replace(path)
 
 
+_S = 1_000_000_000
+GEOMETRY = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
+
+
+def write_csv(path: Path, blocks: Iterable[RawSweeps], layout: str = "rostopic") -> None:
+    """Write sweeps of one topic as CSV, packed where its name ends in `.gz`.
+
+    Ranges and geometry are the shortest decimals that read back as the same float32.
+    """
+    write_lines(path, CSV_LAYOUTS[layout](only_topic(blocks, "a CSV")))
+
+
+def sweep_texts(blocks: Iterable[RawSweeps]) -> Iterator[tuple[int, RawSweeps, int, list[str]]]:
+    """Yield the number of each sweep, its block, its row there, and its ranges as text."""
+    rows = ((block, row, ranges) for block in blocks for row, ranges in enumerate(texts(block)))
+    for number, (block, row, ranges) in enumerate(rows):
+        yield number, block, row, ranges
+
+
+def _rostopic(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    for number, block, row, ranges in sweep_texts(blocks):
+        if not number:
+            names = ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id"]
+            names += [f"field.{name}" for name in GEOMETRY]
+            names += [f"field.ranges{i}" for i in range(len(ranges))]
+            yield ",".join(names + [f"field.intensities{i}" for i in range(len(ranges))])
+        head = [str(block.record_ns[row]), str(number), str(block.stamp_ns[row]), frame_of(block, row)]
+        yield ",".join(head + geometry_texts(block, row) + ranges + intensity_texts(block, row, "0.0"))
+
+
+def _wide(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    for number, block, row, ranges in sweep_texts(blocks):
+        if not number:
+            yield ",".join(["time"] + [f"r{i}" for i in range(len(ranges))])
+        yield ",".join([seconds(int(block.stamp_ns[row])), *ranges])
+
+
+CSV_LAYOUTS: dict[str, Callable[[Iterable[RawSweeps]], Iterator[str]]] = {"rostopic": _rostopic, "wide": _wide}
+"""Layouts of a CSV: as `rostopic echo -p` writes it, and one of times and ranges alone."""
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[IO[str]]:
+    """Open a text file with bare newlines; the gzip header has neither time nor name: equal input, equal bytes."""
+    if path.suffix != ".gz":
+        with path.open("w", encoding="utf-8", newline="") as out:
+            yield out
+        return
+    with (
+        path.open("wb") as raw,
+        gzip.GzipFile("", "wb", 6, raw, mtime=0) as packed,
+        io.TextIOWrapper(packed, encoding="utf-8", newline="") as out,
+    ):
+        yield out
+
+
+def write_lines(path: Path, lines: Iterable[str]) -> None:
+    """Write lines to a new text file, packed where its name ends in `.gz`."""
+    with opened(path) as out:
+        for line in lines:
+            out.write(line)
+            out.write("\n")
+
+
+def only_topic(blocks: Iterable[RawSweeps], what: str, instead: str = "") -> Iterator[RawSweeps]:
+    """Yield the blocks of a log of one topic; OptionError, with what to do `instead`, at a second topic."""
+    topic = None
+    for block in blocks:
+        if topic not in (None, block.topic):
+            hint = f": {instead}" if instead else ""
+            raise OptionError(f"{what} holds one topic, not {topic} and {block.topic}{hint}")
+        topic = block.topic
+        yield block
+
+
+def texts(block: RawSweeps) -> Iterator[list[str]]:
+    """Yield the ranges of each sweep as shortest decimals."""
+    for row, beams in zip(block.ranges, block.beams.tolist(), strict=True):
+        yield shortest(row[:beams])
+
+
+def intensity_texts(block: RawSweeps, row: int, otherwise: str | None = None) -> list[str]:
+    """Return the intensities of a sweep as shortest decimals; without any, `otherwise` for each beam, or nothing."""
+    beams = int(block.beams[row])
+    if block.intensities is None:
+        return [] if otherwise is None else [otherwise] * beams
+    return shortest(block.intensities[row, :beams])
+
+
+def shortest(values: Float32) -> list[str]:
+    """Return the shortest decimals that read back as the same float32."""
+    numbers: list[str] = values.astype("U").tolist()
+    return numbers
+
+
+def seconds(stamp_ns: int) -> str:
+    """Return nanoseconds as seconds with nine decimals.
+
+    >>> seconds(-1_500_000_000)
+    '-1.500000000'
+    """
+    sign, rest = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
+    return f"{sign}{rest // _S}.{rest % _S:09d}"
+
+
+def geometry_texts(block: RawSweeps, row: int) -> list[str]:
+    beams = int(block.beams[row])
+    last = block.angle_min[row] + (beams - 1) * block.angle_increment[row]
+    times = (block.time_increment, block.scan_time)
+    told = [0.0 if each is None else each[row] for each in times]
+    values = [block.angle_min[row], last, block.angle_increment[row], *told]
+    return shortest(np.array([*values, block.range_min[row], block.range_max[row]], np.float32))
+
+
+def frame_of(block: RawSweeps, row: int) -> str:
+    return block.frame_ids[int(block.frame[row])]
+
+
+def stamp_parts(block: RawSweeps, row: int) -> list[str]:
+    """Return seconds and nanoseconds of the stamp of a sweep."""
+    return [str(part) for part in divmod(int(block.stamp_ns[row]), _S)]
+
+
 _COMPRESSIONS: dict[str, tuple[Iterable[str], str]] = {
     "mcap": (MCAP_COMPRESSIONS, "zstd"),
     "bag": (BAG_COMPRESSIONS, "none"),
@@ -191,22 +318,19 @@ _COMPRESSIONS: dict[str, tuple[Iterable[str], str]] = {
 """Container → its compressions and the default; the others are not compressed."""
 BAG_FOLDERS = ("ros2", "ros2-mcap")
 """Containers that are a folder."""
-_WITH_POSES = {"carmen": write_carmen, "aria": write_aria, "player": write_player}
-_WITHOUT_POSES = {"rplidar": write_rplidar, "jsonl": write_jsonlines}
-"""Containers of text that has one way to be written → what writes them; some have a place for poses."""
 
 
 def container_of(path: Path) -> str:
     """Return the container that a path's suffix asks for; a name without a suffix is a ROS 2 bag folder."""
     name = path.name.lower()
     for suffix, container in CONTAINER_BY_SUFFIX.items():
-        if name.endswith(suffix) or (container in TEXT_CONTAINERS and name.endswith(f"{suffix}.gz")):
+        if name.endswith(suffix) or (container == "csv" and name.endswith(f"{suffix}.gz")):
             return container
     if not path.suffix:
         return "ros2"
     raise OptionError(
         f"{path}: no log format has the suffix '{path.suffix}'; use {', '.join(CONTAINER_BY_SUFFIX)} "
-        "(text also with .gz), or no suffix for a ROS 2 bag folder"
+        "(.csv also with .gz), or no suffix for a ROS 2 bag folder"
     )
 
 
@@ -225,8 +349,8 @@ def write_log(
     """Write sweeps into a new log; the same sweeps and options give the same bytes.
 
     `compression`: none, lz4, zstd for MCAP; none, bz2, lz4 for ROS 1 bags; none, zstd (the file), zstd-message for ROS 2
-    folders. `encoding` (MCAP): cdr, cdr-idl, ros1, json, protobuf. `layout`: of a CSV. `poses` go where they fit: CSV,
-    RPLIDAR text and JSON lines have no place for them. `clouds`: point clouds instead of LaserScan, in logs of messages.
+    folders. `encoding` (MCAP): cdr, cdr-idl, ros1, json, protobuf. `layout` (CSV): rostopic, wide. CSV has no place
+    for `poses`. `clouds`: point clouds instead of LaserScan, in logs of messages.
     Raises OptionError for options that do not fit the container, OutputError for a path that exists.
     """
     target = Path(path)
@@ -274,7 +398,7 @@ def _writer(
     encode = one_of("encoding", encoding, encodings, "cdr")
     if container != "csv":
         one_of("layout", layout, (), "")
-    if clouds and container in TEXT_CONTAINERS:
+    if clouds and container == "csv":
         raise OptionError(f"{path}: clouds do not apply to the container '{container}'")
     if container not in CONTAINERS:
         raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")
@@ -289,10 +413,4 @@ def _writer(
         return partial(write_folder, storage=storage, compression=packed, poses=poses, clouds=clouds)
     if container == "db3":
         return partial(write_db3, poses=poses, clouds=clouds)
-    if container == "csv":
-        from lidarcli.simulation.csv_writer import LAYOUTS, write_csv
-
-        return partial(write_csv, layout=one_of("layout", layout, tuple(LAYOUTS), next(iter(LAYOUTS))))
-    if container in _WITH_POSES:
-        return partial(_WITH_POSES[container], poses=poses)
-    return _WITHOUT_POSES[container]
+    return partial(write_csv, layout=one_of("layout", layout, tuple(CSV_LAYOUTS), next(iter(CSV_LAYOUTS))))

@@ -10,8 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.errors import UnreadableError
-from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.background.stations import SAME_BEAM, Grid
+from lidarcli.formalism.background import SAME_BEAM, Background, Grid
 from lidarcli.newfiles import NewFiles
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Float64, SweepPoses

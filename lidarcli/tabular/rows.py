@@ -73,7 +73,7 @@ def objects_rows(log: str, batch: SweepBatch, detection: Detection, labels: Sequ
         columns["label"] = codes(detection.label, labels)
     if detection.features is not None:
         # Imported here, as few ask for reasons.
-        from lidarcli.formalism.explanation import reasons
+        from lidarcli.formalism.detect import reasons
 
         columns["why"] = pa.array(reasons(detection.features, detection.thing), pa.string())
     if batch.poses is not None:

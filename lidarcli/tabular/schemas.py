@@ -9,7 +9,7 @@ import pyarrow as pa
 from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS
 from lidarcli.columns import Column, columns_of
 from lidarcli.formalism.detection import COLUMNS, SETS, fields_per
-from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
+from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
 from lidarcli.sweeps import STATUSES
 from lidarcli.zone import ACTIONS
 
@@ -53,7 +53,7 @@ def _between(columns: Mapping[str, Column], first: str, last: str) -> list[Colum
 
 VERTICES, FACES = (_list(pa.struct([field_of(COLUMNS[name]) for name in fields_per(each)])) for each in ("vertex", "face"))
 
-_FOLLOWED, _TRACKS, _TRAJECTORIES = map(columns_of, (Followed, Tracks, Trajectories))
+_FOLLOWED, _TRACKS, _TRAJECTORIES = map(columns_of, (TrackedBatch, Tracks, Trajectories))
 
 _LOG = Column("log", "text", "", "log the sweep comes from")
 _TOPIC = Column("topic", "text", "", "LaserScan topic")

@@ -10,7 +10,7 @@ from benchmarks.accuracy.cells import CELLS, cells_of, kind_of, simulate, with_l
 from benchmarks.accuracy.objects import MISSED, Part, Tally, confusion, measure
 from benchmarks.scenes.random import SENSORS
 from lidarcli.formalism import SHAPES, sweep
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Scene
 
 

@@ -30,7 +30,7 @@ from benchmarks.annotations.table import (
     write,
 )
 from lidarcli.formalism import Parameters, detect, sweep
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course
 from lidarcli.sweeps import TURN, SweepBatch
 from tests.formalism.tracking.following import scene_of, simulated

@@ -19,8 +19,7 @@ from benchmarks.maps.rules import (
     stepped,
 )
 from benchmarks.maps.scoring import Score, nearest, score, wrong
-from lidarcli.formalism.mapping.counts import Beams
-from lidarcli.formalism.mapping.occupancy import FREE, HIT, OCCUPIED, SKIPPED, UNKNOWN, Occupancy
+from lidarcli.formalism.mapping.grid import FREE, HIT, OCCUPIED, SKIPPED, UNKNOWN, Beams, Occupancy
 from lidarcli.sweeps import Float64
 
 GROUND = Ground(1.0, 0, 0, 8, 4)

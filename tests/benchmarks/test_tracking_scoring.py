@@ -12,7 +12,7 @@ from benchmarks.tracking.cells import CELLS, REPORTING, TUNING, Cell, scene_of
 from benchmarks.tracking.methods import ORACLE, OURS, PARAMETERS, Result, follow
 from benchmarks.tracking.recordings import Detected, Recording, detected, in_batches, majority, record_cell, simulate
 from benchmarks.tracking.scoring import Share, score, too_small, undetected
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Motion, Scene, Sensor
 from lidarcli.sweeps import Float64
 

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.formalism.mapping.occupancy import OCCUPIED
+from lidarcli.formalism.mapping.grid import OCCUPIED
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.maps.mapserver import read_map
+from lidarcli.maps import read_map
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.map_files import Mapped, MapRun
-from lidarcli.pipeline.mapping import MapOptions
+from lidarcli.pipeline.mapping import MapOptions, Mapped, MapRun
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.places import SAMPLES

@@ -24,7 +24,7 @@ from tests.waiting import HANG, endless, wait_until
 
 Run = Callable[..., Any]
 
-SUFFIXES = "*.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd *.clf *.gfs *.2d *.clf.gz *.gfs.gz *.2d.gz"
+SUFFIXES = "*.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd *.clf *.gfs *.clf.gz *.gfs.gz"
 
 
 @pytest.fixture(params=["info", "detect"])

@@ -144,7 +144,7 @@ def test_help_leaves_out_what_only_some_logs_need(lidarcli: Run) -> None:
         name for name, option in options("detect").items() if getattr(option, "declared", None) and option.declared.rare
     }
     assert rare == {
-        *("--angle-min", "--angle-increment", "--fov", "--range-max", "--degrees", "--range-unit"),
+        *("--columns", "--angle-min", "--angle-increment", "--fov", "--range-max", "--degrees", "--range-unit"),
         *("--segments", "--echo", "--bins", "--any-frame", "--station-distance", "--station-angle"),
     }
     shown = {name: re.search(rf"^  {name} ", some, re.MULTILINE) is not None for name in rare}
@@ -159,7 +159,7 @@ def test_help_leaves_out_what_only_some_logs_need(lidarcli: Run) -> None:
 def test_an_option_has_the_same_words_everywhere() -> None:
     """What a command fills with something else is named here."""
     of_its_own = {"output", "format", "topic", "background", "tracks", "objects", "layout", "map", "sweeps"}
-    of_its_own |= {"brief", "station_distance", "station_angle", "view", "dpi", "check", "zones"}
+    of_its_own |= {"brief", "columns", "station_distance", "station_angle", "view", "dpi", "check", "zones"}
     words: dict[str, set[str]] = {}
     for _, command in commands():
         for parameter in command.params:

@@ -15,11 +15,10 @@ import pytest
 from mcap.reader import make_reader
 from PIL import Image
 
-from lidarcli.formalism.mapping.occupancy import FARTHEST_CELLS, FREE, OCCUPIED, UNKNOWN, Occupancy, compare
+from lidarcli.formalism.mapping.grid import FARTHEST_CELLS, FREE, OCCUPIED, UNKNOWN, Occupancy, compare
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.maps.clouds import CloudPoints, PlyWriter
-from lidarcli.maps.mapserver import read_map
-from lidarcli.pipeline.map_files import WRITERS
+from lidarcli.maps import CloudPoints, PlyWriter, read_map
+from lidarcli.pipeline.mapping import WRITERS
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLOUD

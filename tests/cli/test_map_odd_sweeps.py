@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.maps.mapserver import read_map
+from lidarcli.maps import read_map
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.cli.maps import COUNTED, DRIVE, Run, fields, names, occupied, ply, still
+from tests.places import ROOT
 from tests.sweeping import raw_sweeps
 
 
@@ -132,3 +136,29 @@ def test_deskewing_sharpens(lidarcli: Run, tmp_path: Path) -> None:
         spread[name] = float(np.abs(x[x > 5] - 9.52).max())
     assert spread["sharp"] < 0.005
     assert spread["skewed"] > 0.05
+
+
+BEYOND = """
+import numpy as np
+from lidarcli.formalism.mapping.grid import Counts, TooLargeError, placed
+from lidarcli.range_rules import RangeRules, normalise
+from lidarcli.sweeps import SweepPoses
+from tests.sweeping import raw_sweeps, round_room
+batch = normalise(raw_sweeps(round_room(1, 90)), np.arange(1), RangeRules())
+for far in (1e12, 1e13, 1e15, 1.98e15, -1.98e15, 1e17, 1e25, 1e300):
+    for resolution in (0.05, 0.001):
+        poses = SweepPoses(np.array([far]), np.array([far]), np.zeros(1), np.zeros(1, bool))
+        try:
+            Counts(resolution, 10**9).add(placed(batch, poses, np.ones((1, 90), np.uint8)))
+        except TooLargeError:
+            pass
+"""
+
+
+@pytest.mark.slow
+def test_no_cell_outside_is_counted() -> None:
+    """Chains of tf may add up to more than the 1e12 m of a single pose. Compiled, such a cell is somebody else's memory."""
+    checked = {**os.environ, "LIDARCLI_COMPILED": "no", "LIDARCLI_BOUNDS": "1"}
+    command = [sys.executable, "-W", "ignore", "-c", BEYOND]
+    ran = subprocess.run(command, cwd=ROOT, env=checked, capture_output=True, text=True, check=False)
+    assert ran.stderr == ""

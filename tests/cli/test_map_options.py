@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.formalism.mapping.occupancy import OCCUPIED
-from lidarcli.maps.mapserver import read_map
+from lidarcli.formalism.mapping.grid import OCCUPIED
+from lidarcli.maps import read_map
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.cli.maps import DRIVE, GHOST, Run, fields, near, occupied, ply

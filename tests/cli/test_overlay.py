@@ -18,10 +18,10 @@ from rosbags.interfaces import QosDurability, QosHistory
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_typestore
 
-from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs import open_log
 from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, ReadReport
-from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
+from lidarcli.maps import pgm_bytes, yaml_bytes
 from lidarcli.overlays.objects import PART
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps, concatenate

@@ -16,7 +16,7 @@ from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.mapping import MapOptions
 from lidarcli.pipeline.plotting import take_map
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Odometry
 from tests.places import SAMPLES
 from tests.zones.runs import odometry_of, scans, scene_of, sweeps_of, walker, write_bag

@@ -12,7 +12,7 @@ from urllib.parse import unquote
 
 import pytest
 
-from lidarcli.reports.ci import command
+from lidarcli.reports.programs import command
 from tests.reports.runs import START, TENTH, sweep, thing, write_run
 
 Run = Callable[..., Any]

@@ -65,7 +65,7 @@ def test_a_log_has_bounds(tmp_path: Path, lidarcli: Run, options: tuple[str, str
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("container", ["mcap", "bag", "csv", "log"])
+@pytest.mark.parametrize("container", ["mcap", "bag", "csv"])
 def test_a_scene_at_its_bounds(tmp_path: Path, lidarcli: Run, container: str) -> None:
     scene = tmp_path / "far.toml"
     scene.write_text(

@@ -20,7 +20,7 @@ from lidarcli.foxglove import descriptors
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.simulation.generate import simulate_blocks
-from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.scene import load_scene
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.copying.reading import bytes_that_differ, messages, ranges

@@ -10,11 +10,10 @@ from typing import Any
 
 import pytest
 
-from lidarcli.copying.copies import Copy
-from lidarcli.copying.rosbag2 import copy_folder
+from lidarcli.copying import Copy, copy_log
 from lidarcli.errors import OutputError
 from lidarcli.logs.blocks import Locate
-from lidarcli.logs.rosbag2.log import Rosbag2Log
+from lidarcli.logs.rosbag2 import Rosbag2Log
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.simulation.writers import write_log
 from tests.sweeping import raw_sweeps, round_room
@@ -86,7 +85,7 @@ def copied(log: Path) -> tuple[Path, list[str]]:
     """The copy of a log in which all scans are changed, and the damage that is told."""
     out, copy = log.with_name("copy.db3"), Copy(changed)
     with closing(Rosbag2Log(log)) as opened:
-        copy_folder(opened, out, copy)
+        copy_log(opened, out, copy)
     assert copy.messages["/scan", "sensor_msgs/msg/LaserScan"] == ROWS
     return out, damage_lines(copy.report)
 
@@ -178,6 +177,6 @@ def test_a_linked_metadata_is_not_copied(tmp_path: Path) -> None:
     (log / "metadata.yaml").symlink_to(secret)
     copy = Copy(changed)
     with closing(Rosbag2Log(log)) as opened:
-        copy_folder(opened, out, copy)
+        copy_log(opened, out, copy)
     assert "metadata.yaml: is a link, and not copied; 'ros2 bag reindex' makes a new one" in damage_lines(copy.report)
     assert [path.name for path in out.iterdir()] == ["run.db3"]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Course, Entity, Odometry, Scene, Sensor, super_ellipse
 from lidarcli.simulation.writers import write_log

@@ -14,9 +14,9 @@ import pytest
 
 import lidarcli as package
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Int8, Occupancy
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Int8, Occupancy
 from lidarcli.formalism.matching import differences, ground
-from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
+from lidarcli.maps import pgm_bytes, yaml_bytes
 from lidarcli.pipeline import differing
 from lidarcli.tabular.writing import SOURCE
 from tests.places import ROOT

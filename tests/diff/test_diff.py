@@ -17,9 +17,9 @@ import pytest
 
 import lidarcli as package
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism.mapping.occupancy import OCCUPIED
+from lidarcli.formalism.mapping.grid import OCCUPIED
 from lidarcli.pipeline.differing import Difference
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Odometry, Sensor, super_ellipse
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CHANGES

@@ -7,11 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.mapping.counts import TooLargeError
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy, TooLargeError
 from lidarcli.formalism.matching.alignment import fit, refine
-from lidarcli.formalism.matching.ground import REACH, SEEN_FREE, Ground, Nearest, of_map
-from lidarcli.formalism.matching.runs import HERE, Motion
+from lidarcli.formalism.matching.ground import HERE, REACH, SEEN_FREE, Ground, Motion, Nearest, of_map
 
 SIDE = 0.05
 

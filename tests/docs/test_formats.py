@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import re
 from pathlib import Path
 
 import pytest
 
-from lidarcli import choices, configfiles
-from lidarcli.logs import base, batches, open_log, text, unpacking
+from lidarcli import choices, configfiles, maps
+from lidarcli.logs import base, batches, mcap_records, open_log, rosbag2, text, unpacking
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.csv.layouts import LAYOUTS
-from lidarcli.logs.mcap import records, walk
-from lidarcli.logs.rosbag2 import database
-from lidarcli.maps import mapserver
 from lidarcli.ros import bag_metadata
 from tests.places import ROOT
 
@@ -61,24 +57,21 @@ def test_the_bounds_are_those_of_the_code() -> None:
         "LaserScan topics of a log": f"{batches.MAX_TOPICS:,} (`--topic` chooses among more)",
         "what a log unpacks to, whatever its compression": f"{small} MiB, and {unpacking.MAX_RATIO:,} times what is packed",
         "a chunk of an MCAP, which is held as a whole": (
-            f"{records.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
+            f"{mcap_records.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
         ),
-        "messages of an MCAP": f"{walk.FREE_MESSAGES:,}, and one for each byte of the file",
         "a message of a ROS bag": f"{base.MAX_MESSAGE >> 20} MiB",
         "messages of a ROS 2 database together": "the bytes of its file",
-        "steps of SQLite for one statement": (
-            f"{database.STEPS:,}, and {database.STEPS_PER_BYTE} for each byte of the file"
-        ),
-        "a text in the schema and the topics of a database": f"{database.MAX_TEXT >> 10} KiB",
+        "steps of SQLite for one statement": (f"{rosbag2.STEPS:,}, and {rosbag2.STEPS_PER_BYTE} for each byte of the file"),
+        "a text in the schema and the topics of a database": f"{rosbag2.MAX_TEXT >> 10} KiB",
         "`metadata.yaml`": f"{bag_metadata.MAX_METADATA >> 20} MiB",
         "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
         "damaged places that are named one by one": str(base.ReadReport.MAX_DAMAGE),
         "pixels of a map": (
-            f"one for each byte of its image; at least {mapserver.MOST_PACKED_PIXELS:,}, at most {mapserver.MOST_PIXELS:,}"
+            f"one for each byte of its image; at least {maps.MOST_PACKED_PIXELS:,}, at most {maps.MOST_PIXELS:,}"
         ),
         "numbers of files in YAML and TOML": (
             f"-{configfiles.LARGEST:,.0f} to {configfiles.LARGEST:,.0f} where nothing else is said; "
-            f"origins of maps within {mapserver.FARTHEST:,.0f} m; "
+            f"origins of maps within {maps.FARTHEST:,.0f} m; "
             f"cells of a map {1000 * choices.MAP_RESOLUTIONS[0]:g} mm to {choices.MAP_RESOLUTIONS[1]:g} m"
         ),
     }
@@ -93,29 +86,6 @@ def test_the_example_of_a_carmen_log_is_read(tmp_path: Path) -> None:
     assert (log.format, block.topic, block.frame_ids) == ("carmen", "/front_laser", ("front_laser",))
     assert block.ranges.tolist() == [pytest.approx([2.1, 2.0, 2.1, 2.0, 2.1])]
     assert block.stamp_ns.tolist() == [12_500_000_000]
-
-
-@pytest.mark.parametrize(
-    ("section", "topic", "ranges", "stamp"),
-    [
-        ("ARIA", "/scan1", [2.1, 1.9997, 0.0, 1.9997, 2.1], 12_500_000_000),
-        ("Player", "/laser0", [2.1, 2.0, 8.0, 2.0, 2.1], 1_000_000_012_500_000_000),
-    ],
-)
-def test_the_examples_of_robots_logs_are_read(
-    section: str, topic: str, ranges: list[float], stamp: int, tmp_path: Path
-) -> None:
-    example = re.search(rf"^## {section}\n.*?^```text\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
-    assert example is not None
-    (tmp_path / "run.log").write_text(example[1], encoding="utf-8")
-    report = ReadReport()
-    with open_log(tmp_path / "run.log") as log:
-        [block] = log.scans(None, report)
-        told = {message.topic for message in log.messages(base.POSE_TYPES, report)}
-    assert (log.format, block.topic, len(told)) == (section.lower(), topic, 2)
-    assert block.ranges.tolist() == [pytest.approx(ranges, abs=1e-4)]
-    assert block.angle_increment[0] == pytest.approx(math.pi / 4)
-    assert (block.stamp_ns.tolist(), report.damage) == ([stamp], [])
 
 
 def test_the_example_of_json_lines_is_read(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from lidarcli.formalism.detection import SHAPES, VISIBILITIES
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.overlays import files, objects
 from lidarcli.overlays.markers import Kind
-from lidarcli.pipeline import map_files
+from lidarcli.pipeline import mapping
 from lidarcli.pipeline.inputs import catalogue
 from lidarcli.reports import figures
 from lidarcli.tabular import SCHEMAS
@@ -85,7 +85,7 @@ def test_words_and_columns_are_those_of_the_code() -> None:
 
 def test_files_and_defaults_are_those_of_the_code() -> None:
     suffixes = re.findall(r"`(\.\w+)`", "".join(re.findall(r"^\| (`\.[^|]*) \|", page("map"), re.MULTILINE)))
-    assert {*suffixes} == {*map_files.GRIDS, *map_files.WRITERS}
+    assert {*suffixes} == {*mapping.GRIDS, *mapping.WRITERS}
     assert f"`--resolution` metres ({choices.MAP_RESOLUTION})" in page("map")
     assert f"`--occupied-ratio` ({choices.OCCUPIED_RATIO})" in page("map")
     assert f"{objects.HEIGHT} m high" in page("overlay")

@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from benchmarks.accuracy.cells import WALL, Truth, judged
 from benchmarks.accuracy.scoring import assign
 from lidarcli.formalism import Detection, Parameters, sweep
-from lidarcli.formalism.background.changes import changes
-from lidarcli.formalism.background.learning import Learning
-from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.background.stations import Grid
-from lidarcli.formalism.background.subtraction import Subtraction, Tolerance
+from lidarcli.formalism.background import Background, Grid
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED
+from lidarcli.formalism.learning import Learning
+from lidarcli.formalism.subtraction import Subtraction, Tolerance, changes
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import Scene
 from lidarcli.sweeps import SweepBatch, SweepPoses

@@ -9,10 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.scenes.random import KINDS, SENSORS, Kind, random_scene, sensor_with
-from lidarcli.formalism.background.subtraction import Tolerance
 from lidarcli.formalism.detection import APPEARED, REMOVED
-from lidarcli.simulation.entities import box, cylinder, plant, wall
-from lidarcli.simulation.scene import Course, Entity, Scene, Sensor, super_ellipse
+from lidarcli.formalism.subtraction import Tolerance
+from lidarcli.simulation.scene import Course, Entity, Scene, Sensor, box, cylinder, plant, super_ellipse, wall
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.backgrounds import Counts, Trial, found_in, learned, score, simulated, with_poses
 

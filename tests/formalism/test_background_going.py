@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import noise
-from lidarcli.formalism.background.learning import Learning
-from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.background.stations import Grid, Shift, align, expected, lines, project, shift
-from lidarcli.formalism.background.subtraction import Subtraction
-from lidarcli.simulation import entities as make
+from lidarcli.formalism.background import Background, Grid, Shift, align, expected, lines, project, shift
+from lidarcli.formalism.learning import Learning
+from lidarcli.formalism.subtraction import Subtraction
+from lidarcli.simulation import scene as make
 from lidarcli.sweeps import Float64, SweepBatch
 from tests.going import SENSORS, SPINNING, Drive, seen_going
 

@@ -9,11 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.scenes.random import KINDS, SENSORS, random_scene, sensor_with
+from lidarcli.formalism import learning as module
 from lidarcli.formalism import sweep
-from lidarcli.formalism.background import learning as module
-from lidarcli.formalism.background.learning import Estimate
-from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.background.stations import (
+from lidarcli.formalism.background import (
+    Background,
     Grid,
     Shift,
     align,
@@ -25,6 +24,7 @@ from lidarcli.formalism.background.stations import (
     project,
     shift,
 )
+from lidarcli.formalism.learning import Estimate
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 from tests.formalism.backgrounds import STEP, learned, learning, partial, simulated, with_poses
 

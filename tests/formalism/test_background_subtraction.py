@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidarcli.formalism import Detection, Parameters, detect, sweep
-from lidarcli.formalism.background.changes import changes, combine, select
-from lidarcli.formalism.background.model import surroundings
-from lidarcli.formalism.background.subtraction import BESIDE_SHARE, Difference, Subtraction, Tolerance, _runs
+from lidarcli.formalism.background import surroundings
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED, SHAPES, VISIBILITIES
+from lidarcli.formalism.subtraction import BESIDE_SHARE, Difference, Subtraction, Tolerance, _runs, changes, combine, select
 from lidarcli.sweeps import TURN, Status, SweepBatch
 from tests.formalism.backgrounds import STEP, WIDE, found_in, learned, partial, with_poses
 

@@ -10,9 +10,8 @@ import pytest
 import lidarcli
 from lidarcli import formalism
 from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, UNKNOWN, WALL, Detection
-from lidarcli.formalism.matching.catalogue import KINDS, Catalogue, Evidence, Thing
-from lidarcli.formalism.matching.evidence import SEEN_AS, evidence_of, rectangle
-from lidarcli.simulation import entities as make
+from lidarcli.formalism.matching.catalogue import KINDS, SEEN_AS, Catalogue, Evidence, Thing, evidence_of, rectangle
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import cast, place
 from lidarcli.simulation.scene import Entity
 from lidarcli.sweeps import Float64

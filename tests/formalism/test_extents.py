@@ -7,11 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.formalism.matching.extents import measured, rectangles, unseen_ends, within
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.formalism.matching.alignment import Standing
+from lidarcli.formalism.matching.differences import (
+    Side,
+    measured,
+    probabilities,
+    rectangles,
+    same_sizes,
+    unseen_ends,
+    within,
+)
 from lidarcli.formalism.matching.ground import Ground, of_map
-from lidarcli.formalism.matching.pairs import Side, probabilities, same_sizes
-from lidarcli.formalism.matching.runs import Standing
 from lidarcli.sweeps import Float64
 
 SIDE = 0.05

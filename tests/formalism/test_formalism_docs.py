@@ -19,17 +19,17 @@ from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "formalism.md").read_text(encoding="utf-8")
 DERIVED = re.compile(
-    r"(?!estimation)\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|INFINITY|TINY)"
-    r"|segmentation\.(SINGLE_\w+|GUESS_\w+|FEW_VALUES|INFINITE)|estimation\.QUARTER_TURN|(tracks|features)\.RIGHT_ANGLE|smoothing\.LIVELINESSES"
+    r"(?!kalman)\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|INFINITY|TINY)"
+    r"|segmentation\.(SINGLE_\w+|GUESS_\w+|FEW_VALUES|INFINITE)|kalman\.QUARTER_TURN|(tracks|features)\.RIGHT_ANGLE|smoothing\.LIVELINESSES"
 )
 """Functions of other constants, factors of the normal distribution, and what only saves time."""
 CODES = {"detection", "detect", "native", "forest"}
 """Modules whose numbers are codes, the layout of arrays, or trees that a script has grown, not constants of the method."""
 MARKS = {
     "segmentation": {"NEVER"},
-    "observation": {"HIDDEN", "OPEN", "OWN", "NO_RANGE", "FREE_RANGE"},
-    "estimation": {"AT_LEAST"},
-    "fold": {"DELAY", "AHEAD", "LEFT"},
+    "measurement": {"HIDDEN", "OPEN", "OWN", "NO_RANGE", "FREE_RANGE"},
+    "kalman": {"AT_LEAST"},
+    "sweep_tracker": {"DELAY", "AHEAD", "LEFT"},
     "scan_matching": {"COLUMNS", "TURN"},
     "smoothing": {"STATE", "SQUARE", "GAIN", "KEPT"},
     "trajectories": {"PARTS_MASK", "PARTLY_BIT", "MOST_ROWS"},

@@ -12,15 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarcli.formalism import Detection, Parameters, detect, sweep
-from lidarcli.formalism.background.changes import changes
-from lidarcli.formalism.background.subtraction import Difference
 from lidarcli.formalism.detect import noise
-from lidarcli.formalism.detection import REMOVED, WALL
-from lidarcli.formalism.intensity import MOST_INTENSITY
-from lidarcli.formalism.ragged import grouped_medians
+from lidarcli.formalism.detection import MOST_INTENSITY, REMOVED, WALL, grouped_medians
+from lidarcli.formalism.subtraction import Difference, changes
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.scene import load_scene
 from lidarcli.sweeps import TURN, Closure, SweepBatch
 from tests.places import SAMPLES
 

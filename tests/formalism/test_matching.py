@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from lidarcli.choices import CHANGE_STATUSES, CHANGE_WHYS
+from lidarcli.formalism.matching.alignment import Standing, align, alike, gains
 from lidarcli.formalism.matching.differences import Changes, Compared, Run
-from lidarcli.formalism.matching.runs import HERE, Motion, Standing, align, alike, gains
+from lidarcli.formalism.matching.ground import HERE, Motion
 
 Row = tuple[float, float, float, float]
 ROOM: tuple[Row, ...] = (

@@ -12,19 +12,18 @@ import pytest
 from lidarcli.formalism.detection import LEGGED, ROUND
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.formalism.tracking import naming
-from lidarcli.formalism.tracking.naming import LEAST_SIZE_SD, SHARED_SD_SHARE, Looks, Naming
+from lidarcli.formalism.tracking.naming import LEAST_SIZE_SD, SHARED_SD_SHARE, Naming, SizeMeasurements
 from lidarcli.formalism.tracking.results import BOX, DISC
-from lidarcli.formalism.tracking.tracks import Body as Body
-from lidarcli.formalism.tracking.tracks import Track
+from lidarcli.formalism.tracking.tracks import Track, Tracklet
 from tests.formalism.three_boxes import Named, named
 
 PALLET = Catalogue((Thing("pallet", "prismatic", length=1.2, width=0.8, moves=False),))
 
 
-def looks(sizes: Any, edges: Any, sd: float = 0.02, yaw: float = 0.0) -> Looks:
+def looks(sizes: Any, edges: Any, sd: float = 0.02, yaw: float = 0.0) -> SizeMeasurements:
     """Sightings of both sides."""
     size = np.column_stack([np.atleast_2d(sizes), np.full(len(edges), np.nan)])
-    return Looks(
+    return SizeMeasurements(
         size=size,
         sd=np.where(np.isfinite(size), sd, np.nan),
         yaw=np.full(len(size), yaw),
@@ -34,11 +33,11 @@ def looks(sizes: Any, edges: Any, sd: float = 0.02, yaw: float = 0.0) -> Looks:
     )
 
 
-def body(**known: Any) -> Body:
-    return Body(7, **{"kind": BOX, "sightings": 50, "shape_votes": (50.0, 0.0, 0.0, 0.0), **known})
+def body(**known: Any) -> Tracklet:
+    return Tracklet(7, **{"kind": BOX, "sightings": 50, "shape_votes": (50.0, 0.0, 0.0, 0.0), **known})
 
 
-def label_of(track: Track, *seen: Looks) -> tuple[int, float]:
+def label_of(track: Track, *seen: SizeMeasurements) -> tuple[int, float]:
     """The label of a track of one body after some windows."""
     names = Naming(PALLET)
     for one in seen:
@@ -48,9 +47,9 @@ def label_of(track: Track, *seen: Looks) -> tuple[int, float]:
     return track.label, track.label_score
 
 
-def a_track(thing: Body, **known: Any) -> Track:
+def a_track(thing: Tracklet, **known: Any) -> Track:
     track = Track(**known)
-    track.absorb(thing)
+    track.add_part(thing)
     return track
 
 

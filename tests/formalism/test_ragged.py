@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidarcli.formalism.ragged import offsets_of, spans
+from lidarcli.formalism.detection import offsets_of, spans
 
 
 @given(st.lists(st.tuples(st.integers(0, 50), st.integers(0, 5)), max_size=8))

@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from lidarcli.formalism.matching.catalogue import KINDS
-from lidarcli.formalism.matching.evidence import ALIKE, SEEN_AS, shape_likelihood
+from lidarcli.formalism.matching.catalogue import ALIKE, KINDS, SEEN_AS, shape_likelihood
 
 
 def best(*seen: float) -> str:

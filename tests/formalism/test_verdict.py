@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import Detection, Parameters, detect, features, forest
-from lidarcli.formalism.explanation import KINDS, START, contributions, reasons
+from lidarcli.formalism.detect import KINDS, START, contributions, reasons
 from tests.formalism.batches import batch_of
 from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
 from tests.formalism.test_robust_scenes import turn

@@ -10,7 +10,7 @@ import numpy as np
 import lidarcli
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import PARKED, Course, Scene, Sensor, super_ellipse
 from lidarcli.sweeps import TURN, SweepPoses

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.whole
 GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     **{
         group: (tuple(name for name in CONTAINERS if name.split("-")[0] in group.split("/")), 6)
-        for group in ("mcap", "bag/db3/ros2", "csv", "carmen", "aria/player", "rplidar", "jsonl", "clouds")
+        for group in ("mcap", "bag/db3/ros2", "csv", "carmen", "rplidar", "jsonl", "clouds")
     },
     "libraries": (LIBRARY_LOGS, 4),
     "databases": (("db3-crafted",), len(KINDS) + 10),

@@ -25,19 +25,12 @@ from tools.fuzz.logs import TOLD
 pytestmark = pytest.mark.slow
 
 CUTS = 45
-WORDS = {
-    b"FLASER": "/front_laser",
-    b"RAWLASER1": "/raw_laser1",
-    b"REMISSIONFLASER": "/front_laser_remission",
-    b"scan1:": "/scan1",
-    b"laser": "/laser0",
-}
+WORDS = {b"FLASER": "/front_laser", b"RAWLASER1": "/raw_laser1", b"REMISSIONFLASER": "/front_laser_remission"}
 """Word of a line of a text log that is a sweep → its topic."""
 TEXT_LOGS = {"carmen": b"FLASER", "carmen-raw": b"RAWLASER1", "carmen-gz": b"FLASER"}
 TEXT_LOGS |= {"carmen-raw-lit": b"RAWLASER1", "carmen-remission": b"REMISSIONFLASER"}
-TEXT_LOGS |= {"aria": b"scan1:", "aria-gz": b"scan1:", "player": b"laser", "player-gz": b"laser"}
 """Container → the word of its sweeps."""
-TEXTS = ("csv", "carmen", "aria", "player", "rplidar", "jsonl")
+TEXTS = ("csv", "carmen", "rplidar", "jsonl")
 """How the names of containers begin in which a cut between two lines cannot be seen."""
 
 Sweep = tuple[int, str, bytes, bytes]
@@ -107,8 +100,8 @@ def csv_ends(text: bytes) -> Ends:
 
 
 def line_ends(text: bytes) -> Ends:
-    """A line of a sweep is whole with its line end; lines of Player begin with its time and its robot."""
-    lines = re.finditer(rb"(?m)^(?:\S+ \S+ \S+ (?=laser 00 001))?((?:REMISSION)?FLASER|RAWLASER1|scan1:|laser) .*\n", text)
+    """A line of a sweep is whole with its line end."""
+    lines = re.finditer(rb"(?m)^((?:REMISSION)?FLASER|RAWLASER1) .*\n", text)
     return [(match.end(), WORDS[match[1]]) for match in lines]
 
 

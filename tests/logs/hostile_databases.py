@@ -9,12 +9,12 @@ from pathlib import Path
 
 from rosbags.typesys import Stores, get_typestore
 
-from lidarcli.logs.rosbag2.database import JOURNAL_MAGIC
 from tests.logs.numbered import laser_scan, record_time
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 SCAN = "sensor_msgs/msg/LaserScan"
 PAGE = 4096
+JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 MESSAGES = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
 
 

@@ -20,10 +20,10 @@ from lidarcli.logs.carmen import LASERS
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.reading.pose_sources import PoseOptions, find_poses
 from lidarcli.pose.tracks import planar
-from lidarcli.simulation import simulate
 from lidarcli.sweeps import RawSweeps, Status, concatenate
 from tests.logs.watched import CarmenLog
 from tests.places import SAMPLES
+from tests.text_logs import simulate
 
 HEADER = "# CARMEN Logfile\n# file format is one message per line\n"
 GEOMETRY = "0 -1.570796 3.141593 0.785398 81.920000 0.010000 0"
@@ -575,7 +575,7 @@ def test_a_simulated_scene_is_that_of_an_mcap(scene: str, tmp_path: Path) -> Non
     """Objects, and where they are in the world, as far as the last digits of angles let them."""
     tables = []
     for name in ("run.mcap", "run.log"):
-        simulate(SAMPLES / f"{scene}.toml", tmp_path / name, sweeps=20, overwrite=True)
+        simulate(SAMPLES / f"{scene}.toml", tmp_path / name, sweeps=20)
         tables.append(lidarcli.detect(tmp_path / name).to_pandas())
     mcap, carmen = tables
     assert len(mcap) == len(carmen) > 20

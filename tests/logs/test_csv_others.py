@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from lidarcli.cli import run
-from lidarcli.logs.csv.dialect import OTHERS, other_format
-from lidarcli.simulation.csv_writer import LAYOUTS, write_csv
+from lidarcli.logs.csv.table import OTHERS, other_format
 from tests.logs.csv_sweeps import sweeps
+from tests.text_logs import LAYOUTS, write_csv
 
 BEAMS = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
 POSES = "it holds poses, no ranges"
@@ -29,6 +29,8 @@ TEXTS = {
         "a pointer of Git LFS, not the file itself",
         "fetch it with `git lfs pull`",
     ),
+    "LaserOdometryLog\n#Created by ArLaserLogger\nversion: 4\n": ("an ARIA log", BEAMS),
+    "## Player version 3.0.2\n0000000012.500 16777343 6665 laser 00 001 001 0001\n": ("a Player log", BEAMS),
     '{"ranges": [1.0, 2.0]}\n': ("JSON", BEAMS),
     '[{"ranges": [1.0, 2.0]}]\n': ("JSON", BEAMS),
     "[[1.0, 2.0],\n [1.0, 2.0]]\n": ("JSON", BEAMS),

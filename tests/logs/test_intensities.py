@@ -13,11 +13,11 @@ import pytest
 import lidarcli
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.simulation.csv_writer import LAYOUTS
-from lidarcli.simulation.writers import ENCODINGS, write_log
+from lidarcli.simulation.writers import ENCODINGS
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps
+from tests.text_logs import LAYOUTS, write_log
 from tools.fuzz.containers import poses
 
 ROWS, BEAMS = 6, 11

@@ -181,7 +181,6 @@ def test_messages_of_ros_are_joined_from_any_container(formats: tuple[str, str])
         (("csv (wide)", "csv (rostopic echo -p)"), "0.x is csv (wide) and 1.x is csv (rostopic echo -p): CSV"),
         (("csv (one file per sweep)",) * 2, "0.x holds one sweep: name the folder of such files"),
         (("carmen", "carmen"), "0.x is a carmen log, which says at its beginning what holds for all of it"),
-        (("mcap", "player"), "1.x is a player log"),
     ],
 )
 def test_what_does_not_go_together_is_refused(formats: tuple[str, str], words: str) -> None:

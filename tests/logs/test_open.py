@@ -238,8 +238,6 @@ def test_a_log_costs_only_the_libraries_of_its_container(tmp_path: Path) -> None
         (gzip.compress(CSV, mtime=0), FORMATS[-1].name),
         ("\ufeffé,1\n".encode("utf-16-le"), FORMATS[-1].name),
         ("FLASER 1 2.0 0 0 0 0 0 0 1 nohost 1\n".encode("utf-16"), "CARMEN log (also .gz)"),
-        ("\ufeffLaserOdometryLog\n".encode("utf-16-be"), "ARIA log (.2d, also .gz)"),
-        (gzip.compress("## Player version 3.0.2\n".encode("utf-16"), mtime=0), "Player log (also .gz)"),
         ("é".encode("latin-1") + b",1\n", FORMATS[-1].name),
     ],
 )

@@ -19,13 +19,12 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.piles import WINDOW, WINDOW_VALUES
 from lidarcli.range_rules import RangeRules
-from lidarcli.simulation.csv_writer import write_csv
-from lidarcli.simulation.text_logs import write_carmen
 from lidarcli.simulation.writers import write_mcap
 from lidarcli.sweeps import Float32, RawSweeps, Status, SweepBatch
 from tests.fake_log import FakeLog
 from tests.places import REAL_LOGS, needs_real_logs
 from tests.sweeping import raw_sweeps
+from tests.text_logs import write_carmen, write_csv
 
 SWEEPS, BEAMS = 300, 180
 NO_RETURN = Status.NO_RETURN.value

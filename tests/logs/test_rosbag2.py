@@ -20,10 +20,10 @@ from rosbags.typesys import Stores, get_typestore
 from lidarcli import newfiles
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import base, open_log, unpacking
+from lidarcli.logs import rosbag2 as database
 from lidarcli.logs.base import LASERSCAN, Topic
-from lidarcli.logs.rosbag2 import database
-from lidarcli.logs.rosbag2.folder import natural, read_folder
-from lidarcli.logs.rosbag2.salvage import Salvage
+from lidarcli.logs.rosbag2 import natural, read_folder
+from lidarcli.logs.rosbag2_salvage import Salvage
 from lidarcli.logs.unpacking import Unpacking, unpack_file, unpack_message
 from lidarcli.simulation.writers import write_log
 from tests.logs.numbered import indices, laser_scan, ranges_of, record_time

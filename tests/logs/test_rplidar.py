@@ -13,15 +13,14 @@ import pytest
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import OpenOptions, ReadReport
+from lidarcli.logs.csv.beam_rows import cut_turns
 from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
-from lidarcli.logs.csv.long_form import cut_turns
-from lidarcli.logs.csv.rplidar import BARE, LISTED, MEASURED, PRINTED, SAVED
+from lidarcli.logs.csv.rplidar import LISTED, MEASURED, PRINTED, SAVED
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulation.run import truth_paths
-from lidarcli.simulation.text_logs import write_rplidar
 from lidarcli.sweeps import RawSweeps, Status, concatenate
 from tests.logs.watched import CsvLog
 from tests.sweeping import raw_sweeps
+from tests.text_logs import write_rplidar
 
 Beam = tuple[int, float, float]
 """Quality, bearing [deg, clockwise], distance [mm]."""
@@ -71,7 +70,6 @@ SPELLINGS: dict[str, Callable[[Sequence[Sequence[Beam]]], str]] = {
     MEASURED: measured,
     LISTED: listed,
     SAVED: saved,
-    BARE: bare,
 }
 TURNS = [turn(far=far) for far in (2000.0, 2500.0, 3000.0)]
 
@@ -142,7 +140,6 @@ def test_other_ways_to_write_the_same() -> None:
         tuples,
         "".join(f"({line})\n" for line in tuples.splitlines()),
         "new_scan,quality,angle,distance\n" + tuples.replace(" ", ""),
-        bare(TURNS).replace(" ", ","),
         "#RPLIDAR SCAN DATA\n#Quality Angle Distance\n" + bare(TURNS),
         "\n# my room\n" + listed(TURNS),
     ):
@@ -327,55 +324,6 @@ def test_a_folder_of_saved_turns_is_one_log(tmp_path: Path) -> None:
         AnyCsvLog(tmp_path)
 
 
-def shaken(order: Sequence[int], digits: int) -> str:
-    """Rows without names whose bearings are rounded to decimals."""
-    rows = [
-        (8 + n * n % 37, round(angle + 0.123, digits), far) for beams in TURNS for n, (_, angle, far) in enumerate(beams)
-    ]
-    return "".join(" ".join(str(row[place]) for place in order) + "\n" for row in rows)
-
-
-def test_rows_without_names_are_read_only_where_there_is_no_doubt() -> None:
-    for order, names in (((0, 1, 2), "quality,angle,range"), ((1, 2, 0), "angle,range,quality")):
-        with pytest.raises(UnreadableError) as error:
-            read(shaken(order, 2))
-        message = str(error.value)
-        assert f"name the columns in a first line, such as `{names}`" in message
-        # What the refusal says is a way out.
-        titles = names.title().replace(",", " ").replace("Range", "Distance")
-        assert "`#RPLIDAR SCAN DATA`" in message
-        assert f"`#{titles}`" in message
-        got, log = read(f"#RPLIDAR SCAN DATA\n#{titles}\n" + shaken(order, 2))
-        assert (got.beams.tolist(), log.report.damage) == ([40] * 3, [])
-        assert (got.angle_increment < 0).all()
-    got, log = read("quality,angle,range\n" + shaken((0, 1, 2), 2).replace(" ", ","), OpenOptions(range_scale=0.001))
-    assert (got.angle_increment > 0).all()
-    assert "bearings run counter-clockwise; above those of an RPLIDAR write `#RPLIDAR SCAN DATA`" in log.report.notes[0]
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda q, a, d: (q + 0.5, a, d),
-        lambda q, a, d: (q + 300, a, d),
-        lambda q, a, d: (q, a / 2, d),
-        lambda q, a, d: (q, a - 180, d),
-        lambda q, a, d: (q, a, d / 1000),
-        lambda q, a, d: (q, a, d + 0.1),
-        lambda q, a, d: (q, d, a),
-        lambda q, a, d: (q, a, -d),
-    ],
-    ids=["half quality", "quality", "half turn", "signed", "metres", "decimals", "order", "below zero"],
-)
-def test_any_doubt_is_enough(change: Callable[[int, float, float], tuple[float, float, float]]) -> None:
-    turns = [[change(*beam) for beam in beams] for beams in TURNS]
-    try:
-        _, log = read(bare(turns))  # type: ignore[arg-type]
-    except UnreadableError:
-        return
-    assert "RPLIDAR" not in log.format
-
-
 def test_hostile_text_is_bounded() -> None:
     for text in (
         "[(15, 1.0, 2000.0), " + "(15, 1.0, 2000.0), " * 50_000,
@@ -405,11 +353,6 @@ def test_the_writer_rounds_to_what_the_format_has(tmp_path: Path) -> None:
     ]
     got = sound((tmp_path / "run.txt").read_bytes())
     np.testing.assert_array_equal(got.ranges[:, ::-1], [[1.0, 0.0, 3.0, 0.0, 0.0, 0.0]] * 2)
-
-
-def test_the_simulator_names_the_truth_by_the_stem_of_the_log() -> None:
-    for name in ("run.txt", "run.jsonl.gz", "run.csv.gz", "run.mcap"):
-        assert truth_paths(Path(name))[0] == Path("run.truth.parquet")
 
 
 def test_a_column_of_times() -> None:

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from lidarcli.logs import aria, carmen, player
+from lidarcli.logs import carmen, mcap, rosbag1, rosbag2
 from lidarcli.logs.base import Message, ReadReport
 from lidarcli.logs.csv import log as csv
-from lidarcli.logs.mcap import log as mcap
-from lidarcli.logs.rosbag1 import log as rosbag1
-from lidarcli.logs.rosbag2 import log as rosbag2
 from lidarcli.sweeps import RawSweeps
 
 
@@ -50,11 +47,3 @@ class CsvLog(_Watched, csv.CsvLog):
 
 class CarmenLog(_Watched, carmen.CarmenLog):
     """A CARMEN log."""
-
-
-class AriaLog(_Watched, aria.AriaLog):
-    """An ARIA log."""
-
-
-class PlayerLog(_Watched, player.PlayerLog):
-    """A Player log."""

@@ -14,10 +14,10 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from PIL import Image
 
+from lidarcli import maps
 from lidarcli.errors import UnreadableError
-from lidarcli.formalism.mapping.occupancy import Occupancy
-from lidarcli.maps import mapserver
-from lidarcli.maps.mapserver import pgm_bytes, read_map, yaml_bytes
+from lidarcli.formalism.mapping.grid import Occupancy
+from lidarcli.maps import pgm_bytes, read_map, yaml_bytes
 
 GRID = Occupancy(0.05, -1.25, 3 * 0.05, np.array([[-1, 0, 100, 0], [100, -1, 0, 0], [0, 0, 0, 100]], np.int8))
 YAML = """\
@@ -246,7 +246,7 @@ def test_pgm_of_every_kind(tmp_path: Path, pgm: bytes) -> None:
 
 
 def test_images_are_converted_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mapserver, "_SIDE", 3)
+    monkeypatch.setattr(maps, "_SIDE", 3)
     cells = np.random.default_rng(7).choice(np.array([-1, 0, 100], np.int8), (8, 10))
     grid = Occupancy(0.05, 0.0, 0.0, cells)
     assert read_map(put(tmp_path, grid)).cells.tolist() == cells.tolist()
@@ -288,13 +288,13 @@ def refused(path: Path) -> str:
 
 def test_a_large_image_needs_as_many_bytes_as_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A PNG of 8 kB may have 9 million pixels, and a bit of a PBM is one."""
-    monkeypatch.setattr(mapserver, "MOST_PACKED_PIXELS", 100)
+    monkeypatch.setattr(maps, "MOST_PACKED_PIXELS", 100)
     path = put(tmp_path, GRID)
     (tmp_path / "map.pgm").write_bytes(b"P5\n20 20\n255\n" + bytes(400))
     assert read_map(path).occupied == 400
     (tmp_path / "map.pgm").write_bytes(b"P4\n20 20\n" + bytes(60))
     assert "has 20 x 20 pixels, and no more than 10" in refused(path)
-    monkeypatch.setattr(mapserver, "MOST_PIXELS", 399)
+    monkeypatch.setattr(maps, "MOST_PIXELS", 399)
     (tmp_path / "map.pgm").write_bytes(b"P5\n20 20\n255\n" + bytes(400))
     assert refused(path).endswith("no more than 399 are read; cut it, or save the map with larger cells")
 

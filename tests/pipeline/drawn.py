@@ -16,7 +16,7 @@ from lidarcli.pipeline.reading.path_check import CheckedPath, check_paths
 from lidarcli.pipeline.reading.pose_sources import find_poses
 from lidarcli.range_rules import RangeRules
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, relative, simulate_blocks
 from lidarcli.simulation.messages import ROS1_BYTES
 from lidarcli.simulation.scene import Odometry, Scene, Sensor

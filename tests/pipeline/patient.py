@@ -12,7 +12,7 @@ import numpy as np
 from lidarcli.formalism.detection import AGENT, OBJECT, SETS, SHAPES, Detection
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.results import ENDS, Followed, Tracks, Trajectories
+from lidarcli.formalism.tracking.results import ENDS, TrackedBatch, Tracks, Trajectories
 from lidarcli.sweeps import SweepBatch
 
 PATIENCE = 100
@@ -35,7 +35,7 @@ class Patient:
         self._seen = 0
         self._waiting: deque[tuple[int, SweepBatch, Detection]] = deque()
 
-    def add(self, batch: SweepBatch, detection: Detection) -> list[Followed]:
+    def add(self, batch: SweepBatch, detection: Detection) -> list[TrackedBatch]:
         """What lies far enough behind."""
         if not self._seen:
             self.frames, self._first = list(batch.frame_ids), batch
@@ -47,7 +47,7 @@ class Patient:
             done.append(self._settled(*self._waiting.popleft()[1:]))
         return done
 
-    def finish(self) -> tuple[list[Followed], Tracks]:
+    def finish(self) -> tuple[list[TrackedBatch], Tracks]:
         """The rest, and a thing for every number."""
         rest = [self._settled(batch, detection) for _, batch, detection in self._waiting]
         self._waiting.clear()
@@ -58,7 +58,7 @@ class Patient:
         """None: it does not know where things are."""
         return iter(())
 
-    def _settled(self, batch: SweepBatch, detection: Detection) -> Followed:
+    def _settled(self, batch: SweepBatch, detection: Detection) -> TrackedBatch:
         thing = detection.set == OBJECT
         agent = thing & (detection.object % 2 == 0)
         self._things = max(self._things, int(detection.object[thing].max(initial=0)))
@@ -67,7 +67,7 @@ class Patient:
             return np.bincount(detection.row[agent], weights, len(batch)).astype(np.int32)
 
         agents, beams = per_sweep(None), per_sweep(detection.beams[agent])
-        return Followed(
+        return TrackedBatch(
             track=np.where(thing, detection.object, 0).astype(np.int64),
             vx=np.where(thing, 0.0, np.nan),
             vy=np.where(thing, agent * 1.0, np.nan),

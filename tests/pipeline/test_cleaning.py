@@ -19,7 +19,7 @@ from benchmarks.scenes.moving import Kind, moving_scene
 from benchmarks.scenes.random import SENSORS
 from lidarcli.cli import run
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism.mapping.occupancy import compare
+from lidarcli.formalism.mapping.grid import compare
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.cleaned_beams import REASONS, _beside, _came_along, _Paths, _Reach, _sets_out, _Track, doubted

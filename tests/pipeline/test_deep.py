@@ -19,7 +19,7 @@ from lidarcli.pipeline.reading.deep import DeepFindings, deep_findings
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, relative, simulate_odometry
 from lidarcli.simulation.messages import ROS1_BYTES
 from lidarcli.simulation.scene import Entity, Mount, Odometry, Scene, Sensor

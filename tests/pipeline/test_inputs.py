@@ -104,7 +104,7 @@ def test_what_is_no_log(tmp_path: Path) -> None:
         "no such file or folder",
         "the link leads to nothing",
         "no log in this folder (searched for *.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd "
-        "*.clf *.gfs *.2d *.clf.gz *.gfs.gz *.2d.gz)",
+        "*.clf *.gfs *.clf.gz *.gfs.gz)",
     ]
 
 

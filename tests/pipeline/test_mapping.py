@@ -11,8 +11,7 @@ import lidarcli
 from lidarcli.errors import OptionError
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.map_files import MapRun
-from lidarcli.pipeline.mapping import MapOptions, Mapping
+from lidarcli.pipeline.mapping import MapOptions, Mapping, MapRun
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.pipeline.runs import over_logs
 from lidarcli.simulation import simulate

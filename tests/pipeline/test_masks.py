@@ -20,8 +20,7 @@ from lidarcli.pipeline.reading.masking import Masking, masking_of
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_odometry, simulate_sweep_arrays
-from lidarcli.simulation.load import load_scene
-from lidarcli.simulation.scene import PARKED, Entity, Motion, Odometry, Scene
+from lidarcli.simulation.scene import PARKED, Entity, Motion, Odometry, Scene, load_scene
 from lidarcli.simulation.scene import Mount as Laser
 from lidarcli.simulation.writers import write_mcap
 from lidarcli.sweeps import Int32, RawSweeps, Status

@@ -31,8 +31,7 @@ from lidarcli.pipeline.reading.pose_sources import PoseOptions, find_poses
 from lidarcli.pose.tracks import planar
 from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulation.load import load_scene
-from lidarcli.simulation.scene import Odometry, Scene, Sensor
+from lidarcli.simulation.scene import Odometry, Scene, Sensor, load_scene
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import TURN, Float64, RawSweeps
 from tests.going import in_the_world

@@ -39,7 +39,7 @@ from lidarcli.pipeline.reading.pose_sources import NO_POSES
 from lidarcli.pipeline.runs import over_logs, processes
 from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.scene import load_scene
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import SweepBatch
 from tests.descendants import descendants, gone

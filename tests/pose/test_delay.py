@@ -20,7 +20,7 @@ from lidarcli.pipeline.reading import path_check, pose_sources
 from lidarcli.pipeline.reading.pose_sources import MOST_DELAY
 from lidarcli.pose import fit
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulation.load import load_scene
+from lidarcli.simulation.scene import load_scene
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import Float64
 from tests.places import ROOT, SAMPLES

@@ -11,11 +11,10 @@ import pytest
 from lidarcli.pose.matched import MatchedPath
 from lidarcli.pose.tracks import SECOND_NS, Track, planar
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, simulate_blocks
-from lidarcli.simulation.load import load_scene
 from lidarcli.simulation.route import Waypoint, plan_route
-from lidarcli.simulation.scene import Motion, Scene, Sensor
+from lidarcli.simulation.scene import Motion, Scene, Sensor, load_scene
 from lidarcli.sweeps import TURN, Float64, Int64, SweepBatch, concatenate
 from tests.places import SAMPLES
 

@@ -28,8 +28,7 @@ from lidarcli.pipeline.reading.pose_sources import NO_POSES, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import SimulatedPoses, simulate_blocks, simulate_odometry
-from lidarcli.simulation.load import load_scene
-from lidarcli.simulation.scene import Scene
+from lidarcli.simulation.scene import Scene, load_scene
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps, SweepBatch, SweepPoses
 from tests.fake_log import FakeLog

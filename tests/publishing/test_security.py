@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 
-from lidarcli import configfiles
+from lidarcli import configfiles, maps
 from lidarcli.logs import base, batches, text, unpacking
-from lidarcli.logs.mcap import records
-from lidarcli.maps import mapserver
+from lidarcli.logs import mcap_records as mcap
 from tests.places import ROOT
 from tools.fuzz import judge
 
@@ -21,14 +20,14 @@ def test_the_bounds_are_those_of_the_code() -> None:
         "what": "bound",
         "what a compressed log unpacks to": f"{small} MiB, and {ratio:,} times what is packed",
         "a compressed chunk of an MCAP, which is held as a whole": (
-            f"{small} MiB, and {unpacking.CHUNK_RATIO} times what is packed; never more than {records.MAX_CHUNK >> 30} GiB"
+            f"{small} MiB, and {unpacking.CHUNK_RATIO} times what is packed; never more than {mcap.MAX_CHUNK >> 30} GiB"
         ),
         "a message of a ROS bag": f"{base.MAX_MESSAGE >> 20} MiB",
         "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
         "beams of a sweep; LaserScan topics of a log": f"{base.MAX_BEAMS:,}; {batches.MAX_TOPICS:,}",
         "a scene, catalogue or other TOML file": f"{configfiles.MAX_BYTES:,} bytes, {configfiles.MAX_DEPTH} brackets deep",
         "pixels of a map that is read": (
-            f"one for each byte of its image; at least {mapserver.MOST_PACKED_PIXELS:,}, at most {mapserver.MOST_PIXELS:,}"
+            f"one for each byte of its image; at least {maps.MOST_PACKED_PIXELS:,}, at most {maps.MOST_PIXELS:,}"
         ),
     }
 
@@ -46,7 +45,7 @@ def test_what_is_unpickled_comes_from_its_own_processes() -> None:
         word: {path.relative_to(package).as_posix() for path in package.rglob("*.py") if word in path.read_text("utf-8")}
         for word in ("pickle.load", "Unpickler")
     }
-    own = {"pipeline/map_files.py", "pipeline/objects/following.py"}
+    own = {"pipeline/mapping.py", "pipeline/objects/following.py"}
     assert files == {"pickle.load": own, "Unpickler": {"pipeline/runs/cluster.py"}}
     assert "the driver reads them as data alone" in " ".join(PAGE.split())
     assert "a private folder below the temporary one (`map --jobs`)" in " ".join(PAGE.split())

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lidarcli.reports.columns import Origin, Rows, Run, Watched
+from lidarcli.reports.columns import Origin, Rows, Run, ZoneRows
 from lidarcli.tabular.reading import read_schema
 from lidarcli.tabular.schemas import EVENTS, OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, ZONES
 from lidarcli.tabular.writing import table_metadata
@@ -250,9 +250,9 @@ def watch(index: int, zone: str, points: int = 0, **other: Any) -> dict[str, Any
     }
 
 
-def watched_of(events: Sequence[Mapping[str, Any]], zones: Sequence[Mapping[str, Any]]) -> Watched:
+def watched_of(events: Sequence[Mapping[str, Any]], zones: Sequence[Mapping[str, Any]]) -> ZoneRows:
     """Zones as they come out of their tables."""
-    return Watched(Rows.join([table(EVENTS, events)]), Rows.join([table(ZONES, zones)]))
+    return ZoneRows(Rows.join([table(EVENTS, events)]), Rows.join([table(ZONES, zones)]))
 
 
 def write_zones(

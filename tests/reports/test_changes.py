@@ -17,17 +17,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.pipeline.inputs.tables import find_table_sets, find_tables, table_files
 from lidarcli.pipeline.reporting import FORMATS, Made, ReportOptions, make_report, render
 from lidarcli.reports import palette
-from lidarcli.reports.changes import changed_of, pairs_of
+from lidarcli.reports.changes import changes_part, pairs_of
 from lidarcli.reports.changes_picture import Sight, changes_figure, draw_changes
-from lidarcli.reports.changes_report import ChangesReport
+from lidarcli.reports.document import PartsReport
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.labels import Labels
 from lidarcli.reports.report import Report
-from lidarcli.reports.zone_report import ZonesReport
 from lidarcli.tabular.schemas import CHANGES
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, DAMAGE
 from tests.reports.runs import crossing, event, table, watch, write_run, write_zones
@@ -100,27 +99,27 @@ def test_runs_of_a_table() -> None:
 
 
 def test_figures_are_those_of_diff() -> None:
-    assert changed_of([("c.parquet", told())]).figures == FIGURES
-    both = changed_of([("a.parquet", told()), ("b.parquet", told())]).figures
+    assert changes_part([("c.parquet", told())]).figures == FIGURES
+    both = changes_part([("a.parquet", told()), ("b.parquet", told())]).figures
     assert both == FIGURES | {"known": 4, "moved": 2, "new": 2, "gone": 4, "uncertain": 2}
 
 
 def test_what_diff_could_not_count_stays_unknown() -> None:
     short = dict.fromkeys(FIGURES) | {"overlap": 0.93}
-    changed = changed_of([("c.parquet", told(figures=short))])
+    changed = changes_part([("c.parquet", told(figures=short))])
     assert changed.figures == short
-    assert changed_of([("a", told()), ("b", told(figures=short))]).figures["gone"] is None
+    assert changes_part([("a", told()), ("b", told(figures=short))]).figures["gone"] is None
 
 
 def test_figures_of_two_maps_are_those_of_one_table() -> None:
     of_maps = {"precision": 0.9, "recall": None, "f1": 0.8}
     found = told(figures=FIGURES | of_maps)
-    assert changed_of([("c", found)]).figures == FIGURES | of_maps
-    assert "f1" not in changed_of([("c", found), ("d", found)]).figures
+    assert changes_part([("c", found)]).figures == FIGURES | of_maps
+    assert "f1" not in changes_part([("c", found), ("d", found)]).figures
 
 
 def test_without_metadata_the_rows_tell_the_runs() -> None:
-    changed = changed_of([("c", told().replace_schema_metadata(None))])
+    changed = changes_part([("c", told().replace_schema_metadata(None))])
     assert [one.title for one in changed.pairs] == ["monday to tuesday", "monday to wednesday"]
     assert changed.figures == FIGURES | {"overlap": None}
 
@@ -139,7 +138,7 @@ def test_a_report_on_changes_alone_in_every_format(tmp_path: Path) -> None:
     checks = ["gone == 2", "new == 0", "overlap > 0.9", "f1 > 0.9"]
     for named in (path, tmp_path, tmp_path / "*.parquet"):
         found = made(named, checks=checks)
-        assert isinstance(found.report, ChangesReport)
+        assert isinstance(found.report, PartsReport)
         assert [(one.found, one.holds) for one in found.report.verdicts] == [
             (2, True),
             (1, False),
@@ -240,7 +239,7 @@ def test_changes_beside_objects_join_the_report(tmp_path: Path) -> None:
 def test_changes_beside_zones(tmp_path: Path) -> None:
     events = write_zones(tmp_path, [event(1, "stop")], [watch(k, "stop") for k in range(3)])
     found = made(events, written(tmp_path / "c.changes.parquet"), checks=["gone == 2", "zones.stop.events == 1"])
-    assert isinstance(found.report, ZonesReport)
+    assert isinstance(found.report, PartsReport)
     assert found.report.holds
     for kind in FORMATS:
         assert ("gone" if kind == "junit" else "wednesday") in render(found, kind)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from lidarcli.reports.charts import charts, constants
-from lidarcli.reports.compare import compare
 from lidarcli.reports.figures import Density
-from lidarcli.reports.palette import COLOURS, HEAT, page_style, themed
+from lidarcli.reports.ground import Walls
+from lidarcli.reports.palette import COLOURS, HEAT, page_style
 from lidarcli.reports.report import Report
-from lidarcli.reports.summary import summarise
-from tests.reports.runs import crossing, run_of, sweep, thing
+from lidarcli.reports.summary import compare, summarise
+from tests.reports.runs import run_of, sweep, thing
 
 
 def report_of(**tables: Any) -> Report:
@@ -35,7 +35,7 @@ def varied() -> dict[str, Any]:
 
 
 def titles(report: Report) -> list[str]:
-    return [chart.title for chart in charts(report)]
+    return [chart.title for chart in charts(report, {})]
 
 
 def test_what_is_constant_is_a_line_of_text() -> None:
@@ -46,10 +46,8 @@ def test_what_is_constant_is_a_line_of_text() -> None:
         "Width of objects": "0.4 m always",
         "Threshold d_th": "0.1 m always",
         "Noise σ of the ranges": "0.01 m always",
-        "Objects by shape": "all 5 prismatic",
-        "Objects by visibility": "all 5 full",
     }
-    assert titles(report) == ["Beams", "Bearing of objects", "Where objects were, sensor frame"]
+    assert titles(report) == ["Bearing of objects", "Where objects were, sensor frame"]
 
 
 def test_what_varies_is_a_chart() -> None:
@@ -59,13 +57,10 @@ def test_what_varies_is_a_chart() -> None:
         "Objects over time",
         "Threshold over time",
         "Noise over time",
-        "Beams",
         "Objects per sweep",
         "Range of objects",
         "Bearing of objects",
         "Width of objects",
-        "Objects by shape",
-        "Objects by visibility",
         "Where objects were, sensor frame",
     ]
 
@@ -80,32 +75,34 @@ def test_a_comparison_keeps_its_charts() -> None:
     run = run_of([sweep(k, 1) for k in range(5)], [thing(k, 1) for k in range(5)])
     summary = summarise(run)
     report = Report(summary, compare(run, summary, run, summary))
-    assert [one.name for one in constants(report)] == ["Objects by shape", "Objects by visibility"]
+    assert constants(report) == []
     assert "Width of objects" in titles(report)
 
 
-def test_beams_are_two_bars_of_a_whole_each() -> None:
-    (svg,) = [chart.svg for chart in charts(report_of(**crossing())) if chart.title == "Beams"]
-    words = [re.sub("<[^>]*>", "", text) for text in re.findall(r"<text[^>]*>(.*?)</text>", svg, re.DOTALL)]
-    shares = [float(match[1]) for text in words if (match := re.search(r"([\d.]+)%", text))]
-    # Valid and no return; objects, agents and the rest: each once.
-    assert len(shares) == 5
-    assert sum(shares[:2]) == pytest.approx(100)
-    assert sum(shares[2:]) == pytest.approx(100)
-
-
-def test_colours_of_charts_are_those_of_the_page() -> None:
-    found = [*charts(report_of(**crossing()))]
+def test_what_a_chart_holds() -> None:
+    """Its values are those of the figures, its words tell them, and its colours are those of the page."""
+    report = report_of(**varied())
+    found = {chart.title: chart for chart in charts(report, {})}
+    over_time = found["Objects over time"]
+    assert over_time.words == "Objects over time: 1.5 on average, 1 to 2"
+    assert [key.words for key in over_time.keys] == ["least to most", "mean"]
+    band, mean = over_time.values["series"]
+    assert mean["y"] == [1, 2] * 5
+    assert (band["low"], band["y"]) == (mean["y"], mean["y"])
+    assert sum(found["Width of objects"].values["series"][0]["y"]) == 15
     known = page_style()
-    for chart in found:
-        names = re.findall(r"var\(--([a-z0-9-]+)\)", chart.svg)
-        assert names, chart.title
-        assert all(f"--{name}:" in known for name in names)
-        # Nothing is left that stays light on dark ground.
-        assert set(re.findall(r"(?:fill|stroke): (#[0-9a-f]{6})", chart.svg)) == set(), chart.title
-    assert themed('<a style="fill: #0072B2"/><text>#0072b2</text>') == (
-        '<a style="fill: var(--blue)"/><text>#0072b2</text>'
-    )
+    for chart in found.values():
+        colours = {key.colour for key in chart.keys} | {one["colour"] for one in chart.values.get("series", ())}
+        assert all(f"--{name}:" in known for name in colours)
+
+
+def test_where_objects_were() -> None:
+    report = report_of(**varied())
+    walls = Walls(0.1, np.array([-2.0, 3.0]), np.array([1.0, 1.0]))
+    (chart,) = [one for one in charts(report, {"sensor": walls}) if one.aspect]
+    assert chart.words.startswith("Where objects were, sensor frame: 15 objects in ")
+    assert chart.values["limits"] == pytest.approx([-2.05, 0.0, 3.05, 1.05])
+    assert chart.keys[-1].words == "walls and rest"
 
 
 def luminance(colour: str) -> float:
@@ -136,18 +133,13 @@ def test_colours_can_be_read(ground: int) -> None:
     assert steps[-1] >= 10
 
 
-def test_cells_that_are_too_small_to_see_are_put_together() -> None:
-    from lidarcli.reports.charts import _coarse
-    from lidarcli.reports.ground import Walls
-
-    counts = np.arange(12).reshape(4, 3)
-    found = Density("sensor", 0.0, 0.0, 0.1, counts)
-    assert _coarse(found, None)[0] is not counts
-    assert (_coarse(found, None)[0] == counts).all()
-    far = Walls(0.1, np.array([0.0, 12.0]), np.array([0.0, 3.0]))
-    sums, cell = _coarse(found, far)
-    assert cell == pytest.approx(0.2)
-    assert sums.tolist() == [[0 + 1 + 3 + 4, 2 + 5], [6 + 7 + 9 + 10, 8 + 11]]
-    # Whatever another program has written.
-    sums, _ = _coarse(found, Walls(1e9, np.array([0.0, 1e12]), np.zeros(2)))
-    assert sums.tolist() == [[66]]
+@pytest.mark.parametrize(("reach", "cell", "sums"), [(0.0, 0.1, 12), (12.0, 0.2, 4), (1e12, None, 1)])
+def test_cells_that_are_too_small_to_see_are_put_together(reach: float, cell: float | None, sums: int) -> None:
+    """Whatever another program has written."""
+    report = report_of(**varied())
+    density = Density("sensor", 0.0, 0.0, 0.1, np.arange(1, 13).reshape(4, 3))
+    report = replace(report, summary=replace(report.summary, densities=(density,)))
+    far = {"sensor": Walls(0.1, np.array([0.0, reach]), np.array([0.0, 0.0]))} if reach else {}
+    (chart,) = [one for one in charts(report, far) if one.aspect]
+    assert len(chart.values["level"]) == sums
+    assert cell is None or chart.values["cell"] == pytest.approx(cell)

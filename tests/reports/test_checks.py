@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.reports.checks import columns_needed, judge, parse_check
+from lidarcli.reports.checks import DEEPEST, columns_needed, judge, parse_check
 from lidarcli.reports.columns import Run
-from lidarcli.reports.conditions import DEEPEST
 from lidarcli.reports.summary import summarise
 from tests.reports.runs import crossing, run_of, sweep, thing
 

@@ -31,12 +31,6 @@ def lidarcli(capfd: pytest.CaptureFixture[str]) -> Words:
     return call
 
 
-@pytest.fixture
-def uncharted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pages without their charts, which take most of the time, for tests of the map in them."""
-    monkeypatch.setattr("lidarcli.reports.html.charts", lambda *_: ())
-
-
 def seen(run: Run) -> MapPicture:
     found = overview(run.sweeps, run.tracks, run.trajectories)
     assert found is not None
@@ -174,7 +168,6 @@ def page(lidarcli: Words, folder: Path, *tables: Path) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("uncharted")
 def test_the_report_has_a_map_where_there_are_poses(lidarcli: Words, tmp_path: Path) -> None:
     for command in ("detect", "track"):
         for sample in ("drive.db3", "room.mcap"):
@@ -204,7 +197,6 @@ def test_the_report_has_a_map_where_there_are_poses(lidarcli: Words, tmp_path: P
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("uncharted")
 def test_a_report_of_several_logs_has_none(lidarcli: Words, tmp_path: Path) -> None:
     """Every log has a world of its own."""
     for name in ("a", "b"):

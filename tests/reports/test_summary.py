@@ -14,7 +14,7 @@ from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.reports.figures import density, nice_edges
 from lidarcli.reports.report import Report
 from lidarcli.reports.summary import summarise
-from lidarcli.reports.terminal import render
+from lidarcli.reports.text import as_text as render
 from tests.reports.runs import START, TENTH, run_of, sweep, thing
 
 

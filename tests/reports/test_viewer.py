@@ -358,7 +358,7 @@ def test_beams_are_saved(page: Page, tmp_path: Path) -> None:
 
 
 GROUND_COLOUR = "getComputedStyle(document.body).backgroundColor"
-INK = "getComputedStyle(document.querySelector('.charts svg text')).fill"
+INK = "getComputedStyle(document.querySelector('.charts h3')).color"
 
 
 def test_dark_ground_and_paper(page: Page, made: Callable[..., Path]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN
 from lidarcli.reports.columns import Run
 from lidarcli.reports.ground import MOST, Ground, Raw, limits_of, map_of, walls_of
 from lidarcli.reports.html import pack_map

@@ -12,10 +12,10 @@ import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.reporting import FORMATS, Made, ReportOptions, make_report, render
-from lidarcli.reports.columns import Watched
+from lidarcli.reports.columns import Origin, ZoneRows
+from lidarcli.reports.document import PartsReport
 from lidarcli.reports.report import Report
-from lidarcli.reports.zone_report import ZonesReport
-from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zoned_of
+from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zones_part
 from tests.reports.browser import CHROMIUM, browser
 from tests.reports.runs import crossing, event, watch, watched_of, write_run, write_zones
 
@@ -52,7 +52,7 @@ ZONE_ROWS = [
 
 
 @pytest.fixture(scope="module")
-def watched() -> Watched:
+def watched() -> ZoneRows:
     return watched_of(EVENT_ROWS, ZONE_ROWS)
 
 
@@ -80,18 +80,18 @@ def watched() -> Watched:
         ("behind.observed", 0),
     ],
 )
-def test_figures_of_a_zone(watched: Watched, name: str, value: float | None) -> None:
+def test_figures_of_a_zone(watched: ZoneRows, name: str, value: float | None) -> None:
     found = figures_of(watched)[f"zones.{name}"]
     assert found is None if value is None else found == pytest.approx(value)
 
 
-def test_every_zone_has_every_figure(watched: Watched) -> None:
+def test_every_zone_has_every_figure(watched: ZoneRows) -> None:
     figures = figures_of(watched)
     assert len(figures) == 3 * (8 + 3 * 7)
     assert [*dict.fromkeys(name.split(".")[1] for name in figures)] == NAMES
 
 
-def test_lines_and_areas_lack_the_figures_of_the_other(watched: Watched) -> None:
+def test_lines_and_areas_lack_the_figures_of_the_other(watched: ZoneRows) -> None:
     figures = figures_of(
         replace(
             watched_of(EVENT_ROWS, ZONE_ROWS), shapes={name: {"line": []} if name == "left-door" else {} for name in NAMES}
@@ -136,7 +136,7 @@ def test_tables_without_rows_have_no_zones() -> None:
         ("events where sweeps >= 7 == 1", 1, True),
     ],
 )
-def test_what_a_check_of_zones_finds(watched: Watched, expression: str, found: float | None, holds: bool) -> None:
+def test_what_a_check_of_zones_finds(watched: ZoneRows, expression: str, found: float | None, holds: bool) -> None:
     verdict = judge_zones(parse_zone_check(expression, NAMES), figures_of(watched), watched)
     assert (verdict.found, verdict.holds) == (found, holds)
     assert (verdict.words == "nothing to measure") == (found is None)
@@ -181,20 +181,20 @@ def test_mistakes_in_checks_of_zones(expression: str, message: str) -> None:
     assert message in str(caught.value)
 
 
-def test_summary_of_zones(watched: Watched) -> None:
-    zoned = zoned_of(watched, ["run"])
+def test_summary_of_zones(watched: ZoneRows) -> None:
+    zoned = zones_part(watched, [Origin("run.objects.parquet", "run")])
     stop, door, behind = zoned.zones
     assert (stop.action, stop.by, stop.visits) == ("stop", {"A": 1, "S": 1}, 1)
     assert stop.active == pytest.approx(0.3)
     assert (door.visits, behind.figures["observed"]) == (0, 0.0)
     assert (zoned.sweeps, zoned.seconds) == (10, {0: pytest.approx(0.9)})
     assert zoned.listed == 3
-    assert [(one.kind, one.sweep, one.set) for one in zoned.events] == [
+    assert [(one.kind, one.first_sweep, one.set) for one in zoned.events] == [
         ("occupied", 2, "A"),
         ("approach", 7, "S"),
         ("stale", 9, ""),
     ]
-    courses = {one.zone: one for one in zoned.courses[0]}
+    courses = {one.zone: one for one in zoned.timelines[0]}
     assert courses["stop"].events == (pytest.approx((2 / 9, 4 / 9)), pytest.approx((7 / 9, 8 / 9)))
     assert courses["stop"].visits == (pytest.approx((2 / 9, 8 / 9)),)
     assert [low for low, _ in courses["left-door"].visits] == pytest.approx([3 / 9, 5 / 9, 6 / 9])
@@ -210,7 +210,7 @@ def test_the_gravest_events_come_first() -> None:
         event(5, "near", "stale", action="stop"),
         event(6, "near", "approach", action="approach"),
     ]
-    zoned = zoned_of(watched_of(rows, [watch(k, "near") for k in range(10)]), ["run"])
+    zoned = zones_part(watched_of(rows, [watch(k, "near") for k in range(10)]), [Origin("run.objects.parquet", "run")])
     assert [(one.action, one.duration > 0.5, one.nearest) for one in zoned.events[:4]] == [
         ("stop", True, 0.5),
         ("stop", False, 0.5),
@@ -223,7 +223,7 @@ def test_the_gravest_events_come_first() -> None:
 def test_many_short_events_are_one_span_where_no_picture_tells_them_apart() -> None:
     rows = [event(k, "stop", begin=k, last=k) for k in range(5_000)]
     zones = [watch(k, "stop") for k in (0, 20_000)]
-    [course] = zoned_of(watched_of(rows, zones), ["run"]).courses[0]
+    [course] = zones_part(watched_of(rows, zones), [Origin("run.objects.parquet", "run")]).timelines[0]
     assert course.events == (pytest.approx((0, 4_999 / 20_000)),)
 
 
@@ -242,7 +242,7 @@ def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:
     events = write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, shapes=SHAPES)
     for named in (events, tmp_path / "run.zones.parquet", tmp_path):
         found = made(named, checks=["zones.stop.events == 2", "zones.behind.events == 0"])
-        assert isinstance(found.report, ZonesReport)
+        assert isinstance(found.report, PartsReport)
         assert [(one.found, one.holds) for one in found.report.verdicts] == [(2, True), (None, False)]
         assert found.report.exit_code == 1
     text = render(found, "text")
@@ -427,7 +427,7 @@ def test_the_viewer_holds_outlines_and_times(tmp_path: Path) -> None:
 )
 def test_outlines_of_odd_metadata_are_left_out(shape: dict[str, object]) -> None:
     watched = replace(watched_of([], [watch(0, "stop")]), shapes={"stop": {"frame": "sensor", **shape}})
-    [course] = zoned_of(watched, ["run"]).courses[0]
+    [course] = zones_part(watched, [Origin("run.objects.parquet", "run")]).timelines[0]
     assert (course.frame, course.outline) == ("", ())
 
 

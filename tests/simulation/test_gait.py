@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import place
 from lidarcli.simulation.route import AHEAD, Waypoint, feet, plan_route, step_length
 from lidarcli.simulation.scene import Motion

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.scenes.random import SENSORS, random_scene, sensor_with
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, simulate_blocks, simulate_sweep_arrays
 from lidarcli.simulation.scene import Motion, Scene, Sensor
 from lidarcli.sweeps import concatenate

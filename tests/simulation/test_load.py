@@ -7,8 +7,8 @@ import pytest
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.simulation.load import load_scene
 from lidarcli.simulation.route import Route, Waypoint
+from lidarcli.simulation.scene import load_scene
 from tests.places import SAMPLES
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulation.route import Waypoint, plan_route
 from lidarcli.simulation.scene import Mount, Odometry, Scene, Sensor

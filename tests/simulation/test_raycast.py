@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.accuracy.cells import legs_of
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import cast, place, simulate_sweep_arrays
 from lidarcli.simulation.scene import Course, Motion, Scene, Sensor, super_ellipse
 

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import OptionError, OutputError
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.maps.mapserver import read_map
-from lidarcli.simulation import entities as make
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.maps import read_map
+from lidarcli.simulation import scene as make
 from lidarcli.simulation import simulate, truth
-from lidarcli.simulation.load import load_scene
 from lidarcli.simulation.route import Waypoint, plan_route
-from lidarcli.simulation.scene import Course, Entity, Mount, Odometry, Scene, Sensor
+from lidarcli.simulation.scene import Course, Entity, Mount, Odometry, Scene, Sensor, load_scene
 from lidarcli.simulation.truth import true_map
 
 CELL = 0.05

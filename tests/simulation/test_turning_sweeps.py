@@ -7,7 +7,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_blocks, simulate_sweep_arrays
 from lidarcli.simulation.scene import Course, Motion, Scene, Sensor
 from lidarcli.simulation.writers import write_log

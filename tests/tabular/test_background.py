@@ -16,9 +16,8 @@ import pytest
 
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism import sweep
-from lidarcli.formalism.background.learning import Estimate, Learning
-from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.background.stations import Grid
+from lidarcli.formalism.background import Background, Grid
+from lidarcli.formalism.learning import Estimate, Learning
 from lidarcli.sweeps import SweepPoses
 from lidarcli.tabular.background import GEOMETRY, background_rows, read_background, write_background
 from lidarcli.tabular.schemas import BACKGROUND, SCHEMAS

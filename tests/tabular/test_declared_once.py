@@ -12,7 +12,7 @@ import pytest
 import lidarcli
 from lidarcli.columns import Column, columns_of
 from lidarcli.formalism.detection import COLUMNS, Detection
-from lidarcli.formalism.tracking.results import Followed, Tracks
+from lidarcli.formalism.tracking.results import TrackedBatch, Tracks
 from lidarcli.sweeps import Float64, record
 from lidarcli.tabular.schemas import KINDS, TABLES
 
@@ -58,7 +58,7 @@ def test_only_declarations_make_columns_of_units_and_meanings() -> None:
         assert file in SCHEMAS or "description" not in ast.unparse(call), f"{file}:{call.lineno}"
 
 
-@pytest.mark.parametrize("kind", [Detection, Followed, Tracks])
+@pytest.mark.parametrize("kind", [Detection, TrackedBatch, Tracks])
 def test_columns_of_a_record_have_its_names_and_types(kind: type) -> None:
     for name, one in columns_of(kind).items():
         assert one.field == name
@@ -74,7 +74,7 @@ def test_names_leave_out_what_entries_and_units_say() -> None:
 
 
 def test_fields_without_a_declaration_are_no_columns() -> None:
-    assert "order" not in columns_of(Followed)
+    assert "order" not in columns_of(TrackedBatch)
 
     @record
     class Plain:

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcli.formalism import SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, WALL
-from lidarcli.formalism.tracking.results import Followed
+from lidarcli.formalism.tracking.results import TrackedBatch
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.rows import beams_rows, objects_rows, sweeps_rows
 from lidarcli.tabular.tracked import tracked_beams, tracked_objects, tracked_sweeps, tracks_rows
@@ -18,14 +18,14 @@ from tests.tabular.contract import CONTRACT
 from tests.tabular.writing import STAMPS
 
 
-def followed(detection: Detection, agents: list[int]) -> Followed:
+def followed(detection: Detection, agents: list[int]) -> TrackedBatch:
     """The second object of the first sweep and the like are agents; the first object belongs to nothing."""
     count = len(detection)
     is_agent = np.isin(np.arange(count), agents)
     by_sweep = np.bincount(detection.row[is_agent], minlength=3).astype(np.int32)
     beams = np.bincount(detection.row[is_agent], detection.beams[is_agent], 3).astype(np.int32)
     nothing = np.arange(count) == 0
-    return Followed(
+    return TrackedBatch(
         track=np.where(nothing, 0, 10 + np.arange(count)),
         vx=np.where(nothing, np.nan, 0.25),
         vy=np.where(nothing, np.nan, -0.5),
@@ -45,7 +45,7 @@ def followed(detection: Detection, agents: list[int]) -> Followed:
     )
 
 
-def without(detection: Detection, found: Followed, refused: list[int]) -> Followed:
+def without(detection: Detection, found: TrackedBatch, refused: list[int]) -> TrackedBatch:
     """The same where some objects are pieces of building by all that was seen of them."""
     building = np.isin(np.arange(len(detection)), refused)
     kind = np.where(building, NOISE, found.set).astype(np.uint8)

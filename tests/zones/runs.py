@@ -15,7 +15,7 @@ import pytest
 import lidarcli
 from lidarcli.pipeline.zoning import ZoneTables
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_blocks, simulate_odometry
 from lidarcli.simulation.messages import ROS1_BYTES
 from lidarcli.simulation.route import Waypoint, plan_route

@@ -11,10 +11,10 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import NoScanError, OptionError
-from lidarcli.pipeline.watching.counting import velocity_of
+from lidarcli.pipeline.zone_counting import velocity_of
 from lidarcli.pipeline.zoning import ZoneTables
 from lidarcli.ros.messages import Outgoing
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Mount, Odometry, Scene
 from lidarcli.sweeps import Float64, SweepPoses
 from tests.zones.runs import (

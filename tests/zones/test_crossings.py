@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.formalism.zones.paths import CLEAR, MARGIN, Path, Visit, crossings, same_agents, visits
+from lidarcli.formalism.zones import CLEAR, MARGIN, Path, Visit, crossings, same_agents, visits
 from lidarcli.masks import Circle, Polygon
 from lidarcli.sweeps import Float64
 from lidarcli.zone import Line

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidarcli.formalism.zones.episodes import Episode, episodes
+from lidarcli.formalism.zones import Episode, episodes
 from lidarcli.sweeps import Bool, Int64
 
 NEVER = 1 << 60

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli.formalism.zones import paths
-from lidarcli.formalism.zones.paths import Path as Trajectory
-from lidarcli.formalism.zones.paths import same_agents
+from lidarcli.formalism import zones
+from lidarcli.formalism.zones import Path as Trajectory
+from lidarcli.formalism.zones import same_agents
 from lidarcli.masks import Circle
-from lidarcli.pipeline.watching import counting, events
+from lidarcli.pipeline import zone_counting as counting
+from lidarcli.pipeline import zone_events as events
 from lidarcli.zone import Zone
 from tests.zones.runs import (
     column,
@@ -131,7 +132,7 @@ def test_only_paths_of_one_time_are_compared(monkeypatch: pytest.MonkeyPatch) ->
         compared += 1
         return 0.1
 
-    monkeypatch.setattr(paths, "_apart", apart)
+    monkeypatch.setattr(zones, "_apart", apart)
     place = np.zeros(2)
     sensors = [{k: Trajectory(np.array([10 * k, 10 * k + 5]) + late, place, place) for k in range(300)} for late in (0, 1)]
     begin = time.process_time()

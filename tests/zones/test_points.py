@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.zones.points import SAMPLES, bounds, distance_to, samples, seen
+from lidarcli.formalism.zones import SAMPLES, bounds, distance_to, samples, seen
 from lidarcli.masks import Circle, Polygon
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import SweepPoses

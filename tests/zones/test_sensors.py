@@ -12,7 +12,7 @@ import pytest
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.errors import NoScanError, OptionError
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS
 from lidarcli.simulation.scene import Course, Scene, Sensor
 from lidarcli.sweeps import TURN, RawSweeps

@@ -11,7 +11,7 @@ import pytest
 
 import lidarcli
 from lidarcli.cli import run
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Odometry
 from lidarcli.sweeps import Float64
 from tests.zones.runs import (

@@ -17,11 +17,10 @@ import lz4.frame
 import numpy as np
 import zstandard
 
-from lidarcli.simulation.csv_writer import LAYOUTS
 from lidarcli.simulation.generate import SimulatedPoses
 from lidarcli.simulation.scene import Odometry
-from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
+from tests.text_logs import LAYOUTS, write_log
 from tools.fuzz.mutate import Random, mutate
 
 SWEEPS = 10
@@ -92,7 +91,7 @@ def _written(log: str, container: str | None = None, with_poses: bool = True, li
         path = Path(folder) / log
         if container in ("csv", "rplidar"):
             write_log(path, blocks[:1], container=container, **options)
-        elif container in ("carmen", "aria", "player"):
+        elif container == "carmen":
             write_log(path, blocks[:1], container=container, poses=poses() if with_poses else None)
         else:
             write_log(path, blocks, container=container, poses=poses(), **options)
@@ -249,7 +248,11 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
     "db3": partial(_written, "run.db3"),
     **{f"ros2-{compression}": partial(_folder, "ros2", compression) for compression in ("none", "zstd", "zstd-message")},
     "ros2-mcap": partial(_folder, "ros2-mcap", "none"),
-    **{f"csv-{layout}": partial(_csv, "run" if layout == "per-sweep" else "run.csv", layout) for layout in LAYOUTS},
+    **{
+        f"csv-{layout}": partial(_csv, "run" if layout == "per-sweep" else "run.csv", layout)
+        for layout in LAYOUTS
+        if layout != "drow"
+    },
     "csv-gz": partial(_csv, "run.csv.gz", "rostopic"),
     **{
         f"clouds-mcap-{encoding}": partial(_mcap, encoding, "zstd", lit, 8000, True)
@@ -261,14 +264,9 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
     "carmen": partial(_text, "carmen", "run.log"),
     "carmen-raw": partial(_text, "carmen", "run.clf", False),
     "carmen-gz": partial(_text, "carmen", "run.log.gz"),
-    **{
-        f"{container}{kind}": partial(_text, container, f"run.{suffix}{packed}")
-        for container, suffix in (("aria", "2d"), ("player", "log"))
-        for kind, packed in (("", ""), ("-gz", ".gz"))
-    },
     "rplidar": partial(_rplidar, "run.txt"),
     "rplidar-gz": partial(_rplidar, "run.txt.gz"),
-    "jsonl": partial(_written, "run.jsonl"),
+    "jsonl": partial(_jsonl, "run.jsonl"),
     "jsonl-gz": partial(_jsonl, "run.jsonl.gz"),
     **{f"mcap-{encoding}-lit": partial(_mcap, encoding, "none", True) for encoding in ("cdr", "ros1", "json")},
     **{f"mcap-{encoding}-echoes": partial(_echoes, encoding) for encoding in ("cdr", "ros1")},

@@ -15,8 +15,8 @@ import numpy as np
 from PIL import Image
 
 from lidarcli.errors import UnreadableError
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy, UnlikeError, compare
-from lidarcli.maps.mapserver import pgm_bytes, read_map, yaml_bytes
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy, UnlikeError, compare
+from lidarcli.maps import pgm_bytes, read_map, yaml_bytes
 from lidarcli.pose.tracks import read_trajectory, trajectory_lines
 from tools.fuzz.commands import judge_commands
 from tools.fuzz.logs import LONGEST, odd_lines

@@ -8,10 +8,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli import native
-from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED
+import numpy as np
+
+from lidarcli import native, sweeps
+from lidarcli.formalism import detection
 
 NAN = float("nan")
+USES = 0, 1, 2
+"""Uses of a beam: none, it ended in a cell, or it only passed cells."""
+SKIPPED, HIT, _ = USES
 ORIGIN = 1 << 33
 """Column and row of the origin of the world, in cells from a corner far outside."""
 ORIGIN_CELLS = float(ORIGIN)
@@ -22,7 +27,7 @@ def place(ranges: Any, use: Any, beams: Any, angle_min: Any, angle_increment: An
 
     Parameters
     ----------
-    ranges, use : (S, B) float32 [m], and uint8 use of each beam (`occupancy.HIT`)
+    ranges, use : (S, B) float32 [m], and uint8 use of each beam (`grid.HIT`)
     beams : (S,) int32 number of beams of each sweep
     angle_min, angle_increment : (S,) float64 [rad]
     poses : (S, 4) float64 x, y, yaw and side of the sensor at the first beam, the side -1 where it hangs head down
@@ -135,3 +140,222 @@ def _count(passed: Any, seen: Any, stamp: int, cell: int) -> None:
     if seen[cell] != stamp:
         seen[cell] = stamp
         passed[cell] += 1
+
+
+# Votes on the cells of the ground: bodies give them their log-odds of being things, and a body is told by its cells.
+#
+# A body is in all cells that its beams end in. Beams next to each other that end in one cell are one vote.
+
+NO_BODY = -1
+"""Body of a beam that is in none."""
+COUNT_BITS = 27
+"""Bits of a cell for the number of its votes; those above hold their sum: room for 2 ** 27 votes of up to 256."""
+
+
+class Ends:
+    """Beams of a batch of S sweeps, the bodies that they belong to, and where they end in the world."""
+
+    def __init__(
+        self, batch: sweeps.SweepBatch, found: detection.Detection, poses: Any, way: Any, farthest: float, step: float
+    ) -> None:
+        """
+        Parameters
+        ----------
+        batch : S sweeps
+        found : bodies in them
+        poses : (S, 4) x, y, yaw and side of the sensor at the first beam, as of `place`
+        way : (S, 3) way of the sensor in x, y, yaw until the last beam
+        farthest : greatest range of a beam that is of use [m]
+        step : greatest difference of the ranges of neighbours on one surface [m]
+        """
+        geometry = np.column_stack([batch.angle_min, batch.angle_increment])
+        shared = bool((geometry == geometry[:1]).all())
+        theta = batch.rows(np.arange(len(batch))[: 1 if shared else None]).bearings()
+        columns = (
+            (batch.ranges, np.float32),
+            (batch.beams, np.int32),
+            (np.searchsorted(found.row, np.arange(len(batch) + 1)), np.int64),
+            (found.beam_i, np.int32),
+            (found.beam_f, np.int32),
+            (np.cos(theta), np.float64),
+            (np.sin(theta), np.float64),
+            (batch.angle_min, np.float64),
+            (batch.angle_increment, np.float64),
+            (poses, np.float64),
+            (np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])]), np.float64),
+            (way, np.float64),
+            (way.any(axis=1), np.uint8),
+        )
+        self.owner: list[Any] = [np.require(values, kind, ["C", "A"]) for values, kind in columns]
+        self.width = batch.width
+        self.farthest = farthest
+        self.step = step
+        self.ranges = native.at_singles(self.owner[0])
+        self.beams = native.at_ints(self.owner[1])
+        self.offsets = native.at_longs(self.owner[2])
+        self.beam_i = native.at_ints(self.owner[3])
+        self.beam_f = native.at_ints(self.owner[4])
+        self.cos = native.at_doubles(self.owner[5])
+        self.sin = native.at_doubles(self.owner[6])
+        self.angle_min = native.at_doubles(self.owner[7])
+        self.angle_increment = native.at_doubles(self.owner[8])
+        self.poses = native.at_doubles(self.owner[9])
+        self.heading = native.at_doubles(self.owner[10])
+        self.way = native.at_doubles(self.owner[11])
+        self.going = native.at_bytes(self.owner[12])
+        self.directions = 0 if shared else self.width
+        """From the directions of one sweep to those of the next."""
+        self.body = native.integers(self.owner, self.width)
+        """Body of each beam of the sweep at hand; where a body lies within another, it has its own beams."""
+        self.beam = native.integers(self.owner, self.width)
+        """Beams of the sweep at hand that are of use, and where they end [m]:"""
+        self.x = native.doubles(self.owner, self.width)
+        self.y = native.doubles(self.owner, self.width)
+
+
+def place_ends(ends: Ends, rows: Any, end: Any) -> None:
+    """Compute the ends of the beams of some sweeps.
+
+    Parameters
+    ----------
+    rows : (R,) int64 rows of the sweeps
+    end : (2, R, B) float64 to write to, x and y [m]; NaN where a beam is skipped
+    """
+    index, out = native.at_longs(rows), native.at_doubles(end)
+    _, count, width = end.shape
+    lock = native.release()
+    for number in range(count):
+        used = 0
+        for k in range(width):
+            at = number * width + k
+            out[at] = out[count * width + at] = NAN
+            ends.beam[used] = k
+            used += ends.ranges[index[number] * width + k] <= ends.farthest
+        _lay(ends, index[number], used)
+        for k in range(used):
+            at = number * width + ends.beam[k]
+            out[at], out[count * width + at] = ends.x[k], ends.y[k]
+    native.resume(lock)
+
+
+def cast(ends: Ends, rows: Any, vote: Any, building: int, votes: Any, resolution: float, column: int, row: int) -> None:
+    """Add the votes of some sweeps.
+
+    Parameters
+    ----------
+    rows : (R,) int64 rows of the sweeps, of which all beams end within the cells
+    vote : (K,) int64 log-odds of each body, in any unit
+    building : vote of a beam on a surface without a body
+    votes : (H, W) int64 sum of the votes times 2 ** `COUNT_BITS`, and number of them, to be added to
+    resolution : side of a cell [m]
+    column, row : lower left corner of cell (0, 0), in cells from the origin of the world
+    """
+    across = votes.shape[1]
+    index, says = native.at_longs(rows), native.at_longs(vote)
+    given = native.at_longs(votes)
+    cells = 1.0 / resolution
+    first = (row + ORIGIN) * across + column + ORIGIN
+    count = len(rows)
+    lock = native.release()
+    for number in range(count):
+        last, body = -1, NO_BODY
+        for k in range(_use(ends, index[number], True)):
+            cell, owner = _cell(ends, k, cells, across) - first, ends.body[ends.beam[k]]
+            # Without a branch, as nobody can foresee which beam is the first in its cell.
+            is_new = (cell != last) | (owner != body)
+            last, body = cell, owner
+            given[cell] += is_new * ((says[owner] if owner >= 0 else building) * (1 << COUNT_BITS) + 1)
+    native.resume(lock)
+
+
+def poll(ends: Ends, rows: Any, votes: Any, line: Any, resolution: float, column: int, row: int, found: Any) -> None:
+    """Sum up what the cells of each body say, and those around them.
+
+    Parameters
+    ----------
+    rows, votes, resolution, column, row : as of `cast`; no cell is at the edge
+    line : (H, W) uint8, 1 for a cell on a line of the map
+    found : (K, 4) int64 to be added to: sum of the votes, their number, number of cells on a line, and of all cells
+    """
+    across = votes.shape[1]
+    index, out = native.at_longs(rows), native.at_longs(found)
+    given, on_line = native.at_longs(votes), native.at_bytes(line)
+    cells = 1.0 / resolution
+    first = (row + ORIGIN) * across + column + ORIGIN
+    count = len(rows)
+    lock = native.release()
+    for number in range(count):
+        last, body = -1, NO_BODY
+        for k in range(_use(ends, index[number], False)):
+            cell, owner = _cell(ends, k, cells, across) - first, ends.body[ends.beam[k]]
+            if cell == last and owner == body:
+                continue
+            last, body, total = cell, owner, 0
+            for beside in range(-1, 2):
+                near = cell + beside * across
+                total += given[near - 1] + given[near] + given[near + 1]
+            out[4 * body] += total >> COUNT_BITS
+            out[4 * body + 1] += total & ((1 << COUNT_BITS) - 1)
+            out[4 * body + 2] += on_line[cell]
+            out[4 * body + 3] += 1
+    native.resume(lock)
+
+
+def _use(ends: Ends, sweep: int, surfaces: bool) -> int:
+    """List the beams of a sweep that are of use, those of bodies and perhaps on surfaces, and return their number.
+
+    A beam without a body is on a surface if both of its neighbours are, too: scraps of one or two beams are not.
+    """
+    count, first, used = ends.beams[sweep], sweep * ends.width, 0
+    for k in range(count):
+        ends.body[k] = NO_BODY
+    for body in range(ends.offsets[sweep], ends.offsets[sweep + 1]):
+        k = ends.beam_i[body]
+        for _ in range(count):
+            ends.body[k] = body
+            if k == ends.beam_f[body]:
+                break
+            k = k + 1 if k + 1 < count else 0
+    goes_on = False
+    for k in range(count):
+        at, came = first + k, goes_on
+        goes_on = k + 1 < count and (
+            (abs(ends.ranges[at + 1] - ends.ranges[at]) < ends.step)
+            & (ends.body[k] == NO_BODY)
+            & (ends.body[k + 1] == NO_BODY)
+        )
+        ends.beam[used] = k
+        used += (ends.ranges[at] <= ends.farthest) & ((ends.body[k] >= 0) | (surfaces & came & goes_on))
+    _lay(ends, sweep, used)
+    return used
+
+
+def _lay(ends: Ends, sweep: int, used: int) -> None:
+    """Compute where the beams of use end, each seen from the pose of the sensor at its own time."""
+    x, y = ends.poses[4 * sweep], ends.poses[4 * sweep + 1]
+    yaw, side = ends.poses[4 * sweep + 2], ends.poses[4 * sweep + 3]
+    first = sweep * ends.width
+    if not ends.going[sweep]:
+        cos, sin, at = ends.heading[2 * sweep], ends.heading[2 * sweep + 1], sweep * ends.directions
+        for k in range(used):
+            beam = ends.beam[k]
+            ahead = ends.ranges[first + beam] * ends.cos[at + beam]
+            left = ends.ranges[first + beam] * (side * ends.sin[at + beam])
+            ends.x[k] = x + (cos * ahead - sin * left)
+            ends.y[k] = y + (sin * ahead + cos * left)
+        return
+    last = 1.0 * max(ends.beams[sweep] - 1, 1)
+    for k in range(used):
+        beam = ends.beam[k]
+        share = beam / last
+        theta = yaw + share * ends.way[3 * sweep + 2]
+        theta += side * (ends.angle_min[sweep] + ends.angle_increment[sweep] * beam)
+        r = ends.ranges[first + beam]
+        ends.x[k] = x + share * ends.way[3 * sweep] + r * math.cos(theta)
+        ends.y[k] = y + share * ends.way[3 * sweep + 1] + r * math.sin(theta)
+
+
+def _cell(ends: Ends, k: int, cells: float, across: int) -> int:
+    """Return the number of the cell of an end, from a corner far outside: `cells` are a metre, `across` a row."""
+    line, along = int(ends.y[k] * cells + ORIGIN_CELLS), int(ends.x[k] * cells + ORIGIN_CELLS)
+    return line * across + along

@@ -8,9 +8,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidarcli.formalism.mapping.counts import BLOCK, Beams, Counts, TooLargeError
-from lidarcli.formalism.mapping.occupancy import FREE, HIT, OCCUPIED, UNKNOWN, Int8, Occupancy
-from lidarcli.formalism.matching.runs import Motion
+from lidarcli.formalism.mapping.grid import (
+    BLOCK,
+    FREE,
+    HIT,
+    OCCUPIED,
+    UNKNOWN,
+    Beams,
+    Counts,
+    Int8,
+    Occupancy,
+    TooLargeError,
+)
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, record
 
 SEEN_FREE = 3
@@ -31,6 +40,30 @@ AT_ONCE = 1 << 18
 """Number of cells that are worked on at once."""
 FAR_CORNER = float(1 << 33)
 """Column and row of the origin of the world, in cells from a corner far outside, so that all cells are positive."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Motion from the coordinates of a run to those of the first one: a turn [rad], then a shift [m]."""
+
+    angle: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+
+    def of(self, x: Float64, y: Float64) -> tuple[Float64, Float64]:
+        """Return places in the coordinates of the first run [m]."""
+        cos, sin = math.cos(self.angle), math.sin(self.angle)
+        return self.x + cos * x - sin * y, self.y + sin * x + cos * y
+
+    @property
+    def inverse(self) -> Motion:
+        """The motion back."""
+        cos, sin = math.cos(self.angle), math.sin(self.angle)
+        return Motion(-self.angle, -cos * self.x - sin * self.y, sin * self.x - cos * self.y)
+
+
+HERE = Motion()
+"""Motion of a run in the coordinates of the first one."""
 
 
 @record

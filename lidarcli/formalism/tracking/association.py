@@ -12,9 +12,9 @@ from typing import Any
 
 from lidarcli import native
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.formalism.tracking import belief, estimation, observation
-from lidarcli.formalism.tracking.estimation import Bodies, Sides, Sightings
-from lidarcli.formalism.tracking.observation import Views
+from lidarcli.formalism.tracking import kalman, measurement, track_evidence
+from lidarcli.formalism.tracking.kalman import EdgeMeasurement, Sightings, Targets
+from lidarcli.formalism.tracking.measurement import Measurements
 
 INFINITY = float("inf")
 GATE = 6.25
@@ -64,201 +64,211 @@ JOINT_LEGS_VAR = 0.01
 PERSONS_APART = 0.45
 """[m] Least distance between two persons who have two legs together."""
 MERGED_GAIN = 2
-"""Each sweep in which they are nearer counts as so many of `belief.DUPLICATE_SWEEPS`."""
+"""Each sweep in which they are nearer counts as so many of `track_evidence.DUPLICATE_SWEEPS`."""
 PERSON_RADIUS = 0.2
 """[m] Half of the width of a person at the legs."""
 
 
-class Pairs:
+class Candidates:
     """Candidate pairs of a body and a view, by body: `count` of them, and room for `most`."""
 
-    def __init__(self, bodies: int, views: int) -> None:
+    def __init__(self, targets: int, measurements: int) -> None:
         self.owner: list[Any] = []
-        self.most = 8 * (bodies + views) + 64
+        self.capacity = 8 * (targets + measurements) + 64
         self.count = 0
-        self.body = native.integers(self.owner, self.most)
-        self.view = native.integers(self.owner, self.most)
-        self.cost = native.doubles(self.owner, self.most)
-        self.group = native.integers(self.owner, bodies + views)
+        self.target = native.integers(self.owner, self.capacity)
+        self.measurement = native.integers(self.owner, self.capacity)
+        self.cost = native.doubles(self.owner, self.capacity)
+        self.group = native.integers(self.owner, targets + measurements)
         """Group of each body, then of each view: the lowest index of a body or view that is connected with it."""
-        self.place = native.integers(self.owner, bodies + views)
+        self.place = native.integers(self.owner, targets + measurements)
         """Row or column of each body and view in the current assignment."""
-        self.member = native.integers(self.owner, bodies + views)
+        self.member = native.integers(self.owner, targets + measurements)
         """Bodies, then views, of the current assignment."""
-        self.next = native.integers(self.owner, self.most)
-        self.head = native.integers(self.owner, bodies + views)
+        self.next = native.integers(self.owner, self.capacity)
+        self.head = native.integers(self.owner, targets + measurements)
         """First pair of each group; `next` is the pair that follows, -1 at the end."""
 
 
-def associate(pairs: Pairs, task: Assignment, sides: Sides, bodies: Bodies, views: Views, owner: Any) -> None:
+def associate(
+    candidates: Candidates,
+    assignment: Assignment,
+    sides: EdgeMeasurement,
+    targets: Targets,
+    measurements: Measurements,
+    assigned: Any,
+) -> None:
     """Fill in `bodies.view`, and `owner`: the body of each view, -1 for none."""
-    _pair_views(pairs, sides, bodies, views)
-    for b in range(bodies.high):
-        bodies.view[b] = -1
-    for k in range(views.count):
-        owner[k] = -1
-    _chain(pairs, bodies)
-    for i in range(pairs.count):
-        if pairs.head[pairs.group[pairs.body[i]]] >= 0:
-            _assign_group(pairs, task, bodies, owner, pairs.group[pairs.body[i]])
+    _gate(candidates, sides, targets, measurements)
+    for b in range(targets.slots_used):
+        targets.measurement[b] = -1
+    for k in range(measurements.count):
+        assigned[k] = -1
+    _cluster(candidates, targets)
+    for i in range(candidates.count):
+        if candidates.head[candidates.group[candidates.target[i]]] >= 0:
+            _assign_group(candidates, assignment, targets, assigned, candidates.group[candidates.target[i]])
 
 
-def _pair_views(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views) -> None:
+def _gate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, measurements: Measurements) -> None:
     """Collect all pairs within the gate."""
-    pairs.count = 0
-    for b in range(bodies.high):
-        if bodies.state[b] != estimation.LIVE or bodies.kind[b] == estimation.PERSON:
+    candidates.count = 0
+    for b in range(targets.slots_used):
+        if targets.state[b] != kalman.LIVE or targets.kind[b] == kalman.PERSON:
             continue
-        x, y = estimation.centre(bodies, b)
-        moved_x, moved_y = x - bodies.from_x[b], y - bodies.from_y[b]
-        x, y = bodies.middle_x[b] + moved_x, bodies.middle_y[b] + moved_y
-        size = 2.0 * math.sqrt(bodies.h[2 * b] * bodies.h[2 * b] + bodies.h[2 * b + 1] * bodies.h[2 * b + 1])
-        var = 0.5 * (bodies.cc[2 * b] + bodies.cc[2 * b + 1])
+        x, y = kalman.centre(targets, b)
+        moved_x, moved_y = x - targets.from_x[b], y - targets.from_y[b]
+        x, y = targets.middle_x[b] + moved_x, targets.middle_y[b] + moved_y
+        size = 2.0 * math.sqrt(targets.h[2 * b] * targets.h[2 * b] + targets.h[2 * b + 1] * targets.h[2 * b + 1])
+        var = 0.5 * (targets.cc[2 * b] + targets.cc[2 * b + 1])
         reach = CENTROID_SD + CENTROID_SD_SIZE * size + math.sqrt(var)
-        if views.pose_var > 0.0 or views.pose_turn_var > 0.0:
-            dx, dy = x - views.x, y - views.y
-            reach += math.sqrt(views.pose_var + views.pose_turn_var * (dx * dx + dy * dy))
+        if measurements.pose_var > 0.0 or measurements.pose_turn_var > 0.0:
+            dx, dy = x - measurements.x, y - measurements.y
+            reach += math.sqrt(measurements.pose_var + measurements.pose_turn_var * (dx * dx + dy * dy))
         most = min(math.sqrt(GATE) * reach, FARTHEST_VIEW)
-        precedence = _precedence(bodies, views, b)
-        for k in range(views.count):
-            dx, dy = views.middle_x[k] - x, views.middle_y[k] - y
+        precedence = _precedence(targets, measurements, b)
+        for k in range(measurements.count):
+            dx, dy = measurements.middle_x[k] - x, measurements.middle_y[k] - y
             far = dx * dx + dy * dy
             if far > most * most:
                 continue
-            cost = far / (reach * reach) + NEWCOMER_COST * (1.0 - bodies.existence[b])
-            cost += _misfit(sides, bodies, views, b, k)
-            if cost < GATE and pairs.count < pairs.most:
-                i = pairs.count
-                pairs.body[i], pairs.view[i], pairs.cost[i] = b, k, cost + precedence
-                pairs.count += 1
+            cost = far / (reach * reach) + NEWCOMER_COST * (1.0 - targets.existence[b])
+            cost += _assignment_cost(sides, targets, measurements, b, k)
+            if cost < GATE and candidates.count < candidates.capacity:
+                i = candidates.count
+                candidates.target[i], candidates.measurement[i], candidates.cost[i] = b, k, cost + precedence
+                candidates.count += 1
 
 
-def _precedence(bodies: Bodies, views: Views, b: int) -> float:
+def _precedence(targets: Targets, measurements: Measurements, b: int) -> float:
     """Return the cost of a body for what it is, before any view: `bodies.view` is still that of the sweep before."""
-    if not views.is_placed or bodies.member[b] != 0:
+    if not measurements.is_placed or targets.member[b] != 0:
         return 0.0
     cost = 0.0
-    if bodies.view[b] >= 0 and bodies.h[2 * b] + bodies.h[2 * b + 1] > SLIMMEST_LASTING:
+    if targets.measurement[b] >= 0 and targets.h[2 * b] + targets.h[2 * b + 1] > SLIMMEST_LASTING:
         cost -= SEEN_BEFORE
-    if bodies.same_as[b] != 0 and bodies.sightings[b] < DUPLICATE_SIGHTINGS:
+    if targets.same_as[b] != 0 and targets.sightings[b] < DUPLICATE_SIGHTINGS:
         cost += DUPLICATE_COST
     return cost
 
 
-def _misfit(sides: Sides, bodies: Bodies, views: Views, b: int, k: int) -> float:
+def _assignment_cost(sides: EdgeMeasurement, targets: Targets, measurements: Measurements, b: int, k: int) -> float:
     """Return the cost of a view whose sides and size differ from those of a body."""
-    estimation.measure(sides, views, k, bodies, b, observation.pose_variance(views, k))
+    kalman.measure(sides, measurements, k, targets, b, measurement.pose_variance(measurements, k))
     total, number = 0.0, 0.0
     for side in range(4):
         if sides.var[side] < 0.0 or (sides.by_centre and (side == 1 or side == 3)):
             continue
         sign = 0.0 if sides.by_centre else (1.0 if side == 1 or side == 3 else -1.0)
-        off, s = estimation.residual(bodies, 2 * b + side // 2, sides.z[side], sign, sides.var[side])
+        off, s = kalman.residual(targets, 2 * b + side // 2, sides.z[side], sign, sides.var[side])
         total += min(off * off / s, MOST_SIDE_COST)
         number += 1.0
     cost = 0.5 * total / number if number > 0.0 else 0.0
-    if bodies.whole[b] >= 3 and not observation.is_partial(views, k):
-        size = math.sqrt(views.length[k] * views.length[k] + views.width[k] * views.width[k])
-        off = (size - bodies.size[b]) / (SIZE_SD + 0.2 * bodies.size[b])
+    if targets.whole[b] >= 3 and not measurement.is_partial(measurements, k):
+        size = math.sqrt(measurements.length[k] * measurements.length[k] + measurements.width[k] * measurements.width[k])
+        off = (size - targets.size[b]) / (SIZE_SD + 0.2 * targets.size[b])
         cost += min(off * off, MOST_SIZE_COST)
     return cost
 
 
-def _chain(pairs: Pairs, bodies: Bodies) -> None:
+def _cluster(candidates: Candidates, targets: Targets) -> None:
     """Group the pairs that are connected by shared bodies or views, and chain the pairs of each group."""
-    n = bodies.most
-    for i in range(pairs.count):
-        b, k = pairs.body[i], n + pairs.view[i]
-        pairs.group[b], pairs.group[k] = b, k
-        pairs.head[b] = pairs.head[k] = -1
-    for i in range(pairs.count):
-        one, other = _root(pairs, pairs.body[i]), _root(pairs, n + pairs.view[i])
+    n = targets.capacity
+    for i in range(candidates.count):
+        b, k = candidates.target[i], n + candidates.measurement[i]
+        candidates.group[b], candidates.group[k] = b, k
+        candidates.head[b] = candidates.head[k] = -1
+    for i in range(candidates.count):
+        one, other = _root(candidates, candidates.target[i]), _root(candidates, n + candidates.measurement[i])
         if one != other:
-            pairs.group[max(one, other)] = min(one, other)
-    for i in range(pairs.count):
-        b, k = pairs.body[i], n + pairs.view[i]
-        pairs.group[b] = _root(pairs, b)
-        pairs.group[k] = pairs.group[b]
+            candidates.group[max(one, other)] = min(one, other)
+    for i in range(candidates.count):
+        b, k = candidates.target[i], n + candidates.measurement[i]
+        candidates.group[b] = _root(candidates, b)
+        candidates.group[k] = candidates.group[b]
     # From the last to the first, so that each chain begins with its first pair.
-    for i in range(pairs.count - 1, -1, -1):
-        root = pairs.group[pairs.body[i]]
-        pairs.next[i] = pairs.head[root]
-        pairs.head[root] = i
+    for i in range(candidates.count - 1, -1, -1):
+        root = candidates.group[candidates.target[i]]
+        candidates.next[i] = candidates.head[root]
+        candidates.head[root] = i
 
 
-def _root(pairs: Pairs, at: int) -> int:
-    while pairs.group[at] != at:
-        pairs.group[at] = pairs.group[pairs.group[at]]
-        at = pairs.group[at]
+def _root(candidates: Candidates, at: int) -> int:
+    while candidates.group[at] != at:
+        candidates.group[at] = candidates.group[candidates.group[at]]
+        at = candidates.group[at]
     return at
 
 
-def _assign_group(pairs: Pairs, task: Assignment, bodies: Bodies, owner: Any, root: int) -> None:
+def _assign_group(candidates: Candidates, assignment: Assignment, targets: Targets, assigned: Any, root: int) -> None:
     """Solve the assignment of one group of pairs."""
-    n = bodies.most
-    begin = pairs.head[root]
-    pairs.head[root] = -1
-    if pairs.next[begin] < 0:
-        bodies.view[pairs.body[begin]], owner[pairs.view[begin]] = pairs.view[begin], pairs.body[begin]
+    n = targets.capacity
+    begin = candidates.head[root]
+    candidates.head[root] = -1
+    if candidates.next[begin] < 0:
+        targets.measurement[candidates.target[begin]], assigned[candidates.measurement[begin]] = (
+            candidates.measurement[begin],
+            candidates.target[begin],
+        )
         return
     rows, columns = 0, 0
     i = begin
     while i >= 0:
-        pairs.place[pairs.body[i]] = pairs.place[n + pairs.view[i]] = -1
-        i = pairs.next[i]
+        candidates.place[candidates.target[i]] = candidates.place[n + candidates.measurement[i]] = -1
+        i = candidates.next[i]
     i = begin
     while i >= 0:
-        b, k = pairs.body[i], n + pairs.view[i]
-        if pairs.place[b] < 0:
-            pairs.place[b] = rows
-            pairs.member[rows] = b
+        b, k = candidates.target[i], n + candidates.measurement[i]
+        if candidates.place[b] < 0:
+            candidates.place[b] = rows
+            candidates.member[rows] = b
             rows += 1
-        if pairs.place[k] < 0:
-            pairs.place[k] = columns
-            pairs.member[n + columns] = pairs.view[i]
+        if candidates.place[k] < 0:
+            candidates.place[k] = columns
+            candidates.member[n + columns] = candidates.measurement[i]
             columns += 1
-        i = pairs.next[i]
-    task.rows, task.columns = rows, columns
+        i = candidates.next[i]
+    assignment.rows, assignment.columns = rows, columns
     for j in range(rows * columns):
-        task.cost[j] = INFINITY
+        assignment.cost[j] = INFINITY
     i = begin
     while i >= 0:
-        at = pairs.place[pairs.body[i]] * columns + pairs.place[n + pairs.view[i]]
-        task.cost[at] = pairs.cost[i]
-        i = pairs.next[i]
-    solve(task, GATE)
+        at = candidates.place[candidates.target[i]] * columns + candidates.place[n + candidates.measurement[i]]
+        assignment.cost[at] = candidates.cost[i]
+        i = candidates.next[i]
+    solve(assignment, GATE)
     for row in range(rows):
-        if task.column[row] >= 0:
-            b, k = pairs.member[row], pairs.member[n + task.column[row]]
-            bodies.view[b], owner[k] = k, b
+        if assignment.column[row] >= 0:
+            b, k = candidates.member[row], candidates.member[n + assignment.column[row]]
+            targets.measurement[b], assigned[k] = k, b
 
 
-def join_parts(bodies: Bodies, views: Views, owner: Any) -> None:
+def merge_fragments(targets: Targets, measurements: Measurements, assigned: Any) -> None:
     """Make a view without a body a part of a body that is seen elsewhere, if a hidden edge of the view lies inside it.
 
     Such a view gets `owner` = -2 - body.
     """
-    for k in range(views.count):
-        if owner[k] != -1 or not observation.is_partial(views, k):
+    for k in range(measurements.count):
+        if assigned[k] != -1 or not measurement.is_partial(measurements, k):
             continue
         best, least = -1, PART_MARGIN
-        for b in range(bodies.high):
-            if bodies.state[b] != estimation.LIVE or bodies.view[b] < 0 or bodies.sightings[b] < 3:
+        for b in range(targets.slots_used):
+            if targets.state[b] != kalman.LIVE or targets.measurement[b] < 0 or targets.sightings[b] < 3:
                 continue
-            out = estimation.outside(bodies, b, views.middle_x[k], views.middle_y[k])
-            if not observation.is_partial(views, bodies.view[b]):
+            out = kalman.outside(targets, b, measurements.middle_x[k], measurements.middle_y[k])
+            if not measurement.is_partial(measurements, targets.measurement[b]):
                 # A body that is seen whole has no further parts, unless it is ragged.
                 out += 1.5 * PART_MARGIN
-            if out < least and _has_room(bodies, b, views, k):
+            if out < least and _fits_in(targets, b, measurements, k):
                 best, least = b, out
         if best >= 0:
-            owner[k] = -2 - best
+            assigned[k] = -2 - best
 
 
-def _has_room(bodies: Bodies, b: int, views: Views, k: int) -> bool:
+def _fits_in(targets: Targets, b: int, measurements: Measurements, k: int) -> bool:
     """Return whether a body is large enough for a view to be a part of it."""
-    size = math.sqrt(bodies.h[2 * b] * bodies.h[2 * b] + bodies.h[2 * b + 1] * bodies.h[2 * b + 1])
-    return views.chord[k] <= 2.0 * size + PART_MARGIN
+    size = math.sqrt(targets.h[2 * b] * targets.h[2 * b] + targets.h[2 * b + 1] * targets.h[2 * b + 1])
+    return measurements.chord[k] <= 2.0 * size + PART_MARGIN
 
 
 class Assignment:
@@ -276,85 +286,92 @@ class Assignment:
         """Column of each row, -1 for none."""
         self.row_price = native.doubles(self.owner, most_rows + 1)
         self.column_price = native.doubles(self.owner, wide)
-        self.taken_by = native.integers(self.owner, wide)
+        self.assigned_row = native.integers(self.owner, wide)
         self.before = native.integers(self.owner, wide)
         self.least = native.doubles(self.owner, wide)
         self.done = native.integers(self.owner, wide)
 
 
-def solve(task: Assignment, without: float) -> None:
+def solve(assignment: Assignment, without: float) -> None:
     """Fill in `column` by successive shortest augmenting paths. `without`: cost of a row without a column."""
-    wide = task.columns + task.rows
+    wide = assignment.columns + assignment.rows
     # Rows and columns count from 1; 0 is none.
     for j in range(wide + 1):
-        task.column_price[j] = 0.0
-        task.taken_by[j] = 0
-    for i in range(task.rows + 1):
-        task.row_price[i] = 0.0
-    for i in range(1, task.rows + 1):
-        _augment(task, i, wide, without)
-    for i in range(task.rows):
-        task.column[i] = -1
-    for j in range(1, task.columns + 1):
-        if task.taken_by[j] > 0:
-            task.column[task.taken_by[j] - 1] = j - 1
+        assignment.column_price[j] = 0.0
+        assignment.assigned_row[j] = 0
+    for i in range(assignment.rows + 1):
+        assignment.row_price[i] = 0.0
+    for i in range(1, assignment.rows + 1):
+        _augment(assignment, i, wide, without)
+    for i in range(assignment.rows):
+        assignment.column[i] = -1
+    for j in range(1, assignment.columns + 1):
+        if assignment.assigned_row[j] > 0:
+            assignment.column[assignment.assigned_row[j] - 1] = j - 1
 
 
-def _augment(task: Assignment, row: int, wide: int, without: float) -> None:
+def _augment(assignment: Assignment, row: int, wide: int, without: float) -> None:
     """Give a row a column along the cheapest path of changes (Dijkstra with prices)."""
-    task.taken_by[0] = row
+    assignment.assigned_row[0] = row
     at = 0
     for j in range(wide + 1):
-        task.least[j] = INFINITY
-        task.done[j] = 0
-    while task.taken_by[at] != 0:
-        task.done[at] = 1
-        i = task.taken_by[at]
+        assignment.least[j] = INFINITY
+        assignment.done[j] = 0
+    while assignment.assigned_row[at] != 0:
+        assignment.done[at] = 1
+        i = assignment.assigned_row[at]
         step, next_at = INFINITY, 0
         for j in range(1, wide + 1):
-            if task.done[j]:
+            if assignment.done[j]:
                 continue
-            if j <= task.columns:
-                cost = task.cost[(i - 1) * task.columns + j - 1]
+            if j <= assignment.columns:
+                cost = assignment.cost[(i - 1) * assignment.columns + j - 1]
             else:
-                cost = without if j - task.columns == i else INFINITY
-            reduced = cost - task.row_price[i] - task.column_price[j]
-            if reduced < task.least[j]:
-                task.least[j] = reduced
-                task.before[j] = at
-            if task.least[j] < step:
-                step, next_at = task.least[j], j
+                cost = without if j - assignment.columns == i else INFINITY
+            reduced = cost - assignment.row_price[i] - assignment.column_price[j]
+            if reduced < assignment.least[j]:
+                assignment.least[j] = reduced
+                assignment.before[j] = at
+            if assignment.least[j] < step:
+                step, next_at = assignment.least[j], j
         for j in range(wide + 1):
-            if task.done[j]:
-                task.row_price[task.taken_by[j]] += step
-                task.column_price[j] -= step
+            if assignment.done[j]:
+                assignment.row_price[assignment.assigned_row[j]] += step
+                assignment.column_price[j] -= step
             else:
-                task.least[j] -= step
+                assignment.least[j] -= step
         at = next_at
     while at != 0:
-        previous = task.before[at]
-        task.taken_by[at] = task.taken_by[previous]
+        previous = assignment.before[at]
+        assignment.assigned_row[at] = assignment.assigned_row[previous]
         at = previous
 
 
 class Persons:
     """Room for candidate pairs of a person and a view of one sweep."""
 
-    def __init__(self, views: int) -> None:
+    def __init__(self, measurements: int) -> None:
         self.owner: list[Any] = []
-        self.most = 8 * views + 64
+        self.capacity = 8 * measurements + 64
         self.count = 0
-        self.person = native.integers(self.owner, self.most)
-        self.view = native.integers(self.owner, self.most)
-        self.cost = native.doubles(self.owner, self.most)
-        self.entry = native.integers(self.owner, views)
+        self.person = native.integers(self.owner, self.capacity)
+        self.measurement = native.integers(self.owner, self.capacity)
+        self.cost = native.doubles(self.owner, self.capacity)
+        self.entry = native.integers(self.owner, measurements)
         """Index of the sighting of each view in the log, -1 for none."""
-        self.taken = native.integers(self.owner, views)
+        self.assigned = native.integers(self.owner, measurements)
         """Number of the slot, plus 1, of the person who has each view; 0 for none."""
 
 
-def follow_persons(
-    persons: Persons, bodies: Bodies, views: Views, scans: Scans, owner: Any, log: Sightings, time: float, sweep: int
+def track_persons(
+    persons: Persons,
+    targets: Targets,
+    measurements: Measurements,
+    scans: Scans,
+    assigned: Any,
+    sightings: Sightings,
+    time: float,
+    sweep: int,
 ) -> None:
     """Assign slim views to persons, and let legs that move found new ones.
 
@@ -363,226 +380,239 @@ def follow_persons(
     owner : slot of the body of each view, in and out: the slot of a person replaces that of its leg
     time, sweep : time of this sweep [s], and number of sweeps before it
     """
-    for k in range(views.count):
-        persons.taken[k] = 0
-    _pair_persons(persons, bodies, views, owner)
+    for k in range(measurements.count):
+        persons.assigned[k] = 0
+    _pair_persons(persons, targets, measurements, assigned)
     _sort_pairs(persons)
     for i in range(persons.count):
-        _assign_view(persons, bodies, views, persons.person[i], persons.view[i])
-    for b in range(bodies.high):
-        if bodies.state[b] == estimation.LIVE and bodies.kind[b] == estimation.PERSON:
-            _update_person(persons, bodies, views, scans, owner, log, b, time, sweep)
-    for b in range(bodies.high):
-        if _is_person_seen(bodies, b):
-            _merge_person(persons, bodies, views, owner, log, b)
-    for k in range(views.count):
-        leg = owner[k]
-        if leg >= 0 and persons.taken[k] == 0 and bodies.moved[leg] == 1 and _is_leg(bodies, leg):
-            b = _without_leg(bodies, views, k)
+        _assign_view(persons, targets, measurements, persons.person[i], persons.measurement[i])
+    for b in range(targets.slots_used):
+        if targets.state[b] == kalman.LIVE and targets.kind[b] == kalman.PERSON:
+            _update_person(persons, targets, measurements, scans, assigned, sightings, b, time, sweep)
+    for b in range(targets.slots_used):
+        if _is_person_hit(targets, b):
+            _merge_person(persons, targets, measurements, assigned, sightings, b)
+    for k in range(measurements.count):
+        leg = assigned[k]
+        if leg >= 0 and persons.assigned[k] == 0 and targets.moved[leg] == 1 and _is_leg(targets, leg):
+            b = _person_missing_leg(targets, measurements, k)
             if b >= 0:
-                bodies.settled[b] += 1
-                _join_leg(bodies, leg, b)
-                _rename_sighting(persons, bodies, log, b, k)
-                owner[k] = b
+                targets.kind_hits[b] += 1
+                _join_leg(targets, leg, b)
+                _reassign_sighting(persons, targets, sightings, b, k)
+                assigned[k] = b
             else:
-                owner[k] = _found_person(persons, bodies, views, log, leg, k, time, sweep)
+                assigned[k] = _initiate_person(persons, targets, measurements, sightings, leg, k, time, sweep)
 
 
-def _is_person_seen(bodies: Bodies, b: int) -> bool:
+def _is_person_hit(targets: Targets, b: int) -> bool:
     """Return whether a person is seen in this sweep."""
     return (
-        bodies.state[b] == estimation.LIVE
-        and bodies.kind[b] == estimation.PERSON
-        and bodies.view[b] >= 0
-        and bodies.settled[b] > 0
+        targets.state[b] == kalman.LIVE
+        and targets.kind[b] == kalman.PERSON
+        and targets.measurement[b] >= 0
+        and targets.kind_hits[b] > 0
     )
 
 
-def _merge_person(persons: Persons, bodies: Bodies, views: Views, owner: Any, log: Sightings, b: int) -> None:
+def _merge_person(
+    persons: Persons, targets: Targets, measurements: Measurements, assigned: Any, sightings: Sightings, b: int
+) -> None:
     """Give a person to an elder who is nearer than two can be in several sweeps, as long as both have two legs together."""
-    x, y = estimation.centre(bodies, b)
+    x, y = kalman.centre(targets, b)
     elder = -1
-    for c in range(bodies.high):
-        if bodies.number[c] >= bodies.number[b] or not _is_person_seen(bodies, c):
+    for c in range(targets.slots_used):
+        if targets.number[c] >= targets.number[b] or not _is_person_hit(targets, c):
             continue
-        other_x, other_y = estimation.centre(bodies, c)
+        other_x, other_y = kalman.centre(targets, c)
         dx, dy = x - other_x, y - other_y
-        if dx * dx + dy * dy < PERSONS_APART * PERSONS_APART and (elder < 0 or bodies.number[c] < bodies.number[elder]):
+        if dx * dx + dy * dy < PERSONS_APART * PERSONS_APART and (elder < 0 or targets.number[c] < targets.number[elder]):
             elder = c
     if elder < 0:
         return
-    if bodies.settled[b] + bodies.settled[elder] > 2:
-        bodies.inside[b] = max(bodies.inside[b] - MERGED_GAIN, 0)
+    if targets.kind_hits[b] + targets.kind_hits[elder] > 2:
+        targets.inside[b] = max(targets.inside[b] - MERGED_GAIN, 0)
         return
-    bodies.inside[b] += MERGED_GAIN
-    if bodies.inside[b] < belief.DUPLICATE_SWEEPS:
+    targets.inside[b] += MERGED_GAIN
+    if targets.inside[b] < track_evidence.DUPLICATE_SWEEPS:
         return
-    for k in range(views.count):
-        if owner[k] == b:
-            _rename_sighting(persons, bodies, log, elder, k)
-            owner[k] = elder
-            persons.taken[k] = elder + 1
-    for leg in range(bodies.high):
-        if bodies.member[leg] == bodies.number[b]:
-            bodies.member[leg] = bodies.number[elder]
-    bodies.settled[elder] += bodies.settled[b]
-    bodies.same_as[b] = bodies.number[elder]
-    belief.finish(bodies, b, belief.LOST)
+    for k in range(measurements.count):
+        if assigned[k] == b:
+            _reassign_sighting(persons, targets, sightings, elder, k)
+            assigned[k] = elder
+            persons.assigned[k] = elder + 1
+    for leg in range(targets.slots_used):
+        if targets.member[leg] == targets.number[b]:
+            targets.member[leg] = targets.number[elder]
+    targets.kind_hits[elder] += targets.kind_hits[b]
+    targets.same_as[b] = targets.number[elder]
+    track_evidence.terminate(targets, b, track_evidence.LOST)
 
 
-def _without_leg(bodies: Bodies, views: Views, k: int) -> int:
+def _person_missing_leg(targets: Targets, measurements: Measurements, k: int) -> int:
     """Return the nearest person within reach of a view that has fewer than two legs; -1 for none."""
     best, least = -1, LEG_REACH * LEG_REACH
-    for b in range(bodies.high):
-        if bodies.state[b] != estimation.LIVE or bodies.kind[b] != estimation.PERSON or bodies.settled[b] >= 2:
+    for b in range(targets.slots_used):
+        if targets.state[b] != kalman.LIVE or targets.kind[b] != kalman.PERSON or targets.kind_hits[b] >= 2:
             continue
-        x, y = estimation.centre(bodies, b)
-        dx, dy = views.middle_x[k] - x, views.middle_y[k] - y
+        x, y = kalman.centre(targets, b)
+        dx, dy = measurements.middle_x[k] - x, measurements.middle_y[k] - y
         if dx * dx + dy * dy < least:
             best, least = b, dx * dx + dy * dy
     return best
 
 
-def _is_leg(bodies: Bodies, b: int) -> bool:
+def _is_leg(targets: Targets, b: int) -> bool:
     """Return whether a body is slim enough for a leg."""
-    return bodies.kind[b] == estimation.DISC and bodies.h[2 * b] + bodies.h[2 * b + 1] <= WALKING_LEG_WIDTH
+    return targets.kind[b] == kalman.DISC and targets.h[2 * b] + targets.h[2 * b + 1] <= WALKING_LEG_WIDTH
 
 
-def _pair_persons(persons: Persons, bodies: Bodies, views: Views, owner: Any) -> None:
+def _pair_persons(persons: Persons, targets: Targets, measurements: Measurements, assigned: Any) -> None:
     """Collect all pairs of a person and a view near it."""
     persons.count = 0
-    for b in range(bodies.high):
-        if bodies.state[b] != estimation.LIVE or bodies.kind[b] != estimation.PERSON:
+    for b in range(targets.slots_used):
+        if targets.state[b] != kalman.LIVE or targets.kind[b] != kalman.PERSON:
             continue
-        x, y = estimation.centre(bodies, b)
+        x, y = kalman.centre(targets, b)
         # `settled` counts the legs of a person in this sweep, up to two.
-        bodies.settled[b] = 0
-        for k in range(views.count):
-            leg = owner[k]
-            if views.chord[k] > LEGS_WIDTH or (leg >= 0 and not _may_be_leg(bodies, leg)):
+        targets.kind_hits[b] = 0
+        for k in range(measurements.count):
+            leg = assigned[k]
+            if measurements.chord[k] > LEGS_WIDTH or (leg >= 0 and not _may_be_leg(targets, leg)):
                 continue
-            dx, dy = views.middle_x[k] - x, views.middle_y[k] - y
+            dx, dy = measurements.middle_x[k] - x, measurements.middle_y[k] - y
             far = dx * dx + dy * dy
-            if far > LEG_REACH * LEG_REACH or persons.count >= persons.most:
+            if far > LEG_REACH * LEG_REACH or persons.count >= persons.capacity:
                 continue
             i = persons.count
-            persons.person[i], persons.view[i], persons.cost[i] = b, k, far / (LEG_SD * LEG_SD)
-            if leg >= 0 and bodies.member[leg] == bodies.number[b]:
+            persons.person[i], persons.measurement[i], persons.cost[i] = b, k, far / (LEG_SD * LEG_SD)
+            if leg >= 0 and targets.member[leg] == targets.number[b]:
                 persons.cost[i] -= SAME_PERSON
             persons.count += 1
 
 
-def _may_be_leg(bodies: Bodies, b: int) -> bool:
+def _may_be_leg(targets: Targets, b: int) -> bool:
     """Return whether a body may be a leg of a person: it was one before, or was seen a few times only."""
-    return bodies.member[b] != 0 or bodies.sightings[b] < STANDING_SIGHTINGS
+    return targets.member[b] != 0 or targets.sightings[b] < STANDING_SIGHTINGS
 
 
 def _sort_pairs(persons: Persons) -> None:
     """Sort the pairs by cost; by insertion, as there are few."""
     for i in range(1, persons.count):
-        person, view, cost = persons.person[i], persons.view[i], persons.cost[i]
+        person, measurement, cost = persons.person[i], persons.measurement[i], persons.cost[i]
         at = i
         while at > 0 and cost < persons.cost[at - 1]:
-            persons.person[at], persons.view[at] = persons.person[at - 1], persons.view[at - 1]
+            persons.person[at], persons.measurement[at] = persons.person[at - 1], persons.measurement[at - 1]
             persons.cost[at] = persons.cost[at - 1]
             at -= 1
-        persons.person[at], persons.view[at], persons.cost[at] = person, view, cost
+        persons.person[at], persons.measurement[at], persons.cost[at] = person, measurement, cost
 
 
-def _assign_view(persons: Persons, bodies: Bodies, views: Views, b: int, k: int) -> None:
+def _assign_view(persons: Persons, targets: Targets, measurements: Measurements, b: int, k: int) -> None:
     """Assign a view to a person, if the view is free and a leg is missing."""
-    if persons.taken[k] != 0 or bodies.settled[b] >= 2:
+    if persons.assigned[k] != 0 or targets.kind_hits[b] >= 2:
         return
-    legs = 2 if views.chord[k] > WALKING_LEG_WIDTH else 1
-    if legs == 2 and bodies.settled[b] > 0:
+    legs = 2 if measurements.chord[k] > WALKING_LEG_WIDTH else 1
+    if legs == 2 and targets.kind_hits[b] > 0:
         return
-    persons.taken[k] = b + 1
-    bodies.settled[b] += legs
+    persons.assigned[k] = b + 1
+    targets.kind_hits[b] += legs
 
 
 def _update_person(
     persons: Persons,
-    bodies: Bodies,
-    views: Views,
+    targets: Targets,
+    measurements: Measurements,
     scans: Scans,
-    owner: Any,
-    log: Sightings,
+    assigned: Any,
+    sightings: Sightings,
     b: int,
     time: float,
     sweep: int,
 ) -> None:
     """Update a person with its views."""
     x, y, number, wide = 0.0, 0.0, 0.0, False
-    for k in range(views.count):
-        if persons.taken[k] == b + 1:
-            x += views.middle_x[k]
-            y += views.middle_y[k]
+    for k in range(measurements.count):
+        if persons.assigned[k] == b + 1:
+            x += measurements.middle_x[k]
+            y += measurements.middle_y[k]
             number += 1.0
-            wide = wide or views.chord[k] > WALKING_LEG_WIDTH
-            if owner[k] >= 0:
-                _join_leg(bodies, owner[k], b)
-            _rename_sighting(persons, bodies, log, b, k)
-            owner[k] = b
-            bodies.view[b] = k
+            wide = wide or measurements.chord[k] > WALKING_LEG_WIDTH
+            if assigned[k] >= 0:
+                _join_leg(targets, assigned[k], b)
+            _reassign_sighting(persons, targets, sightings, b, k)
+            assigned[k] = b
+            targets.measurement[b] = k
     if number == 0.0:
-        bodies.view[b] = -1
-        belief.note_missed(bodies, b, views, scans, time)
+        targets.measurement[b] = -1
+        track_evidence.record_miss(targets, b, measurements, scans, time)
         return
     var = TWO_LEGS_VAR if number > 1.0 else (JOINT_LEGS_VAR if wide else ONE_LEG_VAR)
-    estimation.update(bodies, 2 * b, x / number, 0.0, var)
-    estimation.update(bodies, 2 * b + 1, y / number, 0.0, var)
+    kalman.update(targets, 2 * b, x / number, 0.0, var)
+    kalman.update(targets, 2 * b + 1, y / number, 0.0, var)
     if number > 1.0:
-        bodies.whole[b] += 1
-    elif not wide and views.start[bodies.view[b]] == observation.OWN and views.end[bodies.view[b]] == observation.OWN:
+        targets.whole[b] += 1
+    elif (
+        not wide
+        and measurements.start[targets.measurement[b]] == measurement.OWN
+        and measurements.end[targets.measurement[b]] == measurement.OWN
+    ):
         # A person who never shows two legs has the width of one.
-        bodies.boxy[b] += 1
-        bodies.size[b] += (views.chord[bodies.view[b]] - bodies.size[b]) / min(bodies.boxy[b], 20)
-    _note_person(bodies, b, x / number, y / number, time, sweep)
+        targets.boxy[b] += 1
+        targets.size[b] += (measurements.chord[targets.measurement[b]] - targets.size[b]) / min(targets.boxy[b], 20)
+    _record_person_hit(targets, b, x / number, y / number, time, sweep)
 
 
-def _join_leg(bodies: Bodies, leg: int, b: int) -> None:
+def _join_leg(targets: Targets, leg: int, b: int) -> None:
     """Make a body a leg of a person; its earlier sightings become the person's too, if it had no person before."""
-    if bodies.member[leg] == 0:
-        bodies.same_as[leg] = bodies.number[b]
-    bodies.member[leg] = bodies.number[b]
+    if targets.member[leg] == 0:
+        targets.same_as[leg] = targets.number[b]
+    targets.member[leg] = targets.number[b]
 
 
-def _rename_sighting(persons: Persons, bodies: Bodies, log: Sightings, b: int, k: int) -> None:
+def _reassign_sighting(persons: Persons, targets: Targets, sightings: Sightings, b: int, k: int) -> None:
     """Make the sighting of a leg one of its person."""
     if persons.entry[k] >= 0:
-        log.number[persons.entry[k]] = bodies.number[b]
+        sightings.number[persons.entry[k]] = targets.number[b]
 
 
-def _note_person(bodies: Bodies, b: int, x: float, y: float, time: float, sweep: int) -> None:
+def _record_person_hit(targets: Targets, b: int, x: float, y: float, time: float, sweep: int) -> None:
     """Note that a person was seen."""
-    belief.note_seen(bodies, b)
-    bodies.sightings[b] += 1
-    bodies.last_sweep[b], bodies.seen_at[b] = sweep, time
-    bodies.middle_x[b], bodies.middle_y[b] = x, y
-    bodies.from_x[b], bodies.from_y[b] = estimation.centre(bodies, b)
+    track_evidence.record_hit(targets, b)
+    targets.sightings[b] += 1
+    targets.last_sweep[b], targets.last_time[b] = sweep, time
+    targets.middle_x[b], targets.middle_y[b] = x, y
+    targets.from_x[b], targets.from_y[b] = kalman.centre(targets, b)
 
 
-def _found_person(
-    persons: Persons, bodies: Bodies, views: Views, log: Sightings, leg: int, k: int, time: float, sweep: int
+def _initiate_person(
+    persons: Persons,
+    targets: Targets,
+    measurements: Measurements,
+    sightings: Sightings,
+    leg: int,
+    k: int,
+    time: float,
+    sweep: int,
 ) -> int:
     """Found a person on a leg that moves and has none; return the slot of the person."""
-    b = estimation.free_slot(bodies)
-    estimation.clear(bodies, b)
-    bodies.kind[b] = estimation.PERSON
-    bodies.first_sweep[b], bodies.first_at[b] = sweep, time
-    bodies.onset[b] = bodies.onset[leg]
-    bodies.moved[b] = bodies.settled[b] = 1
-    bodies.existence[b] = bodies.existence[leg]
-    bodies.evidence[b] = bodies.evidence_most[b] = bodies.evidence[leg]
+    b = kalman.allocate(targets)
+    kalman.reset(targets, b)
+    targets.kind[b] = kalman.PERSON
+    targets.first_sweep[b], targets.first_time[b] = sweep, time
+    targets.onset[b] = targets.onset[leg]
+    targets.moved[b] = targets.kind_hits[b] = 1
+    targets.existence[b] = targets.existence[leg]
+    targets.evidence[b] = targets.max_evidence[b] = targets.evidence[leg]
     for i in range(2):
         a = 2 * b + i
-        middle = views.middle_x[k] if i == 0 else views.middle_y[k]
-        estimation.begin_axis(bodies, a, middle - PERSON_RADIUS, middle + PERSON_RADIUS, ONE_LEG_VAR, ONE_LEG_VAR)
-        bodies.v[a] = bodies.v[2 * leg + i]
-        bodies.ch[a] = 0.0
-    _join_leg(bodies, leg, b)
-    bodies.view[b] = k
-    persons.taken[k] = b + 1
-    _rename_sighting(persons, bodies, log, b, k)
-    _note_person(bodies, b, views.middle_x[k], views.middle_y[k], time, sweep)
+        middle = measurements.middle_x[k] if i == 0 else measurements.middle_y[k]
+        kalman.initiate_axis(targets, a, middle - PERSON_RADIUS, middle + PERSON_RADIUS, ONE_LEG_VAR, ONE_LEG_VAR)
+        targets.v[a] = targets.v[2 * leg + i]
+        targets.ch[a] = 0.0
+    _join_leg(targets, leg, b)
+    targets.measurement[b] = k
+    persons.assigned[k] = b + 1
+    _reassign_sighting(persons, targets, sightings, b, k)
+    _record_person_hit(targets, b, measurements.middle_x[k], measurements.middle_y[k], time, sweep)
     return b

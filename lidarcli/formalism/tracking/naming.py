@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from lidarcli.formalism.detection import Detection
-from lidarcli.formalism.matching.catalogue import Catalogue, Evidence, name
-from lidarcli.formalism.matching.evidence import evidence_of
+from lidarcli.formalism.matching.catalogue import Catalogue, Evidence, evidence_of, name
 from lidarcli.formalism.tracking.results import BOX, SIZE_OUTLIER
-from lidarcli.formalism.tracking.tracks import Body, Track, frame_of_legs, main, shape_odds
+from lidarcli.formalism.tracking.tracks import Track, Tracklet, frame_of_legs, main_part, shape_odds
 from lidarcli.sweeps import Float64, Int64, SweepBatch, record
 
 MOST_LOOKS = 256
@@ -32,7 +31,7 @@ SIZES = 3
 
 
 @record
-class Looks:
+class SizeMeasurements:
     """Measurements of K objects by single sweeps."""
 
     size: Float64
@@ -48,18 +47,20 @@ class Looks:
     edges: Int64
     """(K,) first and last beam, as one number."""
 
-    def rows(self, part: slice) -> Looks:
+    def rows(self, part: slice) -> SizeMeasurements:
         """Return the measurements of some of the objects."""
-        return Looks(*(getattr(self, each.name)[part] for each in fields(self)))
+        return SizeMeasurements(*(getattr(self, each.name)[part] for each in fields(self)))
 
     @staticmethod
-    def joined(parts: list[Looks]) -> Looks:
+    def joined(parts: list[SizeMeasurements]) -> SizeMeasurements:
         """Return the measurements of several parts as one; there is at least one part."""
-        return Looks(*(np.concatenate([getattr(one, each.name) for one in parts]) for each in fields(Looks)))
+        return SizeMeasurements(
+            *(np.concatenate([getattr(one, each.name) for one in parts]) for each in fields(SizeMeasurements))
+        )
 
 
 @dataclass(slots=True)
-class _Sizes:
+class _SizeEstimate:
     """Measured sizes of one body."""
 
     kind: int
@@ -69,7 +70,7 @@ class _Sizes:
     """(3, SIZES) number of sightings, sum of weights [1/m²] and weighted sum of sizes, by the beams at the edges."""
     sightings: int = 0
     blur: float = 0.0
-    """Mean of `Looks.blur`."""
+    """Mean of `SizeMeasurements.blur`."""
     lit: int = 0
     """Number of sightings with an intensity."""
     intensity: float = math.nan
@@ -77,15 +78,15 @@ class _Sizes:
     known: Float64 | None = None
     """Final estimate, once the body has ended."""
 
-    def take(self, looks: Looks, at: Int64, turned: Any) -> None:
+    def take(self, measured: SizeMeasurements, at: Int64, turned: Any) -> None:
         """Add sightings; `turned` is True where the first axis of a sighting is the second one of the body."""
-        size, sd = looks.size[at], looks.sd[at]
+        size, sd = measured.size[at], measured.sd[at]
         for values in (size, sd):
             values[turned, :2] = values[turned, 1::-1]
         seen = np.isfinite(size)
         weight = np.where(seen, 1.0 / np.square(np.where(seen, sd, 1.0)), 0.0)
         sums = np.stack([seen.astype(float), weight, weight * np.where(seen, size, 0.0)], axis=1)
-        each, inverse = np.unique(looks.edges[at], return_inverse=True)
+        each, inverse = np.unique(measured.edges[at], return_inverse=True)
         total = np.zeros((len(each), 3, SIZES))
         np.add.at(total, inverse, sums)
         for edges, more in zip(each.tolist(), total, strict=True):
@@ -94,8 +95,8 @@ class _Sizes:
             elif len(self.looks) < MOST_LOOKS and more[0].any():
                 self.looks[edges] = more
         self.sightings += len(at)
-        self.blur += float((looks.blur[at] - self.blur).sum()) / self.sightings
-        lit = looks.intensity[at]
+        self.blur += float((measured.blur[at] - self.blur).sum()) / self.sightings
+        lit = measured.intensity[at]
         lit = lit[~np.isnan(lit)]
         if len(lit):
             before = self.intensity if self.lit else 0.0
@@ -140,13 +141,13 @@ class Naming:
 
     def __init__(self, catalogue: Catalogue) -> None:
         self._catalogue = catalogue
-        self._sizes: dict[int, _Sizes] = {}
+        self._sizes: dict[int, _SizeEstimate] = {}
         """Sizes by number of the body."""
 
-    def see(self, batch: SweepBatch, detection: Detection, poses: Float64) -> Looks:
+    def measure(self, batch: SweepBatch, detection: Detection, poses: Float64) -> SizeMeasurements:
         """Measure the K objects of a batch; `poses`: (K, 4) x, y, yaw and side of the sensor at each of them."""
         seen = evidence_of(batch, detection)
-        return Looks(
+        return SizeMeasurements(
             size=np.column_stack([seen.side_1, seen.side_2, seen.across]),
             sd=np.column_stack([seen.side_1_sd, seen.side_2_sd, seen.across_sd]),
             yaw=poses[:, 2] + poses[:, 3] * detection.box_yaw,
@@ -155,7 +156,7 @@ class Naming:
             edges=(detection.beam_i.astype(np.int64) << 32) + detection.beam_f,
         )
 
-    def take(self, pieces: list[Looks], number: Int64, axes: Float64, known: dict[int, Body]) -> None:
+    def take(self, pieces: list[SizeMeasurements], number: Int64, axes: Float64, known: dict[int, Tracklet]) -> None:
         """Add the measurements of a window.
 
         Parameters
@@ -167,22 +168,22 @@ class Naming:
         """
         if not pieces:
             return
-        looks = Looks.joined(pieces)
+        measured = SizeMeasurements.joined(pieces)
         order = np.argsort(number, kind="stable")
-        bodies, begins = np.unique(number[order], return_index=True)
-        for body, at in zip(bodies.tolist(), np.split(order, begins[1:]), strict=True):
-            if body == 0:
+        tracklets, begins = np.unique(number[order], return_index=True)
+        for tracklet, at in zip(tracklets.tolist(), np.split(order, begins[1:]), strict=True):
+            if tracklet == 0:
                 continue
-            is_box = known[body].kind == BOX
+            is_box = known[tracklet].kind == BOX
             # Before it became a box it had other axes.
             rows = at[np.isfinite(axes[at]) == is_box]
             if not len(rows):
                 continue
-            sizes = self._sizes.get(body)
-            if sizes is None or sizes.kind != known[body].kind:
-                sizes = self._sizes[body] = _Sizes(known[body].kind, float(looks.yaw[rows[0]]))
-            off = looks.yaw[rows] - (axes[rows] if is_box else sizes.yaw)
-            sizes.take(looks, rows, np.abs(np.sin(off)) > np.abs(np.cos(off)))
+            sizes = self._sizes.get(tracklet)
+            if sizes is None or sizes.kind != known[tracklet].kind:
+                sizes = self._sizes[tracklet] = _SizeEstimate(known[tracklet].kind, float(measured.yaw[rows[0]]))
+            off = measured.yaw[rows] - (axes[rows] if is_box else sizes.yaw)
+            sizes.take(measured, rows, np.abs(np.sin(off)) > np.abs(np.cos(off)))
 
     def name(self, tracks: list[Track]) -> None:
         """Name tracks by all that was seen of them so far."""
@@ -204,12 +205,12 @@ class Naming:
         columns: dict[str, Any] = {key: np.array([row[key] for row in rows], float) for key in rows[0]}
         columns["legs"] = columns["legs"].astype(np.int32)
         columns["moved"] = columns["moved"].astype(np.bool_)
-        return Evidence(shape=np.array([shape_odds(each, main(each)) for each in tracks]), **columns)
+        return Evidence(shape=np.array([shape_odds(each, main_part(each)) for each in tracks]), **columns)
 
     def _of(self, track: Track) -> dict[str, float]:
         """Return the evidence of a track, without its shape."""
-        body = main(track)
-        sizes = self._sizes.get(body.number)
+        tracklet = main_part(track)
+        sizes = self._sizes.get(tracklet.number)
         frame = frame_of_legs(track)
         row = dict.fromkeys(_MEASURED, np.nan)
         row |= {"legs": 0.0, "moved": float(track.moved), "least_sd": LEAST_SIZE_SD, "span_sd": LEAST_SIZE_SD}
@@ -225,7 +226,7 @@ class Naming:
             estimate = sizes.estimate()
             for one, what in enumerate(("side_1", "side_2", "across")):
                 row[what], row[what + "_sd"] = estimate[one]
-            row["least_1"], row["least_2"] = body.least
+            row["least_1"], row["least_2"] = tracklet.least
         return row
 
 

@@ -30,7 +30,7 @@ SIZE_OUTLIER = 9e-4
 
 
 @record
-class Followed:
+class TrackedBatch:
     """Results of tracking that complete the detection of one batch: K objects in the order of the detection, S sweeps.
 
     The fields that a `Detection` has as well take the place of its own.

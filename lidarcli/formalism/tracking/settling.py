@@ -8,9 +8,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.ragged import starts
+from lidarcli.formalism.detection import starts
 from lidarcli.formalism.tracking.results import PERSON
-from lidarcli.formalism.tracking.tracks import Body
+from lidarcli.formalism.tracking.tracks import Tracklet
 from lidarcli.sweeps import Bool, Float64, Int64
 
 LEG_WIDTH = 0.35
@@ -37,7 +37,7 @@ Places: TypeAlias = NDArray[np.complex128]
 
 
 @dataclass(slots=True, eq=False)
-class Walk:
+class LegTrajectory:
     """Sightings of a slim track, or of a slim body without one, and the places of its S sweeps."""
 
     owner: int
@@ -59,13 +59,13 @@ class Walk:
     """Least and greatest x and y of the places [m]."""
     _path: Places | None = None
 
-    def lay(self, seen: Any) -> None:
+    def compute(self, sightings: Any) -> None:
         """Compute the places by the sightings."""
-        sweep = seen.sweep[self.at]
+        sweep = sightings.sweep[self.at]
         first = starts(sweep)
-        self.sweep, self.time = sweep[first], seen.time[self.at[first]]
+        self.sweep, self.time = sweep[first], sightings.time[self.at[first]]
         self.count = np.append(first[1:], len(sweep)) - first
-        place: Places = seen.place[self.at]
+        place: Places = sightings.place[self.at]
         if len(first) < len(place):
             sums: Any = np.add.reduceat(place, first)
             place = sums / self.count
@@ -88,7 +88,7 @@ class Walk:
         return self._path
 
 
-def settle_legs(seen: Any, bodies: dict[int, Body]) -> None:
+def assign_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
     """Give sightings of legs to their persons, among those of a window and the next one.
 
     Parameters
@@ -96,71 +96,71 @@ def settle_legs(seen: Any, bodies: dict[int, Body]) -> None:
     seen : the sightings (`windows.WindowSightings`), of which `owner` changes
     bodies : bodies that were seen often enough, by number
     """
-    walks = _walks(seen, bodies)
-    if not any(walk.is_person for walk in walks):
+    legs = _leg_trajectories(sightings, tracklets)
+    if not any(leg.is_person for leg in legs):
         return
-    _merge(seen, walks)
-    walks = [walk for walk in walks if len(walk.at)]
-    persons = [walk for walk in walks if walk.is_person and len(walk.sweep) >= PATH_SWEEPS]
-    persons.sort(key=lambda walk: (-len(walk.sweep), walk.owner))
-    _gather_fragments(seen, walks, persons)
-    _gather_views(seen, [walk for walk in persons if len(walk.at)])
+    _merge_legs(sightings, legs)
+    legs = [leg for leg in legs if len(leg.at)]
+    persons = [leg for leg in legs if leg.is_person and len(leg.sweep) >= PATH_SWEEPS]
+    persons.sort(key=lambda leg: (-len(leg.sweep), leg.owner))
+    _gather_fragments(sightings, legs, persons)
+    _gather_views(sightings, [leg for leg in persons if len(leg.at)])
 
 
-def _walks(seen: Any, bodies: dict[int, Body]) -> list[Walk]:
+def _leg_trajectories(sightings: Any, tracklets: dict[int, Tracklet]) -> list[LegTrajectory]:
     """Return the slim tracks, and slim bodies without one, in the order of their first sweeps."""
-    order = np.argsort(seen.owner, kind="stable")
-    order = order[np.searchsorted(seen.owner[order], 1) :]
-    owner = seen.owner[order]
+    order = np.argsort(sightings.owner, kind="stable")
+    order = order[np.searchsorted(sightings.owner[order], 1) :]
+    owner = sightings.owner[order]
     begins = starts(owner)
     if not len(begins):
         return []
-    slim = np.add.reduceat((seen.width[order] < LEG_WIDTH).astype(np.int64), begins).tolist()
+    slim = np.add.reduceat((sightings.width[order] < LEG_WIDTH).astype(np.int64), begins).tolist()
     ends = np.append(begins[1:], len(owner)).tolist()
     groups: dict[int, list[tuple[int, int, int, int]]] = {}
     for number, begin, end, few in zip(owner[begins].tolist(), begins.tolist(), ends, slim, strict=True):
-        track = bodies[number].track
+        track = tracklets[number].track
         groups.setdefault(number if track is None else -id(track), []).append((number, begin, end, few))
-    walks = []
+    legs = []
     for parts in groups.values():
         if 2 * sum(few for *_, few in parts) <= sum(end - begin for _, begin, end, _ in parts):
             continue
         owner_of_most = max(parts, key=lambda part: part[2] - part[1])[0]
         at = np.concatenate([order[begin:end] for _, begin, end, _ in parts])
-        track = bodies[owner_of_most].track
-        members = [bodies[owner_of_most]] if track is None else track.parts
-        walk = Walk(
+        track = tracklets[owner_of_most].track
+        members = [tracklets[owner_of_most]] if track is None else track.parts
+        leg = LegTrajectory(
             owner=owner_of_most,
-            at=at[np.argsort(seen.sweep[at], kind="stable")],
+            at=at[np.argsort(sightings.sweep[at], kind="stable")],
             moves=any(part.moved for part in members) or (track is not None and track.moved),
             is_person=any(part.kind == PERSON for part in members),
             has_rows=track is not None and track.number > 0,
         )
-        walk.lay(seen)
-        walks.append(walk)
-    return sorted(walks, key=lambda walk: (int(walk.sweep[0]), walk.owner))
+        leg.compute(sightings)
+        legs.append(leg)
+    return sorted(legs, key=lambda leg: (int(leg.sweep[0]), leg.owner))
 
 
-def _merge(seen: Any, walks: list[Walk]) -> None:
+def _merge_legs(sightings: Any, legs: list[LegTrajectory]) -> None:
     """Give a track that goes beside a person to that person, run by run."""
-    first, last = (np.array([walk.sweep[i] for walk in walks]) for i in (0, -1))
-    persons = np.array([walk.is_person for walk in walks])
+    first, last = (np.array([leg.sweep[i] for leg in legs]) for i in (0, -1))
+    persons = np.array([leg.is_person for leg in legs])
     together = (first <= last[:, None]) & (persons | persons[:, None])
-    low, high = (np.array([walk.box[i] for walk in walks]) for i in (0, 1))
+    low, high = (np.array([leg.box[i] for leg in legs]) for i in (0, 1))
     together &= (low.real - STEP < high.real[:, None]) & (low.real[:, None] - STEP < high.real)
     together &= (low.imag - STEP < high.imag[:, None]) & (low.imag[:, None] - STEP < high.imag)
     pairs = []
     for i, k in np.argwhere(np.triu(together, 1)).tolist():
-        one, other = walks[i], walks[k]
+        one, other = legs[i], legs[k]
         pairs.append((min(len(one.at), len(other.at)), one.owner, other.owner, one, other))
     for _, _, _, one, other in sorted(pairs, key=lambda pair: pair[:3]):
         if len(one.at) and len(other.at):
             leads = one.is_person and (len(one.at) >= len(other.at) or not other.is_person)
             person, leg = (one, other) if leads else (other, one)
-            _give_runs(seen, person, leg)
+            _give_runs(sightings, person, leg)
 
 
-def _give_runs(seen: Any, person: Walk, leg: Walk) -> None:
+def _give_runs(sightings: Any, person: LegTrajectory, leg: LegTrajectory) -> None:
     """Give the sightings of a leg to a person in the runs of sweeps in which it is beside that person."""
     after = np.minimum(np.searchsorted(person.sweep, leg.sweep), len(person.sweep) - 1)
     before = np.maximum(after - 1, 0)
@@ -171,70 +171,70 @@ def _give_runs(seen: Any, person: Walk, leg: Walk) -> None:
     # Two who pass each other are near for a while only.
     if len(near) < max(BESIDE_SHARE * np.count_nonzero(both), 2):
         return
-    views = leg.count + np.where(person.sweep[after] == leg.sweep, person.count[after], 0)
+    measurements = leg.count + np.where(person.sweep[after] == leg.sweep, person.count[after], 0)
     given = np.zeros(len(leg.sweep), bool)
     for run in np.split(near, np.flatnonzero(np.diff(near) >= RUN_SWEEPS) + 1):
         is_whole = len(run) >= BESIDE_SHARE * len(leg.sweep)
         is_leg = is_whole or (leg.moves and len(run) >= RUN_SWEEPS)
-        given[run] = is_leg and np.mean(views[run] > 2) <= MOST_CROWDED
+        given[run] = is_leg and np.mean(measurements[run] > 2) <= MOST_CROWDED
     if given.any():
-        _give(seen, person, leg, np.isin(seen.sweep[leg.at], leg.sweep[given]))
+        _give(sightings, person, leg, np.isin(sightings.sweep[leg.at], leg.sweep[given]))
 
 
-def _give(seen: Any, person: Walk, leg: Walk, given: Bool) -> None:
+def _give(sightings: Any, person: LegTrajectory, leg: LegTrajectory, given: Bool) -> None:
     """Give some sightings of a leg to a person."""
-    seen.owner[leg.at[given]] = person.owner
+    sightings.owner[leg.at[given]] = person.owner
     at = np.sort(np.concatenate([person.at, leg.at[given]]))
-    person.at, leg.at = at[np.argsort(seen.sweep[at], kind="stable")], leg.at[~given]
-    for walk in (person, leg):
-        walk.lay(seen)
+    person.at, leg.at = at[np.argsort(sightings.sweep[at], kind="stable")], leg.at[~given]
+    for each in (person, leg):
+        each.compute(sightings)
 
 
-def _gather_fragments(seen: Any, walks: list[Walk], persons: list[Walk]) -> None:
+def _gather_fragments(sightings: Any, legs: list[LegTrajectory], persons: list[LegTrajectory]) -> None:
     """Give the new tracks that are never further than a step from the path of a person to that person."""
-    for walk in sorted(walks, key=lambda walk: (len(walk.sweep), walk.owner)):
-        if walk.has_rows:
+    for leg in sorted(legs, key=lambda leg: (len(leg.sweep), leg.owner)):
+        if leg.has_rows:
             continue
         for person in persons:
-            if len(person.sweep) <= len(walk.sweep) or not _goes_beside(walk, person):
+            if len(person.sweep) <= len(leg.sweep) or not _goes_beside(leg, person):
                 continue
-            if _away(walk.time, walk.place, person).max() < STEP:
-                _give(seen, person, walk, np.ones(len(walk.at), bool))
+            if _away(leg.time, leg.place, person).max() < STEP:
+                _give(sightings, person, leg, np.ones(len(leg.at), bool))
                 break
 
 
-def _gather_views(seen: Any, persons: list[Walk]) -> None:
+def _gather_views(sightings: Any, persons: list[LegTrajectory]) -> None:
     """Give the views without a track that are within a step of the path of a person to that person, who has two legs."""
-    loose = np.flatnonzero((seen.owner == 0) & (seen.width < LEG_WIDTH))
+    loose = np.flatnonzero((sightings.owner == 0) & (sightings.width < LEG_WIDTH))
     for person in persons if len(loose) else ():
-        near = loose[_is_beside(seen.time[loose], person)]
+        near = loose[_is_beside(sightings.time[loose], person)]
         if not len(near):
             continue
-        near = near[_away(seen.time[near], seen.place[near], person) < STEP]
+        near = near[_away(sightings.time[near], sightings.place[near], person) < STEP]
         legs = dict(zip(person.sweep.tolist(), person.count.tolist(), strict=True))
-        for i, sweep in zip(near.tolist(), seen.sweep[near].tolist(), strict=True):
+        for i, sweep in zip(near.tolist(), sightings.sweep[near].tolist(), strict=True):
             legs[sweep] = legs.get(sweep, 0) + 1
             if legs[sweep] <= 2:
-                seen.owner[i] = person.owner
-        loose = loose[seen.owner[loose] == 0]
+                sightings.owner[i] = person.owner
+        loose = loose[sightings.owner[loose] == 0]
 
 
-def _goes_beside(walk: Walk, person: Walk) -> bool:
+def _goes_beside(leg: LegTrajectory, person: LegTrajectory) -> bool:
     """Return whether a walk may be within a step of the path of a person, by its ends and the rectangles around both."""
-    begin, end, first, last = walk.time[0], walk.time[-1], person.time[0], person.time[-1]
+    begin, end, first, last = leg.time[0], leg.time[-1], person.time[0], person.time[-1]
     if begin < first or end > last:
         return bool(begin >= first - PATH_MARGIN and end <= last + PATH_MARGIN)
-    over, under = person.box[0] - walk.box[1], walk.box[0] - person.box[1]
+    over, under = person.box[0] - leg.box[1], leg.box[0] - person.box[1]
     return max(over.real, over.imag, under.real, under.imag) < STEP
 
 
-def _is_beside(time: Float64, person: Walk) -> Bool:
+def _is_beside(time: Float64, person: LegTrajectory) -> Bool:
     """Return (N,) whether times are between the first and the last sweep of a person, or shortly before or after."""
     beside: Bool = (time >= person.time[0] - PATH_MARGIN) & (time <= person.time[-1] + PATH_MARGIN)
     return beside
 
 
-def _away(time: Float64, place: Places, person: Walk) -> Float64:
+def _away(time: Float64, place: Places, person: LegTrajectory) -> Float64:
     """Return (N,) the distances [m] of places from the path of a person, which goes on at both ends at its speed there."""
     early, late = np.minimum(time - person.time[0], 0.0), np.maximum(time - person.time[-1], 0.0)
     few = min(PATH_SWEEPS, len(person.time)) - 1

@@ -42,46 +42,46 @@ cdef class Smoother:
 
 @cython.locals(cov=Py_ssize_t, at=Py_ssize_t, row=Py_ssize_t, side=Py_ssize_t)
 cdef void locate_sightings(
-    Smoother room, Py_ssize_t begin, Py_ssize_t count, long long* rows, long long* centred, double* cos, double* sin,
+    Smoother smoother, Py_ssize_t begin, Py_ssize_t count, long long* rows, long long* centred, double* cos, double* sin,
     double* half_1, double* half_2, double* z, double* var, double* half, double* half_var, Py_ssize_t kind, double more
 ) noexcept nogil
 cdef (double, double, double) centre_of(
     double low, double high, double low_var, double high_var, double half, double half_var
 ) noexcept nogil
 @cython.locals(i=Py_ssize_t, at=Py_ssize_t, c=Py_ssize_t, k=Py_ssize_t)
-cdef void join_parts(
-    Smoother room, Py_ssize_t sightings, Py_ssize_t sweeps, long long* order, long long* sweep, long long* parts,
+cdef void average_parts(
+    Smoother smoother, Py_ssize_t sightings, Py_ssize_t sweeps, long long* order, long long* sweep, long long* parts,
     unsigned char* legs
 ) noexcept nogil
 cdef void smooth_path(
-    Smoother room, double* time, long long* parts, unsigned char* legs, double* state, Py_ssize_t count, Py_ssize_t keep,
+    Smoother smoother, double* time, long long* parts, unsigned char* legs, double* state, Py_ssize_t count, Py_ssize_t keep,
     double* path
 ) noexcept nogil
 @cython.locals(total=double, best=Py_ssize_t, first=Py_ssize_t, stop=Py_ssize_t)
-cdef void choose_accelerations(Smoother room, long long* parts, unsigned char* legs, Py_ssize_t count) noexcept nogil
+cdef void choose_accelerations(Smoother smoother, long long* parts, unsigned char* legs, Py_ssize_t count) noexcept nogil
 @cython.locals(known=bint, i=Py_ssize_t, k=Py_ssize_t)
 cdef void filter_forward(
-    Smoother room, double* time, long long* parts, unsigned char* legs, double* state, Py_ssize_t count, Py_ssize_t keep,
+    Smoother smoother, double* time, long long* parts, unsigned char* legs, double* state, Py_ssize_t count, Py_ssize_t keep,
     Py_ssize_t trial
 ) noexcept nogil
 @cython.locals(a=Py_ssize_t, k=Py_ssize_t)
-cdef void begin_path(Smoother room, Py_ssize_t legs) noexcept nogil
+cdef void begin_path(Smoother smoother, Py_ssize_t legs) noexcept nogil
 @cython.locals(a=Py_ssize_t, k=Py_ssize_t, x=Py_ssize_t, p=Py_ssize_t)
-cdef void predict_state(Smoother room, Py_ssize_t i, double* state, double dt) noexcept nogil
+cdef void predict_state(Smoother smoother, Py_ssize_t i, double* state, double dt) noexcept nogil
 @cython.locals(a=Py_ssize_t, k=Py_ssize_t, m=Py_ssize_t, x=Py_ssize_t, p=Py_ssize_t, g=Py_ssize_t)
-cdef double update_state(Smoother room, Py_ssize_t i, Py_ssize_t legs) noexcept nogil
+cdef double update_state(Smoother smoother, Py_ssize_t i, Py_ssize_t legs) noexcept nogil
 @cython.locals(back=Py_ssize_t, i=Py_ssize_t, k=Py_ssize_t)
 cdef void smooth_backward(
-    Smoother room, long long* parts, unsigned char* legs, Py_ssize_t count, double* path
+    Smoother smoother, long long* parts, unsigned char* legs, Py_ssize_t count, double* path
 ) noexcept nogil
 @cython.locals(x=Py_ssize_t, p=Py_ssize_t, k=Py_ssize_t, n=Py_ssize_t, o=Py_ssize_t, c=Py_ssize_t)
-cdef void write_path(Smoother room, Py_ssize_t i, double* path) noexcept nogil
+cdef void write_path(Smoother smoother, Py_ssize_t i, double* path) noexcept nogil
 @cython.locals(
     g=Py_ssize_t, a=Py_ssize_t, b=Py_ssize_t, k=Py_ssize_t, n=Py_ssize_t, one=double, other=double, first=double,
     second=double, xx=double, xy=double, yy=double, more=double
 )
-cdef void take_back(Smoother room, Py_ssize_t i, Py_ssize_t legs) noexcept nogil
+cdef void adjoin_update(Smoother smoother, Py_ssize_t i, Py_ssize_t legs) noexcept nogil
 @cython.locals(a=Py_ssize_t, n=Py_ssize_t)
-cdef void step_back(Smoother room, Py_ssize_t i) noexcept nogil
+cdef void adjoin_step(Smoother smoother, Py_ssize_t i) noexcept nogil
 @cython.locals(at=Py_ssize_t)
 cdef void decide_motion(Py_ssize_t count, Py_ssize_t onset, double* path, unsigned char* moving) noexcept nogil

@@ -89,7 +89,7 @@ class Smoother:
 
         Parameters
         ----------
-        log : arrays of the log of sightings by name (`estimation.sighting_arrays`)
+        log : arrays of the log of sightings by name (`kalman.sighting_arrays`)
         rows : (N,) int64 its rows that are sightings of the body
         half, half_var : (2,) half extents by all sightings, and their variances [m, m²]
         kind : kind of the body
@@ -125,7 +125,7 @@ class Smoother:
         parts : (S,) int64 numbers of sightings in each sweep, to be filled in
         legs : (S,) uint8 legs of a person that a sweep shows, 1 or 2; 0 for what is no person
         """
-        join_parts(
+        average_parts(
             self,
             len(order),
             len(parts),
@@ -148,14 +148,14 @@ class Smoother:
         onset : index of the first sweep in which it may move
         path : columns x, y [m], vx, vy [m/s], variances and covariance xx, xy, yy [m²], variances of vx, vy [m²/s²]
         """
-        at, seen, leg = native.at_doubles(time), native.at_longs(parts), native.at_bytes(legs)
+        at, counts, leg = native.at_doubles(time), native.at_longs(parts), native.at_bytes(legs)
         known, out, flags = native.at_doubles(state), native.at_doubles(path), native.at_bytes(moving)
-        smooth_path(self, at, seen, leg, known, len(time), keep, out)
+        smooth_path(self, at, counts, leg, known, len(time), keep, out)
         decide_motion(len(time), onset, out, flags)
 
 
 def locate_sightings(
-    room: Smoother,
+    smoother: Smoother,
     begin: int,
     count: int,
     rows: Any,
@@ -188,13 +188,13 @@ def locate_sightings(
                 noise_1 += CHANGE_VAR
                 noise_2 += CHANGE_VAR
         at, cov = 2 * (begin + i), 3 * (begin + i)
-        room.place[at], room.place[at + 1] = c * middle_1 - s * middle_2, s * middle_1 + c * middle_2
-        room.noise[cov] = c * c * noise_1 + s * s * noise_2 + more
-        room.noise[cov + 1] = c * s * (noise_1 - noise_2)
-        room.noise[cov + 2] = s * s * noise_1 + c * c * noise_2 + more
-        room.common[cov] = c * c * size_1 + s * s * size_2
-        room.common[cov + 1] = c * s * (size_1 - size_2)
-        room.common[cov + 2] = s * s * size_1 + c * c * size_2
+        smoother.place[at], smoother.place[at + 1] = c * middle_1 - s * middle_2, s * middle_1 + c * middle_2
+        smoother.noise[cov] = c * c * noise_1 + s * s * noise_2 + more
+        smoother.noise[cov + 1] = c * s * (noise_1 - noise_2)
+        smoother.noise[cov + 2] = s * s * noise_1 + c * c * noise_2 + more
+        smoother.common[cov] = c * c * size_1 + s * s * size_2
+        smoother.common[cov + 1] = c * s * (size_1 - size_2)
+        smoother.common[cov + 2] = s * s * size_1 + c * c * size_2
 
 
 def centre_of(
@@ -211,279 +211,281 @@ def centre_of(
     return middle, noise, size
 
 
-def join_parts(room: Smoother, sightings: int, sweeps: int, order: Any, sweep: Any, parts: Any, legs: Any) -> None:
+def average_parts(smoother: Smoother, sightings: int, sweeps: int, order: Any, sweep: Any, parts: Any, legs: Any) -> None:
     """Compute the mean place of the parts that each sweep shows; legs count alike."""
     for i in range(sweeps):
         parts[i] = 0
-        room.z[2 * i] = room.z[2 * i + 1] = 0.0
+        smoother.z[2 * i] = smoother.z[2 * i + 1] = 0.0
         for c in range(3):
-            room.r[3 * i + c] = room.lasting[3 * i + c] = 0.0
+            smoother.r[3 * i + c] = smoother.lasting[3 * i + c] = 0.0
     for k in range(sightings):
         i, at = sweep[k], order[k]
         parts[i] += 1
         for c in range(2):
-            room.z[2 * i + c] += room.place[2 * at + c]
+            smoother.z[2 * i + c] += smoother.place[2 * at + c]
         for c in range(3):
-            room.r[3 * i + c] += room.noise[3 * at + c]
-            room.lasting[3 * i + c] += room.common[3 * at + c]
+            smoother.r[3 * i + c] += smoother.noise[3 * at + c]
+            smoother.lasting[3 * i + c] += smoother.common[3 * at + c]
     for i in range(sweeps):
         if parts[i] == 0:
             for c in range(3):
-                room.lasting[3 * i + c] = room.lasting[3 * i - 3 + c] if i > 0 else 0.0
+                smoother.lasting[3 * i + c] = smoother.lasting[3 * i - 3 + c] if i > 0 else 0.0
             continue
         share = 1.0 / parts[i]
         for c in range(2):
-            room.z[2 * i + c] *= share
+            smoother.z[2 * i + c] *= share
         for c in range(3):
-            room.r[3 * i + c] *= share * share
-            room.lasting[3 * i + c] *= share * share
+            smoother.r[3 * i + c] *= share * share
+            smoother.lasting[3 * i + c] *= share * share
         if legs[i] == 2:
-            room.r[3 * i] += LEGS_VAR
-            room.r[3 * i + 2] += LEGS_VAR
+            smoother.r[3 * i] += LEGS_VAR
+            smoother.r[3 * i + 2] += LEGS_VAR
 
 
-def smooth_path(room: Smoother, time: Any, parts: Any, legs: Any, state: Any, count: int, keep: int, path: Any) -> None:
+def smooth_path(smoother: Smoother, time: Any, parts: Any, legs: Any, state: Any, count: int, keep: int, path: Any) -> None:
     """Smooth a path, at each time with the acceleration that fits the sightings around it best."""
     for c in range(LIVELINESSES):
         for i in range(count):
-            room.acceleration[i] = room.liveliness[c]
-        filter_forward(room, time, parts, legs, state, count, 0, c)
-    choose_accelerations(room, parts, legs, count)
-    filter_forward(room, time, parts, legs, state, count, keep, -1)
-    smooth_backward(room, parts, legs, count, path)
+            smoother.acceleration[i] = smoother.liveliness[c]
+        filter_forward(smoother, time, parts, legs, state, count, 0, c)
+    choose_accelerations(smoother, parts, legs, count)
+    filter_forward(smoother, time, parts, legs, state, count, keep, -1)
+    smooth_backward(smoother, parts, legs, count, path)
 
 
-def choose_accelerations(room: Smoother, parts: Any, legs: Any, count: int) -> None:
+def choose_accelerations(smoother: Smoother, parts: Any, legs: Any, count: int) -> None:
     """Choose the acceleration of each step by the least misfit over the sweeps around it; hidden persons may do most."""
     for i in range(count):
         if parts[i] == 0 and legs[i] > 0:
-            room.acceleration[i] = room.liveliness[LIVELINESSES - 1]
+            smoother.acceleration[i] = smoother.liveliness[LIVELINESSES - 1]
             continue
         first, stop = max(i - AROUND_SIGHTINGS, 0), min(i + AROUND_SIGHTINGS + 1, count)
         best, least = 0, INFINITY
         for c in range(LIVELINESSES):
             total = c * LIVELIER_GAIN
             for k in range(first, stop):
-                total += room.misfit[c * room.sweeps + k]
+                total += smoother.misfit[c * smoother.sweeps + k]
             if total < least:
                 best, least = c, total
-        room.acceleration[i] = room.liveliness[best]
+        smoother.acceleration[i] = smoother.liveliness[best]
 
 
-def filter_forward(room: Smoother, time: Any, parts: Any, legs: Any, state: Any, count: int, keep: int, trial: int) -> None:
+def filter_forward(
+    smoother: Smoother, time: Any, parts: Any, legs: Any, state: Any, count: int, keep: int, trial: int
+) -> None:
     """Estimate the state in each sweep by those before it; for a trial, also the misfit of each sweep."""
     # True for a number, which a time is once there was a sweep before.
     known = state[0] == state[0]
     for i in range(count):
         if trial >= 0:
-            room.misfit[trial * room.sweeps + i] = 0.0
+            smoother.misfit[trial * smoother.sweeps + i] = 0.0
         if i == 0 and not known:
-            begin_path(room, legs[0])
+            begin_path(smoother, legs[0])
         else:
             before = state[0] if i == 0 else time[i - 1]
-            predict_state(room, i, state, time[i] - before)
+            predict_state(smoother, i, state, time[i] - before)
             if parts[i] > 0:
-                misfit = update_state(room, i, legs[i])
+                misfit = update_state(smoother, i, legs[i])
                 if trial >= 0:
-                    room.misfit[trial * room.sweeps + i] = misfit
+                    smoother.misfit[trial * smoother.sweeps + i] = misfit
         if i == keep - 1:
             state[0] = time[i]
             for k in range(STATE):
-                state[1 + k] = room.x[STATE * i + k]
+                state[1 + k] = smoother.x[STATE * i + k]
             for k in range(SQUARE):
-                state[1 + STATE + k] = room.p[SQUARE * i + k]
+                state[1 + STATE + k] = smoother.p[SQUARE * i + k]
 
 
-def begin_path(room: Smoother, legs: int) -> None:
+def begin_path(smoother: Smoother, legs: int) -> None:
     """Set the state in the first sweep of a track, which saw it."""
     for k in range(STATE):
-        room.x[k] = 0.0
+        smoother.x[k] = 0.0
     for k in range(SQUARE):
-        room.p[k] = 0.0
+        smoother.p[k] = 0.0
     offset = LEG_VAR if legs > 0 else 0.0
     apart = LEG_VAR if legs == 1 else 0.0
     for a in range(2):
-        room.x[a] = room.z[a]
-        room.p[7 * a] = room.r[2 * a] + apart
-        room.p[7 * (2 + a)] = FIRST_SPEED_SD * FIRST_SPEED_SD
-        room.p[7 * (4 + a)] = offset
-        room.p[6 * a + 4 + a] = room.p[6 * (4 + a) + a] = -apart
-    room.p[1] = room.p[6] = room.r[1]
-    room.step[0], room.step[1] = 0.0, 1.0
+        smoother.x[a] = smoother.z[a]
+        smoother.p[7 * a] = smoother.r[2 * a] + apart
+        smoother.p[7 * (2 + a)] = FIRST_SPEED_SD * FIRST_SPEED_SD
+        smoother.p[7 * (4 + a)] = offset
+        smoother.p[6 * a + 4 + a] = smoother.p[6 * (4 + a) + a] = -apart
+    smoother.p[1] = smoother.p[6] = smoother.r[1]
+    smoother.step[0], smoother.step[1] = 0.0, 1.0
 
 
-def predict_state(room: Smoother, i: int, state: Any, dt: float) -> None:
+def predict_state(smoother: Smoother, i: int, state: Any, dt: float) -> None:
     """Predict the state in sweep i from that before, `dt` seconds earlier."""
-    q, left = room.acceleration[i], math.exp(-dt / LEG_SECONDS)
-    room.step[2 * i], room.step[2 * i + 1] = dt, left
+    q, left = smoother.acceleration[i], math.exp(-dt / LEG_SECONDS)
+    smoother.step[2 * i], smoother.step[2 * i + 1] = dt, left
     x, p = STATE * i, SQUARE * i
     for k in range(STATE):
-        room.x[x + k] = state[1 + k] if i == 0 else room.x[x - STATE + k]
+        smoother.x[x + k] = state[1 + k] if i == 0 else smoother.x[x - STATE + k]
     for k in range(SQUARE):
-        room.p[p + k] = state[1 + STATE + k] if i == 0 else room.p[p - SQUARE + k]
-    offset = room.p[p + 28]
+        smoother.p[p + k] = state[1 + STATE + k] if i == 0 else smoother.p[p - SQUARE + k]
+    offset = smoother.p[p + 28]
     for a in range(2):
-        room.x[x + a] += dt * room.x[x + 2 + a]
-        room.x[x + 4 + a] *= left
+        smoother.x[x + a] += dt * smoother.x[x + 2 + a]
+        smoother.x[x + 4 + a] *= left
     # F P Fᵀ: rows, then columns.
     for k in range(STATE):
         for a in range(2):
-            room.p[p + 6 * a + k] += dt * room.p[p + 6 * (2 + a) + k]
-            room.p[p + 6 * (4 + a) + k] *= left
+            smoother.p[p + 6 * a + k] += dt * smoother.p[p + 6 * (2 + a) + k]
+            smoother.p[p + 6 * (4 + a) + k] *= left
     for k in range(STATE):
         for a in range(2):
-            room.p[p + 6 * k + a] += dt * room.p[p + 6 * k + 2 + a]
-            room.p[p + 6 * k + 4 + a] *= left
+            smoother.p[p + 6 * k + a] += dt * smoother.p[p + 6 * k + 2 + a]
+            smoother.p[p + 6 * k + 4 + a] *= left
     # A person keeps the variance of the offset; what has none gets none.
     lost = LEG_VAR * (1.0 - left * left) if offset > 0.0 else 0.0
     for a in range(2):
-        room.p[p + 7 * a] += q * dt * dt * dt / 3.0
-        room.p[p + 6 * a + 2 + a] += 0.5 * q * dt * dt
-        room.p[p + 6 * (2 + a) + a] += 0.5 * q * dt * dt
-        room.p[p + 7 * (2 + a)] += q * dt
-        room.p[p + 7 * (4 + a)] += lost
+        smoother.p[p + 7 * a] += q * dt * dt * dt / 3.0
+        smoother.p[p + 6 * a + 2 + a] += 0.5 * q * dt * dt
+        smoother.p[p + 6 * (2 + a) + a] += 0.5 * q * dt * dt
+        smoother.p[p + 7 * (2 + a)] += q * dt
+        smoother.p[p + 7 * (4 + a)] += lost
 
 
-def update_state(room: Smoother, i: int, legs: int) -> float:
+def update_state(smoother: Smoother, i: int, legs: int) -> float:
     """Correct the state in sweep i by the measured place; return the misfit."""
     x, p, g = STATE * i, SQUARE * i, GAIN * i
     leg = 1.0 if legs == 1 else 0.0
     # P Hᵀ, with H of place and, for one leg, its offset.
     for k in range(STATE):
         for a in range(2):
-            room.gain[g + 2 * k + a] = room.p[p + 6 * k + a] + leg * room.p[p + 6 * k + 4 + a]
-    off_x = room.z[2 * i] - room.x[x] - leg * room.x[x + 4]
-    off_y = room.z[2 * i + 1] - room.x[x + 1] - leg * room.x[x + 5]
-    xx = room.gain[g] + leg * room.gain[g + 8] + room.r[3 * i]
-    xy = room.gain[g + 1] + leg * room.gain[g + 9] + room.r[3 * i + 1]
-    yy = room.gain[g + 3] + leg * room.gain[g + 11] + room.r[3 * i + 2]
+            smoother.gain[g + 2 * k + a] = smoother.p[p + 6 * k + a] + leg * smoother.p[p + 6 * k + 4 + a]
+    off_x = smoother.z[2 * i] - smoother.x[x] - leg * smoother.x[x + 4]
+    off_y = smoother.z[2 * i + 1] - smoother.x[x + 1] - leg * smoother.x[x + 5]
+    xx = smoother.gain[g] + leg * smoother.gain[g + 8] + smoother.r[3 * i]
+    xy = smoother.gain[g + 1] + leg * smoother.gain[g + 9] + smoother.r[3 * i + 1]
+    yy = smoother.gain[g + 3] + leg * smoother.gain[g + 11] + smoother.r[3 * i + 2]
     size = xx * yy - xy * xy
     squared = (yy * off_x * off_x - 2.0 * xy * off_x * off_y + xx * off_y * off_y) / size
     misfit = min(squared, MOST_MISFIT) + math.log(size)
     less = MOST_MISFIT / squared if squared > MOST_MISFIT else 1.0
     a_xx, a_xy, a_yy = less * yy / size, -less * xy / size, less * xx / size
-    room.inverse[3 * i], room.inverse[3 * i + 1], room.inverse[3 * i + 2] = a_xx, a_xy, a_yy
-    room.off[2 * i], room.off[2 * i + 1] = off_x, off_y
+    smoother.inverse[3 * i], smoother.inverse[3 * i + 1], smoother.inverse[3 * i + 2] = a_xx, a_xy, a_yy
+    smoother.off[2 * i], smoother.off[2 * i + 1] = off_x, off_y
     for k in range(STATE):
-        c_x, c_y = room.gain[g + 2 * k], room.gain[g + 2 * k + 1]
+        c_x, c_y = smoother.gain[g + 2 * k], smoother.gain[g + 2 * k + 1]
         for m in range(k, STATE):
-            d_x, d_y = room.gain[g + 2 * m], room.gain[g + 2 * m + 1]
-            room.p[p + 6 * k + m] -= c_x * (a_xx * d_x + a_xy * d_y) + c_y * (a_xy * d_x + a_yy * d_y)
-            room.p[p + 6 * m + k] = room.p[p + 6 * k + m]
+            d_x, d_y = smoother.gain[g + 2 * m], smoother.gain[g + 2 * m + 1]
+            smoother.p[p + 6 * k + m] -= c_x * (a_xx * d_x + a_xy * d_y) + c_y * (a_xy * d_x + a_yy * d_y)
+            smoother.p[p + 6 * m + k] = smoother.p[p + 6 * k + m]
     for k in range(STATE):
-        c_x, c_y = room.gain[g + 2 * k], room.gain[g + 2 * k + 1]
-        room.gain[g + 2 * k] = c_x * a_xx + c_y * a_xy
-        room.gain[g + 2 * k + 1] = c_x * a_xy + c_y * a_yy
-        room.x[x + k] += room.gain[g + 2 * k] * off_x + room.gain[g + 2 * k + 1] * off_y
+        c_x, c_y = smoother.gain[g + 2 * k], smoother.gain[g + 2 * k + 1]
+        smoother.gain[g + 2 * k] = c_x * a_xx + c_y * a_xy
+        smoother.gain[g + 2 * k + 1] = c_x * a_xy + c_y * a_yy
+        smoother.x[x + k] += smoother.gain[g + 2 * k] * off_x + smoother.gain[g + 2 * k + 1] * off_y
     return misfit
 
 
-def smooth_backward(room: Smoother, parts: Any, legs: Any, count: int, path: Any) -> None:
+def smooth_backward(smoother: Smoother, parts: Any, legs: Any, count: int, path: Any) -> None:
     """Correct the path by what was seen after each sweep too (modified Bryson and Frazier)."""
     for k in range(STATE):
-        room.adjoint[k] = 0.0
+        smoother.adjoint[k] = 0.0
     for k in range(SQUARE):
-        room.matrix[k] = 0.0
+        smoother.matrix[k] = 0.0
     for back in range(count):
         i = count - 1 - back
-        write_path(room, i, path)
+        write_path(smoother, i, path)
         if i > 0:
             if parts[i] > 0:
-                take_back(room, i, legs[i])
-            step_back(room, i)
+                adjoin_update(smoother, i, legs[i])
+            adjoin_step(smoother, i)
 
 
-def write_path(room: Smoother, i: int, path: Any) -> None:
+def write_path(smoother: Smoother, i: int, path: Any) -> None:
     """Write place, velocity and their variances in sweep i."""
     x, p = STATE * i, SQUARE * i
     for k in range(4):
-        value = room.x[x + k]
+        value = smoother.x[x + k]
         for n in range(STATE):
-            value -= room.p[p + 6 * k + n] * room.adjoint[n]
+            value -= smoother.p[p + 6 * k + n] * smoother.adjoint[n]
         path[9 * i + k] = value
     # Rows of P Λ that are needed.
     for k in range(4):
         for n in range(STATE):
             total = 0.0
             for o in range(STATE):
-                total += room.p[p + 6 * k + o] * room.matrix[6 * o + n]
-            room.product[6 * k + n] = total
+                total += smoother.p[p + 6 * k + o] * smoother.matrix[6 * o + n]
+            smoother.product[6 * k + n] = total
     for c in range(5):
         k = c if c == 0 else c - 1
         n = 1 if c == 1 else k
-        value = room.p[p + 6 * k + n]
+        value = smoother.p[p + 6 * k + n]
         for o in range(STATE):
-            value -= room.product[6 * k + o] * room.p[p + 6 * o + n]
+            value -= smoother.product[6 * k + o] * smoother.p[p + 6 * o + n]
         if c < 3:
-            value += room.lasting[3 * i + c]
+            value += smoother.lasting[3 * i + c]
         path[9 * i + 4 + c] = value if c == 1 else max(value, 0.0)
 
 
-def take_back(room: Smoother, i: int, legs: int) -> None:
+def adjoin_update(smoother: Smoother, i: int, legs: int) -> None:
     """Take the adjoint state back through the measurement of sweep i."""
     g = GAIN * i
     leg = 1.0 if legs == 1 else 0.0
-    off_x, off_y = room.off[2 * i], room.off[2 * i + 1]
-    a_xx, a_xy, a_yy = room.inverse[3 * i], room.inverse[3 * i + 1], room.inverse[3 * i + 2]
+    off_x, off_y = smoother.off[2 * i], smoother.off[2 * i + 1]
+    a_xx, a_xy, a_yy = smoother.inverse[3 * i], smoother.inverse[3 * i + 1], smoother.inverse[3 * i + 2]
     # Kᵀ λ and Kᵀ Λ.
     one = other = 0.0
     for k in range(STATE):
-        one += room.gain[g + 2 * k] * room.adjoint[k]
-        other += room.gain[g + 2 * k + 1] * room.adjoint[k]
+        one += smoother.gain[g + 2 * k] * smoother.adjoint[k]
+        other += smoother.gain[g + 2 * k + 1] * smoother.adjoint[k]
     for n in range(STATE):
         first = second = 0.0
         for k in range(STATE):
-            first += room.gain[g + 2 * k] * room.matrix[6 * k + n]
-            second += room.gain[g + 2 * k + 1] * room.matrix[6 * k + n]
-        room.product[n], room.product[6 + n] = first, second
+            first += smoother.gain[g + 2 * k] * smoother.matrix[6 * k + n]
+            second += smoother.gain[g + 2 * k + 1] * smoother.matrix[6 * k + n]
+        smoother.product[n], smoother.product[6 + n] = first, second
     one += a_xx * off_x + a_xy * off_y
     other += a_xy * off_x + a_yy * off_y
-    room.adjoint[0] -= one
-    room.adjoint[1] -= other
-    room.adjoint[4] -= leg * one
-    room.adjoint[5] -= leg * other
+    smoother.adjoint[0] -= one
+    smoother.adjoint[1] -= other
+    smoother.adjoint[4] -= leg * one
+    smoother.adjoint[5] -= leg * other
     # Kᵀ Λ K, which with S⁻¹ is what the measurement adds.
     xx = xy = yy = 0.0
     for n in range(STATE):
-        xx += room.product[n] * room.gain[g + 2 * n]
-        xy += room.product[n] * room.gain[g + 2 * n + 1]
-        yy += room.product[6 + n] * room.gain[g + 2 * n + 1]
+        xx += smoother.product[n] * smoother.gain[g + 2 * n]
+        xy += smoother.product[n] * smoother.gain[g + 2 * n + 1]
+        yy += smoother.product[6 + n] * smoother.gain[g + 2 * n + 1]
     xx, xy, yy = xx + a_xx, xy + a_xy, yy + a_yy
     for a in range(2):
         for n in range(STATE):
-            less = room.product[6 * a + n]
-            room.matrix[6 * a + n] -= less
-            room.matrix[6 * (4 + a) + n] -= leg * less
+            less = smoother.product[6 * a + n]
+            smoother.matrix[6 * a + n] -= less
+            smoother.matrix[6 * (4 + a) + n] -= leg * less
     for a in range(2):
         for n in range(STATE):
-            less = room.product[6 * a + n]
-            room.matrix[6 * n + a] -= less
-            room.matrix[6 * n + 4 + a] -= leg * less
+            less = smoother.product[6 * a + n]
+            smoother.matrix[6 * n + a] -= less
+            smoother.matrix[6 * n + 4 + a] -= leg * less
     for a in range(2):
         for b in range(2):
             more = xy
             if a == b:
                 more = xx if a == 0 else yy
-            room.matrix[6 * a + b] += more
-            room.matrix[6 * a + 4 + b] += leg * more
-            room.matrix[6 * (4 + a) + b] += leg * more
-            room.matrix[6 * (4 + a) + 4 + b] += leg * more
+            smoother.matrix[6 * a + b] += more
+            smoother.matrix[6 * a + 4 + b] += leg * more
+            smoother.matrix[6 * (4 + a) + b] += leg * more
+            smoother.matrix[6 * (4 + a) + 4 + b] += leg * more
 
 
-def step_back(room: Smoother, i: int) -> None:
+def adjoin_step(smoother: Smoother, i: int) -> None:
     """Take the adjoint state back through the step to sweep i."""
-    dt, left = room.step[2 * i], room.step[2 * i + 1]
+    dt, left = smoother.step[2 * i], smoother.step[2 * i + 1]
     for a in range(2):
-        room.adjoint[2 + a] += dt * room.adjoint[a]
-        room.adjoint[4 + a] *= left
+        smoother.adjoint[2 + a] += dt * smoother.adjoint[a]
+        smoother.adjoint[4 + a] *= left
     for n in range(STATE):
         for a in range(2):
-            room.matrix[6 * (2 + a) + n] += dt * room.matrix[6 * a + n]
-            room.matrix[6 * (4 + a) + n] *= left
+            smoother.matrix[6 * (2 + a) + n] += dt * smoother.matrix[6 * a + n]
+            smoother.matrix[6 * (4 + a) + n] *= left
     for n in range(STATE):
         for a in range(2):
-            room.matrix[6 * n + 2 + a] += dt * room.matrix[6 * n + a]
-            room.matrix[6 * n + 4 + a] *= left
+            smoother.matrix[6 * n + 2 + a] += dt * smoother.matrix[6 * n + a]
+            smoother.matrix[6 * n + 4 + a] *= left
 
 
 def decide_motion(count: int, onset: int, path: Any, moving: Any) -> None:

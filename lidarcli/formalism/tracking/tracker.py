@@ -19,14 +19,14 @@ from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, 
 from lidarcli.formalism.mapping.places import MOST_SENSORS, Standing
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.estimation import Bodies, sighting_arrays
-from lidarcli.formalism.tracking.fold import Correction, Fold
+from lidarcli.formalism.tracking.kalman import Targets, sighting_arrays
+from lidarcli.formalism.tracking.measurement import Detections, Measurements, RangeHistory
 from lidarcli.formalism.tracking.naming import Naming
-from lidarcli.formalism.tracking.observation import Memory, Seen, Views
-from lidarcli.formalism.tracking.results import Followed, Tracks, Trajectories
+from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
+from lidarcli.formalism.tracking.sweep_tracker import PoseErrorFilter, SweepTracker
 from lidarcli.formalism.tracking.tracks import Track, tracks_of
 from lidarcli.formalism.tracking.trajectories import standing
-from lidarcli.formalism.tracking.windows import Register, Settled, Window
+from lidarcli.formalism.tracking.windows import TrackRegistry, Window, WindowResult
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch
 
 WINDOW = 256
@@ -34,7 +34,7 @@ WINDOW = 256
 
 The windows of all sensors of a topic end together, as soon as that of one of them is full.
 """
-BODIES_AT_FIRST, VIEWS_AT_FIRST, SIGHTINGS_AT_FIRST = 64, 32, 2048
+TARGETS_AT_FIRST, MEASUREMENTS_AT_FIRST, SIGHTINGS_AT_FIRST = 64, 32, 2048
 """Room for so many bodies, objects of a sweep, and sightings before it grows."""
 NOTED_WAY = 1.0
 """[m] Least distance that the sensor has gone for a note on its poses."""
@@ -51,7 +51,7 @@ LEAST_TRACKS = 4
 
 
 @dataclass(slots=True)
-class _Waiting:
+class _PendingBatch:
     """A batch whose objects are followed, but not settled."""
 
     batch: SweepBatch
@@ -60,59 +60,63 @@ class _Waiting:
     """Number of sweeps of the topic up to its last one."""
 
 
-class _Sensor:
+class _SensorTracker:
     """Memory of one sensor: its bodies, their sightings, and their tracks."""
 
-    def __init__(self, significance: float, register: Register) -> None:
-        self.fold = Fold(-math.log(significance), Bodies(BODIES_AT_FIRST), Views(VIEWS_AT_FIRST, 1), Memory(1))
+    def __init__(self, significance: float, register: TrackRegistry) -> None:
+        self.tracker = SweepTracker(
+            -math.log(significance), Targets(TARGETS_AT_FIRST), Measurements(MEASUREMENTS_AT_FIRST, 1), RangeHistory(1)
+        )
         self.register = register
         self.standing = Standing()
-        self.log = sighting_arrays(SIGHTINGS_AT_FIRST)
-        self.fold.log.attach(self.log)
-        self.settled: deque[Settled] = deque()
+        self.sightings = sighting_arrays(SIGHTINGS_AT_FIRST)
+        self.tracker.sightings.attach(self.sightings)
+        self.results: deque[WindowResult] = deque()
         """Results for the next objects, in pieces."""
 
     def settle(self, window: Window) -> None:
         """Settle its oldest window."""
-        log, count = self.log, self.fold.log.count
-        self.settled.append(self.register.settle(window, log, count))
-        done = int(np.searchsorted(log["sweep"][:count], window.begin + window.count))
-        for values in log.values():
+        sightings, count = self.sightings, self.tracker.sightings.count
+        self.results.append(self.register.settle(window, sightings, count))
+        done = int(np.searchsorted(sightings["sweep"][:count], window.begin + window.count))
+        for values in sightings.values():
             values[: count - done] = values[done:count].copy()
-        self.fold.log.count = count - done
+        self.tracker.sightings.count = count - done
 
     def make_room(self, objects: int, beams: int) -> None:
         """Make room for sweeps of so many objects and beams."""
-        fold = self.fold
-        if objects > fold.views.objects or beams > fold.views.beams:
-            views = Views(_power(objects, fold.views.objects), _power(beams, fold.views.beams))
-            fold.fit(fold.bodies, views, _grown(fold.past, views.beams))
+        tracker = self.tracker
+        if objects > tracker.measurements.objects or beams > tracker.measurements.beams:
+            measurements = Measurements(
+                _power(objects, tracker.measurements.objects), _power(beams, tracker.measurements.beams)
+            )
+            tracker.resize(tracker.targets, measurements, _grown(tracker.range_history, measurements.beams))
 
     def enlarge(self) -> None:
         """Double the room for bodies or sightings, whichever is short."""
-        fold = self.fold
-        if fold.log.count + fold.views.objects > fold.log.room:
-            for name, values in self.log.items():
+        tracker = self.tracker
+        if tracker.sightings.count + tracker.measurements.objects > tracker.sightings.capacity:
+            for name, values in self.sightings.items():
                 more = np.zeros((2 * len(values), *values.shape[1:]), values.dtype)
                 more[: len(values)] = values
-                self.log[name] = more
-            fold.log.attach(self.log)
-        if fold.bodies.high + 2 * fold.views.objects > fold.bodies.most:
-            bodies = Bodies(2 * fold.bodies.most)
-            bodies.grow(fold.bodies)
-            fold.fit(bodies, fold.views, fold.past)
+                self.sightings[name] = more
+            tracker.sightings.attach(self.sightings)
+        if tracker.targets.slots_used + 2 * tracker.measurements.objects > tracker.targets.capacity:
+            targets = Targets(2 * tracker.targets.capacity)
+            targets.grow(tracker.targets)
+            tracker.resize(targets, tracker.measurements, tracker.range_history)
 
-    def take(self, count: int) -> Settled:
+    def take(self, count: int) -> WindowResult:
         """Return the results for the next objects."""
-        parts: list[Settled] = []
+        parts: list[WindowResult] = []
         while count > 0:
-            piece = self.settled.popleft()
+            piece = self.results.popleft()
             if len(piece.track) > count:
-                self.settled.appendleft(piece.rows(slice(count, None)))
+                self.results.appendleft(piece.rows(slice(count, None)))
                 piece = piece.rows(slice(0, count))
             parts.append(piece)
             count -= len(piece.track)
-        return Settled.joined(parts)
+        return WindowResult.joined(parts)
 
 
 class Tracker:
@@ -133,16 +137,16 @@ class Tracker:
         """Notes for the user, a line each; complete after `finish`."""
         self._first_ns: int | None = None
         self._topic = ""
-        self._sensors: list[_Sensor] = []
+        self._sensors: list[_SensorTracker] = []
         """By the index of the frame."""
         self._tracks: list[Track] = []
         """Those of all sensors, by number."""
-        self._waiting: deque[_Waiting] = deque()
+        self._pending: deque[_PendingBatch] = deque()
         self._windows: deque[dict[int, Window]] = deque([{}])
         """Windows of the sensors that are not settled; the last ones are being filled."""
         self._objects = self._sweeps = self._settled_sweeps = 0
 
-    def add(self, batch: SweepBatch, detection: Detection) -> list[Followed]:
+    def add(self, batch: SweepBatch, detection: Detection) -> list[TrackedBatch]:
         """Take the next sweeps of the topic, and return the results for earlier batches that are settled by now, in order.
 
         Parameters
@@ -156,23 +160,23 @@ class Tracker:
             The arrays of the batch do not fit together (`detect.check`).
         """
         if len(batch):
-            self._follow(batch, detection)
-        self._waiting.append(_Waiting(batch, detection, self._sweeps))
+            self._process(batch, detection)
+        self._pending.append(_PendingBatch(batch, detection, self._sweeps))
         self._objects += len(detection)
-        return self._answers()
+        return self._results()
 
-    def finish(self) -> tuple[list[Followed], Tracks]:
+    def finish(self) -> tuple[list[TrackedBatch], Tracks]:
         """Settle everything, and return the remaining results and all tracks."""
         for sensor in self._sensors:
-            sensor.register.collect(sensor.fold.bodies)
+            sensor.register.collect(sensor.tracker.targets)
         if not self._windows[-1]:
             self._windows.pop()
         while self._windows:
             self._settle()
         for frame, sensor in zip(self.frames, self._sensors, strict=False):
             name = self._topic if len(self._sensors) == 1 else f"{self._topic} ({frame or 'without a name'})"
-            self.notes += notes_of(name, sensor.fold.correction, sensor.register.tracks, sensor.fold.moves)
-        return self._answers(), tracks_of(self._tracks)
+            self.notes += notes_of(name, sensor.tracker.pose_error, sensor.register.tracks, sensor.tracker.moves)
+        return self._results(), tracks_of(self._tracks)
 
     def trajectories(self) -> Iterator[Trajectories]:
         """Yield the rows that are settled and were not yielded before: of what moves; after `finish` all that are left."""
@@ -182,15 +186,15 @@ class Tracker:
             if not self._windows:
                 yield from standing(sensor.register.sweeps, sensor.register.tracks)
 
-    def _follow(self, batch: SweepBatch, detection: Detection) -> None:
+    def _process(self, batch: SweepBatch, detection: Detection) -> None:
         """Follow the sweeps of a batch, run by run of one sensor, and window by window."""
         if self._first_ns is None:
             self._first_ns = int(batch.stamp_ns[0])
             self._topic = batch.topic
-        laid_out = scans(batch)
+        scans_of_batch = scans(batch)
         poses = _poses(batch)
         seconds = (batch.stamp_ns - np.int64(self._first_ns)) / 1e9
-        way, shares = _way(batch), detection.shares(batch)
+        motion, shares = _motion(batch), detection.shares(batch)
         frames = self._frames(batch)
         which = np.minimum(frames, MOST_SENSORS - 1)
         posed = _posed(batch)
@@ -198,49 +202,49 @@ class Tracker:
         for name, rows, mine in batch.by_frame() if batch.still is None else ():
             sensor = self._sensors[min(self.frames.index(name), MOST_SENSORS - 1)]
             placed[rows] |= sensor.standing.see(mine)
-        seen = Seen(detection, poses, seconds, way, shares, placed)
-        for number in np.flatnonzero(np.bincount(which)).tolist():
-            sensor = self._sensors[number]
-            sensor.make_room(seen.most, batch.width)
-            sensor.fold.objects = self._objects
+        detections = Detections(detection, poses, seconds, motion, shares, placed)
+        for index in np.flatnonzero(np.bincount(which)).tolist():
+            sensor = self._sensors[index]
+            sensor.make_room(detections.max_objects, batch.width)
+            sensor.tracker.objects = self._objects
         times = batch.seconds()
-        looks = None
+        sizes = None
         if (naming := self._sensors[0].register.naming) is not None:
             then = poses[detection.row]
-            then[:, 2] += shares * way[detection.row, 2]
-            looks = naming.see(batch, detection, then)
+            then[:, 2] += shares * motion[detection.row, 2]
+            sizes = naming.measure(batch, detection, then)
         numbers = np.zeros(len(detection), np.int64)
         offsets = np.searchsorted(detection.row, np.arange(len(batch) + 1))
         row = 0
         for end in [*(np.flatnonzero(np.diff(which)) + 1).tolist(), len(batch)]:
-            number = int(which[row])
-            sensor = self._sensors[number]
-            fold, register = sensor.fold, sensor.register
+            index = int(which[row])
+            sensor = self._sensors[index]
+            tracker, register = sensor.tracker, sensor.register
             while row < end:
-                begin, before = row, fold.sweeps
-                fold.moves = bool(posed[row])
-                window = self._windows[-1].setdefault(number, Window(before))
+                begin, before = row, tracker.sweeps
+                tracker.moves = bool(posed[row])
+                window = self._windows[-1].setdefault(index, Window(before))
                 stop = min(end, row + WINDOW - (before - window.begin))
-                while (row := fold.follow(seen, laid_out, row, stop, numbers)) < stop:
+                while (row := tracker.process(detections, scans_of_batch, row, stop, numbers)) < stop:
                     sensor.enlarge()
                 first, last = int(offsets[begin]), int(offsets[row])
                 window.numbers.append(numbers[first:last])
                 window.sweeps.append(detection.row[first:last] + (before - begin))
                 window.index.append(batch.sweep[begin:row])
                 window.stamps.append(batch.stamp_ns[begin:row])
-                register.sweeps.add(batch.sweep[begin:row], batch.stamp_ns[begin:row], times[begin:row], fold.moves)
+                register.sweeps.add(batch.sweep[begin:row], batch.stamp_ns[begin:row], times[begin:row], tracker.moves)
                 window.frames.append(frames[begin:row])
                 window.placed.append(placed[begin:row])
-                if looks is not None:
-                    window.looks.append(looks.rows(slice(first, last)))
-                if fold.sweeps - window.begin == WINDOW:
+                if sizes is not None:
+                    window.sizes.append(sizes.rows(slice(first, last)))
+                if tracker.sweeps - window.begin == WINDOW:
                     self._close()
         self._sweeps += len(batch)
 
     def _close(self) -> None:
         """End the windows that are being filled, and settle those before."""
         for sensor in self._sensors:
-            sensor.register.collect(sensor.fold.bodies)
+            sensor.register.collect(sensor.tracker.targets)
         if len(self._windows) > 1:
             self._settle()
         self._windows.append({})
@@ -253,34 +257,34 @@ class Tracker:
             self.frames.append(name)
             if len(self._sensors) < MOST_SENSORS:
                 naming = None if self._catalogue is None else Naming(self._catalogue)
-                self._sensors.append(_Sensor(self.parameters.significance, Register(naming, self._tracks)))
+                self._sensors.append(_SensorTracker(self.parameters.significance, TrackRegistry(naming, self._tracks)))
         return np.array([self.frames.index(name) for name in batch.frame_ids], np.int64)[batch.frame]
 
     def _settle(self) -> None:
         """Settle the oldest window of each sensor."""
-        for number, window in sorted(self._windows.popleft().items()):
-            self._sensors[number].settle(window)
+        for index, window in sorted(self._windows.popleft().items()):
+            self._sensors[index].settle(window)
             self._settled_sweeps += window.count
 
-    def _answers(self) -> list[Followed]:
+    def _results(self) -> list[TrackedBatch]:
         """Return the results for the batches whose sweeps are all settled."""
         done = []
-        while self._waiting and self._waiting[0].stop <= self._settled_sweeps:
-            one = self._waiting.popleft()
-            done.append(_followed(one, self._take(one), self.parameters.memory))
+        while self._pending and self._pending[0].stop <= self._settled_sweeps:
+            one = self._pending.popleft()
+            done.append(_tracked_batch(one, self._take(one), self.parameters.memory))
         return done
 
-    def _take(self, one: _Waiting) -> Settled:
+    def _take(self, one: _PendingBatch) -> WindowResult:
         """Return the results for the objects of a batch."""
         which = np.minimum(self._frames(one.batch), MOST_SENSORS - 1)[one.detection.row]
         counts = np.bincount(which, minlength=1).tolist()
-        found = Settled.joined([self._sensors[number].take(count) for number, count in enumerate(counts) if count])
+        found = WindowResult.joined([self._sensors[index].take(count) for index, count in enumerate(counts) if count])
         if len(which) in counts:
             return found
         return found.rows(np.argsort(np.argsort(which, kind="stable")))
 
 
-def _followed(one: _Waiting, settled: Settled, by_memory: bool) -> Followed:
+def _tracked_batch(one: _PendingBatch, settled: WindowResult, by_memory: bool) -> TrackedBatch:
     """Return the results for a batch; by memory, objects have the shapes of their tracks."""
     found, sweeps = one.detection, len(one.batch)
     known = settled.track > 0
@@ -295,7 +299,7 @@ def _followed(one: _Waiting, settled: Settled, by_memory: bool) -> Followed:
     order = np.lexsort((found.theta_i, kind == NOISE, found.row))
     agent_beams = _count(found.row[agent], found.beams[agent], sweeps)
     object_beams = _count(found.row[thing_at], found.beams[thing_at], sweeps)
-    return Followed(
+    return TrackedBatch(
         track=settled.track,
         vx=settled.vx,
         vy=settled.vy,
@@ -346,7 +350,7 @@ def _poses(batch: SweepBatch) -> Float64:
     return columns
 
 
-def _way(batch: SweepBatch) -> Float64:
+def _motion(batch: SweepBatch) -> Float64:
     """Return (S, 3) the way of the sensor in x, y, yaw during each sweep."""
     poses = batch.poses
     return np.zeros((len(batch), 3)) if poses is None or poses.way is None else poses.way
@@ -357,39 +361,39 @@ def _power(wanted: int, at_least: int) -> int:
     return max(at_least, 1 << max(wanted - 1, 0).bit_length())
 
 
-def _grown(past: Memory, beams: int) -> Memory:
+def _grown(history: RangeHistory, beams: int) -> RangeHistory:
     """Return the remembered sweeps, with room for so many beams."""
-    if beams <= past.beams:
-        return past
-    larger = Memory(beams)
-    larger.grow(past)
+    if beams <= history.beams:
+        return history
+    larger = RangeHistory(beams)
+    larger.grow(history)
     return larger
 
 
-def notes_of(topic: str, correction: Correction, tracks: list[Track], has_poses: bool) -> list[str]:
+def notes_of(topic: str, pose_error: PoseErrorFilter, tracks: list[Track], has_poses: bool) -> list[str]:
     """Return notes for the user on a topic that was tracked: the error of its poses, or that it should have some."""
-    of_poses = _of_poses(topic, correction) if has_poses else []
+    of_poses = _of_poses(topic, pose_error) if has_poses else []
     return of_poses + _of_motion(topic, tracks, has_poses)
 
 
-def _of_poses(topic: str, correction: Correction) -> list[str]:
+def _of_poses(topic: str, pose_error: PoseErrorFilter) -> list[str]:
     """Return notes on the delay of the poses and the place of the sensor."""
-    if correction.way < NOTED_WAY:
+    if pose_error.travelled < NOTED_WAY:
         return []
-    delay, ahead, left, delay_sd, place_sd = correction.estimate()
+    delay, ahead, left, delay_sd, place_sd = pose_error.estimate()
     lines = []
     if abs(delay) > max(NOTED_DELAY, NOTED_SDS * delay_sd):
         when = "late" if delay > 0 else "early"
         lines.append(f"{topic}: static objects show the poses {abs(delay):.2f} s {when}: corrected for tracks")
     if math.hypot(ahead, left) > max(NOTED_DISTANCE, NOTED_SDS * place_sd):
         lines.append(
-            f"{topic}: static objects show the sensor {_place(ahead, left)} of where its poses are told: "
+            f"{topic}: static objects show the sensor {_place_in_words(ahead, left)} of where its poses are told: "
             "corrected for tracks"
         )
     return lines
 
 
-def _place(ahead: float, left: float) -> str:
+def _place_in_words(ahead: float, left: float) -> str:
     """Return where the sensor is, in words."""
     words = []
     if abs(ahead) >= 0.01:
@@ -423,5 +427,5 @@ def _of_motion(topic: str, tracks: list[Track], has_poses: bool) -> list[str]:
         if has_poses
         else "without poses the sensor is taken as standing; if it drives, tracks need a log with its poses (tf, odometry)"
     )
-    told = f"{topic}: {moved} of {len(long)} tracks count as moving, which is unlikely"
-    return [f"{told}: do not trust agents here; {why}"]
+    counted = f"{topic}: {moved} of {len(long)} tracks count as moving, which is unlikely"
+    return [f"{counted}: do not trust agents here; {why}"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, UNKNOWN
-from lidarcli.formalism.matching.evidence import rectangle, shape_likelihood
+from lidarcli.formalism.matching.catalogue import rectangle, shape_likelihood
 from lidarcli.formalism.tracking.results import BOX, END_OF_LOG, ENDED, PERSON, Tracks
 from lidarcli.sweeps import Int64
 
@@ -36,8 +36,8 @@ RIGHT_ANGLE = 0.5 * math.pi
 
 
 @dataclass(slots=True, eq=False)
-class Body:
-    """A body that was seen often enough, as it was at the end of a window; fields as in `estimation.Bodies`."""
+class Tracklet:
+    """A body that was seen often enough, as it was at the end of a window; fields as in `kalman.Targets`."""
 
     number: int
     kind: int = 0
@@ -50,7 +50,7 @@ class Body:
     end: int = END_OF_LOG
     same_as: int = 0
     member: int = 0
-    seen_at: float = 0.0
+    last_time: float = 0.0
     yaw: float = 0.0
     size: float = 0.0
     bulge: float = 0.0
@@ -58,8 +58,8 @@ class Body:
     h: tuple[float, float] = (0.0, 0.0)
     hh: tuple[float, float] = (0.0, 0.0)
     c: tuple[float, float] = (0.0, 0.0)
-    still_c: tuple[float, float] = (0.0, 0.0)
-    still_cc: tuple[float, float] = (0.0, 0.0)
+    static_c: tuple[float, float] = (0.0, 0.0)
+    static_cc: tuple[float, float] = (0.0, 0.0)
     side: tuple[float, float] = (0.0, 0.0)
     side_weight: tuple[float, float] = (0.0, 0.0)
     least: tuple[float, float] = (0.0, 0.0)
@@ -90,23 +90,23 @@ class Body:
 
     def place(self, still: bool) -> tuple[float, float]:
         """Return the centre in the world [m], of the body or of its twin that stands."""
-        along, across = self.still_c if still else self.c
+        along, across = self.static_c if still else self.c
         cos, sin = float(np.cos(self.yaw)), float(np.sin(self.yaw))
         return cos * along - sin * across, sin * along + cos * across
 
 
 def columns_of(arrays: dict[str, NDArray[Any]], slots: Int64) -> dict[str, list[Any]]:
-    """Return the state of the bodies in some slots of `Bodies.arrays`, by field of `Body`."""
+    """Return the state of the bodies in some slots of `Targets.arrays`, by field of `Body`."""
     size = len(arrays["state"])
     rows = {name: values.reshape(size, -1)[slots] for name, values in arrays.items()}
     # Sweeps that tell no shape have no vote.
     rows["shape_votes"] = rows["shape_votes"][:, :4]
     columns: dict[str, list[Any]] = {}
-    for name in (each.name for each in fields(Body) if each.name in rows):
+    for name in (each.name for each in fields(Tracklet) if each.name in rows):
         values = rows[name]
         columns[name] = values[:, 0].tolist() if values.shape[1] == 1 else [*map(tuple, values.tolist())]
     columns["has_ended"] = (rows["state"][:, 0] == ENDED).tolist()
-    often = rows["leg_seen"] > LEG_SHARE * rows["sightings"]
+    often = rows["leg_hits"] > LEG_SHARE * rows["sightings"]
     columns["legs"] = [()] * len(slots)
     for k in np.flatnonzero(often.any(axis=1)).tolist():
         at = often[k]
@@ -118,7 +118,7 @@ def columns_of(arrays: dict[str, NDArray[Any]], slots: Int64) -> dict[str, list[
 class Track:
     """One row of the tracks table: a body, or several that belong together."""
 
-    parts: list[Body] = field(default_factory=list)
+    parts: list[Tracklet] = field(default_factory=list)
     number: int = 0
     """1, 2, ... by first sight; 0 before its first row."""
     frame: int = 0
@@ -150,12 +150,12 @@ class Track:
     """Probability of the label."""
     state: NDArray[np.float64] | None = None
     """State of the smoother in its last sweep of the settled windows (`Smoother.smooth`)."""
-    told: int = -1
+    path_stop: int = -1
     """Number of sweeps of the topic up to its last one of the settled windows; -1 before its first row."""
-    stood: list[NDArray[np.uint8]] = field(default_factory=list)
+    static_codes: list[NDArray[np.uint8]] = field(default_factory=list)
     """Bytes of its last sweeps while it stands (`trajectories.PARTS_MASK`), of which its place is not told yet."""
 
-    def let_go(self, stop: int) -> None:
+    def prune(self, stop: int) -> None:
         """Keep, of the bodies that have ended, the one that was seen most and the last one: the tables need no other.
 
         `stop`: number of sweeps of the topic that are settled.
@@ -166,10 +166,10 @@ class Track:
             kept = (max(over, key=lambda part: (part.sightings, -part.number)), max(over, key=lambda part: part.last_sweep))
             self.parts = [part for part in self.parts if part in kept or part not in over]
 
-    def absorb(self, body: Body) -> None:
+    def add_part(self, tracklet: Tracklet) -> None:
         """Take a body as a part of this track."""
-        self.parts.append(body)
-        body.track = self
+        self.parts.append(tracklet)
+        tracklet.track = self
 
 
 def tracks_of(tracks: list[Track]) -> Tracks:
@@ -216,22 +216,22 @@ def _mean_speed(track: Track) -> float:
 
 def _row(track: Track) -> dict[str, float]:
     """Return what the parts of a track tell of it."""
-    body = main(track)
+    tracklet = main_part(track)
     last = max(track.parts, key=lambda part: (part.last_sweep, -part.number))
-    shape, end = _shape(track, body), last.end if last.has_ended else END_OF_LOG
+    shape, end = _shape(track, tracklet), last.end if last.has_ended else END_OF_LOG
     if (frame := frame_of_legs(track)) is not None:
         return {**asdict(frame), "length_sd": LEG_DISTANCE_SD, "width_sd": LEG_DISTANCE_SD, "shape": shape, "end": end}
-    sides = [_side(body, axis) for axis in range(2)]
-    yaw = body.yaw
+    sides = [_side(tracklet, axis) for axis in range(2)]
+    yaw = tracklet.yaw
     if sides[1][0] > sides[0][0]:
         sides.reverse()
         yaw += RIGHT_ANGLE
-    x, y = (track.x, track.y) if track.moved or len(track.parts) > 1 else body.place(True)
+    x, y = (track.x, track.y) if track.moved or len(track.parts) > 1 else tracklet.place(True)
     (length, length_sd), (width, width_sd) = sides
     return {
         "x": x,
         "y": y,
-        "yaw": _halved(yaw) if body.kind == BOX else 0.0,
+        "yaw": _halved(yaw) if tracklet.kind == BOX else 0.0,
         "length": length,
         "width": width,
         "length_sd": length_sd,
@@ -243,13 +243,13 @@ def _row(track: Track) -> dict[str, float]:
 
 def place_of(track: Track) -> tuple[float, float, float, float, float]:
     """Return where a track stands, x and y [m], and the covariance of that, xx, xy and yy [m²]."""
-    row, body = _row(track), main(track)
-    c, s = math.cos(body.yaw), math.sin(body.yaw)
-    along, across = body.still_cc
+    row, tracklet = _row(track), main_part(track)
+    c, s = math.cos(tracklet.yaw), math.sin(tracklet.yaw)
+    along, across = tracklet.static_cc
     return (row["x"], row["y"], c * c * along + s * s * across, c * s * (along - across), s * s * along + c * c * across)
 
 
-def main(track: Track) -> Body:
+def main_part(track: Track) -> Tracklet:
     """Return the part that was seen most often."""
     return max(track.parts, key=lambda part: (part.sightings, -part.number))
 
@@ -276,7 +276,7 @@ def frame_of_legs(track: Track) -> LegFrame | None:
     if track.moved:
         return None
     places: list[tuple[float, float]] = []
-    for part in track.parts if track.several else [main(track)]:
+    for part in track.parts if track.several else [main_part(track)]:
         for place in (part.place(True), *part.legs):
             if all(math.dist(place, other) > ONE_LEG for other in places):
                 places.append(place)
@@ -291,47 +291,47 @@ def frame_of_legs(track: Track) -> LegFrame | None:
     return LegFrame(len(places), one, other, float(middle[0, 0]), float(middle[1, 0]), _halved(angle))
 
 
-def _side(body: Body, axis: int) -> tuple[float, float]:
+def _side(tracklet: Tracklet, axis: int) -> tuple[float, float]:
     """Return a side and its standard deviation [m]; NaN where it is not known."""
-    if body.side_weight[axis] > 0.0:
-        return max(body.side[axis], 0.0), max(math.sqrt(1.0 / body.side_weight[axis]), 0.003)
-    sd = 2.0 * math.sqrt(body.hh[axis])
-    return (2.0 * body.h[axis], sd) if sd <= KNOWN_SIZE_SD else (math.nan, math.nan)
+    if tracklet.side_weight[axis] > 0.0:
+        return max(tracklet.side[axis], 0.0), max(math.sqrt(1.0 / tracklet.side_weight[axis]), 0.003)
+    sd = 2.0 * math.sqrt(tracklet.hh[axis])
+    return (2.0 * tracklet.h[axis], sd) if sd <= KNOWN_SIZE_SD else (math.nan, math.nan)
 
 
-def row_shape(body: Body) -> int:
+def row_shape(tracklet: Tracklet) -> int:
     """Return the shape of a body in the rows: the likeliest one, or the one before if it is about as likely."""
-    if not any(body.shape_votes):
-        return body.row_shape
-    odds = body_odds(body)
+    if not any(tracklet.shape_votes):
+        return tracklet.row_shape
+    odds = body_odds(tracklet)
     best = int(np.argmax(odds))
-    if body.row_shape != UNKNOWN and odds[best] - odds[body.row_shape] <= LEAST_SHAPE_ODDS:
-        return body.row_shape
+    if tracklet.row_shape != UNKNOWN and odds[best] - odds[tracklet.row_shape] <= LEAST_SHAPE_ODDS:
+        return tracklet.row_shape
     return best
 
 
-def shape_odds(track: Track, body: Body) -> list[float]:
+def shape_odds(track: Track, tracklet: Tracklet) -> list[float]:
     """Return the log-likelihood of a track and its main body being prismatic, round, legged, irregular."""
-    odds = body_odds(body)
-    if track.several or len(body.legs) > 0 or any(part.has_legs for part in track.parts):
+    odds = body_odds(tracklet)
+    if track.several or len(tracklet.legs) > 0 or any(part.has_legs for part in track.parts):
         odds[LEGGED] = max(odds) + LEGGED_ODDS
     return odds
 
 
-def body_odds(body: Body) -> list[float]:
+def body_odds(tracklet: Tracklet) -> list[float]:
     """Return the log-likelihood of one body being prismatic, round, legged, irregular."""
-    odds = shape_likelihood(body.shape_votes)
-    if body.bulge_points >= STRAIGHT_POINTS:
+    odds = shape_likelihood(tracklet.shape_votes)
+    if tracklet.bulge_points >= STRAIGHT_POINTS:
         # A prism has no face that is further from straight than noise explains.
-        ratio = body.bulge / body.bulge_points
+        ratio = tracklet.bulge / tracklet.bulge_points
         off = math.log(max(ratio, 1.0)) / BULGE_SPREAD
         odds[PRISMATIC] -= 0.5 * off * off
     return odds
 
 
-def _shape(track: Track, body: Body) -> int:
+def _shape(track: Track, tracklet: Tracklet) -> int:
     """Return the likeliest shape of a track; unknown where no shape stands out."""
-    odds = shape_odds(track, body)
+    odds = shape_odds(track, tracklet)
     best = int(np.argmax(odds))
     rest = sorted(odds)[-2]
     return best if odds[best] - rest > LEAST_SHAPE_ODDS else UNKNOWN

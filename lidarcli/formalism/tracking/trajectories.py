@@ -31,16 +31,16 @@ class Path:
     moving: UInt8
     """(S,) 1 where it moves."""
 
-    def sum_up(self) -> None:
+    def add_to_track(self) -> None:
         """Add the piece to the way and the greatest speed of the track, whose place is the end of the piece from now on."""
         track, place = self.track, self.path[:, :2]
         hidden = self.codes & PARTS_MASK == 0
-        steps = np.diff(place, axis=0, prepend=place[:1] if track.told < 0 else [[track.x, track.y]])
+        steps = np.diff(place, axis=0, prepend=place[:1] if track.path_stop < 0 else [[track.x, track.y]])
         track.distance += float(np.hypot(steps[:, 0], steps[:, 1])[hidden | (self.moving == 1)].sum())
         speed = np.hypot(self.path[:, 2], self.path[:, 3])[~hidden]
         track.speed_max = max(track.speed_max, float(speed.max(initial=0.0)))
         track.x, track.y = float(place[-1, 0]), float(place[-1, 1])
-        track.told = self.begin + len(self.codes)
+        track.path_stop = self.begin + len(self.codes)
 
 
 class Sweeps:
@@ -96,14 +96,14 @@ def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
     pending: list[Path] = []
     rows = 0
     for track in tracks:
-        if not track.stood:
+        if not track.static_codes:
             continue
-        codes = np.concatenate(track.stood)
-        track.stood.clear()
+        codes = np.concatenate(track.static_codes)
+        track.static_codes.clear()
         for first in range(0, len(codes), MOST_ROWS):
             some = codes[first : first + MOST_ROWS]
-            begin, rest = track.told - len(codes) + first, np.zeros(len(some), np.uint8)
-            pending.append(Path(track, begin, _at_rest(track, len(some)), some, rest))
+            begin, rest = track.path_stop - len(codes) + first, np.zeros(len(some), np.uint8)
+            pending.append(Path(track, begin, _static_path(track, len(some)), some, rest))
             rows += len(some)
             if rows >= MOST_ROWS:
                 yield joined(sweeps, pending)
@@ -123,7 +123,7 @@ def joined(sweeps: Sweeps, pieces: list[Path]) -> Trajectories:
     )
 
 
-def _at_rest(track: Track, count: int) -> Float64:
+def _static_path(track: Track, count: int) -> Float64:
     """Return (count, 9) the path of what stands: one place, and no velocity."""
     x, y, xx, xy, yy = place_of(track)
     return np.tile([x, y, 0.0, 0.0, xx, xy, yy, 0.0, 0.0], (count, 1))

@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import UNKNOWN
-from lidarcli.formalism.ragged import starts
+from lidarcli.formalism.detection import UNKNOWN, starts
 from lidarcli.formalism.tracking import grouping
-from lidarcli.formalism.tracking.estimation import Bodies
-from lidarcli.formalism.tracking.naming import Looks, Naming
+from lidarcli.formalism.tracking.kalman import Targets
+from lidarcli.formalism.tracking.naming import Naming, SizeMeasurements
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LEAST_WAY, LIVE, PERSON, Trajectories
 from lidarcli.formalism.tracking.settling import LEG_WIDTH, MOST_CROWDED
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
-from lidarcli.formalism.tracking.tracks import Body, Track, columns_of, main, row_shape
+from lidarcli.formalism.tracking.tracks import Track, Tracklet, columns_of, main_part, row_shape
 from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, Path, Sweeps, joined, standing
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, UInt8
 
@@ -63,7 +62,7 @@ class Window:
     """(S,) stamp of each sweep [ns]."""
     frames: list[Int64] = field(default_factory=list)
     """(S,) frame of each sweep."""
-    looks: list[Looks] = field(default_factory=list)
+    sizes: list[SizeMeasurements] = field(default_factory=list)
     """Measured sizes of each object, where tracks are named."""
     placed: list[Bool] = field(default_factory=list)
     """(S,) True where the place of the sensor is known, because it has a pose or stands."""
@@ -80,7 +79,7 @@ class Window:
 
 
 @dataclass(slots=True)
-class Settled:
+class WindowResult:
     """Results for the objects (K,) of a window."""
 
     track: Int64
@@ -92,23 +91,23 @@ class Settled:
     label_score: Float64
     shape: UInt8
 
-    def rows(self, part: slice | NDArray[np.intp]) -> Settled:
+    def rows(self, part: slice | NDArray[np.intp]) -> WindowResult:
         """Return the results for some of the objects."""
-        return Settled(*(getattr(self, each.name)[part] for each in fields(self)))
+        return WindowResult(*(getattr(self, each.name)[part] for each in fields(self)))
 
     @staticmethod
-    def joined(parts: list[Settled]) -> Settled:
+    def joined(parts: list[WindowResult]) -> WindowResult:
         """Return the results of several parts as one."""
         kinds = (np.int64, np.float64, np.float64, np.bool_, np.bool_, np.int32, np.float64, np.uint8)
         if not parts:
             nothing: list[Any] = [np.empty(0, kind) for kind in kinds]
-            return Settled(*nothing)
+            return WindowResult(*nothing)
         if len(parts) == 1:
             return parts[0]
-        return Settled(*(np.concatenate([getattr(one, each.name) for one in parts]) for each in fields(Settled)))
+        return WindowResult(*(np.concatenate([getattr(one, each.name) for one in parts]) for each in fields(WindowResult)))
 
 
-class Register:
+class TrackRegistry:
     """All bodies that were seen often enough, and the tracks they are parts of."""
 
     def __init__(self, naming: Naming | None = None, every: list[Track] | None = None) -> None:
@@ -116,7 +115,7 @@ class Register:
         self._every = [] if every is None else every
         self.naming = naming
         """Naming of tracks, if there is a catalogue."""
-        self.bodies: dict[int, Body] = {}
+        self.tracklets: dict[int, Tracklet] = {}
         """Bodies by number, without those that have ended and to which no later one can be joined."""
         self.tracks: list[Track] = []
         """Tracks by number."""
@@ -124,77 +123,77 @@ class Register:
         self.trajectories: list[Trajectories] = []
         """Rows that are settled, those of what moves in the order of the windows."""
 
-    def collect(self, bodies: Bodies) -> None:
+    def collect(self, tracklets: Targets) -> None:
         """Copy the state of all bodies that were seen often enough, and free the slots of those that have ended."""
-        arrays = bodies.arrays
-        state = arrays["state"][: bodies.high]
-        believed = (state != EMPTY) & (arrays["sightings"][: bodies.high] >= CONFIRMED_SIGHTINGS)
+        arrays = tracklets.arrays
+        state = arrays["state"][: tracklets.slots_used]
+        believed = (state != EMPTY) & (arrays["sightings"][: tracklets.slots_used] >= CONFIRMED_SIGHTINGS)
         columns = columns_of(arrays, np.flatnonzero(believed))
         for k, number in enumerate(columns["number"]):
-            body = self.bodies.get(number)
-            if body is None:
-                body = self.bodies[number] = Body(number)
-            body.take(columns, k)
+            tracklet = self.tracklets.get(number)
+            if tracklet is None:
+                tracklet = self.tracklets[number] = Tracklet(number)
+            tracklet.take(columns, k)
         state[state == ENDED] = EMPTY
         live = np.flatnonzero(state == LIVE)
-        bodies.high = int(live[-1]) + 1 if len(live) else 0
+        tracklets.slots_used = int(live[-1]) + 1 if len(live) else 0
 
-    def settle(self, window: Window, log: dict[str, NDArray[Any]], count: int) -> Settled:
+    def settle(self, window: Window, log: dict[str, NDArray[Any]], count: int) -> WindowResult:
         """Return the results of a window, by its sightings and those of the next one: the first `count` of the log."""
         stop = window.begin + window.count
-        seen = WindowSightings(log, count, self.bodies, stop)
-        grouping.join(seen, self.bodies, window.is_placed)
-        self._number(seen)
-        self._tell(seen, _smooth(seen, self.bodies))
-        at, found = seen.find(window)
-        self._sum_up(window, seen)
+        sightings = WindowSightings(log, count, self.tracklets, stop)
+        grouping.join(sightings, self.tracklets, window.is_placed)
+        self._number(sightings)
+        self._extend_trajectories(sightings, _smooth(sightings, self.tracklets))
+        at, found = sightings.find(window)
+        self._update_statistics(window, sightings)
         if self.naming is not None:
-            self._name(self.naming, window, seen, at, found)
-        settled = _rows(seen, at, found)
-        self._forget(seen, stop, window.is_placed)
+            self._name(self.naming, window, sightings, at, found)
+        settled = _rows(sightings, at, found)
+        self._forget(sightings, stop, window.is_placed)
         return settled
 
-    def _number(self, seen: WindowSightings) -> None:
+    def _number(self, sightings: WindowSightings) -> None:
         """Number the new tracks with rows in this window by first sight."""
-        seen.settle_owners()
-        for number in seen.owners:
-            body = self.bodies[number]
-            if body.track is None:
-                Track().absorb(body)
-            assert body.track is not None
-            if body.track.number == 0:
-                self.tracks.append(body.track)
-                self._every.append(body.track)
-                body.track.number = len(self._every)
-            body.row_shape = row_shape(body)
-        seen.settle_tracks()
+        sightings.settle_owners()
+        for number in sightings.owners:
+            tracklet = self.tracklets[number]
+            if tracklet.track is None:
+                Track().add_part(tracklet)
+            assert tracklet.track is not None
+            if tracklet.track.number == 0:
+                self.tracks.append(tracklet.track)
+                self._every.append(tracklet.track)
+                tracklet.track.number = len(self._every)
+            tracklet.row_shape = row_shape(tracklet)
+        sightings.settle_tracks()
 
-    def _tell(self, seen: WindowSightings, paths: list[Path]) -> None:
+    def _extend_trajectories(self, sightings: WindowSightings, paths: list[Path]) -> None:
         """Tell the paths of what moves, and keep in which sweeps the rest was seen."""
         moving = {path.track.number for path in paths}
-        for track, at in seen.by_track():
+        for track, at in sightings.by_track():
             if track.number not in moving:
-                begin, codes = seen.codes(track, at)
-                track.stood.append(codes)
-                track.told = begin + len(codes)
+                begin, codes = sightings.codes(track, at)
+                track.static_codes.append(codes)
+                track.path_stop = begin + len(codes)
         for path in paths:
-            if path.track.stood and path.begin > path.track.told:
-                path.track.stood.append(np.zeros(path.begin - path.track.told, np.uint8))
-                path.track.told = path.begin
+            if path.track.static_codes and path.begin > path.track.path_stop:
+                path.track.static_codes.append(np.zeros(path.begin - path.track.path_stop, np.uint8))
+                path.track.path_stop = path.begin
         self.trajectories += standing(self.sweeps, [path.track for path in paths])
         if paths:
             self.trajectories.append(joined(self.sweeps, paths))
         for path in paths:
-            path.sum_up()
+            path.add_to_track()
 
-    def _sum_up(self, window: Window, seen: WindowSightings) -> None:
+    def _update_statistics(self, window: Window, sightings: WindowSightings) -> None:
         """Add the sightings of a window to the sums of the tracks."""
         index, stamps, frames = (np.concatenate(values) for values in (window.index, window.stamps, window.frames))
-        for track, at in seen.by_track():
+        for track, at in sightings.by_track():
             # The first of several parts in one sweep stands for all.
-            firsts = at[starts(seen.sweep[at])]
-            sweeps = seen.sweep[firsts]
-            times = seen.time[firsts]
+            firsts = at[starts(sightings.sweep[at])]
+            sweeps = sightings.sweep[firsts]
+            times = sightings.time[firsts]
             begin, end = int(sweeps[0]) - window.begin, int(sweeps[-1]) - window.begin
             if track.sweeps == 0:
                 track.first = (index.item(begin), stamps.item(begin))
@@ -210,34 +209,36 @@ class Register:
             track.last_sweeps, track.last_time = int(sweeps[-1]), float(times[-1])
             track.sweeps += len(sweeps)
             if track.moved:
-                agent = np.flatnonzero(seen.agent[firsts])
+                agent = np.flatnonzero(sightings.agent[firsts])
                 if len(agent) and not track.is_agent:
                     track.is_agent = True
                     track.onset_ns = stamps.item(int(sweeps[agent[0]]) - window.begin)
             else:
-                last = seen.sweep[at] == sweeps[-1]
-                track.x, track.y = float(seen.x[at][last].mean()), float(seen.y[at][last].mean())
+                last = sightings.sweep[at] == sweeps[-1]
+                track.x, track.y = float(sightings.x[at][last].mean()), float(sightings.y[at][last].mean())
 
-    def _name(self, naming: Naming, window: Window, seen: WindowSightings, at: Int64, found: Bool) -> None:
+    def _name(self, naming: Naming, window: Window, sightings: WindowSightings, at: Int64, found: Bool) -> None:
         """Name the tracks of a window."""
         number, axes = np.zeros(len(found), np.int64), np.full(len(found), np.nan)
-        number[found] = np.where(seen.owner[at] == seen.number[at], seen.number[at], 0)
+        number[found] = np.where(sightings.owner[at] == sightings.number[at], sightings.number[at], 0)
         axes[found] = np.where(
-            seen.column("centred")[at] != 0, np.nan, np.arctan2(seen.column("sin")[at], seen.column("cos")[at])
+            sightings.column("centred")[at] != 0,
+            np.nan,
+            np.arctan2(sightings.column("sin")[at], sightings.column("cos")[at]),
         )
-        naming.take(window.looks, number, axes, self.bodies)
-        naming.name([track for track, _ in seen.by_track()])
+        naming.take(window.sizes, number, axes, self.tracklets)
+        naming.name([track for track, _ in sightings.by_track()])
 
-    def _forget(self, seen: WindowSightings, stop: int, is_placed: bool) -> None:
+    def _forget(self, sightings: WindowSightings, stop: int, is_placed: bool) -> None:
         """Drop the bodies that have ended and are not joined to later ones; their tracks keep them as parts."""
-        settled = [n for n, body in self.bodies.items() if body.has_ended and body.last_sweep < stop]
+        settled = [n for n, tracklet in self.tracklets.items() if tracklet.has_ended and tracklet.last_sweep < stop]
         for number in settled:
-            grouping.remember_end(seen, self.bodies[number])
-        over = [n for n in settled if not is_placed or grouping.is_past(seen, self.bodies[n])]
-        for track in {id(track): track for n in over if (track := self.bodies[n].track) is not None}.values():
-            track.let_go(stop)
+            grouping.store_end(sightings, self.tracklets[number])
+        over = [n for n in settled if not is_placed or grouping.is_expired(sightings, self.tracklets[n])]
+        for track in {id(track): track for n in over if (track := self.tracklets[n].track) is not None}.values():
+            track.prune(stop)
         for number in over:
-            del self.bodies[number]
+            del self.tracklets[number]
         if self.naming is not None:
             self.naming.forget(over)
 
@@ -245,7 +246,7 @@ class Register:
 class WindowSightings:
     """Sightings (N,) of the bodies that were seen often enough, by body, and the results for them."""
 
-    def __init__(self, log: dict[str, NDArray[Any]], count: int, bodies: dict[int, Body], stop: int) -> None:
+    def __init__(self, log: dict[str, NDArray[Any]], count: int, tracklets: dict[int, Tracklet], stop: int) -> None:
         """
         Parameters
         ----------
@@ -263,7 +264,7 @@ class WindowSightings:
             n: slice(begin, begin + many)
             for n, begin, many in zip(numbers, begins.tolist(), counts.tolist(), strict=True)
             # Most sightings of a leg may belong to its person; the rest is too little for a track.
-            if n in bodies and (many >= CONFIRMED_SIGHTINGS or bodies[n].track is not None)
+            if n in tracklets and (many >= CONFIRMED_SIGHTINGS or tracklets[n].track is not None)
         }
         self.spans = spans
         """Sightings of each body that was seen often enough, by its number."""
@@ -281,7 +282,7 @@ class WindowSightings:
         """(N,) width of the body at each sighting [m]."""
         self.place = self.x + 1j * self.y
         """(N,) place x + iy [m]."""
-        self.bodies = bodies
+        self.tracklets = tracklets
         self.now: Bool = self.sweep < stop
         """(N,) True in the window, False in the next one."""
         size = len(keep)
@@ -322,20 +323,20 @@ class WindowSightings:
         self._owner_of_run = self.owner[begins].tolist()
         later = np.iinfo(np.int64).max
         first = np.minimum.reduceat(np.where(self.now, self.object, later), begins).tolist() if len(begins) else []
-        seen: dict[int, int] = {}
+        sightings: dict[int, int] = {}
         for number, at in zip(self._owner_of_run, first, strict=True):
             if number and at < later:
-                seen[number] = min(seen.get(number, at), at)
-        self.owners = sorted(seen, key=seen.__getitem__)
+                sightings[number] = min(sightings.get(number, at), at)
+        self.owners = sorted(sightings, key=sightings.__getitem__)
 
-    def of_owner(self, value: Callable[[Body], Any], empty: Any, kind: Any) -> NDArray[Any]:
+    def of_owner(self, value: Callable[[Tracklet], Any], empty: Any, kind: Any) -> NDArray[Any]:
         """Return (N,) a value of the owner of each sighting, `empty` without an owner."""
-        values = [value(self.bodies[number]) if number else empty for number in self._owner_of_run]
+        values = [value(self.tracklets[number]) if number else empty for number in self._owner_of_run]
         return np.repeat(np.array(values, kind), self._runs)
 
     def settle_tracks(self) -> None:
         """Note the sightings of each track, once those with rows in the window have a number."""
-        self.track = self.of_owner(lambda body: 0 if body.track is None else body.track.number, 0, np.int64)
+        self.track = self.of_owner(lambda tracklet: 0 if tracklet.track is None else tracklet.track.number, 0, np.int64)
         order = np.flatnonzero(self.track)
         order = order[np.argsort((self.track[order] << 32) + self.sweep[order], kind="stable")]
         begins = starts(self.track[order])
@@ -344,7 +345,7 @@ class WindowSightings:
         counts = np.add.reduceat(self.now[order], begins, dtype=np.int64).tolist()
         owners = self.owner[order[begins]].tolist()
         for owner, at, count in zip(owners, np.split(order, begins[1:]), counts, strict=True):
-            track = self.bodies[owner].track
+            track = self.tracklets[owner].track
             if count and track is not None:
                 self.tracks.append((track, at, count))
 
@@ -358,7 +359,7 @@ class WindowSightings:
     def codes(self, track: Track, at: Any) -> tuple[int, UInt8]:
         """Return the sweep after the last one that was told of a track, and the bytes of all sweeps up to its last one."""
         sweep = self.sweep[at]
-        begin = int(sweep[0]) if track.told < 0 else track.told
+        begin = int(sweep[0]) if track.path_stop < 0 else track.path_stop
         return begin, self.bytes_of(at, sweep - begin, int(sweep[-1]) + 1 - begin)
 
     def bytes_of(self, at: Any, step: Int64, count: int) -> UInt8:
@@ -371,13 +372,13 @@ class WindowSightings:
         """
         parts = np.minimum(np.bincount(step, minlength=count), PARTS_MASK)
         hidden = np.bincount(step, self.column("whole")[at] == 0, count) > 0
-        if any(self.bodies[number].has_legs for number in set(self.owner[at].tolist())):
+        if any(self.tracklets[number].has_legs for number in set(self.owner[at].tolist())):
             # One leg hides the other.
             hidden = (parts == 1) & (np.bincount(step, self.column("chord")[at], count) < LEGS_APART)
         return (parts + np.where(hidden & (parts > 0), PARTLY_BIT, 0)).astype(np.uint8)
 
 
-def _rows(seen: WindowSightings, at: Int64, found: Bool) -> Settled:
+def _rows(sightings: WindowSightings, at: Int64, found: Bool) -> WindowResult:
     """Return the results for the objects of a window.
 
     Parameters
@@ -385,41 +386,43 @@ def _rows(seen: WindowSightings, at: Int64, found: Bool) -> Settled:
     seen : the sightings
     at, found : sightings of the objects that have one, and (K,) which these are (`WindowSightings.find`)
     """
-    label_of = seen.of_owner(lambda body: -1 if body.track is None else body.track.label, -1, np.int32)
-    score_of = seen.of_owner(lambda body: np.nan if body.track is None else body.track.label_score, np.nan, np.float64)
-    shape = seen.of_owner(lambda body: body.row_shape, UNKNOWN, np.uint8)
+    label_of = sightings.of_owner(lambda tracklet: -1 if tracklet.track is None else tracklet.track.label, -1, np.int32)
+    score_of = sightings.of_owner(
+        lambda tracklet: np.nan if tracklet.track is None else tracklet.track.label_score, np.nan, np.float64
+    )
+    shape = sightings.of_owner(lambda tracklet: tracklet.row_shape, UNKNOWN, np.uint8)
 
     def column(values: NDArray[Any], empty: Any) -> NDArray[Any]:
         out = np.full(len(found), empty, values.dtype)
         out[found] = values[at]
         return out
 
-    return Settled(
-        track=column(seen.track, 0),
-        vx=column(seen.vx, np.nan),
-        vy=column(seen.vy, np.nan),
-        moving=column(seen.moving, False),
-        agent=column(seen.agent, False),
+    return WindowResult(
+        track=column(sightings.track, 0),
+        vx=column(sightings.vx, np.nan),
+        vy=column(sightings.vy, np.nan),
+        moving=column(sightings.moving, False),
+        agent=column(sightings.agent, False),
         label=column(label_of, -1),
         label_score=column(score_of, np.nan),
         shape=column(shape, UNKNOWN),
     )
 
 
-def _smooth(seen: WindowSightings, bodies: dict[int, Body]) -> list[Path]:
+def _smooth(sightings: WindowSightings, tracklets: dict[int, Tracklet]) -> list[Path]:
     """Fill in the velocities of everything that moves, and the sightings from which on it is an agent.
 
     Return the paths of what moves.
     """
-    moving = [(track, at) for track, at in seen.by_track(ahead=True) if _moves(seen, track, at)]
+    moving = [(track, at) for track, at in sightings.by_track(ahead=True) if _moves(sightings, track, at)]
     if not moving:
         return []
-    first = min([int(seen.sweep.min()), *(track.told for track, _ in moving if track.told >= 0)])
-    smoother = Smoother(max(len(at) for _, at in moving), int(seen.sweep.max()) + 1 - first)
-    return [_smooth_track(seen, bodies, track, at, smoother) for track, at in moving]
+    first = min([int(sightings.sweep.min()), *(track.path_stop for track, _ in moving if track.path_stop >= 0)])
+    smoother = Smoother(max(len(at) for _, at in moving), int(sightings.sweep.max()) + 1 - first)
+    return [_smooth_track(sightings, tracklets, track, at, smoother) for track, at in moving]
 
 
-def _moves(seen: WindowSightings, track: Track, at: Int64) -> bool:
+def _moves(sightings: WindowSightings, track: Track, at: Int64) -> bool:
     """Return whether a track moves, from the first onset on: one of its bodies does, and it has left a place."""
     if track.moved:
         return True
@@ -428,28 +431,28 @@ def _moves(seen: WindowSightings, track: Track, at: Int64) -> bool:
         for part in track.parts
         if part.moved
     ]
-    if onsets and (left := _departure(seen, track, at)) >= 0:
+    if onsets and (left := _departure(sightings, track, at)) >= 0:
         onset = min(onsets)
         # What had stayed in the windows before has left a place since then.
-        track.moved, track.onset = True, max(onset, left) if onset < track.told else onset
+        track.moved, track.onset = True, max(onset, left) if onset < track.path_stop else onset
     return track.moved
 
 
-def _departure(seen: WindowSightings, track: Track, at: Int64) -> int:
+def _departure(sightings: WindowSightings, track: Track, at: Int64) -> int:
     """Return the first sweep after which a track is hardly seen where it was before; -1 if it always came back.
 
     `at`: its sightings, in the order of the log.
     """
     if len(at) < STAYED_SIGHTINGS:
-        return int(seen.sweep[at[0]])
+        return int(sightings.sweep[at[0]])
     # What is slim may be a leg of a thing, and then another one.
-    is_slim = float(np.median(seen.width[at])) < LEG_WIDTH or any(part.kind == PERSON for part in track.parts)
-    legs = np.diff(starts(seen.sweep[at]), append=len(at))
+    is_slim = float(np.median(sightings.width[at])) < LEG_WIDTH or any(part.kind == PERSON for part in track.parts)
+    legs = np.diff(starts(sightings.sweep[at]), append=len(at))
     is_thing = is_slim and float(np.mean(legs > grouping.PERSON_LEGS)) > MOST_CROWDED
     count = min(len(at), MOST_COMPARED)
     at = at[np.arange(count) * len(at) // count]
-    time, now = seen.time[at], np.arange(1, count)
-    apart = np.abs(seen.place[at] - seen.place[at][:, None])
+    time, now = sightings.time[at], np.arange(1, count)
+    apart = np.abs(sightings.place[at] - sightings.place[at][:, None])
     way = grouping.STANDING_LEGS_APART if is_slim else LEAST_WAY
     first = np.searchsorted(time, time[now - 1] - STAYED_SECONDS)
     stop = np.searchsorted(time, time[now] + STAYED_SECONDS, side="right")
@@ -457,7 +460,7 @@ def _departure(seen: WindowSightings, track: Track, at: Int64) -> int:
     if len(left) <= (LEAST_TRAVEL * count if is_thing else 0):
         steps = _share_again(apart <= LEAST_WAY, 0 * now, now, 0 * now + count) <= STEP_SHARE
         left = np.flatnonzero(steps & (np.minimum(now, count - now) >= STEP_SIGHTINGS * count))
-    return int(seen.sweep[at[now[left[0]]]]) if len(left) else -1
+    return int(sightings.sweep[at[now[left[0]]]]) if len(left) else -1
 
 
 def _share_again(near: Bool, first: Int64, now: Int64, stop: Int64) -> Float64:
@@ -469,38 +472,42 @@ def _share_again(near: Bool, first: Int64, now: Int64, stop: Int64) -> Float64:
     return shares
 
 
-def _smooth_track(seen: WindowSightings, bodies: dict[int, Body], track: Track, at: Int64, smoother: Smoother) -> Path:
+def _smooth_track(
+    sightings: WindowSightings, tracklets: dict[int, Tracklet], track: Track, at: Int64, smoother: Smoother
+) -> Path:
     """Fill in the velocities of a track, by all of its sightings, and return its path in the window."""
     is_person = any(part.kind == PERSON for part in track.parts)
     several = track.several or any(part.has_legs for part in track.parts)
     # By body.
     at = np.sort(at)
-    order = np.argsort(seen.sweep[at], kind="stable")
-    sighted = seen.sweep[at][order]
-    last = int(sighted[seen.now[at][order]][-1])
-    begin = int(sighted[0]) if track.told < 0 or track.state is None else track.told
+    order = np.argsort(sightings.sweep[at], kind="stable")
+    sighted = sightings.sweep[at][order]
+    last = int(sighted[sightings.now[at][order]][-1])
+    begin = int(sighted[0]) if track.path_stop < 0 or track.state is None else track.path_stop
     # All sweeps of the window, hidden ones too, and those of the next one that see it.
     sweeps = np.union1d(np.arange(begin, last + 1), sighted)
     step, count = np.searchsorted(sweeps, sighted), len(sweeps)
     stop = 0
-    rows = seen.rows_of(at)
-    begins = starts(seen.number[at])
-    for number, own in zip(seen.number[at[begins]].tolist(), np.split(rows, begins[1:]), strict=True):
-        body = bodies.get(number) or Body(number)
-        half = np.array([_half(body, 0), _half(body, 1)])
-        stop = smoother.locate(stop, seen.log, own, half, np.array(body.hh), body.kind, several and not is_person)
+    rows = sightings.rows_of(at)
+    begins = starts(sightings.number[at])
+    for number, own in zip(sightings.number[at[begins]].tolist(), np.split(rows, begins[1:]), strict=True):
+        tracklet = tracklets.get(number) or Tracklet(number)
+        half = np.array([_half_extent(tracklet, 0), _half_extent(tracklet, 1)])
+        stop = smoother.locate(
+            stop, sightings.log, own, half, np.array(tracklet.hh), tracklet.kind, several and not is_person
+        )
     state = track.state
     if state is None:
         state = track.state = np.full(KEPT, np.nan)
-    times, known = seen.time[at][order], state[0]
+    times, known = sightings.time[at][order], state[0]
     if math.isnan(known):
         time = np.interp(sweeps, sighted, times)
     else:
         time = np.interp(sweeps, np.append(begin - 1, sighted), np.append(known, times))
-    codes = seen.bytes_of(at, step, count)
+    codes = sightings.bytes_of(at, step, count)
     legs = np.zeros(count, np.uint8)
     if is_person:
-        wide = np.bincount(step, seen.column("chord")[at][order] > LEGS_APART, count) > 0
+        wide = np.bincount(step, sightings.column("chord")[at][order] > LEGS_APART, count) > 0
         legs[:] = np.where(wide | (codes & PARTS_MASK > 1), 2, 1)
     parts, path, moving = np.empty(count, np.int64), np.empty((count, 9)), np.empty(count, np.uint8)
     smoother.measure(order, step, parts, legs)
@@ -510,16 +517,16 @@ def _smooth_track(seen: WindowSightings, bodies: dict[int, Body], track: Track, 
     smoother.smooth(time, parts, legs, state, keep, onset, path, moving)
     if not track.is_agent and 0 < onset < count:
         # Looked at backwards, it may have moved before that was shown.
-        left = _leaves(path[: onset + 1], 2.0 * max(main(track).h))
-        if track.told < 0 and left <= ARRIVAL_SWEEPS:
+        left = _leaves(path[: onset + 1], 2.0 * max(main_part(track).h))
+        if track.path_stop < 0 and left <= ARRIVAL_SWEEPS:
             left = 0
         if left < onset:
             onset, track.onset = left, int(sweeps[left])
             state[:] = state_before
             smoother.smooth(time, parts, legs, state, keep, onset, path, moving)
     at = at[order]
-    seen.vx[at], seen.vy[at], seen.moving[at] = path[step, 2], path[step, 3], moving[step]
-    seen.agent[at] = step >= onset
+    sightings.vx[at], sightings.vy[at], sightings.moving[at] = path[step, 2], path[step, 3], moving[step]
+    sightings.agent[at] = step >= onset
     return Path(track, begin, path[:keep], codes[:keep], moving[:keep])
 
 
@@ -536,6 +543,6 @@ def _leaves(path: Float64, size: float) -> int:
     return int(np.flatnonzero(way <= size + LEFT_SDS * np.sqrt(var + var[0]))[-1])
 
 
-def _half(body: Body, axis: int) -> float:
+def _half_extent(tracklet: Tracklet, axis: int) -> float:
     """Return half of the extent of a body along an axis, by all sightings [m]."""
-    return 0.5 * body.side[axis] if body.side_weight[axis] > 0.0 else body.h[axis]
+    return 0.5 * tracklet.side[axis] if tracklet.side_weight[axis] > 0.0 else tracklet.h[axis]

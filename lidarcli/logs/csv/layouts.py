@@ -1,22 +1,23 @@
-"""The layouts of CSV, and the head of a file by which its layout is recognised."""
+"""The layouts of CSV: beams, geometry, times and frames by the names of the columns, in the file or by `--columns`."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from itertools import groupby, pairwise
+from string import whitespace
 
 import numpy as np
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import OpenOptions
-from lidarcli.logs.blocks import given_geometry
+from lidarcli.logs.blocks import FAR, given_geometry
 from lidarcli.logs.clock import NO_STAMPS
-from lidarcli.logs.csv.dialect import Dialect, guess_dialect, split_line
-from lidarcli.logs.numbers import parse_number
-from lidarcli.logs.times import DATED, NS, TIME_OF_DAY, time_unit
+from lidarcli.logs.csv.table import TRAJECTORY, Dialect, Head, csv_cells, empty_lists, is_numeric, value_of
+from lidarcli.logs.numbers import shown
+from lidarcli.logs.times import NO_NUMBERS, time_unit
 from lidarcli.sweeps import TURN, Float64, Int64
 
 ROSTOPIC = "rostopic echo -p"
@@ -29,52 +30,94 @@ WIDE = "plain wide"
 LONG = "long form"
 PER_SWEEP = "one file per sweep"
 RPLIDAR = "RPLIDAR"
-CORESLAM = "CoreSLAM"
 LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, MCAP_CAT, LIST, WIDE, LONG, PER_SWEEP)
-
-MILLIMETRE = 0.001
-TITLES = "above those of an RPLIDAR write `#RPLIDAR SCAN DATA` and `#Quality Angle Distance`"
-"""Advice for tables of this sensor without names."""
 
 DEFAULT_TOPIC = "/scan"
 """Topic of a file that names none."""
-
+COUNTER_CLOCKWISE = "bearings run counter-clockwise; name them `clockwise` where they are those of an RPLIDAR"
 ABBREVIATED = "the arrays are abbreviated ('...'): record again with `ros2 topic echo --csv --full-length`"
 
-SAMPLE_LINES = 3000
-SAMPLE_BYTES = 256 << 10
-"""Most lines and bytes by which a layout is recognised; two lines at least."""
+_MARKS = re.compile(r"[./\[\]\s%#:]+")
+_DECIMAL = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
+_LIST = re.compile(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(")
+_INDEX = re.compile(r"(\d{1,7})\]?(?:[._/]echoes[\[._]?0\]?)?\Z")
+_BEFORE_INDEX = "[._/-" + whitespace
+"""Characters between a word and its index."""
+_RANGE_WORD = re.compile(r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|l|v|rho|col(?:umn)?|)$")
+_UNIT = r"(?:_?\(?(?:s|secs?|seconds|ms|msec|us|usec|µs|ns|nsecs?|nanosec)\)?)?"
+FIELDS = {
+    name: re.compile(pattern)
+    for name, pattern in {
+        "angle_min": r"(?:angle_min|anglemin|min_angle|start_?angle)",
+        "angle_max": r"(?:angle_max|anglemax|max_angle|end_?angle)",
+        "angle_increment": r"(?:angle_increment|angleincrement|angle_inc|angular_resolution)",
+        "time_increment": r"time_increment",
+        "scan_time": r"scan_time",
+        "range_min": r"(?:range_min|rangemin|min_range)",
+        "range_max": r"(?:range_max|rangemax|max_range)",
+        "seconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:secs?|seconds))",
+        "nanoseconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:nsecs?|nanosecs?|nanoseconds))",
+        "stamp": rf"(?:header_)?stamp{_UNIT}",
+        "record": rf"(?:rosbag)?(?:time_?stamp|(?:date|bag|record|log)?_?time|t|record){_UNIT}",
+        "date": r"date",
+        "frame": r"(?:header_)?(?:frame_?id|frame)",
+        "header": r"header",
+        "seq": r"(?:header_)?(?:seq|sequence|index|id)",
+    }.items()
+}
+"""Field of a scan → the canonical names of its column."""
+_ANY_FIELD = re.compile("|".join(pattern.pattern for pattern in FIELDS.values()))
+_LONGEST_FIELD = 40
+"""Most characters of the name of a field, without its prefix."""
+_ANGLE = re.compile(
+    r"(?:.*_)?(?:angle|theta|bearing|azimuth|phi|(?P<clockwise>clockwise))s?"
+    r"(?:_?\(?(?P<unit>deg|degrees?|°|rad|radians?)\)?)?|(?P<bare>deg|degrees?|rad|radians?)"
+)
+_RANGE = re.compile(r"(?:.*_)?(?:ranges?|r|rho|distance|dist|radius|depth)(?:_?\(?(?:m|mm|cm|met[er]{2}s?)\)?)?")
+_LAYER = re.compile(
+    r"(?:.*_)?(?:elevations?|inclination|vertical(?:_angle)?|layer|ring|channel|laser)"
+    r"(?:_?\(?(?:deg|degrees?|°|rad|radians?|id|index|idx|number|no|nr|num)\)?)?"
+)
+_SPHERE = re.compile(r"(theta|phi)(?:_?\(?(?:deg|degrees?|°|rad|radians?)\)?)?")
+_SWEEP = re.compile(r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id")
+
+_SHOWN = 3
+"""Most values of a column in a message."""
+_RECORD = 1 << 20
+"""Bytes within which the first record with a list must end, the list itself not counted."""
+_WIDE = 8
+"""Numbers in a row from which on it is guessed to be a sweep."""
+_NO_COLUMNS = np.empty(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True)
-class Columns:
+class ScanColumns:
     """Columns of one scan, and the units of its times."""
 
     topic: str
     fields: dict[str, int]
+    """Field of `FIELDS` → its column."""
     units: dict[str, int] = field(default_factory=dict)
     """`record`, `stamp` and `date` → nanoseconds per unit, see `times.time_unit`."""
-    ranges: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
+    ranges: Int64 = field(default_factory=lambda: _NO_COLUMNS)
     """(B,) Column of each beam; empty where `first` is enough."""
     first: int = 0
     """First column of ranges."""
     doubled: bool = False
     """True where as many intensities follow the ranges, up to the end of the row."""
-    intensities: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
+    intensities: Int64 = field(default_factory=lambda: _NO_COLUMNS)
     """(B,) Column of each intensity where they stand elsewhere; of a list of ranges, the column of their list."""
     open_end: bool = False
     """True where only ranges (and intensities) stand from `first` to the end of a row: rows may be ragged."""
     geometry: tuple[float, float] | None = None
     """angle_min and angle_increment [rad] by the names of columns."""
-    nearest: float = 0.0
-    """Least range without a column of it, in the unit of ranges."""
     to_last: bool = False
     """True where `angle_max` is the bearing of the last beam and gives the increment (foxglove.LaserScan)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Layout of a CSV, as far as its first lines show it."""
+    """Layout of a CSV, as far as its first lines show it: a row is a sweep, or a beam (long form)."""
 
     name: str
     dialect: Dialect
@@ -84,27 +127,37 @@ class Layout:
     """Header line as it stands; it is left out wherever it is repeated."""
     width: int = 0
     """Cells of a regular row; 0 where rows differ."""
-    scans: tuple[Columns, ...] = ()
+    scans: tuple[ScanColumns, ...] = ()
     sparse: bool = False
     """True where rows hold one topic or another: a row without any range of a topic is no sweep of it."""
+    listed: bool = False
+    """True where one cell holds all ranges of a sweep."""
+    brackets: bytes = b"["
+    """First character of such a list."""
     angle: int = -1
     """Long form: column of the bearing; -1 in other forms."""
     key: int | None = None
     """Long form: column that changes from sweep to sweep."""
     degrees: bool = False
+    clockwise: bool = False
     flag: int = -1
     """Long form: column that is 1 at the start of a sweep; -1 without."""
     spelling: str = ""
-    """Long form: format of a tool for RPLIDAR sensors (`rplidar`), whose bearings run clockwise; empty otherwise."""
+    """Long form: text of a tool for RPLIDAR sensors (`rplidar`); empty for a table."""
     scale: float | None = None
     """Unit of ranges [m], where it is known."""
-    listed: bool = False
-    """True where one cell holds all ranges of a sweep."""
-    brackets: bytes = b"["
-    """First character of such a list."""
     notes: tuple[str, ...] = ()
     unread: dict[str, str] = field(default_factory=dict)
     """Topic → a note on a column of times that is not understood."""
+
+
+class NamelessError(UnreadableError):
+    """A table has no names of columns."""
+
+    def __init__(self, message: str, per_sweep: bool) -> None:
+        super().__init__(message)
+        self.per_sweep = per_sweep
+        """True where its rows look like the beams of one sweep."""
 
 
 def expected_beams(angle_min: Float64, angle_max: Float64, increment: Float64) -> Int64:
@@ -115,175 +168,523 @@ def expected_beams(angle_min: Float64, angle_max: Float64, increment: Float64) -
     return np.where(sane, np.rint(np.where(sane, steps, 0)).astype(np.int64) + 1, -1)
 
 
-@dataclass(frozen=True, slots=True)
-class Head:
-    """First lines of a file: names of columns, if any, and rows as text and as cells."""
+def layout_of(head: Head) -> Layout:
+    """Return the layout of a table; UnreadableError where none fits, or names or geometry are missing."""
+    columns = head.options.columns
+    if not columns and not head.names:
+        for row in head.rows:
+            if _is_ros2(row):
+                return _ros2_layout(head, row)
+        raise _nameless(head)
+    if columns:
+        head = replace(head, names=_expanded(head, columns))
+    layout = _named_layout(head)
+    return replace(layout, unread=unread_times(head, layout.scans))
 
-    path: str
-    dialect: Dialect
-    names: list[str]
-    header: bytes
-    start: int
-    lines: list[bytes]
-    rows: list[list[bytes]]
-    options: OpenOptions
 
-    def column(self, index: int) -> list[bytes]:
-        """Return the cells of a column that are not empty, in rows as long as the header where there is one."""
-        least = len(self.names) or index + 1
-        cells = [row[index] for row in self.rows if len(row) >= least and row[index]]
-        return cells or [row[index] for row in self.rows if len(row) > index and row[index]]
+def unread_times(head: Head, scans: Sequence[ScanColumns]) -> dict[str, str]:
+    """Return a note for each topic with a column of times that is not understood."""
+    notes: dict[str, str] = {}
+    for scan in scans:
+        for name in sorted({"record", "stamp"} & scan.fields.keys() - scan.units.keys()):
+            column = scan.fields[name]
+            others = scan.units or {"seconds", "header"} & scan.fields.keys()
+            so = "another column tells them" if others else NO_STAMPS
+            value = shown(next(iter(head.column(column)), b"empty"), 30)[1:-1]
+            notes[scan.topic] = f"times of column `{head.names[column]}` are not understood ({value}): {so}"
+    return notes
 
-    @property
-    def usual(self) -> int:
-        """Cells of more than half of the rows; 0 where rows differ."""
-        counts = Counter(map(len, self.rows))
-        return next((cells for cells, rows in counts.items() if 2 * rows > len(self.rows)), 0)
 
-    def units(self, fields: dict[str, int]) -> dict[str, int]:
-        """Return the units of the time columns among `fields`; a column that holds no times has none."""
-        found: dict[str, int] = {}
-        for name in {"record", "stamp", "date"} & fields.keys():
-            if self.names and self.names[0].strip().lower() == "%time" and name != "date":
-                found[name] = NS
-                continue
-            column = fields[name]
-            unit = time_unit(self.names[column] if self.names else "", self.column(column))
-            if unit is not None:
-                found[name] = unit
-        if "date" in found and found.get("record") == TIME_OF_DAY:
-            found["record"] = DATED
-        else:
-            found.pop("date", None)
-        return found
-
-    def unread_times(self, scans: Sequence[Columns]) -> dict[str, str]:
-        """Return a note for each topic with a column of times that is not understood."""
-        found: dict[str, str] = {}
-        for scan in scans:
-            for name in sorted({"record", "stamp"} & scan.fields.keys() - scan.units.keys()):
-                column = scan.fields[name]
-                other = scan.units or {"seconds", "header"} & scan.fields.keys()
-                so = "another column tells them" if other else NO_STAMPS
-                named = self.names[column] if self.names else str(column + 1)
-                value = shown(next(iter(self.column(column)), b"empty"), 30)[1:-1]
-                found[scan.topic] = f"times of column `{named}` are not understood ({value}): {so}"
-        return found
-
-    def need_geometry(self, name: str) -> None:
-        """Raise UnreadableError, with the options that help, where neither file nor options give the bearings."""
-        if given_geometry(self.options, 2) is None:
-            raise UnreadableError(
-                f"{self.path}: CSV ({name}) without geometry: give --angle-min and --angle-increment, or --fov"
-                " (radians, or degrees with --degrees)"
-            )
-
-    def unknown(self, found: str) -> UnreadableError:
-        """Return the error for a table that no layout fits."""
-        return UnreadableError(f"{self.path}: {found} is none of the CSV layouts: {'; '.join(LAYOUTS)}")
-
-    def long_layout(
-        self, angle: int, distance: int, key: int | None, degrees: bool | None, fields: dict[str, int]
-    ) -> Layout:
-        """Return the layout of one beam per row; bearings of unknown unit beyond a turn in radians are degrees."""
-        notes = []
-        if degrees is None:
-            numbers = [abs(value) for cell in self.column(angle) if (value := value_of(cell)) is not None]
-            degrees = bool(numbers) and max(numbers) > TURN + 0.1
-            if degrees:
-                notes.append("bearings beyond a turn in radians: taken as degrees")
-        scan = Columns(DEFAULT_TOPIC, fields, self.units(fields), first=distance)
-        width = len(self.names) or len(self.rows[0])
-        return Layout(
-            PER_SWEEP if key is None else LONG,
-            self.dialect,
-            self.start,
-            self.header,
-            width,
-            (scan,),
-            angle=angle,
-            key=key,
-            degrees=degrees,
-            notes=tuple(notes),
+def _need_geometry(head: Head, name: str) -> None:
+    """Raise UnreadableError, with the options that help, where neither file nor options give the bearings."""
+    if given_geometry(head.options, 2) is None:
+        raise UnreadableError(
+            f"{head.path}: CSV ({name}) without geometry: give --angle-min and --angle-increment, or --fov"
+            " (radians, or degrees with --degrees)"
         )
 
 
-def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
-    """Find the table, its dialect and its names; UnreadableError where there is no table."""
-    numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
-    # Spreadsheets name their separator so.
-    numbered = numbered[bool(numbered and re.fullmatch(rb'\s*"?sep=."?\s*', numbered[0][1], re.IGNORECASE)) :]
-    comment = b""
-    while numbered and numbered[0][1].lstrip()[:1] == b"#":
-        comment = numbered.pop(0)[1]
-    numbered = _sample([(number, line) for number, line in numbered if line.lstrip()[:1] != b"#"])
-    if not numbered:
-        raise UnreadableError(f"{path}: no data in it, only comments or blank lines")
-    dialect = guess_dialect([line for _, line in numbered])
-    if dialect is None:
-        raise UnreadableError(f"{path}: text, but no table with columns: {shown(numbered[0][1])}")
-    # A title above the table has a single cell.
-    while len(numbered) > 1 and dialect.separator not in numbered[0][1].strip():
-        numbered.pop(0)
-    cells = [split_line(line, dialect) for _, line in numbered]
-    number, first = numbered[0]
-    if is_header(cells[0]):
-        names = [*map(_name, cells[0])]
-        return Head(path, dialect, names, first, number + 1, [line for _, line in numbered[1:]], cells[1:], options)
+def _unknown(head: Head, what: str) -> UnreadableError:
+    return UnreadableError(f"{head.path}: {what} is none of the CSV layouts: {'; '.join(LAYOUTS)}")
+
+
+# Tables without names.
+
+
+def _is_ros2(row: Sequence[bytes]) -> bool:
+    """Return whether a row begins like those of `ros2 topic echo --csv`: seconds, nanoseconds, frame."""
+    return (
+        len(row) >= 4
+        and re.fullmatch(rb"-?\d{1,10}", row[0]) is not None
+        and re.fullmatch(rb"\d{1,9}", row[1]) is not None
+        and bool(row[2])
+        and not is_numeric(row[2])
+    )
+
+
+def _ros2_layout(head: Head, row: Sequence[bytes]) -> Layout:
+    values = [value_of(cell) for cell in row[3:10]]
+    if len(values) < 7 or any(value is None for value in values):
+        return Layout(ROS2, head.dialect, head.start, notes=("no LaserScan in it",))
+    if any(cell == b"..." for cell in row):
+        raise UnreadableError(f"{head.path}: CSV ({ROS2}): {ABBREVIATED}")
+    names = "seconds nanoseconds frame angle_min angle_max angle_increment time_increment scan_time range_min range_max"
+    rest = len(row) - 10 - (not row[-1])
+    expected = expected_beams(*(np.array([values[i]], np.float64) for i in range(3)))[0]
+    doubled = rest % 2 == 0 and abs(rest // 2 - expected) < abs(rest - expected)
+    fields = {name: column for column, name in enumerate(names.split())}
+    scan = ScanColumns(DEFAULT_TOPIC, fields, first=10, doubled=doubled, open_end=True)
+    notes = ("intensities follow the ranges",) if doubled else ()
+    return Layout(ROS2, head.dialect, head.start, width=len(row), scans=(scan,), notes=notes)
+
+
+def _expanded(head: Head, columns: Sequence[str]) -> list[str]:
+    """Return a name for each column: `NAME*N` stands for N of them, `ranges` and `intensities` for what the others leave.
+
+    Raises
+    ------
+    UnreadableError
+        There are more or fewer names than columns.
+    """
+    width = head.usual or Counter(map(len, head.rows)).most_common(1)[0][0] if head.rows else len(head.names)
+    parts = [(name.strip(), count.strip()) for name, _, count in (each.partition("*") for each in columns)]
+    is_open = [name in ("ranges", "intensities") and not count for name, count in parts]
+    fixed = sum(int(count or 1) for (_, count), open_ in zip(parts, is_open, strict=True) if not open_)
+    each, rest = divmod(width - fixed, sum(is_open) or 1)
+    if each < any(is_open) or rest or (each and not any(is_open)):
+        raise UnreadableError(
+            f"{head.path}: --columns {','.join(columns)} names {fixed}{' and more' if any(is_open) else ''} columns, "
+            f"and rows have {width}, such as {shown((head.lines or [head.header])[0], 60)}"
+        )
     names = []
-    if comment:
-        words = split_line(comment.lstrip().lstrip(b"#").lstrip(), dialect)
-        if len(words) == len(cells[0]) and is_header(words):
-            names = [*map(_name, words)]
-    return Head(path, dialect, names, b"", number, [line for _, line in numbered], cells, options)
+    for (name, count), open_ in zip(parts, is_open, strict=True):
+        number = each if open_ else int(count or 1)
+        names += [name] if number == 1 else [f"{name}[{place}]" for place in range(number)]
+    return names
 
 
-def _name(cell: bytes) -> str:
-    """Return the text of a name: in UTF-8, else in GBK where all bytes beyond ASCII are pairs, else in Latin-1."""
+def _nameless(head: Head) -> UnreadableError:
+    """Return the error for a table without names, with names that the user may copy."""
+    width = head.usual or Counter(map(len, head.rows)).most_common(1)[0][0]
+    rows = [row for row in head.rows if len(row) == width and all(map(is_numeric, row[2:]))]
+    if not rows or width < 2:
+        return _unknown(head, f"lines like {shown(head.lines[0], 60)}")
+    table = np.array([[value_of(cell) for cell in row[:_WIDE]] for row in rows], np.float64)
+    with np.errstate(invalid="ignore", over="ignore"):
+        length = np.sqrt((table[:, 4:] ** 2).sum(axis=1))
+    if width == _WIDE and (np.abs(length - 1.0) < 0.01).all():
+        return UnreadableError(f"{head.path}: {TRAJECTORY.refusal}")
+    bearing = next((place for place in range(min(width - 1, 3)) if _starts_over(table[:, place])), None)
+    if width < _WIDE or (bearing is not None and np.ptp(table[:, bearing]) > 6.0):
+        bearing = min(width - 2, 1) if bearing is None else bearing
+        names = [*["time", "sweep"][:bearing], "angle", "range"]
+        behind = width - len(names)
+        if behind == 1 or (behind == 2 and (np.diff(table[:, -1]) >= 0).all() and np.ptp(table[:, -1]) > 0):
+            names += ["quality", "time"][:behind]
+        if bearing == 1 and ((np.diff(table[:, 0]) < 0).any() or np.ptp(table[:, 0]) == 0):
+            names[0] = "quality"
+        elif bearing == 1 and all(row[0].isdigit() for row in rows) and table[-1, 0] < 1e8:
+            names[0] = "sweep"
+        names += ["other*" + str(width - len(names))] if width > len(names) else []
+        more = _unit_option(table[:, bearing + 1])
+        hint = "; `clockwise` in place of `angle` for bearings of an RPLIDAR" if more else ""
+        hint += "; or, with a sweep in each row, --columns time,ranges" if width > 3 else ""
+    else:
+        first, second = ([row[place] for row in rows] for place in range(2))
+        names = [*_leading(first, second), "ranges"]
+        more = _unit_option(table[:, len(names) - 1 :])
+        hint = (
+            "" if given_geometry(head.options, 2) else "; and the bearings by --fov, or --angle-min and --angle-increment"
+        )
+    return NamelessError(
+        f"{head.path}: a table of {width} columns without names, such as {shown(head.lines[0], 60)}: name them, for "
+        f"example --columns {','.join(names)}{more}{hint}",
+        per_sweep=names[0] in ("angle", "quality"),
+    )
+
+
+def _unit_option(ranges: Float64) -> str:
+    known = ranges[np.isfinite(ranges)]
+    return " --range-unit mm" if len(known) and np.median(known) > FAR else ""
+
+
+def _leading(first: Sequence[bytes], second: Sequence[bytes]) -> list[str]:
+    """Return names for what may stand before the ranges of a sweep, from the cells of the first two columns."""
+    if time_unit("", first) in NO_NUMBERS:
+        return ["date", "time"] if time_unit("", second) in NO_NUMBERS else ["time"]
+    numbers, others = (np.array([value_of(cell) for cell in cells], np.float64) for cells in (first, second))
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps, rises = np.diff(numbers), (np.diff(others) > 0).all()
+        if (numbers >= 1e8).all() and (numbers == np.rint(numbers)).all() and 1e5 < others.max() < 1e9:
+            return ["sec", "nsec"]
+        if (steps == 1).all() and rises and abs(numbers[0]) < 1e8 and (len(steps) or others[0] > 1e8):
+            return ["seq", "time"]
+        return ["time"] if (steps >= 0).all() else []
+
+
+def _starts_over(values: Float64) -> bool:
+    """Return whether a column climbs (or falls) nearly always, and starts over by more than half of its span."""
+    known = values[np.isfinite(values)]
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.diff(known)
+        if len(steps) < 2 or not (middle := np.median(steps)):
+            return False
+        back = steps * np.sign(middle) < 0
+        over = back & (np.abs(steps) > 0.5 * np.ptp(known))
+    return bool(over.any() and (back & ~over).mean() <= 0.1)
+
+
+# Tables with names.
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """Columns that hold the beams of one scan."""
+
+    prefix: str
+    """Prefix of the word for ranges: `field.`, `/scan/`, or nothing."""
+    columns: Int64
+    """(B,) Column of each beam."""
+
+    @property
+    def topic(self) -> str:
+        """Topic by the prefix; `/scan` without one."""
+        name = self.prefix.rstrip("._/ ")
+        return DEFAULT_TOPIC if name.lower() in ("", "field", "msg", "data") else name
+
+
+def canonical(name: str) -> str:
+    """Return one spelling for a column name: `/scan/header.stamp` → `scan_header_stamp`.
+
+    >>> canonical("%time"), canonical("field.header.frame_id"), canonical("Angle Min")
+    ('time', 'field_header_frame_id', 'angle_min')
+    """
+    return _MARKS.sub("_", name.strip().lower()).strip("_")
+
+
+class FieldIndex:
+    """Columns that may be fields of a scan; each name is parsed once for all scans of a header."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._starts: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
+        """Prefix → column and the fields it may be, in the order of the columns."""
+        kinds: Counter[tuple[str, tuple[str, ...]]] = Counter()
+        again: Counter[str] = Counter()
+        for column, name in enumerate(names):
+            again[name] += 1
+            if again[name] > len(FIELDS):
+                continue
+            for start, fields in _endings(canonical(name)):
+                # Columns of one kind beyond the number of fields they may be are never needed.
+                if kinds[start, fields] < len(fields):
+                    kinds[start, fields] += 1
+                    self._starts.setdefault(start, []).append((column, fields))
+
+    def find(self, prefix: str) -> dict[str, int]:
+        """Return the columns of the fields of one scan: those with its prefix first, then those without any."""
+        found: dict[str, int] = {}
+        start = canonical(prefix) + "_" if canonical(prefix) else ""
+        for begin in dict.fromkeys((start, "")):
+            for column, fields in self._starts.get(begin, ()):
+                for name in fields:
+                    if name not in found:
+                        found[name] = column
+                        break
+        if not {"seconds", "nanoseconds"} <= found.keys():
+            found.pop("nanoseconds", None)
+            if "seconds" in found:
+                found.setdefault("record", found.pop("seconds"))
+        if "record" not in found and "date" in found:
+            found["record"] = found.pop("date")
+        return found
+
+
+def _endings(name: str) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield every way to read a canonical name as a prefix and a field: the prefix, and the fields it may be."""
+    for place in range(max(len(name) - _LONGEST_FIELD, 0), len(name)):
+        if (not place or name[place - 1] == "_") and _ANY_FIELD.fullmatch(name, place):
+            yield (name[:place], tuple(field for field, pattern in FIELDS.items() if pattern.fullmatch(name, place)))
+
+
+def _series(names: Iterable[str]) -> dict[str, dict[int, int]]:
+    """Return the stem of each name with an index → index → first column with it."""
+    series: dict[str, dict[int, int]] = {}
+    for column, name in enumerate(names):
+        if (match := _INDEX.search(name)) is not None:
+            stem = name[: match.start()].rstrip(_BEFORE_INDEX)
+            series.setdefault(stem, {}).setdefault(int(match[1]), column)
+    return series
+
+
+def find_families(names: Sequence[str]) -> list[Family]:
+    """Return the groups of columns `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
+    families = []
+    for stem, columns in _series("" if "intens" in name.lower() else name.strip() for name in names).items():
+        word = re.split(r"[./]", stem)[-1].strip(" _-").lower()
+        indices = sorted(columns)
+        whole = len(indices) >= 3 and indices[-1] - indices[0] == len(indices) - 1
+        if whole and _RANGE_WORD.fullmatch(word):
+            end = stem.lower().rfind("ranges")
+            prefix = stem[:end] if end >= 0 else stem[: len(stem) - len(word)]
+            families.append((end >= 0, Family(prefix, np.array([columns[i] for i in indices], np.int64))))
+    if any(ranged for ranged, _ in families):
+        return [family for ranged, family in families if ranged]
+    return [max((family for _, family in families), key=lambda family: len(family.columns))] if families else []
+
+
+def _find_intensities(names: Sequence[str]) -> dict[str, Int64]:
+    """Return the columns `intensities[0]`, `intensities_1`, ... of each scan by their prefix in lower case."""
+    lower = [name.strip().lower() for name in names]
+    return {
+        stem.removesuffix("intensities"): np.array([columns[index] for index in sorted(columns)], np.int64)
+        for stem, columns in _series(name if "intens" in name else "" for name in lower).items()
+        if stem.endswith("intensities") and max(columns) - min(columns) == len(columns) - 1
+    }
+
+
+def _find_bearings(names: Sequence[str]) -> tuple[Family, tuple[float, float], bool] | None:
+    """Return columns that are named by bearings, the first bearing and the step [rad], and whether they are in degrees."""
+    numbers: dict[int, float] = {}
+    for column, name in enumerate(names):
+        text = name.strip().rstrip("°")
+        if _DECIMAL.fullmatch(text):
+            numbers[column] = float(text)
+    columns = np.array(list(numbers), np.int64)
+    values = np.array(list(numbers.values()))
+    if len(values) < 3 or (np.diff(columns) != 1).any() or not np.isfinite(values).all():
+        return None
+    step = (values[-1] - values[0]) / (len(values) - 1)
+    even = np.abs(values - values[0] - step * np.arange(len(values))).max() <= 0.25 * abs(step)
+    counted = step == 1 and values[0] in (0, 1) and not any("." in names[c] for c in numbers)
+    if not even or counted or not step:
+        return None
+    degrees = max(abs(values[0]), abs(values[0] + step * (len(columns) - 1))) > TURN + 0.1
+    scale = np.pi / 180 if degrees else 1.0
+    return Family("", columns), (float(values[0]) * scale, float(step) * scale), degrees
+
+
+def _ros_name(names: Sequence[str]) -> str:
+    """Return the layout of the tool of ROS that has named the columns; plain wide for other names."""
+    plain = [name.strip().lower() for name in names]
+    if plain[0] == "%time":
+        return ROSTOPIC
+    if "__time" in plain:
+        return PLOTJUGGLER
+    if plain[:3] == ["log_time", "publish_time", "sequence"]:
+        return MCAP_CAT
+    if any(name.startswith("header.") for name in plain):
+        return BAGPY
+    return WIDE
+
+
+def _named_layout(head: Head) -> Layout:
+    names = head.names
+    if listed := _list_layout(head):
+        return listed
+    name = _ros_name(names)
+    bearings = _find_bearings(names)
+    families = [bearings[0]] if bearings else find_families(names)
+    if not families:
+        if long := _long_layout(head):
+            return long
+        plain = {canonical(name) for name in names}
+        if name != WIDE or plain & {"header", "header_stamp", "header_frame_id", "header_stamp_secs", "header_stamp_sec"}:
+            return Layout(name if name != WIDE else LIST, head.dialect, head.start, notes=("no ranges in it",))
+        raise _unknown(head, f"a table with the columns {shown(', '.join(names).encode(), 60)}")
+    index, notes = FieldIndex(names), []
+    strengths = {} if bearings else _find_intensities(names)
+    if bearings:
+        notes.append("bearings from the column names" + (", taken as degrees" if bearings[2] else ""))
+    scans = [_scan_columns(head, index, strengths, family, bearings[1] if bearings else None) for family in families]
+    if name == MCAP_CAT:
+        scans = [_of_mcap(head, each) for each in scans]
+    for each in scans:
+        if not each.to_last and not {"angle_min", "angle_increment"} <= each.fields.keys() and each.geometry is None:
+            _need_geometry(head, name)
+    beams = ", ".join(f"{len(each.ranges)} ranges of {each.topic}" for each in scans)
+    return Layout(
+        name,
+        head.dialect,
+        head.start,
+        head.header,
+        len(names),
+        tuple(scans),
+        sparse=name == PLOTJUGGLER or len(scans) > 1,
+        notes=(beams, *notes),
+    )
+
+
+def _scan_columns(
+    head: Head, index: FieldIndex, strengths: Mapping[str, Int64], family: Family, geometry: tuple[float, float] | None
+) -> ScanColumns:
+    """Return the fields around a family of range columns, and whether rows may be ragged."""
+    fields = index.find(family.prefix)
+    first, last = int(family.columns[0]), int(family.columns[-1])
+    in_order = bool((np.diff(family.columns) == 1).all())
+    after = len(head.names) - last - 1
+    # Where the step is told, rows of fewer ranges see less; where the view is, they could only be cut or joined.
+    tells_view = {"angle_min", "angle_max", "angle_increment"} <= fields.keys()
+    may_differ = tells_view or head.options.angle_increment is not None or head.usual != len(head.names)
+    own = strengths.get(family.prefix.lower(), _NO_COLUMNS)
+    doubled = after == len(family.columns) and all("intens" in name.lower() for name in head.names[-after:])
+    return ScanColumns(
+        family.topic,
+        fields,
+        head.units(fields),
+        family.columns,
+        first,
+        doubled,
+        # Those of ragged rows stand wherever the ranges end.
+        _NO_COLUMNS if doubled or len(own) != len(family.columns) else own,
+        in_order and may_differ and (doubled or not after),
+        geometry,
+    )
+
+
+def _of_mcap(head: Head, scan: ScanColumns) -> ScanColumns:
+    """Return a scan with the fields of a foxglove.LaserScan, which has no header and no increment."""
+    fields = dict(scan.fields)
+    plain = [canonical(name) for name in head.names]
+    if not {"stamp", "seconds"} & fields.keys() and "timestamp" in plain:
+        fields["stamp"] = plain.index("timestamp")
+    to_last = "angle_increment" not in fields and {"angle_min", "angle_max"} <= fields.keys()
+    return replace(scan, fields=fields, units=head.units(fields), to_last=to_last)
+
+
+def _list_layout(head: Head) -> Layout | None:
+    """Return the layout of a list of ranges in one cell; None for other tables."""
+    if not head.lines:
+        plain = [canonical(name) for name in head.names]
+        return Layout(LIST, head.dialect, head.start) if "ranges" in plain else None
+    # A list may span lines (numpy's own spelling); a comma inside brackets separates no cells.
+    # Only names that speak of ranges are worth the look.
+    if not any(re.search("range|scan|dist|data|value", name.lower()) for name in head.names):
+        return None
+    text = empty_lists(b"\n".join(head.lines))[:_RECORD].decode("utf-8", "replace")
     try:
-        return cell.decode()
-    except UnicodeDecodeError:
-        pairs = re.fullmatch(rb"(?:[\0-\x7f]|[\xa1-\xf7][\xa1-\xfe])*", cell)
-        return cell.decode("gbk" if pairs else "latin-1", "replace")
-
-
-def _sample(numbered: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
-    size = 0
-    for place, (_, line) in enumerate(numbered):
-        size += len(line)
-        if place >= 2 and (size > SAMPLE_BYTES or place >= SAMPLE_LINES):
-            return numbered[:place]
-    return numbered
-
-
-def is_header(cells: Sequence[bytes]) -> bool:
-    """Tell whether cells are names: the first one that is not blank is neither a number nor a time."""
-    named = [cell for cell in cells if cell]
-    return bool(named) and not numeric(named[0]) and time_unit("", [named[0]]) is None
-
-
-def repeats(cells: Sequence[bytes]) -> bool:
-    """Tell whether neighbours share a value, as the beams of one sweep do."""
-    return sum(a == b for a, b in pairwise(cells)) > len(cells) // 3
-
-
-def value_of(cell: bytes) -> float | None:
-    """Return the number of a cell; None where it holds none."""
-    try:
-        return parse_number(cell)
+        cells = csv_cells(text, head.dialect.separator.decode())
     except ValueError:
         return None
+    found = _list_column(head.names, cells)
+    if found is None:
+        return None
+    listed, prefix = found
+    fields = FieldIndex(head.names).find(prefix)
+    # Units of times come from the first record and all others that stand in one line.
+    records = [cells]
+    for line in head.lines[1:]:
+        with suppress(ValueError):
+            records.append(csv_cells(empty_lists(line).decode("utf-8", "replace"), head.dialect.separator.decode()))
+    rows = [[cell.encode() for cell in record] for record in records if len(record) == len(head.names)]
+    units = replace(head, rows=rows).units(fields)
+    if not {"angle_min", "angle_increment"} <= fields.keys():
+        _need_geometry(head, LIST)
+    name = _ros_name(head.names)
+    lower = [each.strip().lower() for each in head.names]
+    own = f"{prefix}intensities".lower()
+    intensities = np.array([lower.index(own)] if own in lower else [], np.int64)
+    scan = ScanColumns(Family(prefix, _NO_COLUMNS).topic, fields, units, first=listed, intensities=intensities)
+    return Layout(
+        LIST if name == WIDE else f"{name}, {LIST}",
+        head.dialect,
+        head.start,
+        head.header,
+        len(head.names),
+        (scan,),
+        listed=True,
+        brackets=b"[" if "[" in cells[listed] else b"(",
+    )
 
 
-def numeric(cell: bytes, empty: bool = True) -> bool:
-    """Tell whether a cell can stand for a number; an empty one counts where `empty` says so."""
-    try:
-        return parse_number(cell) is not None or empty
-    except ValueError:
-        return False
+def _list_column(names: Sequence[str], cells: Sequence[str]) -> tuple[int, str] | None:
+    """Return the column whose cell is a list of ranges, and the prefix of its name."""
+    for column, (name, cell) in enumerate(zip(names, cells, strict=False)):
+        word = re.split(r"[./]", name.strip())[-1].lower()
+        is_ranges = "intens" not in word and re.fullmatch(r".*(?:ranges?|scan|distances?|data|values?)", word)
+        if is_ranges and _LIST.match(cell.strip()):
+            end = name.strip().lower().rfind("ranges")
+            return column, name.strip()[:end] if end >= 0 else ""
+    return None
 
 
-def shown(text: bytes, most: int = 60) -> str:
-    """Return a piece of text for a message: one line, printable, short."""
-    plain = "".join(c if c.isprintable() else "?" for c in text.decode("utf-8", "replace").strip())
-    return f"'{plain[:most]}…'" if len(plain) > most else f"'{plain}'"
+def _long_layout(head: Head) -> Layout | None:
+    """Return the layout of one beam per row; None for other tables, UnreadableError where beams lie in several layers."""
+    columns: dict[str, int] = {}
+    for column, name in enumerate(head.names):
+        columns.setdefault(canonical(name), column)
+
+    def first(pattern: re.Pattern[str]) -> int | None:
+        return next((column for name, column in columns.items() if pattern.fullmatch(name)), None)
+
+    bearings = ((column, _ANGLE.fullmatch(name)) for name, column in columns.items() if not _LAYER.fullmatch(name))
+    angle, match = next(((column, match) for column, match in bearings if match), (-1, None))
+    distance, key = first(_RANGE), first(_SWEEP)
+    if match is None or distance is None:
+        return None
+    sphere = {part[1]: column for name, column in columns.items() if (part := _SPHERE.fullmatch(name))}
+    layers = [column for name, column in columns.items() if _LAYER.fullmatch(name)]
+    for column in [*layers, *([max(sphere.values())] if len(sphere) == 2 else [])]:
+        values = list(dict.fromkeys(head.column(column)))
+        if len(values) > 1:
+            some = ", ".join(map(shown, values[:_SHOWN])) + (", ..." if len(values) > _SHOWN else "")
+            raise UnreadableError(
+                f"{head.path}: one beam per row, in several layers (column {shown(head.names[column].encode(), 60)}"
+                f" holds {some}); lidarcli reads scans of one plane: keep the rows of one layer"
+            )
+    fields = FieldIndex(head.names).find("")
+    for name in ("seq", "frame"):
+        if fields.get(name) == key:
+            fields.pop(name, None)
+    numbers = np.array([value_of(cell) for cell in head.column(angle)], np.float64)
+    for name in ("stamp", "record"):
+        if key is None and name in fields:
+            cells = head.column(fields[name])
+            if sum(a == b for a, b in pairwise(cells)) > len(cells) // 3:
+                # A time with few digits changes within a turn as well.
+                turns = len(cut_restarts(numbers))
+                key = fields[name] if turns == 1 or sum(1 for _ in groupby(cells)) <= 2 * turns else None
+    unit, notes = match["unit"] or match["bare"], []
+    degrees = not unit.startswith("rad") if unit else bool(np.nanmax(np.abs(numbers), initial=0.0) > TURN + 0.1)
+    if degrees and not unit:
+        notes.append("bearings beyond a turn in radians: taken as degrees")
+    if degrees and not match["clockwise"] and "quality" in columns:
+        notes.append(COUNTER_CLOCKWISE)
+    return Layout(
+        PER_SWEEP if key is None else LONG,
+        head.dialect,
+        head.start,
+        head.header,
+        len(head.names),
+        (ScanColumns(DEFAULT_TOPIC, fields, head.units(fields), first=distance),),
+        angle=angle,
+        key=key,
+        degrees=degrees,
+        clockwise=bool(match["clockwise"]),
+        notes=tuple(notes),
+    )
+
+
+def cut_restarts(angle: Float64) -> Int64:
+    """Return the first row of each sweep without a key: the bearing jumps back by most of the view.
+
+    A single jump between two parts of the turn that do not overlap is the seam of one sweep.
+
+    >>> cut_restarts(np.array([0.0, 0.1, 0.2, 0.0, 0.1, 0.2])).tolist()
+    [0, 3]
+    >>> cut_restarts(np.array([3.0, 3.1, -3.1, -3.0])).tolist()
+    [0]
+    """
+    start = np.zeros(1, np.int64)
+    if len(angle) < 3:
+        return start
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.diff(angle)
+        middle = np.nanmedian(steps) if np.isfinite(steps).any() else 0.0
+        view = np.nanmax(angle) - np.nanmin(angle) if np.isfinite(angle).any() else 0.0
+        back = (steps * np.sign(middle) < 0) & (np.abs(steps) > max(0.5 * view, 1.5 * abs(middle)))
+    jumps = np.flatnonzero(back) + 1
+    if len(jumps) == 1:
+        before, after = angle[: jumps[0]], angle[jumps[0] :]
+        if np.nanmin(before) > np.nanmax(after) or np.nanmax(before) < np.nanmin(after):
+            return start
+    return np.concatenate([start, jumps])

@@ -1,6 +1,6 @@
 """CSV as a log: recognised by its first lines, read in blocks of lines, decoded by column.
 
-Layouts are found in `rplidar`, `named` and `nameless`; `row_forms` and `long_form` decode them.
+`table` finds the head of a table, `layouts` and `rplidar` its layout; `sweep_rows` and `beam_rows` decode it.
 """
 
 from __future__ import annotations
@@ -18,12 +18,10 @@ import numpy as np
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.csv import rplidar
-from lidarcli.logs.csv.dialect import other_format
-from lidarcli.logs.csv.layouts import PER_SWEEP, RPLIDAR, Layout, read_head
-from lidarcli.logs.csv.long_form import LongDecoder
-from lidarcli.logs.csv.named import with_header
-from lidarcli.logs.csv.nameless import without_header
-from lidarcli.logs.csv.row_forms import Decoder, ListDecoder, WideDecoder
+from lidarcli.logs.csv.beam_rows import LongDecoder
+from lidarcli.logs.csv.layouts import PER_SWEEP, RPLIDAR, Layout, layout_of
+from lidarcli.logs.csv.sweep_rows import Decoder, ListDecoder, WideDecoder
+from lidarcli.logs.csv.table import other_format, read_head
 from lidarcli.logs.text import FIRST_BLOCK, MAX_LINE, TextBlock, TextLog
 from lidarcli.logs.times import time_notes, time_unit, to_ns
 from lidarcli.sweeps import RawSweeps, concatenate
@@ -143,15 +141,13 @@ class CsvLog(TextLog):
             raise UnreadableError(f"{self.path}: empty file")
         text = b"".join(block.text for block in head)
         lines = text.split(b"\n")[:-1]
-        if (layout := rplidar.recognise(lines)) is not None:
+        if not self._options.columns and (layout := rplidar.recognise(lines)) is not None:
             return layout
         if (other := other_format(text)) is not None:
             raise UnreadableError(f"{self.path}: {other.refusal}")
         if _is_binary(text[:FIRST_BLOCK]):
             raise UnreadableError(f"{self.path}: neither a known container nor text: not a log")
-        table = read_head(lines, self._options, self.path)
-        layout = with_header(table) if table.names else without_header(table)
-        return replace(layout, unread=table.unread_times(layout.scans))
+        return layout_of(read_head(lines, self._options, self.path))
 
     def _sniff_files(self) -> tuple[Layout, str]:
         """Return layout and compression of the first file that has a layout; that of a whole log is refused."""

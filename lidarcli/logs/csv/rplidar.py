@@ -12,19 +12,15 @@ from dataclasses import replace
 import numpy as np
 
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.csv.dialect import Dialect, Lines, read_lines
-from lidarcli.logs.csv.layouts import DEFAULT_TOPIC, MILLIMETRE, PER_SWEEP, RPLIDAR, TITLES, Columns, Head, Layout
-from lidarcli.logs.csv.nameless import is_turn, restarts
-from lidarcli.logs.numbers import say
+from lidarcli.logs.csv.layouts import DEFAULT_TOPIC, PER_SWEEP, RPLIDAR, Layout, ScanColumns, unread_times
+from lidarcli.logs.csv.table import Dialect, Head, Lines, read_lines
+from lidarcli.logs.numbers import shown
 from lidarcli.logs.text import TextBlock
-from lidarcli.sweeps import Float64
 
 PRINTED = "lines of theta, Dist, Q"
 MEASURED = "lines of new_scan, quality, angle, distance"
 LISTED = "lists of quality, angle, distance"
 SAVED = "turns as frame_grabber saves them"
-BARE = "lines of quality, angle, distance"
-COUNTER_CLOCKWISE = "bearings run counter-clockwise; " + TITLES
 
 _NUMBER = rb"\d++(?:\.\d*+)?+"
 _PRINTED = re.compile(
@@ -39,10 +35,6 @@ _NAMES = {b"angle": "angle", b"angule": "angle", b"distance": "distance", b"qual
 _WORD = re.compile(rb"[A-Za-z]+")
 _MOST_BEFORE = 100
 """Most lines of other text before the first beam."""
-_BARE_ROWS = 30
-"""Least rows without names that are a turn of a sensor."""
-_ANGLES, _DISTANCES = 64.0, 4.0
-"""Steps of the sensor in a degree, and in a millimetre."""
 _LEAST_MEDIAN = 100.0
 """Least median of the distances of returns [mm]."""
 _MOST = 0.9
@@ -72,8 +64,6 @@ def recognise(lines: Sequence[bytes]) -> Layout | None:
         return _layout(MEASURED, start, 2, 3)
     if _LISTED.match(first) and _are_beams([line for _, line in data]):
         return _layout(LISTED, start, 2, 3)
-    if _is_bare([line for _, line in data]):
-        return _layout(BARE, start, 2, 3)
     return None
 
 
@@ -87,12 +77,13 @@ def _layout(spelling: str, start: int, angle: int, distance: int, width: int = 4
         Dialect(b" "),
         start,
         width=width,
-        scans=(Columns(DEFAULT_TOPIC, {}, first=distance),),
+        scans=(ScanColumns(DEFAULT_TOPIC, {}, first=distance),),
         angle=angle,
         degrees=True,
+        clockwise=True,
         flag=0,
         spelling=spelling,
-        scale=MILLIMETRE,
+        scale=0.001,
         notes=(spelling, *notes),
     )
 
@@ -111,34 +102,11 @@ def _saved(numbered: Sequence[tuple[int, bytes]]) -> Layout | None:
             layout = _layout(SAVED, number, names.index("angle"), names.index("distance"), len(names))
             fields = {"record": names.index("time")} if "time" in names else {}
             scan = replace(layout.scans[0], fields=fields, units=head.units(fields))
-            return replace(layout, scans=(scan,), unread=head.unread_times([scan]))
+            return replace(layout, scans=(scan,), unread=unread_times(head, [scan]))
         words = [_NAMES.get(word.lower(), "") for word in _WORD.findall(line)]
         if words and all(words):
             names = words
     return None
-
-
-def _is_bare(lines: Sequence[bytes]) -> bool:
-    """Tell whether rows of three numbers must be quality, angle and distance of an RPLIDAR."""
-    if len(lines) <= _BARE_ROWS or len(lines[0].translate(_PUNCTUATION).split(None, 3)) != 3:
-        return False
-    try:
-        # The last line may be cut.
-        rows = [[float(cell) for cell in line.translate(_PUNCTUATION).split()] for line in lines[:-1]]
-    except ValueError:
-        return False
-    if {len(row) for row in rows} != {3}:
-        return False
-    quality, angle, distance = np.array(rows, np.float64).T
-    returns = distance[distance > 0]
-    return bool(
-        _counts(quality, 1.0, 255.0)
-        and _counts(angle, _ANGLES, 360.0)
-        and _counts(distance, _DISTANCES, 100_000.0)
-        and (np.median(returns) > _LEAST_MEDIAN if len(returns) else False)
-        and restarts(angle)
-        and is_turn(angle)
-    )
 
 
 def _are_beams(lines: Sequence[bytes]) -> bool:
@@ -150,12 +118,6 @@ def _are_beams(lines: Sequence[bytes]) -> bool:
         np.mean((quality <= 255.0) & (angle <= 361.0)) >= _MOST
         and (np.median(returns) > _LEAST_MEDIAN if len(returns) else True)
     )
-
-
-def _counts(values: Float64, steps: float, most: float) -> bool:
-    """Tell whether values lie between 0 and `most`, in whole steps of 1 / `steps`."""
-    inside = np.isfinite(values) & (values >= 0) & (values <= most)
-    return bool(inside.all() and (values * steps == np.rint(values * steps)).all())
 
 
 def read_rows(block: TextBlock, layout: Layout, report: ReadReport) -> Lines:
@@ -216,7 +178,7 @@ def _listed(lines: Lines, report: ReadReport) -> Lines:
             report.add_damage(f"line {number}", "the file ends within this line: its sweep is dropped")
         elif not line.startswith(b"[(") or not line.endswith(b")]"):
             if line not in (b"", b"[]"):
-                report.add_damage(f"line {number}", f"{say(line)} is no list of beams")
+                report.add_damage(f"line {number}", f"{shown(line)} is no list of beams")
         else:
             beams = line[2:-2].replace(b" ", b"").split(b"),(")
             counts[at] = len(beams)

@@ -11,8 +11,8 @@ from typing import Any, Unpack
 import pyarrow as pa
 
 from lidarcli.errors import NoScanError, warn
-from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.formalism.background import Background
+from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import read_batches
 from lidarcli.logs.options import TopicChoice, clouds_hint, no_scan_topic
@@ -33,8 +33,7 @@ from lidarcli.pipeline.detecting import Failed
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inspecting import info_dict, inspect_log
-from lidarcli.pipeline.map_files import MapRun
-from lidarcli.pipeline.mapping import MapOptions
+from lidarcli.pipeline.mapping import MapOptions, MapRun
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import Posing

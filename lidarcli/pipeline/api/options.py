@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast, get_type_hints
 
 from lidarcli.choices import NS, SIGNIFICANCE
 from lidarcli.errors import OptionError, warn
-from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.background import Background
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.logs.base import OpenOptions
@@ -51,7 +51,7 @@ WIDTH = 100
 Progress = bool | Callable[[int, int | None], object]
 """Wish to see how far the work is."""
 _PROGRESS = "True for a bar on standard error, or a function of how much is done and how much there is (docs/python.md)"
-OPENING = ("angle_min", "angle_increment", "fov", "range_max", "degrees", "range_unit", "echo", "segments")
+OPENING = ("columns", "angle_min", "angle_increment", "fov", "range_max", "degrees", "range_unit", "echo", "segments")
 
 
 # Functions with keywords.

@@ -40,12 +40,11 @@ from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
 from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_pictures, write_pictures
 from lidarcli.pipeline.reporting import Made, ReportOptions, encoded, format_of, make_report, render, understand
-from lidarcli.reports.changes_report import ChangesReport
 from lidarcli.reports.checks import Verdict
+from lidarcli.reports.document import PartsReport
 from lidarcli.reports.drawing import Axes, Figure, figure_of
-from lidarcli.reports.json import as_dict
 from lidarcli.reports.picture import Picture
-from lidarcli.reports.zone_report import ZonesReport
+from lidarcli.reports.programs import as_dict
 from lidarcli.stores.url import place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.reading import HeldTable
@@ -194,7 +193,7 @@ class RunReport:
         report, figures = self._made.report, self.figures
         held = sum(verdict.holds for verdict in self.checks)
         judged = f", {held} of {len(self.checks)} checks hold" if self.checks else ""
-        if isinstance(report, ZonesReport | ChangesReport):
+        if isinstance(report, PartsReport):
             return f"<report on {report.lines[0]}{judged}>"
         return f"<report on {report.title}: {figures['sweeps']:,.0f} sweeps, {figures['objects']:,.0f} objects{judged}>"
 

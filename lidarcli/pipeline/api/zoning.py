@@ -29,8 +29,7 @@ from lidarcli.pipeline.api.options import (
 from lidarcli.pipeline.detecting import Failed
 from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.runs.over_logs import progress_of
-from lidarcli.pipeline.watching.options import ZoneOptions, refuse_options
-from lidarcli.pipeline.zoning import ZoneTables, watch
+from lidarcli.pipeline.zoning import ZoneOptions, ZoneTables, refuse_options, watch
 from lidarcli.zone import crossing_edges, on_one_line
 
 

@@ -6,7 +6,7 @@ from os import PathLike, fspath
 
 from lidarcli.configfiles import Fields, read_toml
 from lidarcli.errors import OptionError
-from lidarcli.formalism.intensity import MOST_INTENSITY
+from lidarcli.formalism.detection import MOST_INTENSITY
 from lidarcli.formalism.matching.catalogue import KINDS, Catalogue, Thing
 
 MOST_THINGS = 1000

@@ -20,7 +20,7 @@ from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.joined import Numbered, numbered
-from lidarcli.logs.rosbag2.folder import is_bag, natural
+from lidarcli.logs.rosbag2 import is_bag, natural
 from lidarcli.pipeline.inputs.files import Objects, fixed_part, folder_of_pattern, matcher_of, matching, read_file
 from lidarcli.pipeline.inputs.sources import STDIN, MissingInput, Source, hold_one_sweep_each
 from lidarcli.stores.url import Place, State, Url, has_bucket, head, is_folder, is_url, listing, place
@@ -28,7 +28,7 @@ from lidarcli.stores.url import Place, State, Url, has_bucket, head, is_folder, 
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *TEXT_LOG_SUFFIXES)
 """Suffixes of logs in a folder that is searched; a file that is named is opened whatever its suffix."""
 
-_CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt", ".log", ".clf", ".gfs", ".2d", ".jsonl", ".ndjson")
+_CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt", ".log", ".clf", ".gfs", ".jsonl", ".ndjson")
 _WRAPPER = (".gz", ".zstd", ".active")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -195,13 +194,18 @@ def _joined(source: Source, opening: OpenOptions | None) -> Log:
 
 def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
     """Return whether several text files are the sweeps of one log, as far as the first readable one shows."""
-    from lidarcli.logs.csv.layouts import PER_SWEEP
+    from lidarcli.logs.csv.layouts import PER_SWEEP, NamelessError
 
     if len(files) < 2:
         return False
     for file in files[:_TRIED]:
-        with contextlib.suppress(UnreadableError), _opened_file(file) as log:
-            return PER_SWEEP in log.format
+        try:
+            with _opened_file(file) as log:
+                return PER_SWEEP in log.format
+        except NamelessError as err:
+            return err.per_sweep
+        except UnreadableError:
+            continue
     return False
 
 
@@ -242,13 +246,13 @@ def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
     head = file.read(HEAD) or b""
     file.seek(0)
     if head.startswith(MCAP):
-        from lidarcli.logs.mcap.log import McapLog
+        from lidarcli.logs.mcap import McapLog
 
         file.keep()
         return McapLog(stream, opening, str(url), file.size)
     if head.startswith(ROS1):
         # Its reader makes a temporary file of a stream, which has no name: nothing is left of it whatever happens.
-        from lidarcli.logs.rosbag1.log import Rosbag1Log
+        from lidarcli.logs.rosbag1 import Rosbag1Log
 
         with _named(url, "-"):
             return cast(Log, Rosbag1Log(stream, opening))

@@ -19,7 +19,7 @@ from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.mapping.places import Places
 from lidarcli.formalism.matching.catalogue import Catalogue, names_in
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.results import Followed, Tracks
+from lidarcli.formalism.tracking.results import TrackedBatch, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.newfiles import writing
 from lidarcli.pipeline.objects.making import Made, Rows
@@ -154,14 +154,14 @@ class Following:
             if self._options.tracks and self._options.trajectories:
                 yield "trajectories", name, trajectories_rows(self._log, name, rows)
 
-    def _complete(self, topic: _Topic, followed: Sequence[Followed]) -> Iterator[Rows]:
+    def _complete(self, topic: _Topic, followed: Sequence[TrackedBatch]) -> Iterator[Rows]:
         for one in followed:
             made = topic.waiting.popleft()
             self.summary.add_sets(one)
             for table, name, rows in made.rows:
                 yield table, name, self._completed(table, rows, made, one)
 
-    def _completed(self, table: str, rows: pa.RecordBatch, made: Made, one: Followed) -> pa.RecordBatch:
+    def _completed(self, table: str, rows: pa.RecordBatch, made: Made, one: TrackedBatch) -> pa.RecordBatch:
         """Return the rows of one table, completed by the tracking."""
         tracks = self._options.tracks
         if table == "objects":

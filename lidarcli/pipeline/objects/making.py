@@ -89,7 +89,7 @@ class Naming:
 
     def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
         """The objects of a batch."""
-        from lidarcli.formalism.matching.evidence import evidence_of
+        from lidarcli.formalism.matching.catalogue import evidence_of
 
         found = self._find(batch, per_beam)
         label, score = name(evidence_of(batch, found), self._catalogue)

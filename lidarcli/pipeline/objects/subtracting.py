@@ -12,9 +12,10 @@ import numpy as np
 
 from lidarcli.errors import OptionError
 from lidarcli.formalism import Detection, Parameters
-from lidarcli.formalism.background.changes import changes
-from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.background.subtraction import (
+from lidarcli.formalism.background import Background
+from lidarcli.formalism.detect import noise
+from lidarcli.formalism.detection import APPEARED, REMOVED
+from lidarcli.formalism.subtraction import (
     LEAST_SWEEPS_DIFFERING,
     MOST_DIFFERING,
     MOST_SWEEP_DIFFERING,
@@ -24,10 +25,9 @@ from lidarcli.formalism.background.subtraction import (
     Subtraction,
     Tolerance,
     assemble,
+    changes,
     nothing_known,
 )
-from lidarcli.formalism.detect import noise
-from lidarcli.formalism.detection import APPEARED, REMOVED
 from lidarcli.stores.url import place
 from lidarcli.sweeps import Int64, Status, SweepBatch
 from lidarcli.tabular.background import read_background

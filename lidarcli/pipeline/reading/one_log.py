@@ -31,7 +31,7 @@ from lidarcli.sweeps import STATUSES, Int64, SweepBatch
 from lidarcli.times import Instant
 
 if TYPE_CHECKING:
-    from lidarcli.formalism.tracking.results import Followed
+    from lidarcli.formalism.tracking.results import TrackedBatch
     from lidarcli.pose.tracks import Motion
 
 
@@ -107,7 +107,7 @@ class RunSummary:
         for status, count in zip(STATUSES, count_statuses(batch.status).sum(axis=1).tolist(), strict=False):
             self.by_status[status] += count
 
-    def add_sets(self, found: Detection | Followed) -> None:
+    def add_sets(self, found: Detection | TrackedBatch) -> None:
         """Count the objects and agents of one batch, and the beams of each set."""
         self.objects += int(found.objects.sum())
         self.agents += int(found.agents.sum())
@@ -155,7 +155,7 @@ AHEAD = 2
 WORTH_A_THREAD = 4 << 20
 """Bytes of a file from which on a thread reads ahead."""
 
-GEOMETRY = ("angle_min", "angle_increment", "fov", "range_max", "range_scale")
+GEOMETRY = ("columns", "angle_min", "angle_increment", "fov", "range_max", "range_scale")
 """Fields of `OpenOptions` that a log of text may lack."""
 _AS_IT_IS = OpenOptions()
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidarcli.formalism.mapping.counts import Beams, Counts, placed
-from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy
+from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, Beams, Counts, Occupancy, placed
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Float64, SweepBatch, SweepPoses, UInt8
 from tests.sweeping import raw_sweeps

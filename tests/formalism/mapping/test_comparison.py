@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lidarcli.formalism.mapping.occupancy import (
+from lidarcli.formalism.mapping.grid import (
     FARTHEST_CELLS,
     FREE,
     OCCUPIED,

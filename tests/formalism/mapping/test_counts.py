@@ -9,8 +9,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lidarcli.formalism.mapping.counts import BLOCK, CELL_BYTES, Beams, Counts, TooLargeError, placed
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.formalism.mapping.grid import (
+    BLOCK,
+    CELL_BYTES,
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    Beams,
+    Counts,
+    Occupancy,
+    TooLargeError,
+    placed,
+)
 from lidarcli.sweeps import Float64
 from tests.formalism.mapping.seen import (
     MOST,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.mapping.counts import MIN_TURN, PAUSE_NS, MotionFilter
+from lidarcli.formalism.mapping.grid import MIN_TURN, PAUSE_NS, MotionFilter
 from lidarcli.sweeps import Int64, SweepPoses
 
 SECOND = 1_000_000_000

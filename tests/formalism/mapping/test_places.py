@@ -14,10 +14,9 @@ import pytest
 from lidarcli import native
 from lidarcli.formalism import Detection, Parameters, detect, sweep
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL
-from lidarcli.formalism.mapping import places, votes
-from lidarcli.formalism.mapping.lines import lines
-from lidarcli.formalism.mapping.places import ByPlace, Places, Standing
-from lidarcli.simulation import entities as make
+from lidarcli.formalism.mapping import places, rays
+from lidarcli.formalism.mapping.places import ByPlace, Places, Standing, lines
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.tracking.following import batches, scene_of, simulated
@@ -251,7 +250,7 @@ def test_an_empty_map_has_no_line() -> None:
 
 def plain(name: str) -> ModuleType:
     """The source of the loops as plain Python, whatever was built from it."""
-    path = Path(votes.__file__).parent / f"{name}.py"
+    path = Path(rays.__file__).parent / f"{name}.py"
     spec = importlib.util.spec_from_file_location(f"plain_{name}", path)
     assert spec is not None
     assert spec.loader is not None
@@ -264,9 +263,9 @@ def test_the_source_gives_the_same_bits_with_every_index_checked(monkeypatch: py
     batch = simulated(scene_of(*BOXES, path=DRIVE), 12)
     _, (compiled,) = judged(batch)
     monkeypatch.setattr(native, "_BOUNDS", True)
-    source = plain("votes")
+    source = plain("rays")
     monkeypatch.setattr(source, "rays", plain("rays"))
-    monkeypatch.setattr(places, "votes", source)
+    monkeypatch.setattr(places, "rays", source)
     _, (checked,) = judged(batch)
     for name in ("thing", "place", "map"):
         np.testing.assert_array_equal(getattr(compiled, name), getattr(checked, name), strict=True)
@@ -276,15 +275,15 @@ def heard(ranges: list[float], begin: list[int], end: list[int]) -> list[tuple[i
     """Sum and number of the votes in the cell that each beam ends in; body k votes k + 1, a surface -9."""
     seen = sweep(ranges, angle_min=0.0, angle_increment=0.1)
     bodies: Any = SimpleNamespace(row=np.zeros(len(begin)), beam_i=np.array(begin), beam_f=np.array(end))
-    ends = votes.Ends(seen, bodies, np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)), 15.0, 0.3)
+    ends = rays.Ends(seen, bodies, np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)), 15.0, 0.3)
     cells, row = np.zeros((400, 400), np.int64), np.zeros(1, np.int64)
-    votes.cast(ends, row, np.arange(len(begin)) + 1, -9, cells, 0.1, -200, -200)
+    rays.cast(ends, row, np.arange(len(begin)) + 1, -9, cells, 0.1, -200, -200)
     place = np.empty((2, 1, len(ranges)))
-    votes.place(ends, row, place)
+    rays.place_ends(ends, row, place)
     assert (np.isnan(place[0, 0]) == ~(seen.ranges[0] <= 15.0)).all()
     column, line = np.floor(np.where(np.isnan(place[:, 0]), 19.9, place[:, 0]) / 0.1).astype(int) + 200
     # Only the source shows its constants.
-    total, count = np.divmod(cells[line, column], 1 << plain("votes").COUNT_BITS)
+    total, count = np.divmod(cells[line, column], 1 << plain("rays").COUNT_BITS)
     return list(zip(total.tolist(), count.tolist(), strict=True))
 
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from lidarcli import native
-from lidarcli.formalism.mapping import counts, rays
-from lidarcli.formalism.mapping.counts import Counts, placed
-from lidarcli.formalism.mapping.occupancy import CLEAR, SKIPPED
+from lidarcli.formalism.mapping import grid, rays
+from lidarcli.formalism.mapping.grid import CLEAR, SKIPPED, Counts, placed
 from tests.formalism.mapping.seen import (
     MOST,
     RESOLUTION,
@@ -151,7 +150,7 @@ def test_compiled_and_source_give_the_same_bits(source: ModuleType, seed: int, m
     monkeypatch.setattr(native, "_BOUNDS", True)
     batch, poses, use = random_sweeps(seed)
     one = counted(one_beams := placed(batch, poses, use), 5)
-    monkeypatch.setattr(counts, "rays", source)
+    monkeypatch.setattr(grid, "rays", source)
     other = counted(other_beams := placed(batch, poses, use), 5)
     assert one_beams.end.tobytes() == other_beams.end.tobytes()
     assert (one.column, one.row) == (other.column, other.row)
@@ -163,11 +162,11 @@ def test_compiled_and_source_give_the_same_bits(source: ModuleType, seed: int, m
 def test_no_index_is_out_of_bounds(source: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     # The source refuses negative indices and those beyond the end, which the compiled loops take for memory.
     monkeypatch.setattr(native, "_BOUNDS", True)
-    monkeypatch.setattr(counts, "rays", source)
+    monkeypatch.setattr(grid, "rays", source)
     for seed in SEEDS:
         batch, poses, use = random_sweeps(seed, sweeps=3)
         for resolution in (RESOLUTION, 0.7, 1000.0):
             tight = Counts(resolution, MOST)
-            monkeypatch.setattr(counts, "BLOCK", 1)
+            monkeypatch.setattr(grid, "BLOCK", 1)
             tight.add(placed(batch, poses, use))
             assert told(tight) == cells_of(batch, poses, use, resolution)

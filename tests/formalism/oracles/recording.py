@@ -13,18 +13,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from lidarcli.formalism import (
-    Detection,
-    Parameters,
-    core,
-    description,
-    detect,
-    features,
-    objects,
-    segmentation,
-    surfaces,
-    verdict,
-)
+from lidarcli.formalism import Detection, Parameters, core, description, detect, features, objects, segmentation, surfaces
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.batches import batch_of, rows_of
 from tests.formalism.random_sweeps import random_sweep
@@ -47,8 +36,8 @@ STEPS: tuple[tuple[ModuleType, str], ...] = (
     (objects, "fully_visible"),
     (objects, "join_fragments"),
     (features, "measure"),
-    (verdict, "decide"),
-    (verdict, "choose"),
+    (features, "decide"),
+    (features, "choose"),
     (objects, "group_legs"),
     (core, "_settle"),
     (objects, "assemble"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lidarcli import native
-from lidarcli.formalism import SHAPES, Detection, Parameters, description, shape
+from lidarcli.formalism import SHAPES, Detection, Parameters, description
 from lidarcli.formalism.detect import detect
 from lidarcli.formalism.detection import COLUMNS, REQUIRED
 from lidarcli.formalism.segmentation import Points
@@ -42,13 +42,13 @@ def core_faces(faces: list[surfaces.Face]) -> Faces:
     return found
 
 
-def look_at(faces: list[surfaces.Face]) -> shape.Look:
+def look_at(faces: list[surfaces.Face]) -> description.Look:
     """What the core sees of them."""
-    look = shape.Look()
+    look = description.Look()
     order = sorted(range(len(faces)), key=lambda f: -faces[f].length)
     look.longest, look.second = [*order, -1, -1][:2]
     look.count, look.rms = len(faces), descriptions.faces_rms(faces)
-    look.square = all(surfaces.turn(b, a) >= cos(shape.SQUARE) for a, b in itertools.pairwise(faces))
+    look.square = all(surfaces.turn(b, a) >= cos(description.SQUARE) for a, b in itertools.pairwise(faces))
     return look
 
 
@@ -56,9 +56,9 @@ def test_no_box_along_either_face_is_smaller() -> None:
     rng = np.random.default_rng(5)
     for _ in range(200):
         places, faces = corner(rng, float(rng.choice([0.0, 0.03])))
-        box = shape.Box()
+        box = description.Box()
         x, y = ([place[k] for place in places] for k in (0, 1))
-        shape.around_points(box, look_at(faces), core_faces(faces), x, y, len(places))
+        description.around_points(box, look_at(faces), core_faces(faces), x, y, len(places))
         try:
             centre, length, width, yaw = descriptions.box(places, faces)
         except Ambiguous:
@@ -70,9 +70,9 @@ def test_no_box_along_either_face_is_smaller() -> None:
 
 
 def test_the_box_of_a_circle_faces_the_sensor() -> None:
-    box = shape.Box()
+    box = description.Box()
     for x, y in ((2.0, 1.0), (-2.0, 1.0), (0.0, -3.0), (0.0, 3.0), (-1.0, 0.0)):
-        shape.around_circle(box, x, y, 0.25)
+        description.around_circle(box, x, y, 0.25)
         assert (box.x, box.y, box.length, box.width) == (x, y, 0.5, 0.5)
         # The same line through the sensor, named by its forward direction.
         assert abs(cos(box.yaw) * y - sin(box.yaw) * x) < 1e-12
@@ -93,13 +93,13 @@ def test_boxes_and_posts_have_their_shapes(noise: float) -> None:
             cloud = np.stack([2 + r * np.cos(angles), r * np.sin(angles)], 1)[::-1]
             places = [(float(x), float(y)) for x, y in cloud]
             faces = surfaces.faces_between(places, surfaces.split(places, 0.02 + 3 * noise))
-        circle = shape.Circle(len(places))
+        circle = description.Circle(len(places))
         circle.n = len(places)
         for k, place in enumerate(places):
             circle.x[k], circle.y[k] = place
         x, y = np.mean(places, axis=0).tolist()
         chord = hypot(places[-1][0] - places[0][0], places[-1][1] - places[0][1])
-        found = SHAPES[shape.classify(look_at(faces), circle, noise, chord, x, y, inf)]
+        found = SHAPES[description.classify(look_at(faces), circle, noise, chord, x, y, inf)]
         try:
             assert found == descriptions.shape(places, faces, noise)
         except Ambiguous:

@@ -49,7 +49,7 @@ def digest(told: GivenPaths) -> str:
     return total.hexdigest()[:16]
 
 
-def main(hostile: int, simulate: bool) -> None:
+def main_part(hostile: int, simulate: bool) -> None:
     """Hostile logs, each also in one go where it is of one width, and simulated ones."""
     for number, (log, parameters) in enumerate(hostile_logs(hostile)):
         told = follow(log, parameters)
@@ -73,4 +73,4 @@ def _check(told: GivenPaths, found: object, begin: int, count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), "scenes" in sys.argv[2:])
+    main_part(int(sys.argv[1]), "scenes" in sys.argv[2:])

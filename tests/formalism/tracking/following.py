@@ -14,10 +14,10 @@ from benchmarks.scenes.moving import Kind, moving_scene
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.results import Followed, Tracks
+from lidarcli.formalism.tracking.results import TrackedBatch, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import PARKED, Course, Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
@@ -36,7 +36,7 @@ class GivenPaths:
     row: Any
     """(K,) sweep of each object."""
     columns: dict[str, Any]
-    """Those of `Followed`, of all batches."""
+    """Those of `TrackedBatch`, of all batches."""
     tracks: Tracks
     tracker: Tracker
     detection: Any
@@ -77,7 +77,7 @@ def follow(
     pieces = [log] if isinstance(log, SweepBatch) else list(log)
     tracker = Tracker(track)
     found: list[Detection] = []
-    followed: list[Followed] = []
+    followed: list[TrackedBatch] = []
     for piece in pieces:
         found.append(detect(piece, parameters or Parameters()))
         followed += tracker.add(piece, found[-1])

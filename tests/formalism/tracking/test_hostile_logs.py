@@ -13,7 +13,7 @@ import pytest
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, super_ellipse
 from lidarcli.sweeps import SweepBatch, SweepPoses
 from tests.formalism.tracking.following import assert_same, assert_sums, batches, follow, moving_log, scene_of, simulated
@@ -204,12 +204,12 @@ def test_the_longest_log_keeps_no_more_than_a_short_one() -> None:
         (sensor,) = tracker._sensors
         most.append(
             (
-                sensor.fold.bodies.most,
-                sensor.fold.log.room,
-                sensor.fold.log.count,
+                sensor.tracker.bodies.capacity,
+                sensor.tracker.log.capacity,
+                sensor.tracker.log.count,
                 len(sensor.register.bodies),
-                len(tracker._waiting),
-                sum(len(piece.track) for piece in sensor.settled),
+                len(tracker._pending),
+                sum(len(piece.track) for piece in sensor.kind_hits),
                 len(tracker._windows),
             )
         )

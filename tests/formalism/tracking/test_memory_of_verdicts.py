@@ -10,9 +10,9 @@ import pytest
 import lidarcli
 from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.results import Followed, Tracks
+from lidarcli.formalism.tracking.results import TrackedBatch, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.tracking.following import scene_of, simulated
 
@@ -25,7 +25,7 @@ def log() -> tuple[SweepBatch, Detection]:
     return batch, detect(batch, Parameters(min_thing=0.0))
 
 
-def told(batch: SweepBatch, found: Detection, *, memory: bool = True) -> tuple[Followed, Tracks]:
+def told(batch: SweepBatch, found: Detection, *, memory: bool = True) -> tuple[TrackedBatch, Tracks]:
     """What a tracker says of one batch."""
     tracker = Tracker(TrackParameters(memory=memory))
     answers = tracker.add(batch, found)

@@ -11,7 +11,7 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, ROUND
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import END_OF_LOG, FREE, LEFT_VIEW
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import Waypoint, plan_route
 from lidarcli.simulation.scene import Course, Entity, Motion, super_ellipse
 from lidarcli.sweeps import TURN, SweepBatch

@@ -12,8 +12,8 @@ from lidarcli.formalism.tracking.tracks import Track
 class Estimate:
     """A correction with these values."""
 
-    def __init__(self, delay: float, ahead: float = 0.0, left: float = 0.0, way: float = 10.0) -> None:
-        self.way = way
+    def __init__(self, delay: float, ahead: float = 0.0, left: float = 0.0, travelled: float = 10.0) -> None:
+        self.travelled = travelled
         self.values = (delay, ahead, left, 0.005, 0.01)
 
     def estimate(self) -> tuple[float, float, float, float, float]:
@@ -34,7 +34,7 @@ def test_a_delay_is_told() -> None:
     assert notes(Estimate(0.12), [], poses=False) == []
 
 
-@pytest.mark.parametrize("estimate", [Estimate(0.01), Estimate(0.12, way=0.5), Estimate(0.0, 0.02, 0.02)])
+@pytest.mark.parametrize("estimate", [Estimate(0.01), Estimate(0.12, travelled=0.5), Estimate(0.0, 0.02, 0.02)])
 def test_what_is_small_or_hardly_driven_is_not_told(estimate: Estimate) -> None:
     assert notes(estimate, []) == []
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from lidarcli.formalism.tracking import settling
 from lidarcli.formalism.tracking.results import DISC, PERSON
-from lidarcli.formalism.tracking.tracks import Body, Track
+from lidarcli.formalism.tracking.tracks import Track, Tracklet
 
 PERSON_AT = np.arange(60)
 """Sweeps of a person, ten a second, who walks along x at 1 m/s."""
@@ -32,9 +32,11 @@ def settled(*others: tuple[Any, Any, Any], moved: int = 1, owners: bool = True) 
         width=np.full(len(x), 0.12),
         owner=np.where((number == 1) | owners, number, 0),
     )
-    bodies = {n: Body(n, kind=PERSON if n == 1 else DISC, moved=1 if n == 1 else moved) for n in range(1, len(parts) + 1)}
-    Track().absorb(bodies[1])
-    settling.settle_legs(seen, bodies)
+    bodies = {
+        n: Tracklet(n, kind=PERSON if n == 1 else DISC, moved=1 if n == 1 else moved) for n in range(1, len(parts) + 1)
+    }
+    Track().add_part(bodies[1])
+    settling.assign_legs(seen, bodies)
     return [seen.owner[number == n] for n in bodies]
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.tracking import grouping
-from lidarcli.formalism.tracking.tracks import Body, Track
+from lidarcli.formalism.tracking.tracks import Track, Tracklet
 
 
 def track_of(*spans: tuple[int, int]) -> Track:
     track = Track()
     for number, (first, last) in enumerate(spans, 1):
-        track.absorb(Body(number, first_sweep=first, last_sweep=last))
+        track.add_part(Tracklet(number, first_sweep=first, last_sweep=last))
     return track
 
 
@@ -42,15 +42,15 @@ def sightings(number: int, time: np.ndarray, x: np.ndarray, now: bool) -> Simple
 @pytest.mark.parametrize(("begins_at", "goes_on"), [(8.0, True), (11.5, False)])
 def test_a_piece_goes_on_after_a_gap_between_two_windows(begins_at: float, goes_on: bool) -> None:
     time = np.arange(50) / 10
-    earlier = Body(1, moved=1, last_sweep=49, seen_at=4.9, has_ended=True)
+    earlier = Tracklet(1, moved=1, last_sweep=49, last_time=4.9, has_ended=True)
     track = Track()
-    track.absorb(earlier)
+    track.add_part(earlier)
     of_before = sightings(1, time, 1.0 * time, now=True)
-    grouping.remember_end(of_before, earlier)
+    grouping.store_end(of_before, earlier)
     assert earlier.final == pytest.approx((4.9, 1.0))
-    assert not grouping.is_past(of_before, earlier)
+    assert not grouping.is_expired(of_before, earlier)
     # It was hidden for three seconds, and went on at 1 m/s.
-    later = Body(2, moved=1, first_sweep=80, last_sweep=129)
+    later = Tracklet(2, moved=1, first_sweep=80, last_sweep=129)
     seen = sightings(2, 8.0 + time, begins_at + 1.0 * time, now=True)
     grouping._stitch(seen, [later], {1: earlier, 2: later})
     assert (later.track is track) == goes_on
@@ -60,5 +60,5 @@ def test_a_body_is_forgotten_when_nothing_can_go_on_with_it() -> None:
     time = np.arange(200) / 10
     seen = sightings(2, time, time, now=True)
     for ago, moved, past in ((14.0, 1, False), (16.0, 1, True), (16.0, 0, False), (31.0, 0, True)):
-        body = Body(1, moved=moved, seen_at=float(time[-1]) - ago)
-        assert grouping.is_past(seen, body) == past
+        body = Tracklet(1, moved=moved, last_time=float(time[-1]) - ago)
+        assert grouping.is_expired(seen, body) == past

@@ -10,56 +10,56 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.detection import LEGGED, PRISMATIC, UNKNOWN
-from lidarcli.formalism.tracking import estimation, grouping, tracks, windows
+from lidarcli.formalism.tracking import grouping, kalman, tracks, windows
 from lidarcli.formalism.tracking.results import BOX, DISC, PERSON
-from lidarcli.formalism.tracking.tracks import WHOLE_SIGHTINGS, Body, Track
-from lidarcli.formalism.tracking.windows import Settled, Window
+from lidarcli.formalism.tracking.tracks import WHOLE_SIGHTINGS, Track, Tracklet
+from lidarcli.formalism.tracking.windows import Window, WindowResult
 
 
 def test_where_a_body_and_its_twin_are() -> None:
-    thing = Body(1, yaw=math.pi / 2, c=(1.0, 2.0), still_c=(3.0, 0.0))
+    thing = Tracklet(1, yaw=math.pi / 2, c=(1.0, 2.0), static_c=(3.0, 0.0))
     assert thing.place(still=False) == pytest.approx((-2.0, 1.0))
     assert thing.place(still=True) == pytest.approx((0.0, 3.0))
 
 
 def test_a_size_is_known_once_it_was_seen_often() -> None:
-    assert not Body(1, whole=WHOLE_SIGHTINGS - 1, size=0.5).size_is_known
-    assert Body(1, whole=WHOLE_SIGHTINGS, size=0.5).size_is_known
-    assert Body(1, kind=PERSON, whole=WHOLE_SIGHTINGS).has_legs
-    assert not Body(1, kind=DISC, whole=WHOLE_SIGHTINGS).has_legs
+    assert not Tracklet(1, whole=WHOLE_SIGHTINGS - 1, size=0.5).size_is_known
+    assert Tracklet(1, whole=WHOLE_SIGHTINGS, size=0.5).size_is_known
+    assert Tracklet(1, kind=PERSON, whole=WHOLE_SIGHTINGS).has_legs
+    assert not Tracklet(1, kind=DISC, whole=WHOLE_SIGHTINGS).has_legs
 
 
 def test_two_sizes_that_differ_are_two_things() -> None:
-    small, large = (Body(n, kind=BOX, whole=WHOLE_SIGHTINGS, size=size) for n, size in ((1, 0.3), (2, 1.5)))
+    small, large = (Tracklet(n, kind=BOX, whole=WHOLE_SIGHTINGS, size=size) for n, size in ((1, 0.3), (2, 1.5)))
     assert grouping._differ(small, large)
-    assert not grouping._differ(small, Body(3, kind=BOX, whole=WHOLE_SIGHTINGS, size=0.35))
+    assert not grouping._differ(small, Tracklet(3, kind=BOX, whole=WHOLE_SIGHTINGS, size=0.35))
     # Of what was never seen whole nobody knows.
-    assert not grouping._differ(small, Body(4, kind=BOX, whole=0, size=1.5))
-    person = Body(5, kind=PERSON, whole=WHOLE_SIGHTINGS, size=0.4)
+    assert not grouping._differ(small, Tracklet(4, kind=BOX, whole=0, size=1.5))
+    person = Tracklet(5, kind=PERSON, whole=WHOLE_SIGHTINGS, size=0.4)
     assert grouping._differ(person, large)
     assert not grouping._differ(person, small)
 
 
 def test_a_piece_goes_on_where_the_one_before_would_be() -> None:
-    moved, stood = Body(1, moved=1), Body(2)
-    before = grouping._Piece(moved, 10, 1.0, 0.0, velocity=1.0)
+    moved, static_codes = Tracklet(1, moved=1), Tracklet(2)
+    before = grouping.TrackEnd(moved, 10, 1.0, 0.0, velocity=1.0)
     places = 2.0, 2.3, 0.0
-    after = [grouping._Piece(Body(3, moved=1), 30, 3.0, x, velocity=1.0) for x in places]
+    after = [grouping.TrackEnd(Tracklet(3, moved=1), 30, 3.0, x, velocity=1.0) for x in places]
     allowed = grouping.STITCH_DISTANCE + 2.0 * grouping.STITCH_SPEED
-    assert grouping._misfits([before], after)[0] == pytest.approx(np.array([0.0, 0.3, 0.1]) / allowed)
-    late = [grouping._Piece(body, 130, 15.0, 0.4) for body in (moved, stood)]
-    ends = [before, grouping._Piece(stood, 10, 1.0, 0.0)]
+    assert grouping._stitch_costs([before], after)[0] == pytest.approx(np.array([0.0, 0.3, 0.1]) / allowed)
+    late = [grouping.TrackEnd(body, 130, 15.0, 0.4) for body in (moved, static_codes)]
+    ends = [before, grouping.TrackEnd(static_codes, 10, 1.0, 0.0)]
     greatest = [
         [grouping.MOST_STITCH_DISTANCE, grouping.MOST_STANDING_STITCH_DISTANCE],
         [grouping.MOST_STANDING_STITCH_DISTANCE, grouping.STITCH_DISTANCE],
     ]
     # Both went to and fro, or one of them.
     off = [[0.5, 0.5], [0.4, 0.4]]
-    assert grouping._misfits(ends, late) == pytest.approx(np.array(off) / greatest)
-    for gone, longest in ((moved, grouping.LONGEST_STITCH_GAP), (stood, grouping.LONGEST_STANDING_GAP)):
-        end = grouping._Piece(gone, 10, 1.0, 0.0)
-        begins = [grouping._Piece(stood, 30, 1.0 + gap, 0.0) for gap in (-0.1, 0.0, longest, longest + 0.1)]
-        assert np.isfinite(grouping._misfits([end], begins)[0]).tolist() == [False, False, True, False]
+    assert grouping._stitch_costs(ends, late) == pytest.approx(np.array(off) / greatest)
+    for gone, longest in ((moved, grouping.LONGEST_STITCH_GAP), (static_codes, grouping.LONGEST_STANDING_GAP)):
+        end = grouping.TrackEnd(gone, 10, 1.0, 0.0)
+        begins = [grouping.TrackEnd(static_codes, 30, 1.0 + gap, 0.0) for gap in (-0.1, 0.0, longest, longest + 0.1)]
+        assert np.isfinite(grouping._stitch_costs([end], begins)[0]).tolist() == [False, False, True, False]
 
 
 def test_the_pace_is_that_of_the_line_through_its_places() -> None:
@@ -72,14 +72,14 @@ def test_the_pace_is_that_of_the_line_through_its_places() -> None:
 def test_a_track_moves_from_the_first_onset_of_its_bodies() -> None:
     track = Track()
     for number, (moved, first, onset) in enumerate(((0, 0, 3), (1, 20, 50), (1, 40, 40 + windows.ARRIVAL_SWEEPS))):
-        track.absorb(Body(number, moved=moved, first_sweep=first, onset=onset))
+        track.add_part(Tracklet(number, moved=moved, first_sweep=first, onset=onset))
     seen, at = sightings(0.1 * np.arange(40.0)), np.arange(40)
     assert windows._moves(seen, track, at)
     # What shows at once has come moving.
     assert (track.moved, track.onset) == (True, 40)
     assert all(part.track is track for part in track.parts)
     still = Track()
-    still.absorb(Body(9))
+    still.add_part(Tracklet(9))
     assert not windows._moves(seen, still, at)
 
 
@@ -110,7 +110,7 @@ def sightings(x: np.ndarray, width: float = 0.5) -> SimpleNamespace:
 )
 def test_what_is_seen_again_where_it_was_does_not_move(x: np.ndarray, width: float, left: bool) -> None:
     track = Track()
-    track.absorb(Body(1, moved=1, first_sweep=0, onset=12))
+    track.add_part(Tracklet(1, moved=1, first_sweep=0, onset=12))
     assert windows._moves(sightings(x, width), track, np.arange(len(x))) == left
     assert track.moved == left
 
@@ -123,25 +123,25 @@ def test_what_shows_more_legs_than_a_person_has_to_travel(legs: int, moves: bool
     seen.sweep = np.append(np.arange(6), 6 + np.repeat(np.arange(60), legs))
     seen.time = seen.sweep / 10
     track = Track()
-    track.absorb(Body(1, kind=PERSON, moved=1))
+    track.add_part(Tracklet(1, kind=PERSON, moved=1))
     assert windows._moves(seen, track, np.arange(len(x))) == moves
 
 
 def test_what_had_stayed_moves_from_where_it_left() -> None:
-    track = Track(told=10)
-    track.absorb(Body(1, moved=1, first_sweep=0, onset=9))
+    track = Track(path_stop=10)
+    track.add_part(Tracklet(1, moved=1, first_sweep=0, onset=9))
     assert windows._moves(sightings(np.repeat([0.0, 0.8], [40, 20])), track, np.arange(60))
     # Hardly any of the 20 places after the 25th are that of before, and none after the 40th.
     assert 25 < track.onset <= 40
 
 
 def test_what_stands_on_more_than_two_legs_is_no_person_who_stopped() -> None:
-    legs = [Body(number, h=(0.02, 0.02)) for number in range(4)]
+    legs = [Tracklet(number, h=(0.02, 0.02)) for number in range(4)]
     track = Track()
     for leg in legs[:2]:
-        track.absorb(leg)
+        track.add_part(leg)
     assert not grouping._stands_on_legs(legs[0])
-    track.absorb(legs[2])
+    track.add_part(legs[2])
     assert grouping._stands_on_legs(legs[0])
     assert not grouping._stands_on_legs(legs[3])
     legs[0].moved = 1
@@ -159,16 +159,16 @@ def test_only_what_is_slim_and_goes_with_a_person_joins_it(half: float, off: flo
         # The person goes at 1 m/s; the other was seen just before.
         place=np.append(time[5:], time[:5]) + 1j * np.repeat([0.0, off], 5),
     )
-    person, other = Body(1, kind=PERSON, moved=1, h=(0.2, 0.2)), Body(2, same_as=1, h=(half, 0.05))
-    grouping._join_doubles(seen, [other], {1: person, 2: other})
+    person, other = Tracklet(1, kind=PERSON, moved=1, h=(0.2, 0.2)), Tracklet(2, same_as=1, h=(half, 0.05))
+    grouping._merge_duplicates(seen, [other], {1: person, 2: other})
     assert (other.track is not None) == joins
     assert other.track is person.track
 
 
 def test_a_side_is_known_by_sightings_or_by_the_estimate() -> None:
-    assert tracks._side(Body(1, side=(0.6, 0.0), side_weight=(400.0, 0.0)), 0) == (0.6, pytest.approx(0.05))
-    assert tracks._side(Body(1, h=(0.3, 0.0), hh=(1e-4, 0.0)), 0) == (0.6, pytest.approx(0.02))
-    unsure = tracks._side(Body(1, h=(0.3, 0.0), hh=(tracks.KNOWN_SIZE_SD**2, 0.0)), 0)
+    assert tracks._side(Tracklet(1, side=(0.6, 0.0), side_weight=(400.0, 0.0)), 0) == (0.6, pytest.approx(0.05))
+    assert tracks._side(Tracklet(1, h=(0.3, 0.0), hh=(1e-4, 0.0)), 0) == (0.6, pytest.approx(0.02))
+    unsure = tracks._side(Tracklet(1, h=(0.3, 0.0), hh=(tracks.KNOWN_SIZE_SD**2, 0.0)), 0)
     assert np.isnan(unsure).all()
 
 
@@ -176,20 +176,20 @@ def test_the_shape_is_the_likeliest_if_it_is_likelier() -> None:
     """`shape_votes` counts the views that took it for prismatic, round, legged and irregular."""
     track = Track()
     boxy = (40.0, 1.0, 0.0, 2.0)
-    assert tracks._shape(track, Body(1, shape_votes=boxy)) == PRISMATIC
-    assert tracks._shape(track, Body(1, shape_votes=(0.0,) * 4)) == UNKNOWN
-    assert tracks._shape(track, Body(1, shape_votes=boxy, bulge=400.0, bulge_points=100.0)) != PRISMATIC
+    assert tracks._shape(track, Tracklet(1, shape_votes=boxy)) == PRISMATIC
+    assert tracks._shape(track, Tracklet(1, shape_votes=(0.0,) * 4)) == UNKNOWN
+    assert tracks._shape(track, Tracklet(1, shape_votes=boxy, bulge=400.0, bulge_points=100.0)) != PRISMATIC
     track.several = True
-    assert tracks._shape(track, Body(1, shape_votes=boxy)) == LEGGED
+    assert tracks._shape(track, Tracklet(1, shape_votes=boxy)) == LEGGED
     # However long it is seen.
-    assert tracks._shape(track, Body(1, shape_votes=tuple(1000.0 * count for count in boxy))) == LEGGED
+    assert tracks._shape(track, Tracklet(1, shape_votes=tuple(1000.0 * count for count in boxy))) == LEGGED
 
 
 def test_what_is_settled_is_joined_and_taken_apart() -> None:
-    nothing = Settled.joined([])
-    names = [each.name for each in fields(Settled)]
+    nothing = WindowResult.joined([])
+    names = [each.name for each in fields(WindowResult)]
     assert [len(getattr(nothing, name)) for name in names] == [0] * len(names)
-    some = Settled(
+    some = WindowResult(
         track=np.arange(5),
         vx=np.arange(5.0),
         vy=np.zeros(5),
@@ -199,7 +199,7 @@ def test_what_is_settled_is_joined_and_taken_apart() -> None:
         label_score=np.linspace(0.0, 1.0, 5),
         shape=np.arange(5, dtype=np.uint8),
     )
-    again = Settled.joined([some.rows(slice(0, 2)), some.rows(slice(2, None))])
+    again = WindowResult.joined([some.rows(slice(0, 2)), some.rows(slice(2, None))])
     for name in names:
         np.testing.assert_array_equal(getattr(again, name), getattr(some, name), strict=True)
     assert Window(0).count == 0
@@ -207,11 +207,11 @@ def test_what_is_settled_is_joined_and_taken_apart() -> None:
 
 
 def test_room_for_sightings() -> None:
-    arrays = estimation.sighting_arrays(7)
+    arrays = kalman.sighting_arrays(7)
     assert {values.shape for values in arrays.values()} == {(7,), (7, 4)}
-    log = estimation.Sightings()
+    log = kalman.Sightings()
     log.attach(arrays)
-    assert (log.count, log.room) == (0, 7)
+    assert (log.count, log.capacity) == (0, 7)
 
 
 def test_a_body_has_left_its_first_place_when_it_is_further_away_than_its_size() -> None:

@@ -16,7 +16,7 @@ from lidarcli.formalism.detection import REMOVED
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Motion
 from tests.formalism.tracking.following import follow, scene_of, simulated
 from tests.places import ROOT

@@ -80,8 +80,8 @@ def test_the_way_of_a_track_goes_on_from_piece_to_piece() -> None:
     codes[4:6], codes[8] = 0, 2 | PARTLY_BIT
     for begin in (5, 10):
         piece = slice(begin - 5, begin)
-        Path(track, begin, way[piece], codes[piece], np.ones(5, np.uint8)).sum_up()
-    assert (track.distance, track.speed_max, track.x, track.told) == pytest.approx((0.9, 1.0, 0.9, 15))
+        Path(track, begin, way[piece], codes[piece], np.ones(5, np.uint8)).add_to_track()
+    assert (track.distance, track.speed_max, track.x, track.path_stop) == pytest.approx((0.9, 1.0, 0.9, 15))
     rows = joined(sweeps, [Path(track, 5, way, codes, np.ones(10, np.uint8))])
     assert rows.sweep.tolist() == list(range(45, 55))
     assert rows.parts.tolist() == (codes & PARTS_MASK).tolist()

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcli.formalism.tracking import tracker as tracking
 from lidarcli.formalism.tracking.results import Tracks
-from lidarcli.simulation import entities as make
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Motion
 from lidarcli.sweeps import _BATCH_ROW_FIELDS, SweepBatch, SweepPoses
 from tests.formalism.tracking.following import PER_OBJECT, assert_same, batches, follow, scene_of, simulated

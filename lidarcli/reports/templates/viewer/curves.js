@@ -1,3 +1,21 @@
+// Axes with their numbers and labels on a canvas; what is drawn on it places its values by X and Y.
+function plane(id, labels, [x0, x1], [y0, y1], edge, colours) {
+  const { pen, width, height } = open(id), right = width - edge.right, bottom = height - edge.bottom;
+  const X = (x) => edge.left + (x - x0) / (x1 - x0) * (right - edge.left);
+  const Y = (y) => bottom - (y - y0) / (y1 - y0) * (bottom - edge.top);
+  const whole = (marks, only) => (only ? marks.filter(([value]) => Number.isInteger(value)) : marks);
+  pen.strokeStyle = colours.grid; pen.fillStyle = colours.quiet; pen.lineWidth = 1;
+  pen.textAlign = "right";
+  for (const [y, text] of whole(ticks(y0, y1, 5), labels.whole_y)) { line(pen, edge.left, Y(y), right, Y(y)); pen.fillText(text, edge.left - 5, Y(y) + 4); }
+  pen.textAlign = "center";
+  let marks = whole(ticks(x0, x1, width / 70), labels.whole_x);
+  if (labels.step) for (marks = []; marks.length <= (x1 - x0) / labels.step; ) marks.push([x0 + marks.length * labels.step, x0 + marks.length * labels.step]);
+  for (const [x, text] of marks) { line(pen, X(x), bottom, X(x), bottom + 4); pen.fillText(text, Math.min(X(x), width - 14), bottom + 16); }
+  if (labels.x) { pen.textAlign = "right"; pen.fillText(labels.x, right, height - 3); }
+  pen.textAlign = "start"; pen.fillText(labels.y, 4, 10);
+  return { pen: pen, X: X, Y: Y, left: edge.left, width: width };
+}
+
 // r(theta) and s(theta) of one sweep.
 function curves(id, s, k, low, high, colours) {
   const { pen, width, height } = open(id), v = s.curves;

@@ -149,14 +149,16 @@ function start() {
     get("viewer").scrollIntoView({ block: "start" });
   }));
   // On paper pictures stay as they were drawn last.
-  const redraw = () => { if (!now.paper) show(); };
+  const all = () => { show(); drawCharts(); };
+  const redraw = () => { if (!now.paper) all(); };
   window.addEventListener("resize", redraw);
   window.addEventListener("hashchange", readAddress);
-  window.addEventListener("beforeprint", () => { now.paper = true; show(); });
-  window.addEventListener("afterprint", () => { now.paper = false; show(); });
+  window.addEventListener("beforeprint", () => { now.paper = true; all(); });
+  window.addEventListener("afterprint", () => { now.paper = false; all(); });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   get("stream").hidden = streams.length === 1;
   if (!readAddress()) { enter(0); show(); }
+  drawCharts();
 }
 
 start();

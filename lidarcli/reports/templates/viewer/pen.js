@@ -6,7 +6,7 @@ function coloursOf(paper) {
   const style = getComputedStyle(paper ? get("paper") : document.documentElement);
   const told = (name) => style.getPropertyValue("--" + name).trim();
   const found = { shapes: data.shapes.map((name) => told("shape-" + name)), zone: (action) => told("zone-" + action) };
-  for (const name of ["ink", "quiet", "grid", "paper", "blue", "vermilion", "green", "grey", "dark", "light", "raised", "yellow", "orange", "shade", "bar-objects", "bar-agents"]) {
+  for (const name of ["ink", "quiet", "grid", "paper", "blue", "vermilion", "green", "grey", "dark", "light", "raised", "yellow", "orange", "shade", "bar-objects", "bar-agents", "sky", "purple", "heat-1", "heat-2", "heat-3", "heat-4", "heat-5"]) {
     found[name] = told(name);
   }
   return found;

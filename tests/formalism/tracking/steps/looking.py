@@ -10,8 +10,8 @@ import numpy as np
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import scans
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.formalism.tracking import observation
-from lidarcli.formalism.tracking.observation import Seen, Views
+from lidarcli.formalism.tracking import measurement
+from lidarcli.formalism.tracking.measurement import Detections, Measurements
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
@@ -23,24 +23,24 @@ Pose = tuple[float, float, float, float]
 
 def look_at(
     batch: SweepBatch, pose: Pose = (0.0, 0.0, 0.0, 1.0), row: int = 0, way: tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> tuple[Views, Scans]:
+) -> tuple[Measurements, Scans]:
     """The objects of a sweep whose sensor is there at its first beam, and goes so far until its last."""
     found = detect(batch, Parameters())
     poses, ways = np.tile(pose, (len(batch), 1)), np.tile(way, (len(batch), 1))
     placed = np.ones(len(batch), np.bool_)
-    seen = Seen(found, poses, np.arange(len(batch)) / 10, ways, found.shares(batch), placed)
-    views = Views(max(seen.most, 1), max(batch.width, 1))
-    views.start_x, views.start_y, views.start_yaw = views.x, views.y, _ = pose[:3]
-    views.way_x, views.way_y, views.way_yaw = way
-    views.goes = any(way)
-    views.cos, views.sin = math.cos(pose[2]), math.sin(pose[2])
+    detections = Detections(found, poses, np.arange(len(batch)) / 10, ways, found.shares(batch), placed)
+    measurements = Measurements(max(detections.max_objects, 1), max(batch.width, 1))
+    measurements.start_x, measurements.start_y, measurements.start_yaw = measurements.x, measurements.y, _ = pose[:3]
+    measurements.motion_x, measurements.motion_y, measurements.motion_yaw = way
+    measurements.moves = any(way)
+    measurements.cos, measurements.sin = math.cos(pose[2]), math.sin(pose[2])
     laid_out = scans(batch)
-    observation.observe(views, seen, laid_out, row)
-    observation.judge_edges(views)
-    return views, laid_out
+    measurement.extract(measurements, detections, laid_out, row)
+    measurement.classify_edges(measurements)
+    return measurements, laid_out
 
 
-def seen_from(sensor: Sensor, pose: Pose, *entities: Entity) -> tuple[Views, Scans]:
+def seen_from(sensor: Sensor, pose: Pose, *entities: Entity) -> tuple[Measurements, Scans]:
     """What a sensor at a pose sees of these, upside down where its side is -1."""
     x, y, yaw, side = pose
     hung = replace(sensor, angle_min=side * sensor.angle_min, angle_increment=side * sensor.angle_increment)

@@ -14,12 +14,12 @@ from lidarcli.formalism.tracking.association import Assignment, solve
 def solved(cost: np.ndarray, without: float, room: Assignment | None = None) -> tuple[list[int], float]:
     """The column of each row, and the cost of all."""
     rows, columns = cost.shape
-    task = room or Assignment(rows, columns)
-    task.rows, task.columns = rows, columns
+    assignment = room or Assignment(rows, columns)
+    assignment.rows, assignment.columns = rows, columns
     for at, value in enumerate(cost.ravel().tolist()):
-        task.cost[at] = value
-    solve(task, without)
-    chosen = [task.column[i] for i in range(rows)]
+        assignment.cost[at] = value
+    solve(assignment, without)
+    chosen = [assignment.column[i] for i in range(rows)]
     assert len({j for j in chosen if j >= 0}) == sum(j >= 0 for j in chosen)
     return chosen, sum(without if j < 0 else float(cost[i, j]) for i, j in enumerate(chosen))
 

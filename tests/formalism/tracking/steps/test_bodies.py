@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.tracking import estimation
-from lidarcli.formalism.tracking.estimation import Bodies
+from lidarcli.formalism.tracking import kalman
+from lidarcli.formalism.tracking.kalman import Targets
 
 PAIRS = (("c", "c"), ("c", "v"), ("c", "h"), ("v", "v"), ("v", "h"), ("h", "h"))
 
@@ -24,36 +24,36 @@ class Filter:
     def predict(self, dt: float) -> None:
         step = np.array([[1, dt, 0], [0, 1, 0], [0, 0, 1]])
         noise = np.zeros((3, 3))
-        noise[:2, :2] = estimation.ACCELERATION * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-        noise[2, 2] = estimation.EXTENT_GROWTH * dt
+        noise[:2, :2] = kalman.ACCELERATION * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        noise[2, 2] = kalman.EXTENT_GROWTH * dt
         self.x, self.p = step @ self.x, step @ self.p @ step.T + noise
 
     def update(self, z: float, sign: float, var: float) -> np.ndarray:
         look = np.array([1.0, 0.0, sign])
         off = z - look @ self.x
-        s = max(look @ self.p @ look + var, off * off / estimation.MOST_RESIDUAL)
+        s = max(look @ self.p @ look + var, off * off / kalman.MOST_RESIDUAL)
         gain = self.p @ look / s
         self.x = self.x + gain * off
         self.p = self.p - s * np.outer(gain, gain)
         return gain
 
 
-def fill(bodies: Bodies, a: int, filt: Filter, still: Filter) -> None:
+def fill(targets: Targets, a: int, filt: Filter, still: Filter) -> None:
     """Let an axis of a body, and its twin, know what the filters do."""
-    bodies.c[a], bodies.v[a], bodies.h[a] = filt.x
-    bodies.still_c[a], bodies.still_h[a] = still.x[0], still.x[2]
+    targets.c[a], targets.v[a], targets.h[a] = filt.x
+    targets.static_c[a], targets.static_h[a] = still.x[0], still.x[2]
     for one, other in PAIRS:
         at = "cvh".index(one), "cvh".index(other)
-        getattr(bodies, one + other)[a] = filt.p[at]
+        getattr(targets, one + other)[a] = filt.p[at]
         if "v" not in (one, other):
-            getattr(bodies, f"still_{one}{other}")[a] = still.p[at]
+            getattr(targets, f"static_{one}{other}")[a] = still.p[at]
 
 
-def state_of(bodies: Bodies, a: int, prefix: str = "") -> tuple[np.ndarray, np.ndarray]:
+def state_of(targets: Targets, a: int, prefix: str = "") -> tuple[np.ndarray, np.ndarray]:
     """What an axis knows, in matrices; the twin knows no v."""
     names = "ch" if prefix else "cvh"
-    x = np.array([getattr(bodies, prefix + name)[a] for name in names])
-    p = np.array([[getattr(bodies, prefix + "".join(sorted((i, j), key="cvh".index)))[a] for j in names] for i in names])
+    x = np.array([getattr(targets, prefix + name)[a] for name in names])
+    p = np.array([[getattr(targets, prefix + "".join(sorted((i, j), key="cvh".index)))[a] for j in names] for i in names])
     return x, p
 
 
@@ -65,11 +65,11 @@ def still(rng: np.random.Generator) -> Filter:
     return one
 
 
-def assert_close(bodies: Bodies, a: int, filt: Filter, twin: Filter) -> None:
-    x, p = state_of(bodies, a)
+def assert_close(targets: Targets, a: int, filt: Filter, twin: Filter) -> None:
+    x, p = state_of(targets, a)
     np.testing.assert_allclose(x, filt.x, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(p, filt.p, rtol=1e-7, atol=1e-12)
-    x, p = state_of(bodies, a, "still_")
+    x, p = state_of(targets, a, "static_")
     np.testing.assert_allclose(x, twin.x[[0, 2]], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(p, twin.p[np.ix_([0, 2], [0, 2])], rtol=1e-7, atol=1e-12)
 
@@ -77,144 +77,144 @@ def assert_close(bodies: Bodies, a: int, filt: Filter, twin: Filter) -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_the_filters_are_those_of_matrices(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    bodies = Bodies(2)
+    targets = Targets(2)
     b = 1
     filters, twins = [Filter(rng) for _ in range(2)], [still(rng) for _ in range(2)]
     for i in range(2):
-        fill(bodies, 2 * b + i, filters[i], twins[i])
+        fill(targets, 2 * b + i, filters[i], twins[i])
     for _ in range(12):
-        dt, creep = float(rng.choice([0.0, 0.05, 0.1, 1.0])), float(rng.choice([0.0, 1e-4]))
-        estimation.predict(bodies, b, dt, creep)
+        dt, drift_var = float(rng.choice([0.0, 0.05, 0.1, 1.0])), float(rng.choice([0.0, 1e-4]))
+        kalman.predict(targets, b, dt, drift_var)
         for filt, twin in zip(filters, twins, strict=True):
             filt.predict(dt)
-            twin.p[0, 0] += estimation.STANDING_GROWTH * dt + creep
-            twin.p[2, 2] += estimation.EXTENT_GROWTH * dt
+            twin.p[0, 0] += kalman.STANDING_GROWTH * dt + drift_var
+            twin.p[2, 2] += kalman.EXTENT_GROWTH * dt
         for i, sign in ((0, -1.0), (0, 1.0), (1, 0.0)):
             a = 2 * b + i
             # Sometimes what is hardly to be believed.
             z, var = filters[i].x[0] + sign * filters[i].x[2] + rng.choice([0.02, 2.0]) * rng.normal(), 4e-4
-            expected, s = estimation.residual(bodies, a, z, sign, var)
+            expected, s = kalman.residual(targets, a, z, sign, var)
             look = np.array([1.0, 0.0, sign])
             assert expected == pytest.approx(z - look @ filters[i].x)
             assert s == pytest.approx(look @ filters[i].p @ look + var)
-            estimation.update(bodies, a, z, sign, var)
-            gain = estimation.update_still(bodies, a, z, sign, var)
+            kalman.update(targets, a, z, sign, var)
+            gain = kalman.update_static(targets, a, z, sign, var)
             filters[i].update(z, sign, var)
             assert gain == pytest.approx(twins[i].update(z, sign, var)[0])
             if min(filters[i].x[2], twins[i].x[2]) < 0.01:
                 # Nothing has a negative extent: from here on matrices know something else.
                 return
-            assert_close(bodies, a, filters[i], twins[i])
+            assert_close(targets, a, filters[i], twins[i])
 
 
 def test_a_turn_keeps_all_that_is_known_in_the_world() -> None:
     rng = np.random.default_rng(3)
-    bodies = Bodies(1)
-    bodies.yaw[0], bodies.cos[0], bodies.sin[0] = 0.3, math.cos(0.3), math.sin(0.3)
+    targets = Targets(1)
+    targets.yaw[0], targets.cos[0], targets.sin[0] = 0.3, math.cos(0.3), math.sin(0.3)
     for i in range(2):
-        fill(bodies, i, Filter(rng), still(rng))
+        fill(targets, i, Filter(rng), still(rng))
     for i in range(6):
-        bodies.effect[i] = rng.normal()
+        targets.jacobian[i] = rng.normal()
 
     def world() -> list[float]:
-        pairs = [(bodies.c[0], bodies.c[1]), (bodies.v[0], bodies.v[1])]
-        pairs += [(bodies.still_c[0], bodies.still_c[1])]
-        pairs += [(bodies.effect[i], bodies.effect[3 + i]) for i in range(3)]
-        return [value for pair in pairs for value in estimation.to_world(bodies, 0, *pair)]
+        candidates = [(targets.c[0], targets.c[1]), (targets.v[0], targets.v[1])]
+        candidates += [(targets.static_c[0], targets.static_c[1])]
+        candidates += [(targets.jacobian[i], targets.jacobian[3 + i]) for i in range(3)]
+        return [value for pair in candidates for value in kalman.to_world(targets, 0, *pair)]
 
-    before, variances = world(), [(bodies.cc[0], bodies.vv[0]), (bodies.cc[1], bodies.vv[1])]
-    sums = bodies.cc[0] + bodies.cc[1], bodies.vv[0] + bodies.vv[1]
+    before, variances = world(), [(targets.cc[0], targets.vv[0]), (targets.cc[1], targets.vv[1])]
+    sums = targets.cc[0] + targets.cc[1], targets.vv[0] + targets.vv[1]
     for angle in (0.1, -0.7, 2.0):
-        estimation.turn(bodies, 0, angle)
+        kalman.turn(targets, 0, angle)
         assert world() == pytest.approx(before, abs=1e-12)
         # How uncertain it is altogether does not change either.
-        assert (bodies.cc[0] + bodies.cc[1], bodies.vv[0] + bodies.vv[1]) == pytest.approx(sums)
-    assert bodies.yaw[0] == pytest.approx(0.3 + 0.1 - 0.7 + 2.0)
+        assert (targets.cc[0] + targets.cc[1], targets.vv[0] + targets.vv[1]) == pytest.approx(sums)
+    assert targets.yaw[0] == pytest.approx(0.3 + 0.1 - 0.7 + 2.0)
     for i in range(2):
-        fill(bodies, i, Filter(rng), still(rng))
-    variances = [(bodies.cc[i], bodies.vv[i]) for i in range(2)]
-    estimation.turn(bodies, 0, math.pi / 2)
-    assert [(bodies.cc[i], bodies.vv[i]) for i in range(2)] == [pytest.approx(variances[1]), pytest.approx(variances[0])]
+        fill(targets, i, Filter(rng), still(rng))
+    variances = [(targets.cc[i], targets.vv[i]) for i in range(2)]
+    kalman.turn(targets, 0, math.pi / 2)
+    assert [(targets.cc[i], targets.vv[i]) for i in range(2)] == [pytest.approx(variances[1]), pytest.approx(variances[0])]
 
 
 def test_faces_tell_the_direction_up_to_quarter_turns() -> None:
     for quarters in range(-3, 4):
-        bodies = Bodies(1)
-        bodies.kind[0], bodies.yaw_var[0], bodies.rate_var[0] = estimation.BOX, 4e-4, 0.02
-        estimation.turn(bodies, 0, 0.5)
+        targets = Targets(1)
+        targets.kind[0], targets.yaw_var[0], targets.rate_var[0] = kalman.BOX, 4e-4, 0.02
+        kalman.turn(targets, 0, 0.5)
         var = 1e-4
-        estimation.predict(bodies, 0, 0.1, 0.0)
+        kalman.predict(targets, 0, 0.1, 0.0)
         step = np.array([[1.0, 0.1], [0.0, 1.0]])
         known = step @ np.diag([4e-4, 0.02]) @ step.T
-        known += estimation.ANGULAR_ACCELERATION * np.array([[0.1**3 / 3, 0.1**2 / 2], [0.1**2 / 2, 0.1]])
+        known += kalman.ANGULAR_ACCELERATION * np.array([[0.1**3 / 3, 0.1**2 / 2], [0.1**2 / 2, 0.1]])
         gain = known[:, 0] / (known[0, 0] + var)
-        estimation.update_yaw(bodies, 0, 0.6 + quarters * math.pi / 2, var)
-        assert bodies.yaw[0] == pytest.approx(0.5 + 0.1 * gain[0])
-        assert bodies.yaw_rate[0] == pytest.approx(0.1 * gain[1])
+        kalman.update_yaw(targets, 0, 0.6 + quarters * math.pi / 2, var)
+        assert targets.yaw[0] == pytest.approx(0.5 + 0.1 * gain[0])
+        assert targets.yaw_rate[0] == pytest.approx(0.1 * gain[1])
         left = known - np.outer(gain, known[0])
-        assert (bodies.yaw_var[0], bodies.yaw_cov[0], bodies.rate_var[0]) == pytest.approx(
+        assert (targets.yaw_var[0], targets.yaw_cov[0], targets.rate_var[0]) == pytest.approx(
             (left[0, 0], left[0, 1], left[1, 1])
         )
 
 
 def test_a_face_far_askew_hardly_turns_a_body() -> None:
     moved = []
-    for off in (0.9 * estimation.MOST_TURN, 1.1 * estimation.MOST_TURN):
-        bodies = Bodies(1)
-        bodies.yaw_var[0], bodies.rate_var[0] = 4e-4, 0.02
-        bodies.cos[0] = 1.0
-        estimation.update_yaw(bodies, 0, off, 1e-4)
-        moved.append(bodies.yaw[0])
+    for off in (0.9 * kalman.MOST_TURN, 1.1 * kalman.MOST_TURN):
+        targets = Targets(1)
+        targets.yaw_var[0], targets.rate_var[0] = 4e-4, 0.02
+        targets.cos[0] = 1.0
+        kalman.update_yaw(targets, 0, off, 1e-4)
+        moved.append(targets.yaw[0])
     assert moved[0] > 10 * moved[1] > 0
 
 
 @pytest.mark.parametrize("low_var", [-1.0, 1e-4])
 @pytest.mark.parametrize("high_var", [-1.0, 4e-4])
 def test_an_axis_begins_with_what_is_seen_of_its_sides(low_var: float, high_var: float) -> None:
-    bodies = Bodies(1)
-    estimation.begin_axis(bodies, 0, 1.0, 1.6, low_var, high_var)
-    c, h = bodies.c[0], bodies.h[0]
+    targets = Targets(1)
+    kalman.initiate_axis(targets, 0, 1.0, 1.6, low_var, high_var)
+    c, h = targets.c[0], targets.h[0]
     for sign, side, var in ((-1.0, 1.0, low_var), (1.0, 1.6, high_var)):
         # A side that was seen is there, as uncertain as it was seen; the other one at least so far.
-        off, s = estimation.residual(bodies, 0, side, sign, 0.0)
+        off, s = kalman.residual(targets, 0, side, sign, 0.0)
         if var >= 0:
             assert (off, s) == pytest.approx((0.0, var), abs=1e-12)
         else:
             assert sign * off <= 1e-12
             assert s > 0.01
     assert h >= 0.3 - 1e-12
-    assert bodies.v[0] == 0.0
-    assert bodies.vv[0] == estimation.SPEED_SD**2
-    assert (bodies.still_c[0], bodies.still_h[0]) == (c, h)
+    assert targets.v[0] == 0.0
+    assert targets.vv[0] == kalman.SPEED_SD**2
+    assert (targets.static_c[0], targets.static_h[0]) == (c, h)
     if low_var > 0 and high_var > 0:
-        assert bodies.ch[0] == pytest.approx((high_var - low_var) / 4)
+        assert targets.ch[0] == pytest.approx((high_var - low_var) / 4)
 
 
 def test_what_rests_is_where_its_twin_stands() -> None:
-    bodies = Bodies(1)
-    estimation.clear(bodies, 0)
+    targets = Targets(1)
+    kalman.reset(targets, 0)
     for i in range(2):
-        estimation.begin_axis(bodies, i, 1.0, 2.0, 1e-4, 1e-4)
-        bodies.c[i], bodies.v[i] = 1.9, 0.8
-    estimation.rest(bodies, 0)
-    assert estimation.centre(bodies, 0) == (1.5, 1.5)
-    assert (bodies.v[0], bodies.v[1], bodies.yaw_rate[0]) == (0.0, 0.0, 0.0)
-    assert bodies.cc[0] == pytest.approx(bodies.still_cc[0] + estimation.UNSEEN_VAR)
+        kalman.initiate_axis(targets, i, 1.0, 2.0, 1e-4, 1e-4)
+        targets.c[i], targets.v[i] = 1.9, 0.8
+    kalman.hold_still(targets, 0)
+    assert kalman.centre(targets, 0) == (1.5, 1.5)
+    assert (targets.v[0], targets.v[1], targets.yaw_rate[0]) == (0.0, 0.0, 0.0)
+    assert targets.cc[0] == pytest.approx(targets.static_cc[0] + kalman.UNSEEN_VAR)
 
 
 def test_slots_are_used_again_and_numbers_are_not() -> None:
-    bodies = Bodies(3)
+    targets = Targets(3)
     numbers = []
     for _ in range(3):
-        b = estimation.free_slot(bodies)
-        estimation.clear(bodies, b)
-        numbers.append((b, bodies.number[b]))
+        b = kalman.allocate(targets)
+        kalman.reset(targets, b)
+        numbers.append((b, targets.number[b]))
     assert numbers == [(0, 1), (1, 2), (2, 3)]
-    bodies.state[1] = estimation.EMPTY
-    assert estimation.free_slot(bodies) == 1
-    estimation.clear(bodies, 1)
-    assert bodies.number[1] == 4
-    larger = Bodies(6)
-    larger.grow(bodies)
+    targets.state[1] = kalman.EMPTY
+    assert kalman.allocate(targets) == 1
+    kalman.reset(targets, 1)
+    assert targets.number[1] == 4
+    larger = Targets(6)
+    larger.grow(targets)
     assert [larger.number[b] for b in range(3)] == [1, 4, 3]
-    assert estimation.free_slot(larger) == 3
+    assert kalman.allocate(larger) == 3

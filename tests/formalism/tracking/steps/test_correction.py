@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.formalism.tracking import fold, tracker
-from lidarcli.simulation import entities as make
+from lidarcli.formalism.tracking import sweep_tracker, tracker
+from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Mount, super_ellipse
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 from tests.formalism.tracking.following import SENSOR, GivenPaths, follow, scene_of, simulated
@@ -36,7 +36,7 @@ def driven(mount: Mount, delay: float) -> SweepBatch:
 
 
 def value_of(told: GivenPaths) -> list[float]:
-    return list(told.tracker._sensors[0].fold.correction.value)
+    return list(told.tracker._sensors[0].tracker.pose_error.value)
 
 
 @pytest.mark.parametrize("delay", [0.1, -0.06])
@@ -65,7 +65,7 @@ def test_right_poses_are_left_as_they_are() -> None:
 
 def test_no_delay_is_longer_than_the_longest() -> None:
     told = follow(driven(Mount(), 1.5))
-    assert abs(value_of(told)[0]) <= fold.MOST_DELAY
+    assert abs(value_of(told)[0]) <= sweep_tracker.MOST_DELAY
 
 
 def test_without_poses_nothing_is_learned() -> None:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.formalism.tracking import belief, estimation, observation
-from lidarcli.formalism.tracking.estimation import Bodies
-from lidarcli.formalism.tracking.observation import Memory, Views
+from lidarcli.formalism.tracking import kalman, measurement, track_evidence
+from lidarcli.formalism.tracking.kalman import Targets
+from lidarcli.formalism.tracking.measurement import Measurements, RangeHistory
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import TURN
 from tests.formalism.tracking.steps.looking import Pose, look_at
@@ -21,16 +21,18 @@ STEP = TURN / BEAMS
 HERE: Pose = (0.0, 0.0, 0.0, 1.0)
 
 
-def sweep_of(ranges: np.ndarray, first: float = -math.pi, step: float = STEP, pose: Pose = HERE) -> tuple[Views, Scans]:
+def sweep_of(
+    ranges: np.ndarray, first: float = -math.pi, step: float = STEP, pose: Pose = HERE
+) -> tuple[Measurements, Scans]:
     """One sweep, seen from there."""
     raw = raw_sweeps(ranges[None], angle_min=first, angle_increment=step, range_max=50.0)
     return look_at(normalise(raw, np.arange(1), RangeRules()), pose)
 
 
-def remembered(views: Views, scans: Scans) -> Memory:
-    past = Memory(BEAMS + 1)
-    observation.remember(past, views, scans, 0.0)
-    return past
+def remembered(measurements: Measurements, scans: Scans) -> RangeHistory:
+    history = RangeHistory(BEAMS + 1)
+    measurement.store_sweep(history, measurements, scans, 0.0)
+    return history
 
 
 def at(r: float, bearing: float, pose: Pose = HERE) -> tuple[float, float]:
@@ -53,153 +55,153 @@ POSES: tuple[Pose, ...] = (HERE, (1.0, -2.0, 0.7, 1.0), (1.0, -2.0, 3.0, -1.0))
 @pytest.mark.parametrize("pose", POSES)
 def test_beams_passed_what_is_nearer_than_their_ends(geometry: str, pose: Pose) -> None:
     beams, first, step = GEOMETRIES[geometry]
-    views, scans = sweep_of(np.full(beams, 4.0), first, step, pose)
-    past = remembered(views, scans)
+    measurements, scans = sweep_of(np.full(beams, 4.0), first, step, pose)
+    history = remembered(measurements, scans)
     for bearing in np.arange(-3.2, 3.2, 0.1):
         for r, passed, hit in ((2.0, True, False), (3.6, True, False), (4.0, False, True), (5.0, False, False)):
             x, y = at(r, float(bearing), pose)
-            assert observation.was_passed(past, 0, x, y, 0.1) == passed
-            assert observation.was_hit(past, 0, x, y) == hit
+            assert measurement.was_passed(history, 0, x, y, 0.1) == passed
+            assert measurement.was_hit(history, 0, x, y) == hit
 
 
 def test_all_four_beams_around_a_point_have_to_pass_it() -> None:
     # A post at one of them.
     ranges = np.full(BEAMS, 4.0)
     ranges[180] = 1.0
-    views, scans = sweep_of(ranges)
-    past = remembered(views, scans)
-    asked = [observation.was_passed(past, 0, *at(2.0, k * STEP), 0.1) for k in np.arange(-5, 5) + 0.5]
+    measurements, scans = sweep_of(ranges)
+    history = remembered(measurements, scans)
+    asked = [measurement.was_passed(history, 0, *at(2.0, k * STEP), 0.1) for k in np.arange(-5, 5) + 0.5]
     # The post is at bearing 0, between -0.5 and 0.5 steps.
     assert asked == [True, True, True, False, False, False, False, True, True, True]
-    assert observation.was_passed(past, 0, *at(0.8, 0.0), 0.1)
+    assert measurement.was_passed(history, 0, *at(0.8, 0.0), 0.1)
 
 
 def test_outside_of_a_partial_view_nothing_was_passed() -> None:
-    views, scans = sweep_of(np.full(91, 4.0), -45 * STEP)
-    past = remembered(views, scans)
+    measurements, scans = sweep_of(np.full(91, 4.0), -45 * STEP)
+    history = remembered(measurements, scans)
     for degrees, passed in ((0, True), (43, True), (-43, True), (46, False), (-46, False), (180, False)):
         x, y = at(2.0, math.radians(degrees))
-        assert observation.was_passed(past, 0, x, y, 0.1) == passed
-        assert observation.was_hit(past, 0, *at(4.0, math.radians(degrees))) == passed
+        assert measurement.was_passed(history, 0, x, y, 0.1) == passed
+        assert measurement.was_hit(history, 0, *at(4.0, math.radians(degrees))) == passed
 
 
 def test_a_beam_without_a_return_passed_everything_where_such_beams_are_steady() -> None:
     ranges = np.full(BEAMS, np.inf)
     ranges[90] = np.nan
-    views, scans = sweep_of(ranges)
-    assert observation.was_passed(remembered(views, scans), 0, *at(9.0, 0.0), 0.1)
+    measurements, scans = sweep_of(ranges)
+    assert measurement.was_passed(remembered(measurements, scans), 0, *at(9.0, 0.0), 0.1)
     # One that is invalid tells nothing.
-    assert not observation.was_passed(remembered(views, scans), 0, *at(9.0, -math.pi / 2), 0.1)
-    views.steady = False
-    assert not observation.was_passed(remembered(views, scans), 0, *at(9.0, 0.0), 0.1)
+    assert not measurement.was_passed(remembered(measurements, scans), 0, *at(9.0, -math.pi / 2), 0.1)
+    measurements.steady = False
+    assert not measurement.was_passed(remembered(measurements, scans), 0, *at(9.0, 0.0), 0.1)
 
 
 def test_beams_that_come_and_go_prove_nothing() -> None:
     rng = np.random.default_rng(1)
-    calm, flickering = Memory(BEAMS), Memory(BEAMS)
+    calm, flickering = RangeHistory(BEAMS), RangeHistory(BEAMS)
     fixed = np.where(rng.random(BEAMS) < 0.3, np.inf, 4.0)
     for _ in range(20):
-        views, scans = sweep_of(fixed)
-        observation.count_flicker(calm, views, scans)
-        views, scans = sweep_of(np.where(rng.random(BEAMS) < 0.3, np.inf, 4.0))
-        observation.count_flicker(flickering, views, scans)
-    assert observation.is_steady(calm)
-    assert not observation.is_steady(flickering)
+        measurements, scans = sweep_of(fixed)
+        measurement.count_flicker(calm, measurements, scans)
+        measurements, scans = sweep_of(np.where(rng.random(BEAMS) < 0.3, np.inf, 4.0))
+        measurement.count_flicker(flickering, measurements, scans)
+    assert measurement.is_steady(calm)
+    assert not measurement.is_steady(flickering)
 
 
 def test_the_latest_sweeps_are_kept_some_time_apart() -> None:
-    views, scans = sweep_of(np.full(BEAMS, 4.0))
-    past = Memory(BEAMS)
+    measurements, scans = sweep_of(np.full(BEAMS, 4.0))
+    history = RangeHistory(BEAMS)
     times = np.arange(0, 60, 0.1)
     for time in times:
-        observation.remember(past, views, scans, float(time))
-    kept = sorted(past.time[m] for m in range(observation.SWEEPS_KEPT))
+        measurement.store_sweep(history, measurements, scans, float(time))
+    kept = sorted(history.time[m] for m in range(measurement.SWEEPS_KEPT))
     gaps = np.diff(kept)
-    assert (gaps >= observation.SWEEPS_APART - 1e-9).all()
-    assert gaps.max() < observation.SWEEPS_APART + 0.11
-    assert kept[-1] > times[-1] - observation.SWEEPS_APART
-    grown = Memory(2 * BEAMS)
-    grown.grow(past)
-    assert [observation.was_passed(grown, m, 2.0, 0.0, 0.1) for m in range(observation.SWEEPS_KEPT)] == [
+    assert (gaps >= measurement.SWEEPS_APART - 1e-9).all()
+    assert gaps.max() < measurement.SWEEPS_APART + 0.11
+    assert kept[-1] > times[-1] - measurement.SWEEPS_APART
+    grown = RangeHistory(2 * BEAMS)
+    grown.grow(history)
+    assert [measurement.was_passed(grown, m, 2.0, 0.0, 0.1) for m in range(measurement.SWEEPS_KEPT)] == [
         True
-    ] * observation.SWEEPS_KEPT
+    ] * measurement.SWEEPS_KEPT
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
 @pytest.mark.parametrize("pose", POSES)
 def test_a_place_is_passed_or_hit_or_in_the_shadow(geometry: str, pose: Pose) -> None:
     beams, first, step = GEOMETRIES[geometry]
-    views, scans = sweep_of(np.full(beams, 4.0), first, step, pose)
+    measurements, scans = sweep_of(np.full(beams, 4.0), first, step, pose)
     for bearing in np.arange(-3.2, 3.2, 0.1):
         for r, shares in ((2.0, (1, 0, 0)), (4.05, (0, 1, 0)), (6.0, (0, 0, 0))):
-            assert belief.passing(views, scans, *at(r, float(bearing), pose), 0.2, 0.2) == shares
+            assert track_evidence.passing(measurements, scans, *at(r, float(bearing), pose), 0.2, 0.2) == shares
 
 
 @pytest.mark.parametrize(("first", "step"), [(-90 * STEP, STEP), (90 * STEP, -STEP)])
 def test_a_place_at_the_edge_of_the_view_is_half_outside(first: float, step: float) -> None:
-    views, scans = sweep_of(np.full(181, 4.0), first, step)
+    measurements, scans = sweep_of(np.full(181, 4.0), first, step)
     for edge in (-90, 90):
-        passes, hits, unseen = belief.passing(views, scans, *at(2.0, math.radians(edge)), 0.2, 0.4)
+        passes, hits, unseen = track_evidence.passing(measurements, scans, *at(2.0, math.radians(edge)), 0.2, 0.4)
         assert unseen == pytest.approx(0.5, abs=0.12)
         assert passes == pytest.approx(1.0 - unseen)
         assert hits == 0.0
-    assert belief.passing(views, scans, *at(2.0, math.pi), 0.2, 0.4) == (0.0, 0.0, 1.0)
+    assert track_evidence.passing(measurements, scans, *at(2.0, math.pi), 0.2, 0.4) == (0.0, 0.0, 1.0)
 
 
-def body_at(x: float, y: float, sightings: int) -> Bodies:
+def body_at(x: float, y: float, sightings: int) -> Targets:
     """A disc that was seen so often."""
-    bodies = Bodies(2)
-    b = estimation.free_slot(bodies)
-    estimation.clear(bodies, b)
-    bodies.kind[b] = estimation.DISC
+    targets = Targets(2)
+    b = kalman.allocate(targets)
+    kalman.reset(targets, b)
+    targets.kind[b] = kalman.DISC
     for i, place in enumerate((x, y)):
-        estimation.begin_axis(bodies, i, place - 0.2, place + 0.2, 1e-4, 1e-4)
-    bodies.existence[b] = belief.EXISTENCE_AT_FIRST
-    bodies.view[b] = -1
+        kalman.initiate_axis(targets, i, place - 0.2, place + 0.2, 1e-4, 1e-4)
+    targets.existence[b] = track_evidence.EXISTENCE_AT_FIRST
+    targets.measurement[b] = -1
     for _ in range(sightings):
-        belief.note_seen(bodies, b)
-        bodies.sightings[b] += 1
-    return bodies
+        track_evidence.record_hit(targets, b)
+        targets.sightings[b] += 1
+    return targets
 
 
 def test_what_beams_pass_through_is_gone_soon() -> None:
-    views, scans = sweep_of(np.full(BEAMS, 4.0))
-    bodies, missed = body_at(2.0, 0.0, 20), 0
-    likely = bodies.existence[0]
+    measurements, scans = sweep_of(np.full(BEAMS, 4.0))
+    targets, missed = body_at(2.0, 0.0, 20), 0
+    likely = targets.existence[0]
     assert likely > 0.95
-    while bodies.state[0] == estimation.LIVE:
-        belief.note_missed(bodies, 0, views, scans, 0.1 * missed)
-        assert bodies.existence[0] < likely
-        likely, missed = bodies.existence[0], missed + 1
-    assert bodies.state[0] == estimation.ENDED
-    assert bodies.end[0] == belief.FREE
+    while targets.state[0] == kalman.LIVE:
+        track_evidence.record_miss(targets, 0, measurements, scans, 0.1 * missed)
+        assert targets.existence[0] < likely
+        likely, missed = targets.existence[0], missed + 1
+    assert targets.state[0] == kalman.ENDED
+    assert targets.end[0] == track_evidence.FREE
     assert missed < 10
 
 
 def test_what_was_hardly_seen_is_forgotten_at_once() -> None:
-    views, scans = sweep_of(np.full(BEAMS, 4.0))
-    bodies = body_at(2.0, 0.0, belief.CONFIRMED_SIGHTINGS - 1)
+    measurements, scans = sweep_of(np.full(BEAMS, 4.0))
+    targets = body_at(2.0, 0.0, track_evidence.CONFIRMED_SIGHTINGS - 1)
     for _ in range(10):
-        if bodies.state[0] == estimation.LIVE:
-            belief.note_missed(bodies, 0, views, scans, 0.0)
-    assert bodies.state[0] == estimation.EMPTY
+        if targets.state[0] == kalman.LIVE:
+            track_evidence.record_miss(targets, 0, measurements, scans, 0.0)
+    assert targets.state[0] == kalman.EMPTY
 
 
 @pytest.mark.parametrize("moved", [0, 1])
 def test_in_the_shadow_a_body_is_kept_as_long_as_there_is_patience(moved: int) -> None:
-    views, scans = sweep_of(np.full(BEAMS, 1.0))
-    bodies = body_at(2.0, 0.0, 20)
-    bodies.moved[0], likely = moved, bodies.existence[0]
-    patience = belief.PATIENCE_MOVING if moved else belief.PATIENCE_STILL
-    belief.note_missed(bodies, 0, views, scans, patience - 0.1)
-    assert bodies.state[0] == estimation.LIVE
-    assert bodies.existence[0] == likely
-    belief.note_missed(bodies, 0, views, scans, patience + 0.1)
-    assert (bodies.state[0], bodies.end[0]) == (estimation.ENDED, belief.LOST)
+    measurements, scans = sweep_of(np.full(BEAMS, 1.0))
+    targets = body_at(2.0, 0.0, 20)
+    targets.moved[0], likely = moved, targets.existence[0]
+    patience = track_evidence.PATIENCE_MOVING if moved else track_evidence.PATIENCE_STILL
+    track_evidence.record_miss(targets, 0, measurements, scans, patience - 0.1)
+    assert targets.state[0] == kalman.LIVE
+    assert targets.existence[0] == likely
+    track_evidence.record_miss(targets, 0, measurements, scans, patience + 0.1)
+    assert (targets.state[0], targets.end[0]) == (kalman.ENDED, track_evidence.LOST)
 
 
 def test_what_is_outside_of_the_view_has_left_it() -> None:
-    views, scans = sweep_of(np.full(91, 4.0), -45 * STEP)
-    bodies = body_at(-2.0, 0.0, 20)
-    belief.note_missed(bodies, 0, views, scans, belief.PATIENCE_STILL + 0.1)
-    assert (bodies.state[0], bodies.end[0]) == (estimation.ENDED, belief.LEFT_VIEW)
+    measurements, scans = sweep_of(np.full(91, 4.0), -45 * STEP)
+    targets = body_at(-2.0, 0.0, 20)
+    track_evidence.record_miss(targets, 0, measurements, scans, track_evidence.PATIENCE_STILL + 0.1)
+    assert (targets.state[0], targets.end[0]) == (kalman.ENDED, track_evidence.LEFT_VIEW)

@@ -128,12 +128,12 @@ def sightings(rng: np.random.Generator, count: int, person: bool = False) -> Swe
 def smooth(seen: Sweeps, state: Array, keep: int, onset: int = 0) -> tuple[Array, Array]:
     """What the core says of sweeps."""
     count = len(seen.time)
-    room = Smoother(1, count + 3)
+    smoother = Smoother(1, count + 3)
     for i in range(count):
-        room.z[2 * i], room.z[2 * i + 1] = seen.z[i]
-        room.r[3 * i], room.r[3 * i + 1], room.r[3 * i + 2] = seen.r[i][[0, 0, 1], [0, 1, 1]]
+        smoother.z[2 * i], smoother.z[2 * i + 1] = seen.z[i]
+        smoother.r[3 * i], smoother.r[3 * i + 1], smoother.r[3 * i + 2] = seen.r[i][[0, 0, 1], [0, 1, 1]]
     path, moving = np.full((count, 9), 9.0), np.full(count, 9, np.uint8)
-    room.smooth(seen.time, seen.parts, seen.legs, state, keep, onset, path, moving)
+    smoother.smooth(seen.time, seen.parts, seen.legs, state, keep, onset, path, moving)
     return path, moving
 
 
@@ -227,30 +227,30 @@ def test_sides_along_the_axes_of_a_body_are_a_place_in_the_world() -> None:
         "z": np.array([[1.0, 1.8, 0.3, 0.4]]),
         "var": np.array([[0.02, 0.02, 0.01, -1.0]]),
     }
-    room = Smoother(1, 1)
+    smoother = Smoother(1, 1)
     # Early sightings did not know how large it is: what is known in the end counts.
-    room.locate(0, sighted, np.zeros(1, np.int64), np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, False)
+    smoother.locate(0, sighted, np.zeros(1, np.int64), np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, False)
     along, across, turn = 1.4, 0.55, np.array([[c, -s], [s, c]])
-    assert (room.place[0], room.place[1]) == pytest.approx((c * along - s * across, s * along + c * across))
+    assert (smoother.place[0], smoother.place[1]) == pytest.approx((c * along - s * across, s * along + c * across))
     noise, size = (turn @ np.diag(values) @ turn.T for values in ([0.01, 0.012], [0.0, 0.002]))
-    assert [room.noise[k] for k in range(3)] == pytest.approx(noise[[0, 0, 1], [0, 1, 1]])
-    assert [room.common[k] for k in range(3)] == pytest.approx(size[[0, 0, 1], [0, 1, 1]])
-    room.locate(0, sighted, np.zeros(1, np.int64), np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, True)
-    assert room.noise[0] == pytest.approx(noise[0, 0] + smoothing.PART_VAR)
+    assert [smoother.noise[k] for k in range(3)] == pytest.approx(noise[[0, 0, 1], [0, 1, 1]])
+    assert [smoother.common[k] for k in range(3)] == pytest.approx(size[[0, 0, 1], [0, 1, 1]])
+    smoother.locate(0, sighted, np.zeros(1, np.int64), np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, True)
+    assert smoother.noise[0] == pytest.approx(noise[0, 0] + smoothing.PART_VAR)
 
 
 def test_the_parts_of_one_sweep_are_one_place() -> None:
-    room = Smoother(4, 3)
+    smoother = Smoother(4, 3)
     places = np.array([[1.0, 0.0], [5.0, 5.0], [1.4, 0.2], [2.0, 1.0]])
     sighted: dict[str, Any] = {name: np.zeros(4) for name in ("half_1", "half_2", "sin")}
     sighted |= {"centred": np.ones(4, np.int64), "cos": np.ones(4)}
     sighted |= {"z": np.repeat(places, 2, axis=1).copy(), "var": np.full((4, 4), 0.01)}
-    room.locate(0, sighted, np.arange(4), np.zeros(2), np.zeros(2), DISC, False)
+    smoother.locate(0, sighted, np.arange(4), np.zeros(2), np.zeros(2), DISC, False)
     parts = np.full(3, 9)
     # Sweep 1 does not see it; sightings 0 and 2 are legs in sweep 0.
-    room.measure(np.array([2, 0, 3]), np.array([0, 0, 2]), parts, np.array([2, 1, 1], np.uint8))
+    smoother.measure(np.array([2, 0, 3]), np.array([0, 0, 2]), parts, np.array([2, 1, 1], np.uint8))
     assert parts.tolist() == [2, 0, 1]
-    assert (room.z[0], room.z[1]) == pytest.approx((1.2, 0.1))
-    assert room.r[0] == pytest.approx(0.005 + smoothing.LEGS_VAR)
-    assert (room.z[4], room.z[5]) == pytest.approx((2.0, 1.0))
-    assert room.r[6] == pytest.approx(0.01)
+    assert (smoother.z[0], smoother.z[1]) == pytest.approx((1.2, 0.1))
+    assert smoother.r[0] == pytest.approx(0.005 + smoothing.LEGS_VAR)
+    assert (smoother.z[4], smoother.z[5]) == pytest.approx((2.0, 1.0))
+    assert smoother.r[6] == pytest.approx(0.01)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.detection import SHAPES
-from lidarcli.formalism.tracking import estimation, observation
-from lidarcli.formalism.tracking.estimation import Sides
-from lidarcli.formalism.tracking.observation import Views
-from lidarcli.simulation import entities as make
+from lidarcli.formalism.tracking import kalman, measurement
+from lidarcli.formalism.tracking.kalman import EdgeMeasurement
+from lidarcli.formalism.tracking.measurement import Measurements
+from lidarcli.simulation import scene as make
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.tracking.steps.looking import Pose, look_at
 from tests.going import SENSORS, Drive, seen_going
@@ -36,12 +36,12 @@ def hangs(request: pytest.FixtureRequest) -> bool:
     return bool(request.param)
 
 
-def seen(drive: Drive, sensor: str, hangs: bool, *things: Any) -> tuple[Views, SweepBatch]:
+def detections(drive: Drive, sensor: str, hangs: bool, *things: Any) -> tuple[Measurements, SweepBatch]:
     batch = seen_going(SENSORS[sensor], drive, ROOM, *(things or THINGS), upside_down=hangs)
     return looked(batch, hangs), batch
 
 
-def looked(batch: SweepBatch, hangs: bool) -> Views:
+def looked(batch: SweepBatch, hangs: bool) -> Measurements:
     """The objects of a sweep that tells of its own poses."""
     assert batch.poses is not None
     assert batch.poses.way is not None
@@ -51,9 +51,9 @@ def looked(batch: SweepBatch, hangs: bool) -> Views:
     return look_at(batch, pose, way=(way[0], way[1], way[2]))[0]
 
 
-def at(views: Views, x: float, y: float) -> int:
+def at(measurements: Measurements, x: float, y: float) -> int:
     """The view of what stands there."""
-    far = [math.hypot(views.middle_x[k] - x, views.middle_y[k] - y) for k in range(views.count)]
+    far = [math.hypot(measurements.middle_x[k] - x, measurements.middle_y[k] - y) for k in range(measurements.count)]
     assert min(far, default=9.0) < 0.5
     return int(np.argmin(far))
 
@@ -61,54 +61,54 @@ def at(views: Views, x: float, y: float) -> int:
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("drive", DRIVES)
 def test_columns_that_stand_are_where_they_stand(drive: str, sensor: str, hangs: bool) -> None:
-    views, _ = seen(DRIVES[drive], sensor, hangs)
+    measurements, _ = detections(DRIVES[drive], sensor, hangs)
     for x, y in PLACES[: 3 if sensor == "part of a turn" else 4]:
-        k = at(views, x, y)
-        assert math.hypot(views.centre_x[k] - x, views.centre_y[k] - y) < 0.02
-        for p in range(views.begin[k], views.begin[k + 1]):
-            away = math.hypot(views.point_x[p] - x, views.point_y[p] - y)
+        k = at(measurements, x, y)
+        assert math.hypot(measurements.centre_x[k] - x, measurements.centre_y[k] - y) < 0.02
+        for p in range(measurements.begin[k], measurements.begin[k + 1]):
+            away = math.hypot(measurements.point_x[p] - x, measurements.point_y[p] - y)
             assert away == pytest.approx(RADIUS, abs=0.02)
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_place_of_the_world_lies_where_the_beams_found_it(drive: str, sensor: str, hangs: bool) -> None:
-    views, batch = seen(DRIVES[drive], sensor, hangs)
+    measurements, batch = detections(DRIVES[drive], sensor, hangs)
     bearings = batch.bearings()[0]
     for x, y in PLACES[: 3 if sensor == "part of a turn" else 4]:
-        k = at(views, x, y)
-        ahead, left = observation.to_sensor(views, views.middle_x[k], views.middle_y[k])
-        beam = views.share[k] * (batch.beams[0] - 1)
+        k = at(measurements, x, y)
+        ahead, left = measurement.to_sensor(measurements, measurements.middle_x[k], measurements.middle_y[k])
+        beam = measurements.share[k] * (batch.beams[0] - 1)
         off = math.remainder(math.atan2(left, ahead) - float(np.interp(beam, np.arange(len(bearings)), bearings)), math.tau)
         assert abs(off) < 3 * abs(batch.angle_increment[0])
         # And it is as far away as its nearest point and a bit.
-        assert 0.0 < math.hypot(ahead, left) - views.near[k] < RADIUS
+        assert 0.0 < math.hypot(ahead, left) - measurements.near[k] < RADIUS
         # Afterwards the sensor stands at its start again.
-        assert (views.x, views.y) == DRIVES[drive].start[:2]
+        assert (measurements.x, measurements.y) == DRIVES[drive].start[:2]
 
 
 def test_taking_a_stand() -> None:
-    views, _ = seen(DRIVES["both"], "full turn", False)
-    observation.place_sensor(views, 0.5)
+    measurements, _ = detections(DRIVES["both"], "full turn", False)
+    measurement.place_sensor(measurements, 0.5)
     half = 0.05 * (719 / 720)
-    assert (views.x, views.y) == pytest.approx((-0.1 + 0.8 * half, 0.1 + 0.6 * half), abs=1e-6)
+    assert (measurements.x, measurements.y) == pytest.approx((-0.1 + 0.8 * half, 0.1 + 0.6 * half), abs=1e-6)
     yaw = -0.2 - math.radians(90) * half
-    assert (views.cos, views.sin) == pytest.approx((math.cos(yaw), math.sin(yaw)), abs=1e-6)
-    views.goes = False
-    observation.place_sensor(views, 0.0)
-    assert views.x == pytest.approx(-0.1 + 0.8 * half, abs=1e-6)
+    assert (measurements.cos, measurements.sin) == pytest.approx((math.cos(yaw), math.sin(yaw)), abs=1e-6)
+    measurements.moves = False
+    measurement.place_sensor(measurements, 0.0)
+    assert measurements.x == pytest.approx(-0.1 + 0.8 * half, abs=1e-6)
 
 
 def test_a_sensor_that_stays_takes_one_stand_alone() -> None:
     still = Drive((0.3, 0.2, 0.4), (0.0, 0.0, 0.0))
-    views, batch = seen(still, "full turn", False)
-    assert not views.goes
+    measurements, batch = detections(still, "full turn", False)
+    assert not measurements.moves
     assert batch.duration is not None
     for x, y in PLACES:
-        k = at(views, x, y)
-        assert 0.0 < views.share[k] < 1.0
-        ahead, left = observation.to_sensor(views, x, y)
-        turned = observation.to_world(views, ahead, left)
+        k = at(measurements, x, y)
+        assert 0.0 < measurements.share[k] < 1.0
+        ahead, left = measurement.to_sensor(measurements, x, y)
+        turned = measurement.to_world(measurements, ahead, left)
         assert turned == pytest.approx((x, y), abs=1e-12)
 
 
@@ -117,10 +117,10 @@ def test_a_sensor_that_stays_takes_one_stand_alone() -> None:
 def test_a_disc_lies_behind_its_nearest_point_as_seen_from_where_the_sensor_was(
     drive: str, sensor: str, hangs: bool
 ) -> None:
-    views, _ = seen(DRIVES[drive], sensor, hangs)
+    measurements, _ = detections(DRIVES[drive], sensor, hangs)
     for x, y in PLACES[: 3 if sensor == "part of a turn" else 4]:
-        k, sides = at(views, x, y), Sides()
+        k, sides = at(measurements, x, y), EdgeMeasurement()
         # What does not show that it is round tells no more than its two edges and how near it is.
-        views.shape[k] = IRREGULAR
-        estimation.measure_disc(sides, views, k, RADIUS, 1e-6, 0.0)
+        measurements.shape[k] = IRREGULAR
+        kalman.measure_disc(sides, measurements, k, RADIUS, 1e-6, 0.0)
         assert (sides.z[0], sides.z[2]) == pytest.approx((x, y), abs=0.02)

@@ -1,1 +1,0 @@
-"""Logs written once more: every message as it was, but for ranges that somebody else replaces."""

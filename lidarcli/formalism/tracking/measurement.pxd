@@ -1,0 +1,107 @@
+cimport cython
+cimport libc.math as math
+
+from lidarcli cimport native
+from lidarcli.formalism.segmentation cimport Scans
+
+cdef int OBJECT, FULL, START_HIDDEN, END_HIDDEN, CUT, OPEN_VIEW, SHARED, VALID, NO_RETURN
+cdef Py_ssize_t HIDDEN, OPEN, OWN, LEAST_FACE_POINTS, SWEEPS_KEPT
+cdef double TURN, BOX_MARGIN, LEAST_STEP, HIT_MARGIN, SWEEPS_APART, FLICKER_WEIGHT, MOST_FLICKER_SHARE, NO_RANGE, FREE_RANGE
+
+
+cdef class Detections:
+    cdef list owner
+    cdef readonly Py_ssize_t max_objects
+    cdef native.Pointers found
+    cdef long long* offset
+    cdef unsigned char* removed
+    cdef unsigned char* placed
+    cdef double* poses
+    cdef double* seconds
+    cdef double* motion
+    cdef double* shares
+
+
+cdef class Measurements:
+    cdef list owner
+    cdef readonly Py_ssize_t objects, beams
+    cdef Py_ssize_t count, bearings, period, row
+    cdef bint reverse, steady, moves, is_placed
+    cdef double start_x, start_y, start_yaw, motion_x, motion_y, motion_yaw
+    cdef double x, y, cos, sin, side, first, step, sigma, pose_var, pose_turn_var
+    cdef Py_ssize_t* object
+    cdef Py_ssize_t* shape
+    cdef Py_ssize_t* size
+    cdef Py_ssize_t* start
+    cdef Py_ssize_t* end
+    cdef double* middle_x
+    cdef double* middle_y
+    cdef double* centre_x
+    cdef double* centre_y
+    cdef double* length
+    cdef double* width
+    cdef double* chord
+    cdef double* near
+    cdef double* share
+    cdef Py_ssize_t* begin
+    cdef Py_ssize_t* face_begin
+    cdef double* point_x
+    cdef double* point_y
+    cdef double* face_x
+    cdef double* face_y
+    cdef double* along_x
+    cdef double* along_y
+    cdef Py_ssize_t* face_points
+    cdef double* extent
+    cdef double* bulge
+    cdef Py_ssize_t* face_first
+    cdef Py_ssize_t* face_last
+
+
+cdef void extract(Measurements measurements, Detections detections, Scans scans, Py_ssize_t row) noexcept nogil
+cdef void classify_edges(Measurements measurements) noexcept nogil
+cdef double pose_variance(Measurements measurements, Py_ssize_t k) noexcept nogil
+cdef bint is_partial(Measurements measurements, Py_ssize_t k) noexcept nogil
+cdef void _set_bearings(Measurements measurements, Detections detections, Scans scans, Py_ssize_t row) noexcept nogil
+cdef void place_sensor(Measurements measurements, double share) noexcept nogil
+cdef (double, double) to_world(Measurements measurements, double x, double y) noexcept nogil
+cdef (double, double) to_sensor(Measurements measurements, double x, double y) noexcept nogil
+cdef (double, double) _ahead_and_left(Measurements measurements, double x, double y) noexcept nogil
+cdef Py_ssize_t position_of(Measurements measurements, Py_ssize_t beam) noexcept nogil
+cdef void _add_measurement(Measurements measurements, Detections detections, Scans scans, Py_ssize_t at) noexcept nogil
+cdef void _add_points(Measurements measurements, Detections detections, Scans scans, Py_ssize_t at) noexcept nogil
+cdef Py_ssize_t _end_face(Measurements measurements, Py_ssize_t f, Py_ssize_t n) noexcept nogil
+
+
+cdef class RangeHistory:
+    cdef list owner
+    cdef readonly Py_ssize_t beams
+    cdef Py_ssize_t count, before, watched
+    cdef double changes, lost
+    cdef double* time
+    cdef double* x
+    cdef double* y
+    cdef double* cos
+    cdef double* sin
+    cdef double* side
+    cdef double* first
+    cdef double* step
+    cdef Py_ssize_t* bearings
+    cdef Py_ssize_t* period
+    cdef double* sigma
+    cdef float* r
+    cdef Py_ssize_t* status
+
+    cpdef grow(self, RangeHistory old)
+
+
+cdef void copy_memory(RangeHistory history, RangeHistory old) noexcept nogil
+@cython.locals(changes=Py_ssize_t, lost=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t)
+cdef void count_flicker(RangeHistory history, Measurements measurements, Scans scans) noexcept nogil
+cdef bint is_steady(RangeHistory history) noexcept nogil
+cdef double range_at(Measurements measurements, Scans scans, Py_ssize_t position) noexcept nogil
+cdef void store_sweep(RangeHistory history, Measurements measurements, Scans scans, double time) noexcept nogil
+@cython.locals(at=Py_ssize_t)
+cdef bint was_hit(RangeHistory history, Py_ssize_t m, double x, double y) noexcept nogil
+@cython.locals(position=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t)
+cdef bint was_passed(RangeHistory history, Py_ssize_t m, double x, double y, double beside) noexcept nogil

@@ -1,0 +1,52 @@
+cimport cython
+cimport libc.math as math
+
+from lidarcli.formalism.segmentation cimport Scans
+from lidarcli.formalism.tracking cimport kalman, measurement
+from lidarcli.formalism.tracking.kalman cimport Targets, EdgeMeasurement
+from lidarcli.formalism.tracking.measurement cimport RangeHistory, Measurements
+
+cdef Py_ssize_t PRISMATIC, LEFT_VIEW, FREE, LOST, CONFIRMED_SIGHTINGS
+cdef Py_ssize_t OCCUPIED_SWEEPS, SETTLED_SIGHTINGS, MOST_POINTS, DUPLICATE_SWEEPS, SPECK_BEAMS
+cdef double STEADY_LENGTH, SAME_LENGTH, MOST_SWEEP_EVIDENCE, EVIDENCE_DECAY, MOST_PARTIAL_EVIDENCE, MOST_EVIDENCE
+cdef double LEAST_WAY, FREE_SHARE, OCCUPIED_SHARE, FREE_MARGIN, OLDEST_SWEEP
+cdef double EXISTENCE_AT_FIRST, EXISTENCE_GAIN, DETECTION_RATE, LEAST_PASSING, HIT_DOUBT, LEAST_EXISTENCE, PASSING_MARGIN
+cdef double PATIENCE_STILL, PATIENCE_MOVING, LOST_VAR
+cdef double BEAM_VOTE, SLIM_LEG_WIDTH, LEGS_FARTHEST, LEGS_NEAREST, SPECK_DEPTH, SAME_LEG
+
+
+cdef void update_motion_evidence(Targets targets, Py_ssize_t b, EdgeMeasurement sides, bint is_whole) noexcept nogil
+cdef double _motion_odds(
+    Targets targets, Py_ssize_t a, double z, double sign, double var, double lasting
+) noexcept nogil
+cdef double _axis_odds(Targets targets, Py_ssize_t a, EdgeMeasurement sides, Py_ssize_t low) noexcept nogil
+cdef void mark_rest(Targets targets, Py_ssize_t b, Py_ssize_t sweep) noexcept nogil
+cdef bint is_moving(
+    Targets targets, Py_ssize_t b, Measurements measurements, Scans scans, Py_ssize_t k, RangeHistory history, double motion_threshold, double time
+) noexcept nogil
+@cython.locals(times=Py_ssize_t, p=Py_ssize_t)
+cdef bint was_occupied(
+    Targets targets, Py_ssize_t b, Measurements measurements, Py_ssize_t k, RangeHistory history, double time
+) noexcept nogil
+cdef bint was_free(Measurements measurements, Py_ssize_t k, RangeHistory history, double time) noexcept nogil
+
+
+@cython.locals(first=Py_ssize_t, last=Py_ssize_t, position=Py_ssize_t)
+cdef (double, double, double) passing(
+    Measurements measurements, Scans scans, double x, double y, double near, double beside
+) noexcept nogil
+cdef (double, double, double) passing_target(
+    Measurements measurements, Scans scans, Targets targets, Py_ssize_t b, double x, double y
+) noexcept nogil
+cdef void record_hit(Targets targets, Py_ssize_t b) noexcept nogil
+cdef bint _is_alone(Targets targets, Py_ssize_t number) noexcept nogil
+@cython.locals(still=bint, astray=bint)
+cdef void record_miss(Targets targets, Py_ssize_t b, Measurements measurements, Scans scans, double time) noexcept nogil
+cdef Py_ssize_t covering_target(Targets targets, Py_ssize_t b, double x, double y, double beside) noexcept nogil
+cdef void terminate(Targets targets, Py_ssize_t b, Py_ssize_t why) noexcept nogil
+
+
+cdef void vote_shape(Targets targets, Py_ssize_t b, Measurements measurements, Py_ssize_t k) noexcept nogil
+@cython.locals(first=Py_ssize_t, last=Py_ssize_t, run=Py_ssize_t, here=double, before=double, after=double)
+cdef void detect_legs(Targets targets, Py_ssize_t b, Measurements measurements, Py_ssize_t k, Scans scans) noexcept nogil
+cdef void _record_leg(Targets targets, Py_ssize_t b, double x, double y) noexcept nogil

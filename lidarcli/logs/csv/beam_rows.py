@@ -1,0 +1,328 @@
+"""One beam per row: rows with one key, or between two restarts of the bearing, are a sweep on an even grid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.logs.base import MAX_BEAMS
+from lidarcli.logs.blocks import TOO_MANY, pad, split_rows
+from lidarcli.logs.csv.layouts import ScanColumns, cut_restarts
+from lidarcli.logs.csv.rplidar import read_rows
+from lidarcli.logs.csv.sweep_rows import NO_TIME, Decoder, read_frames, read_times
+from lidarcli.logs.csv.table import Lines, read_lines
+from lidarcli.logs.numbers import Cells
+from lidarcli.logs.text import TextBlock
+from lidarcli.sweeps import TURN, Bool, Float64, Int64, RawSweeps
+
+_NO_LINES = Lines(b"", np.empty(0, np.int64), False)
+CUT = "the file ends within this sweep: it is dropped"
+CUT_BEAM = "the file ends within this row: its beam is dropped"
+CUT_ROW = "the file ends within the first row of a sweep: it is dropped"
+
+ONE_BEAM = "a sweep of one beam, whose increment nobody knows"
+UNEVEN = "bearings without a common step"
+TURNS = "bearings over more than a turn in one sweep: several layers or sweeps under one key"
+BACK = "bearings start over within one sweep: several layers or sweeps under one key"
+DOUBLED = "several ranges for most bearings of one sweep: layers or echoes under one key"
+MOST_VIEW = 1.1 * TURN
+"""Greatest view of a sweep [rad]; a turn whose start and end overlap stays below it."""
+MOST_DOUBLED = 0.25
+"""Greatest share of beams that have the bearing of another."""
+_USUAL = 1.5
+"""Least jump of the bearing, in usual steps."""
+JITTER = 0.25
+"""Greatest error of a bearing on an even grid, in steps."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """Rows of a block by column; texts are kept as codes into their distinct values."""
+
+    angle: Float64
+    ranges: NDArray[np.floating]
+    texts: dict[int, tuple[Int64, list[bytes]]]
+
+    def column(self, index: int, at: Int64) -> list[bytes]:
+        codes, distinct = self.texts[index]
+        return [distinct[code] for code in codes[at].tolist()]
+
+
+@dataclass(slots=True)
+class LongDecoder(Decoder):
+    """Decodes one beam per row; the lines of the last sweep wait for the next block."""
+
+    _carry: Lines = _NO_LINES
+    """Lines of the last sweep."""
+    _cut: bool = False
+    """True once the text has ended within a line."""
+    _broken: bool = False
+    """True where that line is no row."""
+    _usual: int = 0
+    """Beams of the sweep before."""
+    _noted: bool = False
+
+    @property
+    def _scan(self) -> ScanColumns:
+        return self.layout.scans[0]
+
+    def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
+        """Yield the sweeps of a block that must be whole."""
+        layout = self.layout
+        if layout.spelling:
+            lines = read_rows(block, layout, self.report)
+        else:
+            lines = read_lines(block, layout.dialect, layout.header, layout.start, self.report)
+        self._cut |= lines.cut
+        numbers = np.concatenate([self._carry.numbers, lines.numbers])
+        yield from self._take(Lines(self._carry.text + lines.text, numbers, lines.cut), last=False)
+
+    def finish(self) -> Iterator[RawSweeps]:
+        """Yield the last sweep."""
+        yield from self._take(replace(self._carry, cut=self._cut), last=True)
+
+    def _take(self, lines: Lines, last: bool) -> Iterator[RawSweeps]:
+        self._carry = _NO_LINES
+        cells, whole = self._whole_rows(lines)
+        if not len(whole):
+            return
+        rows, good = self._parse(cells, whole, lines.numbers)
+        whole = whole[good]
+        if not len(whole):
+            return
+        starts = self._starts(rows)
+        ends = np.append(starts[1:], len(rows.angle))
+        if not last:
+            self._keep(cells, whole[starts[-1] :], lines.numbers)
+            starts, ends = starts[:-1], ends[:-1]
+        elif self._is_cut(int(ends[-1] - starts[-1])):
+            self._damage(lines.numbers[whole[starts[-1]]], CUT)
+            starts, ends = starts[:-1], ends[:-1]
+        elif self._broken:
+            cause = CUT_BEAM if self.layout.spelling else CUT_ROW
+            self.report.add_damage(f"after line {lines.numbers[whole[-1]]}", cause)
+        if len(starts):
+            self._usual = int(ends[-1] - starts[-1])
+            yield from self._sweeps(rows, starts, ends, lines.numbers[whole])
+
+    def _whole_rows(self, lines: Lines) -> tuple[Cells, Int64]:
+        """Find the rows with the right number of cells; the others are damage."""
+        cells = Cells(lines.text, self.layout.dialect.separator)
+        fits = cells.count == self.layout.width
+        if lines.cut and len(fits) and fits[-1]:
+            end = cells.column(np.array([len(fits) - 1]), self.layout.width - 1)[0].strip()
+            fits[-1] = bool(end) and end[-1:] not in b".-+eE"
+        for row in np.flatnonzero(~fits).tolist():
+            if cells.length[row]:
+                if lines.cut and row == len(fits) - 1:
+                    self._broken = True
+                    continue
+                usual = self.layout.width
+                self._damage(lines.numbers[row], f"{cells.count[row]} cells where {usual} are usual: the row is dropped")
+        return cells, np.flatnonzero(fits)
+
+    def _is_cut(self, beams: int) -> bool:
+        """Tell whether the last sweep has lost its end: the text stops well before the usual end, or within a row."""
+        if self.layout.spelling:
+            # Who stops a recording does so within a turn, and beams without a return may not be written.
+            return False
+        if self._broken:
+            # With as many beams as the sweep before, it is whole, and the broken row would begin the next.
+            return self._usual == 0 or beams < self._usual
+        return beams < 0.9 * self._usual
+
+    def _parse(self, cells: Cells, whole: Int64, numbers: Int64) -> tuple[_Rows, NDArray[np.intp]]:
+        """Return the columns of `whole` rows, and which of these could be parsed."""
+        layout = self.layout
+        wanted = {*self._scan.fields.values(), *([] if layout.key is None else [layout.key])}
+        wanted |= {layout.flag} if layout.flag >= 0 else set()
+        wanted -= {layout.angle, self._scan.first}
+        ones = np.ones(len(whole), np.int64)
+        angle = cells.numbers(whole, layout.angle, ones, np.float64)
+        ranges = cells.numbers(whole, self._scan.first, ones, self._number)
+        bad = angle.bad | ranges.bad
+        self._bad_cells(bad, numbers[whole])
+        good = np.delete(np.arange(len(whole)), list(bad))
+        texts = {column: cells.codes(whole[good], column) for column in sorted(wanted)}
+        bearing = angle.values[good]
+        if layout.degrees:
+            bearing = np.deg2rad(bearing)
+        if layout.clockwise:
+            bearing = 0.0 - bearing
+        return _Rows(bearing, ranges.values[good], texts), good
+
+    def _starts(self, rows: _Rows) -> Int64:
+        """Return the first row of each sweep."""
+        if self.layout.flag >= 0:
+            codes, distinct = rows.texts[self.layout.flag]
+            return cut_turns(rows.angle, np.array([cell == b"1" for cell in distinct], np.bool_)[codes])
+        if self.layout.key is None:
+            return cut_restarts(rows.angle)
+        codes = rows.texts[self.layout.key][0]
+        return np.concatenate([np.zeros(1, np.int64), np.flatnonzero(np.diff(codes)) + 1])
+
+    def _keep(self, cells: Cells, rows: Int64, numbers: Int64) -> None:
+        """Keep the lines of the last sweep, unless it has grown beyond all bounds."""
+        if len(rows) > MAX_BEAMS:
+            self.report.refused[(self._scan.topic, TOO_MANY)] += 1
+        else:
+            text = b"".join(line + b"\n" for line in cells.spans(rows, 0, self.layout.width))
+            self._carry = Lines(text, numbers[rows], False)
+
+    def _sweeps(self, rows: _Rows, starts: Int64, ends: Int64, numbers: Int64) -> Iterator[RawSweeps]:
+        angle = within_turns(rows.angle, starts) if self.layout.clockwise else rows.angle
+        begin, end = int(starts[0]), int(ends[-1])
+        parts, first, step, causes, gridded = even_sweeps(
+            angle[begin:end], rows.ranges[begin:end], starts - begin, ends - starts
+        )
+        if gridded and not self._noted:
+            self._noted = True
+            self.report.notes.append("bearings are not evenly spaced: beams are placed on a grid, gaps have no range")
+        for cause in filter(None, causes):
+            self.report.refused[(self._scan.topic, cause)] += 1
+        kept = np.array([not cause for cause in causes], np.bool_)
+        parts, starts = [part for part, good in zip(parts, kept.tolist(), strict=True) if good], starts[kept]
+        geometry = {"angle_min": first[kept], "angle_increment": step[kept]}
+        column = partial(rows.column, at=starts)
+        stamp, record, untimed = read_times(self._scan, column, len(starts), self.last)
+        for line in numbers[starts[untimed]].tolist():
+            self._damage(line, NO_TIME)
+        codes, names = read_frames(self._scan, column, len(starts))
+        lengths = np.array([*map(len, parts)], np.int64)
+        for some in split_rows(lengths):
+            block = self._block(
+                self._scan,
+                (stamp[some], record[some]),
+                (codes[some], names),
+                {name: values[some] for name, values in geometry.items()},
+                lengths[some],
+                pad(np.concatenate(parts[some]), lengths[some], self.options.range_scale),
+                ~untimed[some],
+            )
+            if block is not None:
+                yield block
+
+
+def cut_turns(angle: Float64, begins: Bool) -> Int64:
+    """Return the first row of each sweep in rows of which some are flagged as such.
+
+    A flag may stand on the last beam before the bearing starts over, where beams were sorted by bearing. Where flags
+    are missing, and sweeps would go on for more than a turn, these are cut by their bearings.
+
+    >>> cut_turns(np.array([0.1, 3.0, 6.2, 0.2, 3.0, 6.1]), np.array([False, False, True, False, False, False])).tolist()
+    [0, 3]
+    """
+    start = np.zeros(1, np.int64)
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.abs(np.diff(angle))
+        usual = steps <= _USUAL * np.median(np.minimum(steps, np.abs(TURN - steps))) if len(steps) else steps > 0
+        ahead, behind = np.append(steps, np.inf), np.append(False, usual)
+        flags = np.flatnonzero(begins)
+        # What ends a turn goes on as the turn did, and the bearing, if any follows, starts over.
+        flags = flags + (behind[flags] & (ahead[flags] > 0.5 * TURN))
+        flags = flags[flags < len(angle)]
+        if not len(flags):
+            return cut_restarts(angle)
+        flags = np.unique(np.concatenate([start, flags]))
+        turned = np.unwrap(angle)
+        ends = np.append(flags[1:], len(angle))
+        long = np.abs(turned[ends - 1] - turned[flags]) > MOST_VIEW
+    parts = [cut_restarts(angle[flags[at] : ends[at]]) + flags[at] for at in np.flatnonzero(long).tolist()]
+    return np.unique(np.concatenate([flags, *parts]))
+
+
+def within_turns(angle: Float64, starts: Int64) -> Float64:
+    """Return bearings (K,) that begin within half a turn to either side in each sweep, and go on without a jump."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        turned = np.unwrap(angle)
+        offset = TURN * np.rint(turned[starts] / TURN)
+        within: Float64 = turned - np.repeat(offset, np.diff(np.append(starts, len(angle))))
+    return within
+
+
+def even_sweeps(
+    angle: Float64, values: NDArray[np.floating], starts: Int64, lengths: Int64
+) -> tuple[list[NDArray[np.floating]], Float64, Float64, list[str], bool]:
+    """Return sweeps of even step.
+
+    Parameters
+    ----------
+    angle, values : (K,) bearings [rad] and ranges of the rows of many sweeps, one after the other
+    starts, lengths : (S,) first row and rows of each sweep, the first one at row 0
+
+    Returns
+    -------
+    values : of each sweep, in steps
+    first, step : (S,) first bearing and step [rad]
+    causes : (S,) the reason for each sweep that is none, else ''
+    gridded : True where some bearings are not even
+    """
+    first = angle[starts]
+    steps = np.maximum(lengths - 1, 1)
+    place = np.arange(len(angle)) - np.repeat(starts, lengths)
+    with np.errstate(invalid="ignore", over="ignore"):
+        step = (angle[starts + lengths - 1] - first) / steps
+        off = np.abs(angle - (np.repeat(first, lengths) + place * np.repeat(step, lengths)))
+        even = np.maximum.reduceat(off, starts) <= JITTER * np.abs(step)
+        even &= (lengths > 1) & (np.abs(step) * steps <= MOST_VIEW)
+    first, step = _snap(first, first, np.ones(len(first))), _snap(step, first, steps)
+    parts, causes = np.split(values, starts[1:]), [""] * len(starts)
+    for sweep in np.flatnonzero(~even).tolist():
+        at = int(starts[sweep])
+        grid = _on_grid(angle[at : at + int(lengths[sweep])], parts[sweep])
+        if isinstance(grid, str):
+            causes[sweep] = grid
+        else:
+            parts[sweep], first[sweep], step[sweep] = grid
+    return parts, first, step, causes, not even.all()
+
+
+def _snap(values: Float64, angles: Float64, steps: NDArray[np.floating]) -> Float64:
+    """Return angles as the float32 of the sensor's message, where they differ from it by the rounding of decimals alone."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        single = values.astype(np.float32).astype(np.float64)
+        slack = 16 * np.finfo(np.float64).eps * np.maximum(np.abs(angles), np.pi) / steps
+        return np.where(np.abs(values - single) <= slack, single, values)
+
+
+def _on_grid(angle: Float64, values: NDArray[np.floating]) -> tuple[NDArray[np.floating], float, float] | str:
+    """Put a sweep of uneven bearings on a grid of their median step; beams that nothing falls on are NaN.
+
+    Returns ranges, first bearing and step, or the reason why there is no such grid.
+    """
+    known = np.isfinite(angle)
+    if known.sum() < 2:
+        return ONE_BEAM if len(angle) == 1 else UNEVEN
+    turned = np.unwrap(angle[known])
+    if np.ptp(turned) > MOST_VIEW:
+        return TURNS
+    if len(cut_restarts(turned)) > 1:
+        return BACK
+    values = values[known]
+    steps = np.diff(turned)
+    descending = np.median(steps) < 0
+    order = np.argsort(turned, kind="stable")
+    turned, values = turned[order], values[order]
+    gaps = np.diff(turned)
+    if (gaps <= 1e-9).mean() > MOST_DOUBLED:
+        return DOUBLED
+    gaps = gaps[gaps > 1e-9]
+    step = float(np.median(gaps))
+    place = np.rint((turned - turned[0]) / step)
+    if place[-1] >= min(4 * len(turned) + 16, MAX_BEAMS):
+        return UNEVEN
+    step = float((turned[-1] - turned[0]) / place[-1])
+    place = np.rint((turned - turned[0]) / step).astype(np.int64)
+    grid = np.full(int(place[-1]) + 1, np.nan, values.dtype)
+    # Of two beams on one place the nearer counts, and any return before none.
+    with np.errstate(invalid="ignore"):
+        far = np.where(values > 0, values, np.inf)
+    order = np.lexsort((far, place))[::-1]
+    grid[place[order]] = values[order]
+    if descending:
+        return grid[::-1], float(turned[-1]), -step
+    return grid, float(turned[0]), step

@@ -1,1 +1,0 @@
-"""Maps and point clouds as files that other programs read."""

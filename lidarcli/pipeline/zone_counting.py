@@ -1,0 +1,491 @@
+"""Counts of each sweep of a topic in each zone: a fold over batches, with some numbers for each sweep and zone."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from lidarcli.errors import NoScanError
+from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.zones import Inside, candidates, collision_steps, meeting, reach, samples, times
+from lidarcli.masks import Circle, Masks, Polygon
+from lidarcli.pipeline.zone_frames import Frames
+from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8
+from lidarcli.tabular.arrays import held, numbers
+from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
+
+NO_OBJECT = -1
+"""In place of an object: a point on walls and the rest."""
+OBJECT_COLUMNS = ("topic", "sweep", "object", "beam_i", "beam_f", "set", "track", "vx", "vy")
+"""Columns of the objects table that tell whose beams are in a zone."""
+OLDEST_NS = 2_000_000_000
+"""Age from which on a velocity may be that of another time [ns]."""
+VELOCITY_SPAN_NS = 200_000_000
+"""Least time over which poses tell a velocity [ns]."""
+
+
+class Objects(NamedTuple):
+    """Objects of the sweeps of a batch, from the objects table."""
+
+    row: Int64
+    """(N,) sweep of the batch."""
+    object: Int64
+    beam_i: Int64
+    beam_f: Int64
+    set: UInt8
+    """(N,) index into `SETS`."""
+    track: Int64
+    """(N,) its track, -1 for none."""
+    velocity: Float64
+    """(N, 2) [m/s] in the world or else the sensor frame; NaN where it is not known."""
+
+    @staticmethod
+    def of(rows: pa.RecordBatch, batch: SweepBatch) -> Objects:
+        """Return the objects of a batch among rows of the table; walls are none."""
+        sweep, first, beam_i, beam_f = (
+            np.asarray(rows[name]).astype(np.int64) for name in ("sweep", "object", "beam_i", "beam_f")
+        )
+        row = np.searchsorted(batch.sweep, sweep)
+        names = rows["set"]
+        letters = np.array([SETS.index(str(name)) for name in names.dictionary.to_pylist()] or [0], np.uint8)
+        its = letters[np.asarray(names.indices)] if len(names) else np.zeros(0, np.uint8)
+        mine = its != SETS.index("S")
+        track, there = held(rows["track"])
+        velocity = np.column_stack([numbers(rows["vx"]), numbers(rows["vy"])])
+        track = np.where(there, track, -1)
+        return Objects(row[mine], first[mine], beam_i[mine], beam_f[mine], its[mine], track[mine], velocity[mine])
+
+    def of_rows(self, rows: Int64) -> Objects:
+        """Return the objects of some sweeps of the batch, which are numbered anew."""
+        at = np.searchsorted(rows, self.row)
+        mine = rows[np.minimum(at, len(rows) - 1)] == self.row
+        return Objects(at[mine], *(values[mine] for values in self[1:]))
+
+    def owners(self, batch: SweepBatch) -> Int32:
+        """Return the object (S, B) of every beam, by index here; `NO_OBJECT` where there is none."""
+        owner = np.full(batch.ranges.shape, NO_OBJECT, np.int32)
+        # Beams between the first and the last of an object are on it, or have no range.
+        count = (self.beam_f - self.beam_i) % np.maximum(batch.beams[self.row], 1) + 1
+        which = np.repeat(np.arange(len(self.row)), count)
+        after = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+        beam = (self.beam_i[which] + after) % np.maximum(batch.beams[self.row[which]], 1)
+        owner[self.row[which], beam] = which
+        return owner
+
+
+class Shapes(NamedTuple):
+    """The shapes of a zone: one, those of its cases, or those that a topic tells one after the other."""
+
+    shapes: list[Circle | Polygon]
+    times: Int64 = np.zeros(0, np.int64)
+    which: Int64 = np.zeros(0, np.int64)
+    """(M,) from which time on which of them it is, where a topic tells it."""
+
+    def at(self, stamp_ns: Int64) -> Int64 | None:
+        """Return which shape it is at times (S,), before the first message the first; None where no topic tells it."""
+        if not len(self.times):
+            return None
+        at = np.searchsorted(self.times, stamp_ns, side="right") - 1
+        return self.which[np.maximum(at, 0)]
+
+
+class Hits(NamedTuple):
+    """Numbers of points of objects in a part of a zone: one entry for each object of a sweep."""
+
+    sweep: Int64
+    """(H,) number of the sweep in the series."""
+    part: Int64
+    set: UInt8
+    track: Int64
+    object: Int64
+    points: Int64
+
+
+_NONE = np.zeros(0, np.int64)
+NO_HITS = Hits(_NONE, _NONE, np.zeros(0, np.uint8), _NONE, _NONE, _NONE)
+
+
+@dataclass(slots=True)
+class ZoneSeries:
+    """Counts of the sweeps of one topic in a zone, by part: its shape of the time, or each of its cases."""
+
+    zone: Zone
+    shapes: Shapes
+    places: list[Float64]
+    """(P, 2) of each shape, at which is asked whether they are seen; of a line its own."""
+    points: list[Int32] = field(default_factory=list)
+    """(S, parts) each, as all that follow."""
+    nearest: list[Float32] = field(default_factory=list)
+    bearing: list[Float32] = field(default_factory=list)
+    x: list[Float64] = field(default_factory=list)
+    y: list[Float64] = field(default_factory=list)
+    masked: list[Int32] = field(default_factory=list)
+    reach: list[Int32] = field(default_factory=list)
+    """Beams that could have ended in it; 0 in sweeps that show nothing."""
+    ttc: list[Float64] = field(default_factory=list)
+    hits: list[Hits] = field(default_factory=list)
+    placed: list[Float64] = field(default_factory=list)
+    """(S, 4) place of the sensor in the frame of the zone: x, y [m], yaw [rad], 1 where it hangs head down."""
+    velocity: list[Float64] = field(default_factory=list)
+    """(S, 3) of the robot: ahead, left [m/s], turning [rad/s]; NaN where it is not known."""
+
+    @staticmethod
+    def of(zone: Zone, shapes: Shapes) -> ZoneSeries:
+        """Return an empty series; a line has one part for what is seen of it."""
+        line = [zone.shape] if isinstance(zone.shape, Line) else []
+        return ZoneSeries(zone, shapes, [samples(shape) for shape in [*shapes.shapes, *line]])
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Return one of the quantities of all sweeps (S, parts)."""
+        return _whole(getattr(self, name))
+
+    def ordered_hits(self) -> Hits:
+        """Return the hits of all sweeps, by sweep; each part of a batch has added its own."""
+        joined = Hits._make(map(np.concatenate, zip(NO_HITS, *self.hits, strict=True)))
+        order = np.argsort(joined.sweep, kind="stable")
+        return Hits._make(values[order] for values in joined)
+
+
+@dataclass(slots=True)
+class TopicSeries:
+    """The sweeps of one topic, and what they have in each zone."""
+
+    topic: str
+    frame_id: str
+    zones: list[ZoneSeries]
+    first_ns: int
+    """Stamp of the first sweep of the topic in the log."""
+    sweep: list[Int64] = field(default_factory=list)
+    stamp_ns: list[Int64] = field(default_factory=list)
+    seconds: list[Float64] = field(default_factory=list)
+    pose: list[Float64] = field(default_factory=list)
+    """(S, 4) pose of the sensor in the world, as `ZoneSeries.placed`; NaN where it is not known."""
+    count: int = 0
+
+    @property
+    def sensor(self) -> tuple[str, str]:
+        """Topic and frame of its sensor."""
+        return self.topic, self.frame_id
+
+    def of_zone(self, name: str) -> ZoneSeries:
+        """Return what it has in a zone."""
+        return next(one for one in self.zones if one.zone.name == name)
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Return one of the quantities of all sweeps."""
+        return _whole(getattr(self, name))
+
+
+def _whole(pieces: list[NDArray[Any]]) -> NDArray[Any]:
+    """Join pieces of an array for good."""
+    if len(pieces) != 1:
+        pieces[:] = [np.concatenate(pieces)]
+    return pieces[0]
+
+
+class Told(NamedTuple):
+    """Velocities that a log tells."""
+
+    stamp_ns: Int64
+    velocity: Float64
+    recorded: bool
+    """True where the stamps are those of the recording."""
+
+    def at(self, batch: SweepBatch) -> tuple[Float64, int]:
+        """Return the newest velocity (S, 3) before each sweep, NaN before the first; and how many are too old."""
+        times = batch.record_ns if self.recorded else batch.stamp_ns
+        index = np.searchsorted(self.stamp_ns, times, side="right") - 1
+        newest: Float64 = np.where(index[:, None] < 0, np.nan, self.velocity[np.maximum(index, 0)])
+        old = (index >= 0) & (times - self.stamp_ns[np.maximum(index, 0)] > OLDEST_NS)
+        return newest, int(np.count_nonzero(old))
+
+
+class Counting:
+    """Folds the batches of one topic into a `TopicSeries`."""
+
+    def __init__(self, series: TopicSeries, frames: Frames, masks: Masks, told: dict[str, Told | None]) -> None:
+        """`told`: topic of velocities → what it tells, None where the log has no such topic."""
+        self.series = series
+        self._frames = frames
+        self._masks = masks
+        self._told = told
+        self.old: Counter[str] = Counter()
+        """Topic → sweeps in which its last velocity was too old."""
+        self._stamps, self._robots = np.zeros(0, np.int64), np.zeros((0, 3))
+        """Stamps and poses of the robot in the last sweeps."""
+
+    def add(self, batch: SweepBatch, objects: Objects | None) -> None:
+        """Take sweeps of one frame."""
+        series = self.series
+        sensor = batch.frame_ids[int(batch.frame[0])] if len(batch) else ""
+        masks = self._frames.masks_for(self._masks, batch)
+        under = masks.under(batch, batch.ranges) if masks.masks else None
+        ranges = batch.ranges if under is None else np.where(under, np.float32(np.nan), batch.ranges)
+        owners = None if objects is None else objects.owners(batch)
+        hidden = None if under is None else np.where(under, batch.ranges, np.float32(np.nan))
+        posed = batch.poses
+        places: dict[str, SweepPoses] = {}
+        for each in series.zones:
+            name = each.zone.frame
+            if name not in places:
+                if name == WORLD:
+                    assert posed is not None
+                    places[name] = posed
+                else:
+                    places[name] = self._frames.sensor_in(name, sensor, batch.stamp_ns)
+        carried = self._carried(batch, sensor)
+        velocities = self._velocities(batch, carried)
+        series.sweep.append(batch.sweep)
+        series.stamp_ns.append(batch.stamp_ns)
+        series.seconds.append(batch.seconds())
+        series.pose.append(_four(posed.at_stamp()) if posed is not None else np.full((len(batch), 4), np.nan))
+        for each in series.zones:
+            place = places[each.zone.frame]
+            each.placed.append(_four(place.at_stamp()))
+            velocity = velocities[each.zone.velocity_topic]
+            each.velocity.append(velocity)
+            own = velocity if each.zone.frame == WORLD else velocity_of(velocity, place, carried)
+            look = _Look(batch, ranges, masks, place, objects, owners, own, series.count)
+            self._look(each, look, hidden)
+        series.count += len(batch)
+
+    def _look(self, into: ZoneSeries, look: _Look, masked: Float32 | None) -> None:
+        """Count what is in a zone."""
+        now = into.shapes.at(look.batch.stamp_ns)
+        count, parts = len(look.batch), len(into.places) if now is None else 1
+        points, away = np.zeros((count, parts), np.int32), np.zeros((count, parts), np.int32)
+        nearest, bearing = (np.full((count, parts), np.nan, np.float32) for _ in range(2))
+        x, y, ttc = (np.full((count, parts), np.nan) for _ in range(3))
+        whole, beams = look, np.zeros((count, parts), np.int32)
+        for part, places in enumerate(into.places if now is None else [np.stack(into.places)[now]]):
+            beams[:, part] = look.reach(into.zone, places)
+        for number, shape in enumerate(into.shapes.shapes):
+            part, look = number, whole
+            if now is not None:
+                mine = now == number
+                if not mine.any():
+                    continue
+                # A sweep without a place has no points.
+                there = replace(whole.place, x=np.where(mine, whole.place.x, np.nan))
+                part, look = 0, whole._replace(place=there)
+            found, its = look.inside(into.zone, shape)
+            if into.zone.action == "approach":
+                found, times_to = look.approach(into.zone, shape, found, its)
+                ttc[:, part] = np.fmin(ttc[:, part], times_to)
+            counts = np.bincount(found.row, minlength=count)
+            rows = np.flatnonzero(counts)
+            points[rows, part] = counts[rows]
+            if len(rows):
+                least = look.least(found)
+                at = found.row[least], found.beam[least]
+                nearest[rows, part] = look.ranges[at]
+                bearing[rows, part] = look.bearing(*at)
+                x[rows, part], y[rows, part] = found.x[least], found.y[least]
+            into.hits.append(look.hits(found, part))
+            if masked is not None:
+                under = candidates(look.batch, masked, look.place, shape)
+                away[:, part] += np.bincount(under.row, minlength=count).astype(np.int32)
+        for name, values in (
+            *(("points", points), ("nearest", nearest), ("bearing", bearing), ("x", x), ("y", y)),
+            *(("masked", away), ("reach", np.maximum(beams, points)), ("ttc", ttc)),
+        ):
+            getattr(into, name).append(values)
+
+    def _carried(self, batch: SweepBatch, sensor: str) -> SweepPoses:
+        """Return where the sensor is on the robot; where nothing tells that, it is the robot."""
+        if batch.poses is not None or any(self._told.values()):
+            try:
+                return self._frames.sensor_in(ROBOT, sensor, batch.stamp_ns)
+            except NoScanError:
+                pass
+        return self._frames.sensor_in(SENSOR, sensor, batch.stamp_ns)
+
+    def _velocities(self, batch: SweepBatch, carried: SweepPoses) -> dict[str, Float64]:
+        """Return the velocity of the robot (S, 3) as each topic tells it; of one that does not, by the poses."""
+        topics = {each.zone.velocity_topic for each in self.series.zones}
+        found: dict[str, Float64] = {}
+        for topic in topics:
+            if (told := self._told.get(topic)) is not None:
+                found[topic], old = told.at(batch)
+                self.old[topic] += old
+        if len(found) < len(topics):
+            found = dict.fromkeys(topics, self._by_poses(batch, carried)) | found
+        return found
+
+    def _by_poses(self, batch: SweepBatch, carried: SweepPoses) -> Float64:
+        """Return the velocity of the robot (S, 3) by the poses before each sweep."""
+        velocities = np.full((len(batch), 3), np.nan)
+        if batch.poses is None:
+            return velocities
+        known = np.flatnonzero(np.isfinite(batch.poses.x))
+        robot = _carrier(batch.poses.at_stamp(), carried)
+        here = np.column_stack([robot.x, robot.y, robot.yaw])[known]
+        stamps = np.maximum.accumulate(np.concatenate([self._stamps, batch.stamp_ns[known]]))
+        poses = np.concatenate([self._robots, here])
+        now = np.arange(len(poses) - len(known), len(poses))
+        then = np.maximum(np.searchsorted(stamps, stamps[now] - VELOCITY_SPAN_NS, side="right") - 1, 0)
+        seconds = (stamps[now] - stamps[then]) * 1e-9
+        turn = (poses[now, 2] - poses[then, 2] + np.pi) % TURN - np.pi
+        # The direction half-way: the way of a turn is a chord.
+        heading = poses[then, 2] + 0.5 * turn
+        cos, sin = np.cos(heading), np.sin(heading)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dx, dy = (poses[now, :2] - poses[then, :2]).T / seconds
+            # A path that is matched from the sweeps of a sensor that hangs head down is the mirror image.
+            side = np.where(robot.upside_down[known], -1.0, 1.0)
+            left = side * (cos * dy - sin * dx)
+            velocity = np.column_stack([cos * dx + sin * dy, left, side * turn / seconds])
+        velocities[known] = np.where(seconds[:, None] > 0.0, velocity, np.nan)
+        kept = int(then[-1]) if len(known) else 0
+        self._stamps, self._robots = stamps[kept:], poses[kept:]
+        return velocities
+
+
+class _Look(NamedTuple):
+    """Sweeps of one frame, and where their sensor is in the frame of a zone."""
+
+    batch: SweepBatch
+    ranges: Float32
+    """(S, B) without those under a mask."""
+    masks: Masks
+    place: SweepPoses
+    objects: Objects | None
+    owners: Int32 | None
+    velocity: Float64
+    begin: int
+    """Number of the first of these sweeps in the series."""
+
+    def bearing(self, row: NDArray[np.intp], beam: NDArray[np.intp]) -> Float64:
+        """Return the bearings of beams [rad]."""
+        bearing: Float64 = self.batch.angle_min[row] + self.batch.angle_increment[row] * beam
+        return bearing
+
+    def reach(self, zone: Zone, places: Float64) -> Int32:
+        """Return how many beams (S,) could have found something in a zone; of one that approaches, wherever it may go."""
+        batch = self.batch
+        if zone.action == "approach":
+            usable = np.isfinite(self.ranges) | (batch.status == Status.NO_RETURN)
+            judged = np.isfinite(self.velocity).all(axis=1) & np.isfinite(self.place.x)
+            found = np.where(judged, np.count_nonzero(usable, axis=1), 0).astype(np.int32)
+        else:
+            found = reach(batch, self.place, places, self.masks)
+        shows: Bool = batch.observed & np.isfinite(self.ranges).any(axis=1)
+        return np.where(shows, found, 0)
+
+    def inside(self, zone: Zone, shape: Circle | Polygon) -> tuple[Inside, Inside]:
+        """Return the points that count and are inside of a shape; and, for `approach`, all that count wherever they are."""
+        if zone.action != "approach":
+            found = self._counted(zone, candidates(self.batch, self.ranges, self.place, shape))
+            return found, found
+        # The robot comes to them: all that it could reach.
+        speed = np.hypot(self.velocity[:, 0], self.velocity[:, 1])
+        fastest = float(np.nanmax(speed, initial=0.0))
+        if zone.count == "agents" and self.objects is not None:
+            fastest += float(np.nanmax(np.hypot(*self.objects.velocity.T), initial=0.0))
+        way = fastest * (zone.time_before_collision + zone.time_step)
+        near = candidates(self.batch, self.ranges, self.place, _around(shape, way))
+        return self._counted(zone, candidates(self.batch, self.ranges, self.place, shape)), self._counted(zone, near)
+
+    def _counted(self, zone: Zone, found: Inside) -> Inside:
+        """Return the points on what counts in a zone."""
+        if zone.count == "beams" or self.owners is None or self.objects is None:
+            return found
+        owner = self.owners[found.row, found.beam]
+        counts = owner >= 0
+        if zone.count == "agents":
+            agents = self.objects.set == SETS.index("A")
+            counts &= agents[np.maximum(owner, 0)] if len(agents) else False
+        return found.of(counts)
+
+    def approach(self, zone: Zone, shape: Circle | Polygon, now: Inside, near: Inside) -> tuple[Inside, Float64]:
+        """Return the points that will be met first, or those inside now, and the time to collision (S,) [s]."""
+        own = self._own_velocity(near) if zone.count == "agents" else None
+        ahead = zone.time_before_collision, zone.time_step
+        steps = collision_steps(shape, near.x, near.y, near.row, self.velocity, *ahead, own)
+        enough = steps >= zone.min_points
+        step = np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
+        ttc = np.where(step >= 0, times(*ahead)[np.maximum(step, 0)], np.nan)
+        met = meeting(shape, near.x, near.y, near.row, self.velocity, step, zone.time_step, own)
+        others = step[now.row] < 0
+        return near.of(met).with_(now.of(others)), ttc
+
+    def _own_velocity(self, found: Inside) -> Float64:
+        """Return the velocity over ground of the agents that points are on (K, 2), in the axes of the robot [m/s]."""
+        assert self.owners is not None
+        assert self.objects is not None
+        vx, vy = np.nan_to_num(self.objects.velocity[np.maximum(self.owners[found.row, found.beam], 0)]).T
+        poses = np.full(len(self.batch), np.nan) if self.batch.poses is None else self.batch.poses.yaw
+        in_world = np.isfinite(poses)
+        turned = self.place.yaw - np.where(in_world, poses, 0.0)
+        vy = np.where((self.place.upside_down & ~in_world)[found.row], -vy, vy)
+        cos, sin = np.cos(turned[found.row]), np.sin(turned[found.row])
+        return np.column_stack([cos * vx - sin * vy, sin * vx + cos * vy])
+
+    def least(self, found: Inside) -> NDArray[np.intp]:
+        """Return the nearest point of each sweep that has any, by index."""
+        order = np.lexsort((found.beam, self.ranges[found.row, found.beam], found.row))
+        rows = found.row[order]
+        nearest: NDArray[np.intp] = order[np.diff(rows, prepend=-1) != 0]
+        return nearest
+
+    def hits(self, found: Inside, part: int) -> Hits:
+        """Return the points of each object."""
+        if self.owners is None or self.objects is None or not len(found.row):
+            return NO_HITS
+        owner = self.owners[found.row, found.beam]
+        row, owner = found.row[owner >= 0], owner[owner >= 0]
+        key, counts = np.unique(row * (len(self.objects.row) + 1) + owner, return_counts=True)
+        row, owner = np.divmod(key, len(self.objects.row) + 1)
+        objects = self.objects
+        return Hits(
+            row + self.begin,
+            np.full(len(row), part),
+            objects.set[owner],
+            objects.track[owner],
+            objects.object[owner],
+            counts,
+        )
+
+
+def _around(shape: Circle | Polygon, way: float) -> Circle:
+    """Return a circle about the robot that holds a shape and all within some way of it."""
+    if isinstance(shape, Circle):
+        return Circle(0.0, 0.0, float(np.hypot(shape.x, shape.y)) + shape.radius + way)
+    return Circle(0.0, 0.0, float(np.hypot(*np.array(shape.corners).T).max()) + way)
+
+
+def _carrier(sensor: SweepPoses, carried: SweepPoses) -> SweepPoses:
+    """Return the poses of what carries a sensor, from those of the sensor and its places on what carries it."""
+    turned_over = sensor.upside_down != carried.upside_down
+    side = np.where(turned_over, -1.0, 1.0)
+    yaw = sensor.yaw - side * carried.yaw
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    x = sensor.x - cos * carried.x + side * sin * carried.y
+    y = sensor.y - sin * carried.x - side * cos * carried.y
+    return SweepPoses(x, y, yaw, turned_over)
+
+
+def velocity_of(velocity: Float64, place: SweepPoses, carried: SweepPoses) -> Float64:
+    """Return the velocity (S, 3) of a frame in its own axes, from that of the robot that carries it.
+
+    Parameters
+    ----------
+    place, carried : where the sensor is in the frame, and on the robot
+    """
+    frame = _carrier(carried, place)
+    turning = velocity[:, 2]
+    dx, dy = velocity[:, 0] - turning * frame.y, velocity[:, 1] + turning * frame.x
+    cos, sin = np.cos(frame.yaw), np.sin(frame.yaw)
+    # In a frame that hangs head down left is right.
+    side = np.where(frame.upside_down, -1.0, 1.0)
+    return np.column_stack([cos * dx + sin * dy, side * (cos * dy - sin * dx), side * turning])
+
+
+def _four(poses: SweepPoses) -> Float64:
+    """Return (S, 4): x, y, yaw, and 1 where the sensor hangs head down."""
+    return np.column_stack([poses.x, poses.y, poses.yaw, poses.upside_down])

@@ -1,0 +1,274 @@
+"""Reports for programs: JSON by the schema of docs/reports.md, JUnit XML, and workflow commands of GitHub Actions."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from lidarcli._version import __version__
+from lidarcli.display import stamp, visible
+from lidarcli.reports.columns import Origin
+from lidarcli.reports.document import Case, Document, PartsReport
+from lidarcli.reports.figures import Histogram, plain_fields, plain_number
+from lidarcli.reports.report import Report
+from lidarcli.reports.runs import RunsReport
+from lidarcli.reports.summary import Comparison, Standing, Stream, Summary
+from lidarcli.reports.wording import number
+from lidarcli.tabular.runs import Entry
+
+SCHEMA = "lidarcli.report/1"
+"""The name of the schema; the number changes when a program that reads it may break."""
+RUNS_SCHEMA = "lidarcli.runs/1"
+"""Name of the schema of a report on runs."""
+
+
+def as_json(report: Report | RunsReport | PartsReport) -> str:
+    """Return one JSON object; numbers have nine digits, null stands for what cannot be measured."""
+    values = _runs(report) if isinstance(report, RunsReport) else as_dict(report)
+    return json.dumps(values, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+
+
+def as_dict(report: Report | PartsReport) -> dict[str, Any]:
+    """Return the report as plain values."""
+    if isinstance(report, PartsReport):
+        first = report.parts[0]
+        found = _beginning(report, first.schema) | {"sources": _sources(first.sources), "figures": _numbers(report.figures)}
+        for part in reversed(report.parts):
+            found |= {**(part.opening.values if part is first else {}), **part.as_dict()}
+        return found
+    changes, comparison = report.changes, report.comparison
+    return {
+        **_beginning(report, SCHEMA),
+        **_summary(report.summary),
+        **({} if changes is None else {"figures": _numbers(report.summary.figures | changes.figures), **changes.as_dict()}),
+        "comparison": None if comparison is None else _comparison(comparison),
+    }
+
+
+def _beginning(report: Document, schema: str) -> dict[str, Any]:
+    """Return the beginning of reports of every kind."""
+    return {
+        "schema": schema,
+        "lidarcli": __version__,
+        "holds": report.holds,
+        "checks": [verdict.as_dict() for verdict in report.verdicts],
+        "problems": list(report.problems),
+        "warnings": list(report.warnings),
+    }
+
+
+def _summary(summary: Summary) -> dict[str, Any]:
+    return {
+        "sources": _sources(summary.sources),
+        "figures": _numbers(summary.figures),
+        "beams": {"status": summary.status, "set": summary.sets},
+        "objects": {name: {**dict.fromkeys(summary.kinds[name], 0), **summary.kinds[name]} for name in summary.kinds},
+        "histograms": {name: _histogram(one) for name, one in summary.histograms.items()},
+        "maps": [plain_fields(one, "frame", "x0", "y0", "cell", "counts") for one in summary.densities],
+        "streams": [_stream(one) for one in summary.streams.all],
+        "standing_out": [_standing(one) for one in summary.standing],
+        **_tracks(summary),
+    }
+
+
+def _sources(sources: Sequence[Origin]) -> list[dict[str, Any]]:
+    return [
+        {
+            "log": source.log,
+            "format": source.format,
+            "size": source.size,
+            "lidarcli": source.version,
+            "parameters": source.parameters,
+            "damage": list(source.damage),
+        }
+        for source in sources
+    ]
+
+
+def _tracks(summary: Summary) -> dict[str, Any]:
+    """Return tracks and labels where there are any."""
+    found: dict[str, Any] = {}
+    if (tracked := summary.tracked) is not None:
+        found["tracks"] = {
+            "scene": tracked.scene,
+            "agent_share": plain_number(tracked.agent_share),
+            **{name.removeprefix("tracks."): counts for name, counts in tracked.kinds.items()},
+        }
+    if summary.labels:
+        found["labels"] = [asdict(label) for label in summary.labels]
+    return found if summary.zones is None else found | summary.zones.as_dict()
+
+
+def _comparison(comparison: Comparison) -> dict[str, Any]:
+    baseline = comparison.baseline
+    return {
+        "baseline": {
+            "logs": [source.log for source in baseline.sources],
+            "figures": _numbers(baseline.figures),
+            "histograms": {name: _histogram(one) for name, one in baseline.histograms.items()},
+        },
+        "figures": _numbers(comparison.figures),
+        "parameters": [{"name": name, "here": here, "baseline": there} for name, here, there in comparison.parameters],
+        "changes": [asdict(change) for change in comparison.changes],
+    }
+
+
+def _histogram(one: Histogram) -> dict[str, Any]:
+    return plain_fields(one, "unit", "edges", "counts")
+
+
+def _stream(one: Stream) -> dict[str, Any]:
+    columns = ["sweep", "seconds", "objects_mean", "objects_min", "objects_max"]
+    columns += ["d_th", "noise", "lost_share"]
+    if np.isfinite(one.course.agents_max).any():
+        columns += ["agents_mean", "agents_max"]
+    return {
+        **plain_fields(one, "log", "topic", "frame_id", "sweeps", "beams", "objects"),
+        "start": stamp(one.start_ns),
+        **plain_fields(one, "start_ns", "end_ns", "duration", "rate", "gaps"),
+        "missing_sweeps": one.missing,
+        **plain_fields(one, "longest_gap", "backward", "repeated"),
+        "course": plain_fields(one.course, *columns),
+    }
+
+
+def _standing(one: Standing) -> dict[str, Any]:
+    names = plain_fields(one, "kind", "log", "topic", "sweep")
+    return {**names, "stamp": stamp(one.stamp_ns), "value": plain_number(one.value)}
+
+
+def _numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Return figures by their names, with nine digits."""
+    return {name: plain_number(value) for name, value in values.items()}
+
+
+def _runs(report: RunsReport) -> dict[str, Any]:
+    summary = report.summary
+    first, last = summary.span or (None, None)
+    return {
+        **_beginning(report, RUNS_SCHEMA),
+        "figures": _numbers(summary.figures),
+        "versions": list(summary.versions),
+        "first": None if first is None else stamp(first),
+        "last": None if last is None else stamp(last),
+        "logs": [_log(log) for log in summary.logs],
+    }
+
+
+def _log(log: Entry) -> dict[str, Any]:
+    return {
+        **plain_fields(log, "url", "log", "outcome", "exit_code", "message"),
+        "lidarcli": log.version,
+        **plain_fields(log, "size", "sweeps", "rows", "seconds"),
+        "ended": stamp(log.ended),
+    }
+
+
+_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def as_junit(report: Document) -> str:
+    """Return one suite: its properties are the figures, its cases those of the report and the checks.
+
+    A table that could not be read is an error.
+    """
+    cases = [*report.cases, *_checks(report)]
+    counts = {
+        "tests": str(len(cases) + len(report.problems)),
+        "failures": str(sum(case.failure is not None for case in cases)),
+        "errors": str(len(report.problems)),
+    }
+    root = ET.Element("testsuites", {"name": "lidarcli report", **counts})
+    suite = _part(root, "testsuite", name=report.title, **counts, skipped="0")
+    properties = _part(suite, "properties")
+    for name, value in report.figures.items():
+        if value is not None:
+            _part(properties, "property", name=name, value=number(value, 6).replace(",", ""))
+    for one in cases:
+        time = {} if one.seconds is None else {"time": f"{one.seconds:.6f}"}
+        case = _part(suite, "testcase", classname=one.classname, name=one.name, **time)
+        if one.failure is not None:
+            failure = _part(case, "failure", message=one.failure, type=one.kind)
+            failure.text = clean(f"{one.name}\n{one.failure}")
+    for problem in report.problems:
+        case = _part(suite, "testcase", classname="lidarcli.report", name="read the tables")
+        _part(case, "error", message=problem, type="unreadable")
+    if report.warnings:
+        _part(suite, "system-out").text = clean("\n".join(f"warning: {line}" for line in report.warnings))
+    ET.indent(root, " ")
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _checks(report: Document) -> list[Case]:
+    return [
+        Case(verdict.expression, failure=None if verdict.holds else f"expected {verdict.expected}, found {verdict.words}")
+        for verdict in report.verdicts
+    ]
+
+
+def _part(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
+    """Return a new element below another; all texts of checks and logs come in here."""
+    return ET.SubElement(parent, tag, {name: clean(text) for name, text in attributes.items()})
+
+
+def clean(text: str) -> str:
+    r"""Return text with escapes for the characters that XML cannot hold.
+
+    >>> clean("bad\udcff\x01")
+    'bad\\udcff\\x01'
+    """
+    return _NOT_XML.sub(lambda found: repr(found[0])[1:-1], text)
+
+
+def as_github(report: Document, text: str = "") -> str:
+    """Return one command per line, errors first: of each kind the page shows the first ten of a step.
+
+    `text`, the report for the terminal, follows in a fold of the step's log.
+    """
+    return "\n".join([*_annotations(report), *(_folded(report.title, text) if text else ())]) + "\n"
+
+
+def command(kind: str, title: str, message: str) -> str:
+    r"""Return a workflow command with its title.
+
+    >>> command("error", "checks: a, b", "100 %\nof it")
+    '::error title=checks%3A a%2C b::100 %25%0Aof it'
+    """
+    return f"::{kind} title={_escaped(title).replace(':', '%3A').replace(',', '%2C')}::{_escaped(message)}"
+
+
+def _escaped(text: str) -> str:
+    """Return text without ends of lines and escapes; characters that would steer a terminal are spelled out."""
+    return visible(text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A"))
+
+
+def _annotations(report: Document) -> Iterator[str]:
+    for kind, problem in report.named_problems:
+        yield command("error", f"lidarcli: {kind}", problem)
+    for one in report.verdicts:
+        if not one.holds:
+            words = f"{one.expression}: expected {one.expected}, found {one.words}"
+            yield command("error", "lidarcli: check failed", words)
+    for warning in report.warnings:
+        yield command("warning", "lidarcli", warning)
+    yield command("notice", "lidarcli report", "\n".join(filter(None, (report.judgement, *report.lines))))
+    for one in report.verdicts:
+        if one.holds:
+            yield command("notice", "lidarcli: check passed", f"{one.expression}: found {one.words}")
+
+
+def _folded(title: str, text: str) -> Iterator[str]:
+    """Yield a fold in which no line is a command until a word comes that the text cannot hold: its own digest."""
+    word = hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()
+    yield f"::group::{_escaped(title)}"
+    yield f"::stop-commands::{word}"
+    yield text.rstrip("\n")
+    yield f"::{word}::"
+    yield "::endgroup::"
