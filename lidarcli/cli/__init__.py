@@ -24,7 +24,9 @@ COMMANDS = (
     *("poses", "report", "plot", "export", "simulate", "config", "completion"),
 )
 """Names of the commands; each has a file of its name, unless `HOMES` tells another."""
-HOMES = dict.fromkeys(("config", "completion"), "settings") | dict.fromkeys(("poses", "export", "simulate"), "writing")
+HOMES = {"config": "settings", "completion": "settings"} | dict.fromkeys(
+    ("clean", "overlay", "poses", "export", "simulate"), "writing"
+)
 
 SUPERSEDED = {"match": "give lidarcli diff RUN RUN..., which takes the same tables, and logs"}
 """Command that there was → words for what does its work now."""
