@@ -161,7 +161,6 @@ def test_variables_that_do_nothing_are_told(lidarcli: Run, lab: Path, logs: Path
     assert ran.code == 0
     hint = "did you mean LIDARCLI_DETECT_TOPIC?"
     assert ran.err.splitlines()[0] == f"lidarcli: LIDARCLI_DETECT_TOPICS: detect has no such option; {hint}"
-    told = lidarcli("-q", "config").err
 
 
 def test_config_of_a_command_shows_every_option_of_it(lidarcli: Run, lab: Path) -> None:
