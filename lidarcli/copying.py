@@ -28,7 +28,7 @@ from mcap.writer import CompressionType, Writer
 
 from lidarcli.errors import OutputError
 from lidarcli.logs.base import MULTI_ECHO, Log, ReadReport, ros_type
-from lidarcli.logs.blocks import Locate, Written
+from lidarcli.logs.blocks import Locate, ScanLayout
 from lidarcli.logs.laserscan import locate
 from lidarcli.logs.mcap import McapLog
 from lidarcli.logs.mcap_records import Catalogue, Messages, parse
@@ -89,7 +89,7 @@ class Copy:
         return data if changed is plain else zstandard.ZstdCompressor().compress(changed)
 
 
-def replaced(message: bytes, written: Written, chosen: Bool, value: float) -> bytes:
+def replaced(message: bytes, written: ScanLayout, chosen: Bool, value: float) -> bytes:
     """Return a message in which all ranges of the chosen beams (B,) have a value."""
     places = written.place[chosen[written.beam]]
     number = np.frombuffer(np.array(value, written.kind).tobytes(), np.uint8)

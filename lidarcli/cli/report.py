@@ -9,7 +9,7 @@ from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, are_shown_together, coloured, counted_bar, standard_output
 from lidarcli.option_forms import Argument, File, Option
 from lidarcli.options import OUTPUT, STDOUT, Overwrite, Reporting, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class ReportCommand(Overwrite, Reporting, total=False):

@@ -22,7 +22,7 @@ from lidarcli.options import (
     TextOrJson,
     output,
 )
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class ExportCommand(Overwrite, Exporting, total=False):

@@ -10,7 +10,7 @@ from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
 from lidarcli.options import GATES, STDOUT, ZONE_RULES, ManyLogs, Reported, Zoning, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class ZonesCommand(Zoning, ManyLogs, Reported, total=False):

@@ -23,7 +23,7 @@ from lidarcli.logs.blocks import (
     INCREMENT,
     INCREMENT_ZERO,
     TOO_MANY,
-    Written,
+    ScanLayout,
     in_degrees,
     pad_intensities,
     pad_rows,
@@ -117,7 +117,7 @@ def decode(
     return concatenate(blocks) if blocks else None
 
 
-def locate(message: bytes, encoding: str, *, several: bool) -> Written | None:
+def locate(message: bytes, encoding: str, *, several: bool) -> ScanLayout | None:
     """Return where the ranges of a message stand, as `decode` reads them; None where it is no sweep.
 
     Parameters
@@ -143,7 +143,7 @@ def locate(message: bytes, encoding: str, *, several: bool) -> Written | None:
         beam = np.repeat(beam, echoes)
         entry = starts[beam] + 1 + np.arange(len(beam)) - np.repeat(np.cumsum(echoes) - echoes, echoes)
     least, greatest = heads.geometry[0, 5:7].tolist()
-    return Written(int(heads.stamp_ns[0]), beams, least, greatest, beam, at + 4 * entry, f"{order}f4")
+    return ScanLayout(int(heads.stamp_ns[0]), beams, least, greatest, beam, at + 4 * entry, f"{order}f4")
 
 
 def _windows(buffer: UInt8, at: Int64, width: int) -> UInt8:

@@ -30,7 +30,7 @@ from lidarcli.logs.base import (
     Topic,
     ros_type,
 )
-from lidarcli.logs.blocks import Locate, Written
+from lidarcli.logs.blocks import Locate, ScanLayout
 from lidarcli.logs.laserscan import EXPECTED, Gather, differs, locate
 from lidarcli.logs.mcap_records import (
     CHUNK_PEEK,
@@ -431,7 +431,7 @@ class _ColumnDecoder:
     unpacking: Unpacking
     """Limit for the whole log."""
 
-    def locate(self, message: bytes) -> Written | None:
+    def locate(self, message: bytes) -> ScanLayout | None:
         """Return where the ranges of a message stand; None where it is no sweep."""
         return locate(message, self.gather.encoding, several=self.gather.type == MULTI_ECHO)
 

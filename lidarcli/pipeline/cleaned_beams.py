@@ -18,7 +18,6 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Polygon
 from lidarcli.pipeline.inputs.tables import TableSet
-from lidarcli.pipeline.overlay_sources import Cursor
 from lidarcli.pipeline.reading.one_log import Progress
 from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
@@ -26,8 +25,8 @@ from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.pose.faults import Key
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
-from lidarcli.tabular.arrays import held, numbers
-from lidarcli.tabular.reading import read_columns
+from lidarcli.tabular.columns import held, numbers
+from lidarcli.tabular.reading import TopicRows, read_columns
 from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.zone import WORLD
 
@@ -126,11 +125,11 @@ def choose(log: Log, pair: TableSet, choice: Choice, progress: Progress | None =
     temporary = _temporary(log, pair, choice) if "temporary" in choice.remove else {}
     agents = _agents(pair) if "agents" in choice.remove else {}
     found: dict[str, Chosen] = {}
-    cursors: dict[str, Cursor] = {}
+    cursors: dict[str, TopicRows] = {}
     for batch in _batches(log, choice):
         topic = batch.topic
         if topic not in cursors:
-            cursors[topic] = Cursor(pair.objects, "objects", OBJECT_COLUMNS, topic)
+            cursors[topic] = TopicRows(pair.objects, "objects", OBJECT_COLUMNS, topic)
             found[topic] = Chosen()
         rows = cursors[topic].until(int(batch.sweep[-1]) + 1)
         objects = Objects.of(rows, batch)

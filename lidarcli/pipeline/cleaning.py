@@ -23,21 +23,19 @@ from lidarcli.logs.clock import LEAP
 from lidarcli.logs.options import TopicChoice
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
 from lidarcli.pipeline.cleaned_beams import REASONS, Choice, Chosen, choose, doubted
-from lidarcli.pipeline.detecting import detect_beside, second_of_two
+from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.search import SUFFIXES
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, world_in
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, rules_of
 from lidarcli.pipeline.reading.pose_sources import NO_POSES, NONE, Need
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import RangeRules
-from lidarcli.stores.url import Place, Url
-from lidarcli.tabular.arrays import held
+from lidarcli.stores import Place, Url
+from lidarcli.tabular.columns import constant, held, restamped
 from lidarcli.tabular.reading import file_metadata, note_value, read_columns
-from lidarcli.tabular.rows import constant
 from lidarcli.tabular.schemas import CLEANED, SCHEMAS
-from lidarcli.tabular.stamps import restamped
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_metadata, table_suffix
 from lidarcli.times import SECOND_NS
 
@@ -112,7 +110,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         outputs = (path, _table_path(path))
         new = stack.enter_context(NewFiles(outputs, options.overwrite, _bag(log, source, path)))
         private = new.part(path).with_name(f"{path.name}.tables")
-        pair, found = detect_beside(source, private, options.detect, progress)
+        pair, found = detect_to_temporary(source, private, options.detect, progress)
         notes = file_metadata(pair.sweeps)
         described = note_value(notes, SOURCE, dict)
         if joined := described.get("segments"):
@@ -126,7 +124,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         _refuse_motion(log, pair, described, options, rules, blind)
         detect = options.detect
         choice = Choice(detect.read.topics, rules, detect.poses, options.remove, options.margin)
-        chosen = choose(log, pair, choice, second_of_two(progress, source.size))
+        chosen = choose(log, pair, choice, second_half(progress, source.size))
         editing = _Editing(chosen, options.value)
         copy = Copy(editing, ReadReport())
         with writing(path):

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ from lidarcli.logs.doubts import MOST, Doubts
 from lidarcli.logs.faults import MOST_TOPICS, Faults, repeated_topics
 from lidarcli.logs.joined import Part
 from lidarcli.logs.options import TopicChoice, nothing_read, scan_topics
-from lidarcli.logs.piles import Settling
+from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.masks import Masks
 from lidarcli.pipeline.inputs.masks import View, filter_text, mask_text
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, made_of_clouds, open_source, parts_of
@@ -29,8 +30,7 @@ from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.pose_sources import FoundPoses, PoseInfo, PoseOptions, pose_infos
 from lidarcli.pipeline.reading.posing import Posing, alike_note
-from lidarcli.pipeline.runs.outcomes import Failure, attempt
-from lidarcli.pipeline.runs.over_logs import LogProgress, progress_of
+from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, progress_of
 from lidarcli.range_rules import RangeRules, closure, normalise
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
 
@@ -162,7 +162,8 @@ def inspect_log(
         count: Counter[str] = Counter()
         scans = log.scans(choice.asked, report)
         blocks = (one for one in scans if not choice.wanted or choice.takes(one.topic))
-        for block, judging in Settling(rules, report).blocks(blocks):
+        detector = NoReturnDetector(rules, report)
+        for block, judging in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
             for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MOST:

@@ -23,9 +23,7 @@ from lidarcli.pipeline.inputs.tables import (
     read_changes,
     read_table,
     read_tracks,
-    require,
 )
-from lidarcli.pipeline.runs.manifest import FOLDER
 from lidarcli.reports.changes import ChangesPart, changes_part
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check, verdict_of
 from lidarcli.reports.columns import Origin, Rows, Run, ZoneRows, least_observed
@@ -46,10 +44,10 @@ from lidarcli.reports.summary import (
 )
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_in, zones_part
-from lidarcli.stores.url import Place, absolute, place
+from lidarcli.stores import Place, absolute, place
 from lidarcli.tabular.reading import Readable
-from lidarcli.tabular.runs import Entry, read_run
-from lidarcli.tabular.schemas import EVENTS, LATER
+from lidarcli.tabular.runs import FOLDER, Entry, read_run
+from lidarcli.tabular.schemas import EVENTS
 
 if TYPE_CHECKING:
     from lidarcli.reports.html import Page
@@ -353,9 +351,6 @@ def _load(
             step()
             objects = read_table(pair, "objects", columns)
             step()
-            # Any check of a column that is not there would pass.
-            for kind in LATER:
-                require(pair, kind, columns_needed(checks, kind) & LATER[kind])
         except UnreadableError as err:
             problems.append(err)
             continue

@@ -158,19 +158,6 @@ def standing(x: float, turned: float = 0.0, count: int = 60) -> RawSweeps:
     return raw_sweeps(ranges + noise, angle_increment=np.float32(2 * np.pi / 360))
 
 
-@pytest.mark.parametrize(("x", "turned"), [(1.0, 0.0), (0.0, 0.09), (0.3, 0.05)])
-def test_one_background_of_two_places_is_told(x: float, turned: float, tmp_path: Path, lidarcli: Run) -> None:
-    write_log(tmp_path / "a.mcap", [standing(0.0)])
-    write_log(tmp_path / "b.mcap", [standing(x, turned)])
-    file = tmp_path / "bg.parquet"
-    ran = lidarcli("background", "build", tmp_path / "a.mcap", tmp_path / "b.mcap", "-o", file)
-    assert ran.code == 0
-    assert "note: the sensor of /scan (laser) seems to have moved, or to have stood in several places: " in ran.err
-    alone = lidarcli("background", "build", tmp_path / "a.mcap", "-o", tmp_path / "alone.parquet")
-    assert alone.code == 0
-    assert "seems to have moved" not in alone.err
-
-
 def test_a_sensor_that_is_moved_on_the_way_is_told(tmp_path: Path, lidarcli: Run) -> None:
     """Half of the sweeps are far from the background, and all of them together less than half."""
     file = tmp_path / "bg.parquet"
@@ -370,20 +357,6 @@ def test_views_that_do_not_overlap_are_refused(scene: Path, tmp_path: Path, lida
     assert notes(ran.err)[1] == (
         "no background for 660 of 1,780 ranges (37.1%) of frame laser: they look where it does not"
     )
-
-
-def test_a_log_with_several_sensors(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    both = tmp_path / "two.parquet"
-    assert lidarcli("-q", "background", "build", logs / "two.mcap", "-o", both).code == 0
-    assert pq.read_table(both)["topic"].unique().to_pylist() == ["/front", "/rear"]
-    ran = lidarcli("detect", logs / "two.mcap", "--background", both, "-o", tmp_path)
-    assert ran.code == 0
-    # What is there in half of the sweeps is background as much as what is behind it.
-    assert notes(ran.err) == ["compared with two.parquet: 0 appeared"]
-    # The frame is that of both, and the topic of neither.
-    ran = lidarcli("detect", logs / "run.mcap", "--background", both, "-o", tmp_path)
-    assert ran.code == 2
-    assert "two.parquet holds several sensors that may be frame laser of /scan: laser (/front), laser (/rear)" in ran.err
 
 
 def lap(folder: Path, name: str, shift: float = 0.0) -> Path:

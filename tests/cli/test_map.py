@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 from collections import Counter
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import pytest
 from mcap.reader import make_reader
 from PIL import Image
 
-from lidarcli.formalism.mapping.grid import FARTHEST_CELLS, FREE, OCCUPIED, UNKNOWN, Occupancy, compare
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps import CloudPoints, PlyWriter, read_map
 from lidarcli.pipeline.mapping import WRITERS
@@ -211,40 +210,3 @@ def test_a_cloud_that_cannot_be_written_ends_the_run(
     ran = lidarcli("map", log, log, *words)
     assert (ran.code, ran.out) == (5, "")
     assert names(tmp_path) == ["odd.mcap", "odd.tum"]
-
-
-def slow_compare(found: Occupancy, true: Occupancy) -> dict[str, float]:
-    """The figures by looking at every pair of cells."""
-
-    def cells(grid: Occupancy) -> Any:
-        rows, columns = np.nonzero(grid.cells == OCCUPIED)
-        return np.column_stack([columns + round(grid.x / 0.05), rows + round(grid.y / 0.05)])
-
-    mine, theirs = cells(found), cells(true)
-    apart = np.abs(mine[:, None] - theirs)
-    touching = apart.max(axis=2) <= 1
-    precision, recall = float(touching.any(axis=1).mean()), float(touching.any(axis=0).mean())
-    distance = np.minimum(np.hypot(*np.moveaxis(apart, 2, 0)).min(axis=0), FARTHEST_CELLS)
-    return {
-        "cells": len(mine),
-        "true_cells": len(theirs),
-        "precision": precision,
-        "recall": recall,
-        "f1": 2 * precision * recall / (precision + recall),
-        "mean_distance": float(distance.mean()) * 0.05,
-    }
-
-
-def test_two_maps_are_compared(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
-    assert lidarcli("-q", "map", walk / "walk.mcap", "-o", tmp_path / "m.yaml").code == 0
-    ran = lidarcli("-q", "diff", walk / "truth.yaml", tmp_path / "m.yaml", "--format", "json")
-    assert (ran.code, ran.err) == (0, "")
-    found = json.loads(ran.out)["figures"]
-    grid, true = read_map(tmp_path / "m.yaml"), read_map(walk / "truth.yaml")
-    right = slow_compare(grid, true)
-    assert asdict(compare(grid, true)) == pytest.approx(right)
-    assert {name: found[name] for name in ("precision", "recall", "f1")} == pytest.approx(
-        {name: right[name] for name in ("precision", "recall", "f1")}
-    )
-    assert (right["cells"], right["true_cells"]) == (1086, 583)
-    assert (found["precision"], found["recall"]) == pytest.approx((0.9862, 0.9931), abs=1e-4)

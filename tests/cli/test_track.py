@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.pipeline.objects import following
+from lidarcli.pipeline.objects import tracking
 from lidarcli.pipeline.runs import over_logs
 from lidarcli.tabular import SCHEMAS
 from tests.pipeline.patient import Patient
@@ -29,7 +29,7 @@ TABLES = ("objects", "sweeps", "tracks", "trajectories")
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every second object is an agent."""
-    monkeypatch.setattr(following, "Tracker", Patient)
+    monkeypatch.setattr(tracking, "Tracker", Patient)
 
 
 def names(folder: Path) -> list[str]:

@@ -23,8 +23,8 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects.following import TrackOptions
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
+from lidarcli.pipeline.objects.tracking import TrackOptions
 from lidarcli.pipeline.reading import path_check
 from lidarcli.pipeline.reading.path_check import check_paths
 from lidarcli.pipeline.reading.pose_sources import PoseOptions, find_poses

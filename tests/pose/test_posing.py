@@ -22,7 +22,7 @@ from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.path_check import CheckedPath
 from lidarcli.pipeline.reading.pose_sources import NO_POSES, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing

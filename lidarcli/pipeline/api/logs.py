@@ -29,8 +29,8 @@ from lidarcli.pipeline.api.options import (
     watched,
     with_keywords,
 )
-from lidarcli.pipeline.building import Building, BuildOptions, refuse_nothing, refuse_output
-from lidarcli.pipeline.detecting import Failed
+from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions, refuse_nothing, refuse_output
+from lidarcli.pipeline.detecting import ErrorCollector
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inspecting import info_dict, inspect_log
@@ -41,7 +41,7 @@ from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.trajectories import PathOptions, read_path, refuse_path, write_path
 from lidarcli.simulation import Simulated, run
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 from lidarcli.sweeps import SweepBatch
 
 
@@ -74,7 +74,7 @@ def read(log: Paths, **options: Unpack[Reading]) -> Iterator[SweepBatch]:
 
 def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBatch]:
     read, opening, poses = options
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     for source in sources:
         with failed.noted(source), open_source(source, opening) as log:
             masking = masking_of(log, read.rules, poses, read.topics)
@@ -111,7 +111,7 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
     """
     read, opening, poses = log_options(options)
     sources = sources_of(log, options["join"])
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     found = []
     with watched(progress, sources) as report:
         for source in sources:
@@ -150,7 +150,7 @@ def background(
     OutputError
         The table cannot be written.
     """
-    building = Building(
+    building = BackgroundBuilder(
         BuildOptions(
             *log_options(options), distance=options["station_distance"], angle=math.radians(options["station_angle"])
         )
@@ -201,7 +201,7 @@ def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options
         **{name: value for name, value in options.items() if name not in options_of(Reading)},  # type: ignore[arg-type]
     )
     sources = sources_of(log, options["join"])
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     outputs = [place(each) for each in several(output)]
     with MapRun(sources, outputs, made_with) as run, watched(progress, sources) as report:
         for source in sources:

@@ -41,9 +41,9 @@ from lidarcli.screen import Screen, byte_bar, count_bar
 if TYPE_CHECKING:
     from lidarcli.pipeline.cleaning import CleanOptions
     from lidarcli.pipeline.differing import DiffOptions
-    from lidarcli.pipeline.objects.following import TrackOptions
-    from lidarcli.pipeline.objects.options import DetectOptions
+    from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
     from lidarcli.pipeline.overlaying import OverlayOptions
     from lidarcli.pipeline.zoning import ZoneOptions
 
@@ -299,7 +299,7 @@ def detect_options(
     **more: Any,
 ) -> DetectOptions:
     """Return how objects are found; `parameters` replace the keywords of what an object is."""
-    from lidarcli.pipeline.objects.options import DetectOptions
+    from lidarcli.pipeline.objects.detection import DetectOptions
 
     background = background_options(options)
     catalogue = options["catalogue"]
@@ -322,7 +322,7 @@ def tracking_of(options: Values) -> TrackOptions:
     """Return how things are followed."""
     # These imports take long, and only tracking needs them.
     from lidarcli.formalism.parameters import TrackParameters
-    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
     how = TrackParameters(significance=options["significance"], memory=options["memory"])
     return TrackOptions(how, trajectories=options.get("trajectories", True))
@@ -332,7 +332,7 @@ def memory_of(options: Values) -> TrackOptions | None:
     """Return how `detect` judges things by all sweeps, if it does."""
     if not options["memory"]:
         return None
-    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
     return TrackOptions(tracks=False)
 

@@ -29,7 +29,7 @@ from lidarcli.pipeline.api.options import (
 from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
 from lidarcli.pipeline.exporting import chosen, export_file, format_of
 from lidarcli.pipeline.inputs.tables import tables_to_export, with_sweeps
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.reading import notes_of
 from lidarcli.tabular.schemas import BRIEF
@@ -37,7 +37,7 @@ from lidarcli.tabular.schemas import BRIEF
 if TYPE_CHECKING:
     import pandas as pd
 
-    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
 LogsOrBatches = Paths | SweepBatch | Iterable[SweepBatch]
 

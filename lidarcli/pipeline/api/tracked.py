@@ -24,13 +24,13 @@ from lidarcli.pipeline.api.options import (
     zone_options,
 )
 from lidarcli.pipeline.cleaning import clean_log
-from lidarcli.pipeline.detecting import Failed
+from lidarcli.pipeline.detecting import ErrorCollector
 from lidarcli.pipeline.differing import Difference, diff_inputs, inputs_of, refuse_outputs, write_changes
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.zoning import ZoneTables, watch
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 @with_keywords
@@ -174,7 +174,7 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
         raise TypeError("zones() needs zones=FILE")
     how = zone_options(options, log_options(options))
     sources = sources_of(log, options["join"])
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     found: list[ZoneTables] = []
     with watched(progress, sources) as report:
         for source in sources:

@@ -18,7 +18,7 @@ from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector
 from lidarcli.pipeline.inputs.masks import mask_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, Masking, masking_of
+from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, MaskRules, masking_of
 from lidarcli.pipeline.reading.path_check import CheckedPath
 from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions, of_one_run
 from lidarcli.pipeline.reading.posing import Posing
@@ -226,14 +226,14 @@ class _Deep:
         return found, self._masking.learned
 
 
-def _masking(log: Log, rules: RangeRules, poses: PoseOptions, choice: TopicChoice) -> tuple[Masking, Posing]:
+def _masking(log: Log, rules: RangeRules, poses: PoseOptions, choice: TopicChoice) -> tuple[MaskRules, Posing]:
     """Learn the mask of the robot itself, where the user gave none; return it and the poses."""
     if rules.masks is None or rules.masks.learn:
         with_mask = replace(rules, masks=Masks(learn=True))
         try:
             masking = masking_of(log, with_mask, poses, choice.wanted or None)
         except OptionError:
-            masking = Masking(replace(rules, masks=None))
+            masking = MaskRules(replace(rules, masks=None))
         if masking.posing is not None:
             return masking, masking.posing
     else:
