@@ -9,7 +9,7 @@ from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, are_shown_together, coloured, counted_bar, standard_output
 from lidarcli.option_forms import Argument, File, Option
 from lidarcli.options import OUTPUT, STDOUT, Overwrite, Reporting, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class ReportCommand(Overwrite, Reporting, total=False):
@@ -63,14 +63,14 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
     kinds = _kinds(outputs or (STDOUT,), options["format"], SUFFIXES)
     if brief and not {*kinds} & {*SHORT_FORMATS}:
         raise click.UsageError(f"--brief is for {', '.join(SHORT_FORMATS)}; leave it out for {kinds[0]}")
-    asked = ReportOptions(tables, checks, baseline, logs, options["join"])
-    understand(asked)
+    report_options = ReportOptions(tables, checks, baseline, logs, options["join"])
+    understand(report_options)
     files = [place(name) for name in outputs if name != STDOUT]
     if files:
         read = table_files([*tables, *baseline])
         refuse(files, options["overwrite"], [*map(str, read), *files_of(find_logs(logs))], devices=True)
     with counted_bar("report", None, "steps", messages) as progress:
-        made = make_report(asked, viewer="html" in kinds, progress=progress)
+        made = make_report(report_options, viewer="html" in kinds, progress=progress)
     written = [*zip(outputs or (STDOUT,), kinds, strict=True)]
     is_shown = any(name == STDOUT and form in SHORT_FORMATS for name, form in written)
     # Workflow commands are for the log of a step, which shows both.

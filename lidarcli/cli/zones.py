@@ -10,7 +10,7 @@ from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
 from lidarcli.options import GATES, STDOUT, ZONE_RULES, ManyLogs, Reported, Zoning, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
@@ -55,18 +55,18 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.machine import keep_freed_memory
-    from lidarcli.pipeline.api.zoning import zone_options
+    from lidarcli.pipeline.api.options import zone_options
     from lidarcli.pipeline.zoning import ZoneSummary, judge, refuse_outputs, understand, watch_files
 
     with usage_errors():
-        how = zone_options(options, logs, overwrite=options["overwrite"])
-        checks = understand(how, options["check"])
+        zoning = zone_options(options, logs, overwrite=options["overwrite"])
+        checks = understand(zoning, options["check"])
     messages.begin(options)
     sources = chosen_logs(messages, options)
-    if how.objects is not None and len(sources) != 1:
+    if zoning.objects is not None and len(sources) != 1:
         raise click.UsageError(f"--objects is for one log, and these are {len(sources):,}")
     folder = None if options["output"] is None else place(options["output"])
-    outputs = refuse_outputs(sources, folder, how)
+    outputs = refuse_outputs(sources, folder, zoning)
     if options["dry_run"]:
         return print_reads(sources, outputs)
     keep_freed_memory()
@@ -76,10 +76,10 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
 
     def lines_of(run: ZoneSummary) -> list[str]:
         where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
-        return [f"{where}, {counted(len(how.zones.zones), 'zone')}", *(f"  {line}" for line in run.lines)]
+        return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *(f"  {line}" for line in run.lines)]
 
     with progress_bar(sources, messages) as report:
-        for outcome in watch_files(sources, folder, how, report):
+        for outcome in watch_files(sources, folder, zoning, report):
             total.add(outcome)
             show(outcome, messages, lines_of)
             if isinstance(outcome.summary, ZoneSummary):

@@ -20,7 +20,6 @@ from lidarcli.pipeline.inputs.tables import (
     read_changes,
     read_table,
     read_tracks,
-    require,
 )
 from lidarcli.reports.changes import ChangesPart, changes_part
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check, verdict_of
@@ -41,9 +40,9 @@ from lidarcli.reports.summary import (
 )
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_in, zones_part
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.tabular.reading import Readable
-from lidarcli.tabular.schemas import EVENTS, LATER
+from lidarcli.tabular.schemas import EVENTS
 
 if TYPE_CHECKING:
     from lidarcli.reports.html import Page
@@ -314,9 +313,6 @@ def _load(
             step()
             objects = read_table(pair, "objects", columns)
             step()
-            # Any check of a column that is not there would pass.
-            for kind in LATER:
-                require(pair, kind, columns_needed(checks, kind) & LATER[kind])
         except UnreadableError as err:
             problems.append(err)
             continue

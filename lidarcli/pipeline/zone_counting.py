@@ -17,7 +17,7 @@ from lidarcli.formalism.zones import Inside, candidates, collision_steps, meetin
 from lidarcli.masks import Circle, Masks, Polygon
 from lidarcli.pipeline.zone_frames import Frames
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8
-from lidarcli.tabular.arrays import held, numbers
+from lidarcli.tabular.columns import held, numbers
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone
 
 NO_OBJECT = -1

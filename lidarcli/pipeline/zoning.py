@@ -17,18 +17,15 @@ from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.masks import Circle, Masks, Polygon, same_name
 from lidarcli.newfiles import refuse, scratch_folder
-from lidarcli.pipeline.detecting import detect_beside, second_of_two
+from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.masks import plain
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, world_in
-from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.pipeline.overlay_sources import AGAIN, Cursor
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
-from lidarcli.pipeline.reading.pose_sources import Need
-from lidarcli.pipeline.reading.velocities import TWIST, polygons, velocities
-from lidarcli.pipeline.runs.outcomes import Outcome
-from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
+from lidarcli.pipeline.reading.posing import TWIST, Need, polygons, velocities
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
 from lidarcli.pipeline.zone_counting import (
     OBJECT_COLUMNS,
     OLDEST_NS,
@@ -41,20 +38,18 @@ from lidarcli.pipeline.zone_counting import (
 )
 from lidarcli.pipeline.zone_events import AgentPaths, EventFinder, ZoneEvents
 from lidarcli.pipeline.zone_frames import Frames
-from lidarcli.pose.faults import Key
-from lidarcli.pose.messages import frame_name
-from lidarcli.pose.tree import WORLDS
+from lidarcli.pose.fit import Key
+from lidarcli.pose.sources import WORLDS
+from lidarcli.pose.tracks import frame_name
 from lidarcli.reports.checks import Check, Verdict, verdict_of
 from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import NEVER, figures_of, judge_zones, parse_zone_check, unobserved, zones_in
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tabular.arrays import answers, are, codes
-from lidarcli.tabular.reading import read_columns
-from lidarcli.tabular.rows import FORMS, constant
+from lidarcli.tabular.columns import COARSE, FORMS, answers, are, codes, constant
+from lidarcli.tabular.reading import AGAIN, TopicRows, read_columns
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
-from lidarcli.tabular.stamps import COARSE
 from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones
 
@@ -187,7 +182,7 @@ class ZoneReader:
         for zone in options.zones.zones:
             with self._judging(zone):
                 self._shapes[zone.name] = self._shapes_of(zone)
-        self._cursors: dict[str, tuple[Cursor, Cursor]] = {}
+        self._cursors: dict[str, tuple[TopicRows, TopicRows]] = {}
 
     @property
     def _zones(self) -> list[Zone]:
@@ -310,8 +305,8 @@ class ZoneReader:
             return None
         if batch.topic not in self._cursors:
             self._cursors[batch.topic] = (
-                Cursor(self._pair.sweeps, "sweeps", ("topic", "sweep", "stamp"), batch.topic),
-                Cursor(self._pair.objects, "objects", OBJECT_COLUMNS, batch.topic),
+                TopicRows(self._pair.sweeps, "sweeps", ("topic", "sweep", "stamp"), batch.topic),
+                TopicRows(self._pair.objects, "objects", OBJECT_COLUMNS, batch.topic),
             )
         sweeps, objects = (cursor.until(int(batch.sweep[-1]) + 1) for cursor in self._cursors[batch.topic])
         index = np.asarray(sweeps["sweep"])
@@ -533,8 +528,8 @@ def watch(
             private = stack.enter_context(scratch_folder())
             with open_source(source, options.detect.opening) as log:
                 finding = masked(log, options)
-            pair, found = detect_beside(source, private, finding, progress)
-            progress = second_of_two(progress, source.size)
+            pair, found = detect_to_temporary(source, private, finding, progress)
+            progress = second_half(progress, source.size)
         log = stack.enter_context(open_source(source, options.detect.opening))
         read, by_zone, described = ZoneReader(log, options, pair).run(source, progress)
         summary = ZoneSummary(**{name: getattr(read, name) for name in RunSummary.__dataclass_fields__})

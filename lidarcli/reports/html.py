@@ -23,14 +23,13 @@ from lidarcli._version import __version__
 from lidarcli.display import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
-from lidarcli.reports.changes_picture import Sight, changes_figure
+from lidarcli.palette import COLOURS, page_style, themed
 from lidarcli.reports.charts import charts
 from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.reports.document import NAMES, PAGE, Code, Document, FromAbove, PartsReport
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.ground import Ground, Raw, Walls, ground_of, limits_of, rows_of
-from lidarcli.reports.map_picture import MapPicture, map_figure
-from lidarcli.reports.palette import COLOURS, page_style, themed
+from lidarcli.reports.map_picture import MapPicture, Sight, changes_figure, map_figure
 from lidarcli.reports.programs import clean
 from lidarcli.reports.report import Report, track_cells
 from lidarcli.reports.summary import KINDS, Stream, Summary

@@ -77,18 +77,6 @@ def test_brief_is_not_for_programs(lidarcli: Run, run: Path, tmp_path: Path, kin
     assert f"--brief is for text, markdown, github; leave it out for {kind}" in ran.err
 
 
-def test_files_for_later_and_annotations_in_one_call(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    page, note = tmp_path / "a.json", tmp_path / "a.md"
-    ran = lidarcli("-q", "report", run, "--brief", "-o", page, "-o", note, "-o", "-", "--format", "github", *CHECKS)
-    assert ran.out == lidarcli("report", run, "--brief", "--format", "github", *CHECKS).out
-    assert page.read_text() == lidarcli("report", run, "--format", "json", *CHECKS).out
-    assert note.read_text() == lidarcli("report", run, "--format", "markdown", "--brief", *CHECKS).out
-    ran = lidarcli("report", run, "-o", page, "-o", note, "--format", "github", "--overwrite")
-    assert ran.code == 2
-    assert "--format is for an output whose suffix does not say its format, and all of these do" in ran.err
-    assert "b.log: the suffix names no format (.txt .md" in lidarcli("report", run, "-o", page, "-o", "b.log").err
-
-
 def test_github(lidarcli: Run, run: Path, tmp_path: Path) -> None:
     ran = lidarcli("report", run, tmp_path / "none.sweeps.parquet", *CHECKS, "--brief", "--format", "github")
     assert (ran.code, "no such file" in ran.err) == (3, False)
@@ -156,13 +144,3 @@ def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> 
     assert f"Warning: {warning}</p>" in lidarcli("report", unlike, "--format", "html").out
     assert (found["warnings"], found["maps"]) == ([warning], [])
     assert [stream["beams"] for stream in found["streams"]] == [100, 100, 360]
-
-
-def test_a_baseline_of_another_sensor(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    renamed = write_run(tmp_path / "renamed", [sweep(k, 1, frame_id="front") for k in range(20)])
-    text = lidarcli("report", run, "--baseline", renamed, "--brief").out
-    assert " ".join(text.split()).startswith(
-        "warning: the baseline is of another sensor (frames laser, front): what differs need not be in the scene "
-        "run: 20 sweeps"
-    )
-    assert "warning" not in lidarcli("report", run, "--baseline", run, "--brief").out

@@ -13,14 +13,13 @@ import pytest
 
 import lidarcli as package
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.generate import START_NS
 from lidarcli.simulation.scene import Course, Odometry
 from tests.cli.maps import Run, names
 from tests.interrupting import MOMENTS, ended, left
 from tests.pipeline.drawn import driven, round_about, told
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, round_room
-from tests.zones.runs import SENSOR, column, odometry_of, scans, scene_of, sweeps_of, twists, write_bag, zone_file
+from tests.zones.runs import SENSOR, column, odometry_of, scans, scene_of, sweeps_of, write_bag, zone_file
 
 STOP = """
 [[zone]]
@@ -112,25 +111,6 @@ def test_a_zone_behind_a_sensor_of_180_degrees(lidarcli: Run, tmp_path: Path) ->
     assert ran.code == 1
     assert "stop  never observed" in ran.err
     assert "nothing to measure" in ran.err
-
-
-@pytest.mark.slow
-def test_batches_of_any_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    path = Course(np.array([[-2.0, 0.0], [2.0, 0.0], [2.0, 2.0], [-2.0, 2.0]]), speed=1.0)
-    scene = scene_of(make.box(1.0, 1.0, 0.5, 0.5), make.box(3.0, 0.0, 0.5, 1.0), path=path, odometry=Odometry(), sweeps=60)
-    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)))
-    zones = zone_file(
-        tmp_path,
-        '[[zone]]\nname = "a"\nframe = "robot"\naction = "approach"\ncircle = { x = 0, y = 0, radius = 0.4 }\n'
-        '[[zone]]\nname = "w"\nframe = "world"\ncircle = { x = 1, y = 1, radius = 0.5 }\n',
-    )
-    found = []
-    for size in (720, 7 * 720, 1 << 20):
-        monkeypatch.setattr("lidarcli.logs.batches.BATCH_VALUES", size)
-        found.append(package.zones(log, zones=str(zones), no_objects=True))
-    assert found[0] == found[1] == found[2]
-    assert any(one is not None for one in column(found[0].zones, "ttc", zone="a"))
-    assert max(column(found[0].zones, "points", zone="w")) > 10
 
 
 def test_a_log_that_is_cut(lidarcli: Run, log: Path, tmp_path: Path) -> None:
@@ -228,22 +208,6 @@ def test_what_is_refused(lidarcli: Run, log: Path, tmp_path: Path, zone: str, op
     assert not (tmp_path / "out").exists()
 
 
-def test_tables_of_other_sweeps(lidarcli: Run, log: Path, tmp_path: Path) -> None:
-    assert lidarcli("detect", log, "-o", tmp_path / "tables", "--every", "2").code == 0
-    objects = tmp_path / "tables" / "run.objects.parquet"
-    zones = zones_of(tmp_path, STOP)
-    ran = lidarcli("zones", log, *zones, "--objects", objects)
-    assert ran.code == 3
-    assert "--every" in ran.err
-    assert lidarcli("zones", log, *zones, "--objects", objects, "--every", "2").code == 0
-
-
-def test_a_log_without_sweeps(lidarcli: Run, tmp_path: Path) -> None:
-    empty = write_bag(tmp_path / "empty.bag", twists([START_NS], (0.0, 0.0, 0.0)))
-    ran = lidarcli("zones", empty, *zones_of(tmp_path, STOP), "--no-objects", "-o", tmp_path / "out")
-    assert (ran.code, ran.err.count("\n")) == (4, 1)
-
-
 # Lines.
 
 
@@ -275,8 +239,20 @@ def test_of_several_logs_each_has_to_have_seen_a_zone(lidarcli: Run, log: Path, 
     assert "check failed: zones.behind.events has nothing to measure, expected == 0" in ran.err
 
 
-def test_a_footprint_that_no_zone_needs_is_refused(lidarcli: Run, log: Path, tmp_path: Path) -> None:
-    file = zone_file(tmp_path, STOP)
-    ran = lidarcli("zones", log, "--zones", file, "--footprint", "[[0, 0], [1, 0], [0, 1]]")
-    assert ran.code == 2
-    assert "--footprint is for zones whose shape a topic tells, and there are none" in ran.err
+@pytest.mark.slow
+def test_batches_of_any_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    path = Course(np.array([[-2.0, 0.0], [2.0, 0.0], [2.0, 2.0], [-2.0, 2.0]]), speed=1.0)
+    scene = scene_of(make.box(1.0, 1.0, 0.5, 0.5), make.box(3.0, 0.0, 0.5, 1.0), path=path, odometry=Odometry(), sweeps=60)
+    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)))
+    zones = zone_file(
+        tmp_path,
+        '[[zone]]\nname = "a"\nframe = "robot"\naction = "approach"\ncircle = { x = 0, y = 0, radius = 0.4 }\n'
+        '[[zone]]\nname = "w"\nframe = "world"\ncircle = { x = 1, y = 1, radius = 0.5 }\n',
+    )
+    found = []
+    for size in (720, 7 * 720, 1 << 20):
+        monkeypatch.setattr("lidarcli.logs.batches.BATCH_VALUES", size)
+        found.append(package.zones(log, zones=str(zones), no_objects=True))
+    assert found[0] == found[1] == found[2]
+    assert any(one is not None for one in column(found[0].zones, "ttc", zone="a"))
+    assert max(column(found[0].zones, "points", zone="w")) > 10
