@@ -1,4 +1,4 @@
-"""Counts of each sweep of a topic in each zone: a fold over batches, with some numbers for each sweep and zone."""
+"""Counts of each sweep in each zone, batch by batch."""
 
 from __future__ import annotations
 

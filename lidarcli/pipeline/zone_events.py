@@ -1,4 +1,4 @@
-"""From what each sweep has in a zone to the events of the zone, and its rows in the table of zones."""
+"""The events of a zone, and its rows in the table of zones, from the counts of each sweep."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of `zones`, and zones as plain values."""
+"""`zones`: a pass over a log that counts what is in its zones, and the tables, lines and notes of it."""
 
 from __future__ import annotations
 
@@ -54,6 +54,9 @@ from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones
 
 TABLES = ("events", "zones")
+NAMED = ("name", "frame", "action", "count", "min_points", "trigger", "release", "hold", "timeout")
+"""Fields of every zone in the metadata, beside those that it has."""
+_MASKED = "masks of the zone file hide beams, but no objects of --objects: give --mask where these are made, too"
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +96,6 @@ class ZoneOptions:
         more: dict[str, Any] = {"zone_masks": plain(self.zones.masks), "robot": self.zones.robot}
         more["footprint"] = None if self.footprint is None else self.footprint.corners
         return self.detect.as_dict() | own | {name: value for name, value in more.items() if value}
-
-
-NAMED = ("name", "frame", "action", "count", "min_points", "trigger", "release", "hold", "timeout")
-"""Fields of every zone in the metadata, beside those that it has."""
 
 
 def zone_dict(zone: Zone) -> dict[str, Any]:
@@ -469,9 +468,6 @@ def masked(log: Log, options: ZoneOptions) -> DetectOptions:
     mounts = frames.mounts_in({mask.frame for mask in zones.masks.masks if mask.frame})
     masks = Masks((*own.masks, *zones.masks.masks), (*frames.mounts, *mounts), own.path)
     return replace(detect, read=replace(detect.read, rules=replace(masking.rules, masks=masks)))
-
-
-_MASKED = "masks of the zone file hide beams, but no objects of --objects: give --mask where these are made, too"
 
 
 class ZoneTables(NamedTuple):

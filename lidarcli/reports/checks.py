@@ -70,6 +70,12 @@ TRUTH = {"true": True, "false": False}
 KEYWORDS = frozenset({"and", "or", "not", "between", "is", "null", "where", *TRUTH})
 UNKNOWN = 0.5
 """Truth of a comparison with null, between those of what is false and what is true."""
+OFFERED = 3
+"""Most figures that a message offers for an unknown one."""
+OF_TRACKS = frozenset({"vx", "vy", "moving"})
+"""Columns of the objects table that are empty without tracks: a check of them would always hold."""
+_COMPARISON = re.compile(r"\s*(==|!=|<=|>=|<|>|\bbetween\b)[^=!<>]*$")
+"""The end of a check, from its comparison on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,12 +317,6 @@ def read_limits(tokens: Tokens) -> tuple[float, float]:
     return low, high
 
 
-OFFERED = 3
-"""Most figures that a message offers for an unknown one."""
-OF_TRACKS = frozenset({"vx", "vy", "moving"})
-"""Columns of the objects table that are empty without tracks: a check of them would always hold."""
-
-
 @dataclass(frozen=True, slots=True)
 class Check:
     """A check, parsed."""
@@ -364,10 +364,6 @@ class Check:
         if self.sign == "between":
             return self.low <= value <= self.high
         return bool(COMPARE[self.sign](value, self.low))
-
-
-_COMPARISON = re.compile(r"\s*(==|!=|<=|>=|<|>|\bbetween\b)[^=!<>]*$")
-"""The end of a check, from its comparison on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -484,11 +480,11 @@ def _count(check: Check, condition: Condition, run: Run) -> float | None:
     return float(chosen.sum())
 
 
-def count_events(condition: Condition, watched: ZoneRows) -> float | None:
+def count_events(condition: Condition, zone_rows: ZoneRows) -> float | None:
     """Return the number of events for which a condition holds; None if no zone was ever observed."""
-    if not watched.zones.numbers("observed").any():
+    if not zone_rows.zones.numbers("observed").any():
         return None
-    return float(condition.holds(watched.events).sum())
+    return float(condition.holds(zone_rows.events).sum())
 
 
 def _asked_for(condition: Condition, run: Run) -> Bool:

@@ -22,6 +22,8 @@ TEXT, MARKDOWN, PAGE = "text", "markdown", "page"
 """Formats for people: the terminal, Markdown and HTML."""
 Line = tuple[str, ...]
 """A line of running text in parts, some of which are `Code`."""
+NAMES = frozenset({"zone", "kind", "by", "log", "status", "detail", "shape", "label", "end"})
+"""Columns of `table_of` that hold names, which are flush left; numbers are flush right."""
 
 
 class Code(str):
@@ -48,10 +50,6 @@ class Table:
     """Columns that are flush right."""
     more: str = ""
     """Rows that are left out, in words."""
-
-
-NAMES = frozenset({"zone", "kind", "by", "log", "status", "detail", "shape", "label", "end"})
-"""Columns of `table_of` that hold names, which are flush left; numbers are flush right."""
 
 
 def table_of(cells: Mapping[str, Sequence[str]], more: str = "") -> Table:

@@ -119,7 +119,7 @@ def _comparison(comparison: Comparison) -> dict[str, Any]:
         },
         "figures": _numbers(comparison.figures),
         "parameters": [{"name": name, "here": here, "baseline": there} for name, here, there in comparison.parameters],
-        "changes": [asdict(change) for change in comparison.changes],
+        "changes": [plain_fields(one, "log", "topic", "sweep", "before", "now") for one in comparison.changes],
     }
 
 

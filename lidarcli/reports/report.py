@@ -181,7 +181,7 @@ def _comparison(summary: Summary, comparison: Comparison) -> Iterator[tuple[str,
     yield "comparison", Section("Compared with the baseline", [table, Notes([*notes, (comparison.words,)])])
     if comparison.changes:
         changes = [
-            (one.log, one.topic, str(one.sweep), str(one.before), str(one.now), f"{one.difference:+d}")
+            (one.log, one.topic, str(one.sweep), str(one.before), str(one.now), f"{one.now - one.before:+d}")
             for one in comparison.changes
         ]
         table = Table(("log", "topic", "sweep", "before", "now", "change"), changes, (2, 3, 4, 5))
