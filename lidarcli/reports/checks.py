@@ -440,8 +440,6 @@ def parse_check(
     elif only is None:
         _known(tokens, token, compared, zones)
     elif token.text not in only:
-        if zones is not None:
-            _refuse_of_objects(tokens, token)
         raise _unknown(tokens, token, only, page, zones or ())
     if tokens.take_if("between"):
         sign = "between"
@@ -541,17 +539,6 @@ def _known(tokens: Tokens, token: Token, compared: bool, zones: Collection[str] 
     known = [*names, *spreads]
     delta = [*figures.COMPARED, *(figures.DELTA + other for other in known)]
     raise _unknown(tokens, token, dict.fromkeys([*known, *of_changes, *delta]), zones=zones)
-
-
-def _refuse_of_objects(tokens: Tokens, token: Token) -> None:
-    """Refuse a figure of tables of objects where there are those of zones alone."""
-    name = token.text.removeprefix(figures.DELTA)
-    maker = "track" if name in figures.track_names() else "detect or track" if name in figures.names() else ""
-    if maker:
-        raise tokens.error(
-            f"unknown figure '{name}' of zones; it is of the tables of lidarcli {maker}, which report takes beside these;",
-            token,
-        )
 
 
 def _unknown(

@@ -205,19 +205,19 @@ class Document(ABC):
         total = len(self.verdicts)
         if not total:
             return ""
-        return f"Checks: {failed or total} of {total} {'failed' if failed else 'passed'}{self._seen}"
+        return f"Checks: {failed or total} of {total} {'failed' if failed else 'passed'}{self._partly}"
 
     def check_cards(self) -> list[Card]:
         """Return the card of the checks; none without checks."""
         if not self.verdicts:
             return []
         failed = sum(not verdict.holds for verdict in self.verdicts)
-        words = f"{f'{failed} failed' if failed else 'all hold'}{self._seen}"
+        words = f"{f'{failed} failed' if failed else 'all hold'}{self._partly}"
         held = f"{len(self.verdicts) - failed} of {len(self.verdicts)}"
         return [Card("checks", held, words, alarming=not self.holds)]
 
     @property
-    def _seen(self) -> str:
+    def _partly(self) -> str:
         return ", on part of the data" if self.problems else ""
 
     @property

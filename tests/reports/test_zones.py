@@ -147,12 +147,6 @@ def test_events_of_zones_that_were_never_observed_are_nothing_to_measure() -> No
         ("zones.stop == 0", "unknown figure '' of zone stop; there are events"),
         ("zones.stop.dwell == 0", "zones.stop.dwell has several values, choose one of .mean, .std"),
         ("delta.zones.stop.events == 0", "delta.zones.stop.events needs a --baseline"),
-        (
-            "sweeps > 3",
-            "unknown figure 'sweeps' of zones; it is of the tables of lidarcli detect or track, which report takes beside "
-            "these; at 'sweeps', column 1",
-        ),
-        ("tracks == 0", "unknown figure 'tracks' of zones; it is of the tables of lidarcli track, which"),
         ("swepes > 3", "unknown figure 'swepes'; docs/reports.md has all;"),
         ("stop.events == 0", "unknown figure 'stop.events'; did you mean zones.stop.events?"),
         ("stpo.weight == 0", "unknown figure 'stpo.weight'; docs/reports.md has all;"),
