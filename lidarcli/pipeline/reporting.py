@@ -133,24 +133,19 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
         # Only now it is known which zones there are.
         checks = understand(options, run.zones.names)
     unseen = (*_unseen(checks, run.sources), *_unobserved(checks, run), *_unseen_changes(checks, changes))
-    of_changes = {} if changes is None else changes.figures
-    if not options.baseline:
-        summary = summarise(run)
-        verdicts = tuple(judge(check, summary.figures | of_changes, run) for check in checks)
-        report = Report(summary, changes=changes, verdicts=verdicts, unread=problems, unseen=unseen)
-        step()
-        return _with_page(report, run, pairs, options) if viewer else PagedReport(report)
-    compared = [check for check in checks if check.name.startswith(DELTA)]
-    base_run, _, base_problems = _load(*base_found, compared, False, step)
-    if base_problems:
-        raise UnreadableError(f"baseline: {base_problems[0]}")
-    # Both runs share the edges of their histograms.
-    edges = edges_of(*(values_of(one, streams_of(one)) for one in (run, base_run)))
-    summary, baseline = summarise(run, edges), summarise(base_run, edges)
-    comparison = compare(run, summary, base_run, baseline)
-    values = summary.figures | comparison.figures | of_changes
-    verdicts = tuple(judge(check, values, run) for check in checks)
-    report = Report(summary, comparison, changes, verdicts=verdicts, unread=problems, unseen=unseen)
+    if options.baseline:
+        compared = [check for check in checks if check.name.startswith(DELTA)]
+        base_run, _, base_problems = _load(*base_found, compared, False, step)
+        if base_problems:
+            raise UnreadableError(f"baseline: {base_problems[0]}")
+        # Both runs share the edges of their histograms.
+        edges = edges_of(*(values_of(one, streams_of(one)) for one in (run, base_run)))
+        summary = summarise(run, edges)
+        report = Report(summary, compare(run, summary, base_run, summarise(base_run, edges)), changes)
+    else:
+        report = Report(summarise(run), None, changes)
+    verdicts = tuple(judge(check, report.figures, run) for check in checks)
+    report = replace(report, verdicts=verdicts, unread=problems, unseen=unseen)
     step()
     return _with_page(report, run, pairs, options) if viewer else PagedReport(report)
 

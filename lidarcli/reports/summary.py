@@ -314,17 +314,6 @@ def _around(score: Float64, row: int) -> slice:
 
 
 @dataclass(frozen=True, slots=True)
-class Label:
-    """A name of the catalogue, and the numbers of its tracks and objects."""
-
-    name: str
-    tracks: int | None
-    """None where nothing was tracked."""
-    objects: int
-    """Rows of the objects table."""
-
-
-@dataclass(frozen=True, slots=True)
 class TracksSummary:
     """The tracks of a run."""
 
@@ -389,14 +378,15 @@ def tracked_of(run: Run, streams: Streams) -> TracksSummary | None:
     )
 
 
-def labels_of(run: Run) -> tuple[Label, ...]:
-    """Return the names of the catalogue that occur, by name."""
+def labels_of(run: Run) -> list[Record]:
+    """Return each `name` of the catalogue that occurs, with its numbers of `tracks`, None if nobody tracked, and `objects`."""
     objects = run.objects.counts("label", run.is_object)
     tracks = {} if run.tracks is None else run.tracks.counts("label")
-    return tuple(
-        Label(name, None if run.tracks is None else tracks.get(name, 0), objects.get(name, 0))
-        for name in sorted({*objects, *tracks})
-    )
+    names = sorted({*objects, *tracks})
+    count = [None if run.tracks is None else tracks.get(name, 0) for name in names]
+    return [
+        Record(name=name, tracks=number, objects=objects.get(name, 0)) for name, number in zip(names, count, strict=True)
+    ]
 
 
 def _agent_share(run: Run) -> float | None:
@@ -449,7 +439,7 @@ class Summary:
     outliers: list[Record]
     tracked: TracksSummary | None
     """None without tracks tables."""
-    labels: tuple[Label, ...]
+    labels: list[Record]
     """Names of the catalogue that occur."""
     zones: ZonesPart | None
     """None without tables of zones."""

@@ -7,7 +7,7 @@ import pytest
 
 from lidarcli.reports import summary
 from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.reports.summary import Label, scene_of, summarise
+from lidarcli.reports.summary import scene_of, summarise
 from tests.reports.runs import crossing, run_of, sweep, thing, track
 
 
@@ -52,7 +52,7 @@ def test_figures_of_a_crossing() -> None:
         (3, 5, 0.5, True),
     ]
     assert [one.track for one in tracked.most(2)] == [2, 3]
-    assert found.labels == (Label("pallet", 1, 10),)
+    assert [(one.name, one.tracks, one.objects) for one in found.labels] == [("pallet", 1, 10)]
 
 
 def test_agents_at_once_are_things_and_not_objects() -> None:
