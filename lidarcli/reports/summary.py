@@ -379,7 +379,7 @@ def tracked_of(run: Run, streams: Streams) -> TracksSummary | None:
 
 
 def labels_of(run: Run) -> list[Record]:
-    """Return each `name` of the catalogue that occurs, with its numbers of `tracks`, None if nobody tracked, and `objects`."""
+    """Return each `name` of the catalogue that occurs, with numbers of `tracks`, None without any, and `objects`."""
     objects = run.objects.counts("label", run.is_object)
     tracks = {} if run.tracks is None else run.tracks.counts("label")
     names = sorted({*objects, *tracks})
