@@ -79,7 +79,7 @@ def test_what_kind_of_scene_it_is() -> None:
 
 def test_without_a_tracks_table_nothing_is_said_of_tracks() -> None:
     found = summarise(run_of([sweep(0, 1)], [thing(0, 1)]))
-    assert (found.tracked, found.labels) == (None, ())
+    assert (found.tracked, found.labels) == (None, [])
     assert found.figures["agents"] == 0
 
 
