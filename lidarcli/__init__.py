@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.api.cleaning import clean
     from lidarcli.pipeline.api.files import diff, export, simulate
     from lidarcli.pipeline.api.logs import background, info, map, poses, read
-    from lidarcli.pipeline.api.overlaying import overlay
-    from lidarcli.pipeline.api.showing import RunReport, plot, report
+    from lidarcli.pipeline.api.pictures import overlay, plot
+    from lidarcli.pipeline.api.showing import RunReport, report
     from lidarcli.pipeline.api.tables import Tables, detect, tables, track
     from lidarcli.pipeline.api.zoning import zones
     from lidarcli.pipeline.detecting import TrackTables
@@ -53,8 +53,8 @@ _HOMES = {
     "lidarcli.pipeline.api.tables": ("Tables", "detect", "tables", "track"),
     "lidarcli.pipeline.api.files": ("diff", "export", "simulate"),
     "lidarcli.pipeline.api.logs": ("background", "info", "map", "poses", "read"),
-    "lidarcli.pipeline.api.overlaying": ("overlay",),
-    "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
+    "lidarcli.pipeline.api.pictures": ("overlay", "plot"),
+    "lidarcli.pipeline.api.showing": ("RunReport", "report"),
     "lidarcli.pipeline.api.zoning": ("zones",),
     "lidarcli.pipeline.detecting": ("TrackTables",),
     "lidarcli.pipeline.differing": ("Difference",),

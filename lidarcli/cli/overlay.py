@@ -40,7 +40,7 @@ def overlay(say: Messages, told: OverlayCommand) -> int:
     logs = log_options(told)
 
     from lidarcli.machine import keep_freed_memory
-    from lidarcli.pipeline.api.overlaying import overlay_options
+    from lidarcli.pipeline.api.pictures import overlay_options
     from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.objects.subtracting import Subtracting
     from lidarcli.pipeline.zone_frames import Showing, ShownZone
     from lidarcli.zone import Zones
+P = TypeVar("P")
 BATCH = 64
 NEAR = 1.0
 """Farthest time from a sweep that stands for it [s]: most sensors sweep ten times in a second."""
@@ -75,15 +77,15 @@ class PlotOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class Drawn(Generic[P]):
     """Pictures, with the notes and the damage of reading."""
 
-    pictures: tuple[Picture, ...]
+    pictures: tuple[P, ...]
     notes: tuple[str, ...]
     damage: tuple[str, ...]
 
 
-def take_pictures(source: Source, options: PlotOptions) -> Drawn:
+def take_pictures(source: Source, options: PlotOptions) -> Drawn[Picture]:
     """Return pictures of the wanted sweeps of a log with their objects; errors name the log.
 
     Raises
@@ -93,16 +95,22 @@ def take_pictures(source: Source, options: PlotOptions) -> Drawn:
     NoScanError
         There is no LaserScan, or not the topic that was asked for.
     """
-    work = _Work(source, options)
+    with _naming(source):
+        return _take(source, options, _Work(source, options))
+
+
+@contextmanager
+def _naming(source: Source) -> Iterator[None]:
+    """Let errors of reading name the log."""
     try:
-        return _take(source, options, work)
+        yield
     except (NoScanError, UnreadableError) as err:
-        if str(err).startswith(f"{source.path}: ") or str(err).startswith(f"{source.label}: "):
+        if str(err).startswith((f"{source.path}: ", f"{source.label}: ")):
             raise
         raise type(err)(f"{source.label}: {err}") from err
 
 
-def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
+def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn[Picture]:
     with open_source(source, options.opening) as log:
         choice = TopicChoice([options.topic] if options.topic else [], log.topics())
         topic, notes = _topic(choice)
@@ -354,13 +362,13 @@ class _Work:
         return compared if self._showing is None else [*compared, *self._showing.notes()]
 
 
-def picture_bytes(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
-    """Return the picture as a PNG, SVG or PDF."""
-    return draw(picture, view, suffix, look)
+def picture_bytes(picture: Picture | MapPicture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
+    """Return a picture as a PNG, SVG or PDF."""
+    return draw_map(picture, suffix, look) if isinstance(picture, MapPicture) else draw(picture, view, suffix, look)
 
 
 def write_pictures(
-    paths: Sequence[Place], pictures: Sequence[Picture], view: str, overwrite: bool, look: Look = AS_IT_COMES
+    paths: Sequence[Place], pictures: Sequence[Picture | MapPicture], view: str, overwrite: bool, look: Look = AS_IT_COMES
 ) -> list[str]:
     """Write each picture to its file; notes as of `NewFiles.publish`.
 
@@ -376,7 +384,7 @@ def write_pictures(
             raise OptionError(f"{path}: the suffix has to be one of {', '.join(IMAGES)}")
     notes: list[str] = []
     for path, picture in zip(paths, pictures, strict=True):
-        notes += write_whole(path, draw(picture, view, path.suffix.lower(), look), overwrite)
+        notes += write_whole(path, picture_bytes(picture, view, path.suffix.lower(), look), overwrite)
     return notes
 
 
@@ -398,18 +406,9 @@ def write_animation(
         return new.publish()
 
 
-@dataclass(frozen=True, slots=True)
-class DrawnMap:
-    """Pictures of a map, with the notes and the damage of reading."""
-
-    pictures: tuple[MapPicture, ...]
-    notes: tuple[str, ...]
-    damage: tuple[str, ...]
-
-
 def take_map(
     source: Source, options: MapOptions, sweeps: Sequence[int] | None = None, tracks: str | None = None
-) -> DrawnMap:
+) -> Drawn[MapPicture]:
     """Return pictures of the map of a log with the path of its sensor.
 
     Parameters
@@ -427,7 +426,8 @@ def take_map(
     from lidarcli.pipeline.mapping import Mapping
 
     mapping = Mapping(options)
-    summary = mapping.add(source)
+    with _naming(source):
+        summary = mapping.add(source)
     paths = [np.column_stack([path.x, path.y]) for path in mapping.paths]
     found = None if tracks is None else _overview(tracks, source, mapping)
     whole = MapPicture(
@@ -438,29 +438,14 @@ def take_map(
         title=f"{source.name}  {_frame_words(mapping.worlds)}",
     )
     if sweeps is None:
-        return DrawnMap((whole,), tuple(summary.notes), tuple(summary.damage))
+        return Drawn((whole,), tuple(summary.notes), tuple(summary.damage))
     shots = _snapshots(source, options, sweeps)
     pictures = tuple(replace(whole, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps)
-    return DrawnMap(pictures, tuple(summary.notes), tuple(summary.damage))
+    return Drawn(pictures, tuple(summary.notes), tuple(summary.damage))
 
 
 def _frame_words(worlds: Iterable[str]) -> str:
     return ", ".join("path matched from the sweeps" if one == MATCH else f"frame {one}" for one in worlds)
-
-
-def map_bytes(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
-    """Return the picture as a PNG, SVG or PDF."""
-    return draw_map(picture, suffix, look)
-
-
-def write_maps(
-    paths: Sequence[Place], pictures: Sequence[MapPicture], overwrite: bool, look: Look = AS_IT_COMES
-) -> list[str]:
-    """Write each picture to its file; notes as of `NewFiles.publish`."""
-    notes: list[str] = []
-    for path, picture in zip(paths, pictures, strict=True):
-        notes += write_whole(path, draw_map(picture, path.suffix.lower(), look), overwrite)
-    return notes
 
 
 def _overview(tracks: str, source: Source, mapping: Mapping) -> MapPicture:
