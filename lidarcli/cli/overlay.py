@@ -31,23 +31,23 @@ class OverlayCommand(OneLog, Overwrite, TextOrJson, Overlaying, total=False):
   ros2 bag play -i run.mcap -i run.overlay.mcap""",
     rules=OVERLAY_RULES,
 )
-def overlay(say: Messages, told: OverlayCommand) -> int:
+def overlay(messages: Messages, options: OverlayCommand) -> int:
     """Write objects and tracks as markers that viewers play.
 
     One visualization_msgs/MarkerArray per sweep on /lidarcli/objects: outlines, bodies,
     labels and velocities. Open the file together with the log, or give --with-log.
     """
-    logs = log_options(told)
+    logs = log_options(options)
 
     from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.pictures import overlay_options
     from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
 
-    options = overlay_options(told, logs, overwrite=told["overwrite"])
+    how = overlay_options(options, logs, overwrite=options["overwrite"])
     keep_freed_memory()
-    say.of_missing_core()
-    say.begin(told)
-    source, path = one_log(told["log"], told["join"]), place(told["output"])
-    refuse_overlay(path, source, options)
-    return of_one_log(say, source, lambda one, progress: write_overlay(one, path, options, progress))
+    messages.of_missing_core()
+    messages.begin(options)
+    source, path = one_log(options["log"], options["join"]), place(options["output"])
+    refuse_overlay(path, source, how)
+    return of_one_log(messages, source, lambda one, progress: write_overlay(one, path, how, progress))

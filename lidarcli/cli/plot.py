@@ -95,16 +95,16 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
   lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 --overwrite""",
     rules=PLOT_RULES,
 )
-def plot(say: Messages, told: Mapping[str, Any]) -> int:
+def plot(messages: Messages, options: Mapping[str, Any]) -> int:
     """Draw sweeps: scene with boxes, r(theta), s(theta), map.
 
     Without -o the picture is LOG-0.png in the current directory, and so on. Only the log
     up to the last of these sweeps is read; with --view map, all of it.
     """
-    output, view, animate = told["output"], told["view"], told["animate"]
-    in_world, sweeps = view == MAP, _wanted_sweeps(told)
-    read = log_options({**told, "start": None, "end": None}).read
-    look = Look(*(told[field] for field in ("width", "dpi", "title", "legend", "vertices", "fps")))
+    output, view, animate = options["output"], options["view"], options["animate"]
+    in_world, sweeps = view == MAP, _wanted_sweeps(options)
+    read = log_options({**options, "start": None, "end": None}).read
+    look = Look(*(options[field] for field in ("width", "dpi", "title", "legend", "vertices", "fps")))
     _refuse_suffix(output, animate)
     if output == STDOUT and (animate or len(sweeps or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
@@ -120,48 +120,48 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
     from lidarcli.pipeline.inputs.tables import table_files
     from lidarcli.pipeline.plotting import picture_bytes, sweep_at, take_map, take_pictures, write_animation, write_pictures
 
-    wanted = replace(plot_options(told, None, sweeps), tracks=told["tracks"])
-    source = one_log(told["log"], told["join"])
-    if told["at"] is not None:
-        wanted = replace(wanted, sweeps=(sweep_at(source, told["at"], wanted.topic, wanted.opening),))
-    elif in_world and told["sweep"] is None and told["sweeps"] is None:
+    wanted = replace(plot_options(options, None, sweeps), tracks=options["tracks"])
+    source = one_log(options["log"], options["join"])
+    if options["at"] is not None:
+        wanted = replace(wanted, sweeps=(sweep_at(source, options["at"], wanted.topic, wanted.opening),))
+    elif in_world and options["sweep"] is None and options["sweeps"] is None:
         wanted = replace(wanted, sweeps=None)
     paths = _outputs(output, source, wanted.sweeps, animate, in_world)
     if output != STDOUT:
-        others = [file for file in (wanted.background, told["mask"], wanted.poses.file, *told["zones"]) if file]
-        others += [str(table) for table in table_files([told["tracks"]] if told["tracks"] else [])]
-        refuse(paths, told["overwrite"], [*files_of([source]), *others])
+        others = [file for file in (wanted.background, options["mask"], wanted.poses.file, *options["zones"]) if file]
+        others += [str(table) for table in table_files([options["tracks"]] if options["tracks"] else [])]
+        refuse(paths, options["overwrite"], [*files_of([source]), *others])
     drawn: Drawn[Any]
     if in_world:
         from lidarcli.pipeline.mapping import MapOptions
 
         how = MapOptions(read, wanted.opening, wanted.poses, parameters=wanted.parameters)
-        drawn = take_map(source, how, wanted.sweeps, told["tracks"])
+        drawn = take_map(source, how, wanted.sweeps, options["tracks"])
     else:
         drawn = take_pictures(source, wanted)
-    say.notes(drawn.notes)
+    messages.notes(drawn.notes)
     pictures: Sequence[Any] = drawn.pictures
     if output == STDOUT:
         standard_output().buffer.write(picture_bytes(pictures[0], view, ".png", look))
     else:
         if animate:
-            with counted_bar(paths[0].name, len(pictures), "frames", say) as report:
-                notes = write_animation(paths[0], pictures, view, told["overwrite"], look, report)
+            with counted_bar(paths[0].name, len(pictures), "frames", messages) as report:
+                notes = write_animation(paths[0], pictures, view, options["overwrite"], look, report)
         else:
-            notes = write_pictures(paths, pictures, view, told["overwrite"], look)
-        say.wrote(paths)
-        say.notes(notes)
+            notes = write_pictures(paths, pictures, view, options["overwrite"], look)
+        messages.wrote(paths)
+        messages.notes(notes)
     for line in drawn.damage:
-        say.error(source.label, line)
+        messages.error(source.label, line)
     return UnreadableError.exit_code if drawn.damage else 0
 
 
-def _wanted_sweeps(told: Mapping[str, Any]) -> tuple[int, ...] | None:
+def _wanted_sweeps(options: Mapping[str, Any]) -> tuple[int, ...] | None:
     """The sweeps to draw; None for all."""
-    sweep, sweeps = told["sweep"], told["sweeps"]
+    sweep, sweeps = options["sweep"], options["sweeps"]
     if sweep is not None:
         return (sweep,)
-    return (0,) if sweeps is None and not told["animate"] else sweeps
+    return (0,) if sweeps is None and not options["animate"] else sweeps
 
 
 def _outputs(

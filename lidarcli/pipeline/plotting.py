@@ -96,7 +96,7 @@ def take_pictures(source: Source, options: PlotOptions) -> Drawn[Picture]:
         There is no LaserScan, or not the topic that was asked for.
     """
     with _naming(source):
-        return _take(source, options, _Work(source, options))
+        return _take(source, options, _PictureMaker(source, options))
 
 
 @contextmanager
@@ -110,7 +110,7 @@ def _naming(source: Source) -> Iterator[None]:
         raise type(err)(f"{source.label}: {err}") from err
 
 
-def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn[Picture]:
+def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Picture]:
     with open_source(source, options.opening) as log:
         choice = TopicChoice([options.topic] if options.topic else [], log.topics())
         topic, notes = _topic(choice)
@@ -118,7 +118,7 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn[Picture]:
         masking = masking_of(log, options.rules, options.poses, topics)
         read = ReadOptions(topics=topics, start=options.start, end=options.end, batch_size=BATCH, rules=masking.rules)
         rows: list[SweepBatch] = []
-        seen = -1
+        last = -1
         showing = _showing(log, options.zones)
         posed = options.background or (showing is not None and showing.is_in_world)
         posing = Posing.of(log, options.poses if posed else NO_POSES, choice, options.rules)
@@ -129,18 +129,18 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn[Picture]:
             if batch.topic != topic:
                 continue
             rows += _wanted(batch, options.sweeps)
-            seen = int(batch.sweep[-1])
-            if options.sweeps is not None and seen >= max(options.sweeps):
+            last = int(batch.sweep[-1])
+            if options.sweeps is not None and last >= max(options.sweeps):
                 break
             if len(rows) > MOST_PICTURES:
                 raise OptionError(f"more than {MOST_PICTURES:,} sweeps to draw; choose some with --sweeps")
         damage = tuple(damage_lines(posing.together(report)))
         work.place(rows, showing)
-    if seen < 0 and report.notes and (options.start is not None or options.end is not None):
+    if last < 0 and report.notes and (options.start is not None or options.end is not None):
         raise OptionError(f"{source.label}: {report.notes[-1]}")
-    if seen < 0:
+    if last < 0:
         raise nothing_read(damage, NoScanError("no LaserScan in it"), [topic] if topic else [])
-    _refuse_missing(source, rows, options.sweeps, f"{topic}: the last one is {seen}", damage)
+    _refuse_missing(source, rows, options.sweeps, f"{topic}: the last one is {last}", damage)
     by_index = {int(row.sweep[0]): row for row in rows}
     order = options.sweeps if options.sweeps is not None else tuple(sorted(by_index))
     pictures = tuple(work.picture(by_index[index]) for index in order)
@@ -223,7 +223,7 @@ def picture_of(batch: SweepBatch, sweep: int, options: PlotOptions) -> Picture:
         there = f"{batch.sweep[0]} to {batch.sweep[-1]}" if len(batch) else "none"
         raise OptionError(f"no sweep {sweep} of {batch.topic} in this batch, whose sweeps are {there}")
     name = batch.log or batch.topic.lstrip("/")
-    return _Work(Source(name, name), options).picture(one_sweep(batch, int(rows[0])))
+    return _PictureMaker(Source(name, name), options).picture(one_sweep(batch, int(rows[0])))
 
 
 def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:
@@ -261,7 +261,7 @@ def _refuse_missing(
         raise OptionError(words)
 
 
-class _Work:
+class _PictureMaker:
     """Finds the objects of sweeps, beside a background where there is one."""
 
     def __init__(self, source: Source, options: PlotOptions) -> None:
@@ -284,7 +284,7 @@ class _Work:
         self._showing = showing
         if showing is not None:
             for batch in rows:
-                sets = self._told(batch, detect(batch, self._options.parameters, per_beam=True)).beam_set
+                sets = self._with_agents(batch, detect(batch, self._options.parameters, per_beam=True)).beam_set
                 self._zones[int(batch.sweep[0])] = [*showing.of(batch, sets)]
 
     def picture(self, batch: SweepBatch) -> Picture:
@@ -294,7 +294,7 @@ class _Work:
         picture = Picture(
             log=self._log,
             batch=batch,
-            detection=self._told(batch, detect(batch, parameters, per_beam=True)),
+            detection=self._with_agents(batch, detect(batch, parameters, per_beam=True)),
             profile=parameters.profile,
             threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
             tracks=self._tracks(batch),
@@ -310,12 +310,12 @@ class _Work:
         r_e = found.r_e[0].astype(np.float64)
         return replace(
             picture,
-            detection=self._told(batch, self._subtracting(batch, per_beam=True)),
+            detection=self._with_agents(batch, self._subtracting(batch, per_beam=True)),
             background=np.where(np.isfinite(r_e), r_e, np.nan),
             difference=found.difference[0].astype(np.float64),
         )
 
-    def _told(self, batch: SweepBatch, found: Detection) -> Detection:
+    def _with_agents(self, batch: SweepBatch, found: Detection) -> Detection:
         """Return a detection whose beams on agents are in set A, as far as tracks tell."""
         if (paths := self._paths_of(batch)) is None:
             return found
@@ -468,11 +468,11 @@ def _overview(tracks: str, source: Source, mapping: Mapping) -> MapPicture:
     # A path that is matched begins at 0, and nothing else tells where a sensor is that stands.
     stands = [*mapping.worlds] == [MATCH] and all(path.stands for path in mapping.paths)
     found = overview(sweeps, things, trajectories, stands)
-    ways = poses_of(note_value(notes_of(read["sweeps"]), SOURCE, dict)).values()
-    told = {world for way in ways for topic in topics if (world := world_in(way, topic))}
-    if told and told.isdisjoint(mapping.worlds):
+    sources = poses_of(note_value(notes_of(read["sweeps"]), SOURCE, dict)).values()
+    worlds = {world for one in sources for topic in topics if (world := world_in(one, topic))}
+    if worlds and worlds.isdisjoint(mapping.worlds):
         raise OptionError(
-            f"{tracks}: tracked in another world ({_frame_words(sorted(told))}) than that of the map "
+            f"{tracks}: tracked in another world ({_frame_words(sorted(worlds))}) than that of the map "
             f"({_frame_words(mapping.worlds)}); give both commands the same --pose"
         )
     if found is None:

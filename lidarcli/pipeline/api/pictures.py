@@ -102,34 +102,34 @@ class _OfLogs(Joining, Poses, Delay, Ranges):
     """Options for reading the log of which a sweep is drawn."""
 
 
-def plot_options(told: Values, parameters: Parameters | None, sweeps: tuple[int, ...] | None) -> PlotOptions:
+def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[int, ...] | None) -> PlotOptions:
     """Return what is drawn of some sweeps, None for all, and how it is found; without tracks."""
-    read, opening, poses = log_options({**told, "topic": None, "start": None, "end": None})
+    read, opening, poses = log_options({**options, "topic": None, "start": None, "end": None})
     return PlotOptions(
         sweeps=sweeps,
-        topic=told["topic"],
-        parameters=parameters_of(parameters, told),
+        topic=options["topic"],
+        parameters=parameters_of(parameters, options),
         rules=read.rules,
         opening=opening,
-        background=None if told["background"] is None else fspath(told["background"]),
-        trail=TRAIL if told["trail"] is None else told["trail"],
+        background=None if options["background"] is None else fspath(options["background"]),
+        trail=TRAIL if options["trail"] is None else options["trail"],
         poses=poses,
-        start=told.get("start"),
-        end=told.get("end"),
-        zones=read_zones(several(told["zones"])) if told["zones"] else None,
+        start=options.get("start"),
+        end=options.get("end"),
+        zones=read_zones(several(options["zones"])) if options["zones"] else None,
     )
 
 
-def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None, told: Values) -> Picture:
-    wanted = plot_options(told, parameters, (sweep,))
+def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None, options: Values) -> Picture:
+    wanted = plot_options(options, parameters, (sweep,))
     if isinstance(log, SweepBatch):
-        refuse_reading(told, _OfLogs, "topic", "at")
-        if told["zones"]:
+        refuse_reading(options, _OfLogs, "topic", "at")
+        if options["zones"]:
             raise TypeError("zones are drawn into the sweep of a log, not of a batch")
-        return picture_of(log, sweep, replace(wanted, tracks=_tracks(told["tracks"], log.log)))
-    source = one_log(paths_of(log), told["join"])
-    wanted = replace(wanted, tracks=_tracks(told["tracks"], source.name))
-    if (at := told["at"]) is not None:
+        return picture_of(log, sweep, replace(wanted, tracks=_tracks(options["tracks"], log.log)))
+    source = one_log(paths_of(log), options["join"])
+    wanted = replace(wanted, tracks=_tracks(options["tracks"], source.name))
+    if (at := options["at"]) is not None:
         if sweep:
             raise OptionError("--at names one sweep: give either at or sweep")
         try:
@@ -191,15 +191,15 @@ def overlay(
     return summary.outputs
 
 
-def overlay_options(told: Values, logs: LogOptions, *, overwrite: bool = False) -> OverlayOptions:
+def overlay_options(options: Values, logs: LogOptions, *, overwrite: bool = False) -> OverlayOptions:
     """Return what is shown, and how it is found."""
-    objects, map_file = told["objects"], told["map"]
+    objects, map_file = options["objects"], options["map"]
     return OverlayOptions(
-        detect_options(told, logs, tracking_of({"significance": SIGNIFICANCE, "memory": True})),
+        detect_options(options, logs, tracking_of({"significance": SIGNIFICANCE, "memory": True})),
         None if objects is None else path_text(objects),
-        told["with_log"],
+        options["with_log"],
         None if map_file is None else Path(map_file),
-        read_zones(several(told["zones"])) if told["zones"] else None,
-        told["layout"],
+        read_zones(several(options["zones"])) if options["zones"] else None,
+        options["layout"],
         overwrite,
     )
