@@ -19,7 +19,7 @@ from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.grid import Occupancy
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, OpenOptions, ReadReport
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport
 from lidarcli.logs.clock import mended
 from lidarcli.maps import MAP_TYPE, image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import NewFiles, refuse, writing
@@ -96,7 +96,7 @@ class OverlayOptions:
 
 def outputs_of(path: Place, options: OverlayOptions) -> tuple[Place, ...]:
     """Return all files that are written; what an .rrd shows first is in it."""
-    settings = (LAYOUT, RVIZ) if options.layout and not _is_rrd(path) else ()
+    settings = (LAYOUT, RVIZ) if options.layout and path.suffix.lower() != RRD else ()
     return (path, *(path.with_suffix(suffix) for suffix in settings))
 
 
@@ -116,8 +116,9 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
         raise OptionError(f"{path}: the suffix of an overlay has to be one of {', '.join(SUFFIXES)}")
     if source.is_stdin:
         raise OptionError("an overlay is made by reading the log twice; give the name of its file instead of -")
-    if _is_rrd(path):
-        _recording()
+    if path.suffix.lower() == RRD:
+        # It refuses to be imported without rerun, which is an extra.
+        import lidarcli.overlays.rrd  # noqa: F401
     inputs = options.detect.inputs([source])
     if options.objects is not None:
         pair = one_table_set(options.objects)
@@ -125,23 +126,6 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
     if options.map is not None:
         inputs += [str(options.map), str(image_of(options.map))]
     refuse(outputs_of(path, options), options.overwrite, inputs)
-
-
-def _is_rrd(path: Place) -> bool:
-    return path.suffix.lower() == RRD
-
-
-def _recording() -> type[Recording]:
-    """Return the type of recordings of rerun, which is an extra.
-
-    Raises
-    ------
-    OptionError
-        It is not installed.
-    """
-    from lidarcli.overlays.rrd import Recording
-
-    return Recording
 
 
 def write_overlay(source: Source, path: Place, options: OverlayOptions, progress: Progress | None = None) -> RunSummary:
@@ -166,9 +150,9 @@ def write_overlay(source: Source, path: Place, options: OverlayOptions, progress
             pair, found = detect_beside(source, new.part(path).with_name("tables"), options.detect, progress)
             progress = second_of_two(progress, source.size)
         is_ros2 = path.suffix.lower() != BAG
-        work = Overlay(source, pair, grid, options.detect.opening, is_ros2, options.with_log, options.zones)
+        work = Overlay(source, pair, grid, options, is_ros2)
         with writing(path, nameless=True):
-            if _is_rrd(path):
+            if path.suffix.lower() == RRD:
                 work.record(new.part(path), stack, progress)
             else:
                 file = overlay_file(new.part(path))
@@ -189,29 +173,19 @@ class Overlay:
     """Messages of one overlay: those of the log that are copied, and the markers of its objects."""
 
     def __init__(
-        self,
-        source: Source,
-        pair: TableSet,
-        grid: Occupancy | None,
-        opening: OpenOptions,
-        is_ros2: bool,
-        with_log: bool,
-        zones: Zones | None = None,
+        self, source: Source, pair: TableSet, grid: Occupancy | None, options: OverlayOptions, is_ros2: bool
     ) -> None:
-        """`grid`: a map to show; `is_ros2`: whether for ROS 2, else for ROS 1; `with_log`: copy the log, too."""
-        self._source = source
-        self._grid = grid
+        """Take what is to be shown; `is_ros2`: for ROS 2, else for ROS 1."""
+        self._source, self._grid, self._options = source, grid, options
         # Sweeps are to be made again as they were for the tables.
-        notes = file_metadata(pair.sweeps)
+        notes, opening = file_metadata(pair.sweeps), options.detect.opening
         then = opening_of(note_value(notes, PARAMETERS, dict))
         self._opening = replace(opening, slice=opening.slice or then.slice, echo=then.echo, segments=then.segments)
-        self._zones = zones
         self._showing: Showing | None = None
         described = note_value(notes, SOURCE, dict)
         mask = described.get("mask")
         self._rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
         self._is_ros2 = is_ros2
-        self._with_log = with_log
         self._tables = Tables(pair)
         self._copies = Copies(frozenset(self._tables.topics), is_ros2)
         self._names = topics_of_objects(self._tables.topics)
@@ -239,8 +213,6 @@ class Overlay:
         """Frames whose place this file has told."""
         self._hangs: dict[tuple[str, str], bool] = {}
         """Topic and frame of a sensor → True where it hangs head down, as far as its objects have shown."""
-        self._trajectories: dict[str, Trajectories | None] = {}
-        """Topic → its trajectories, where there are any."""
         self._frame_of: dict[str, str] = {}
         """Topic → the frame of its first sweep, as the log has it."""
         self._lost = 0
@@ -251,10 +223,10 @@ class Overlay:
         """Yield all messages in the order in which they are to be played."""
         log = self._open(stack)
         self._encodings = scan_encodings(log)
-        transforming = transform_topics(log, of_ros=self._with_log)
+        transforming = transform_topics(log, of_ros=self._options.with_log)
         self._placed = {frame for frame, (_, topic) in self._pose_frames.items() if topic in transforming}
         others = self._worlds.keys() - self._placed
-        if self._with_log and others:
+        if self._options.with_log and others:
             # A frame has one parent: where the log tells of one, another would tear the tree apart.
             self._to_place = others - frames_in_transforms(log, others)
             self._placed |= self._to_place
@@ -262,7 +234,7 @@ class Overlay:
         if len(self._tables.topics) > 1:
             drawn = in_order(drawn)
         everything = drawn
-        if self._with_log:
+        if self._options.with_log:
             # Both passes go on at the same time, and each needs a log of its own.
             other = stack.enter_context(open_source(self._source, self._opening))
             everything = heapq.merge(self._copies.of(other, self._copied), drawn, key=RECORDED)
@@ -275,8 +247,10 @@ class Overlay:
 
     def record(self, path: Path, stack: ExitStack, progress: Progress | None) -> None:
         """Write a recording of rerun: sweeps and objects at the poses of the tables, whatever tells them."""
+        from lidarcli.overlays.rrd import Recording
+
         log = self._open(stack)
-        file = _recording()(path)
+        file = Recording(path)
         stack.callback(file.abandon)
         for joined in self._tables.join(log, self._report):
             self._sweeps += len(joined.raw)
@@ -352,10 +326,10 @@ class Overlay:
 
     def _open(self, stack: ExitStack) -> Log:
         """Open the log, and make ready to show zones."""
-        if self._zones is not None:
+        if (zones := self._options.zones) is not None:
             # Transforms are read by a pass of their own.
             other = stack.enter_context(open_source(self._source, self._opening))
-            self._showing = Showing(self._zones, Frames.of(other, self._zones))
+            self._showing = Showing(zones, Frames.of(other, zones))
         return stack.enter_context(open_source(self._source, self._opening))
 
     def _hidden(self) -> dict[str, str]:
@@ -391,7 +365,7 @@ class Overlay:
             self._sweeps += len(raw)
             anew = not is_ros(self._encodings.get(raw.topic, ""))
             parts: list[Iterator[Outgoing]] = []
-            if self._with_log and anew:
+            if self._options.with_log and anew:
                 named = tuple(name or FRAME for name in raw.frame_ids)
                 parts.append(self._copies.written_anew(replace(raw, frame_ids=named)))
             for frame, mine in joined.by_frame():
@@ -428,10 +402,7 @@ class Overlay:
     def _groups(self, frame: str, joined: TabledSweeps) -> list[Markers]:
         """Return the markers of some sweeps of one frame."""
         groups = markers_of(joined.objects, joined.row, joined.poses)
-        topic = joined.raw.topic
-        if topic not in self._trajectories:
-            self._trajectories[topic] = self._tables.trajectories(topic)
-        if (known := self._trajectories[topic]) is not None:
+        if (known := self._tables.trajectories(joined.raw.topic)) is not None:
             hangs = self._hanging(joined, frame)
             groups += paths_of(known, joined.index, joined.poses, hangs)
         if self._showing is not None:
@@ -631,6 +602,7 @@ class Tables:
         """True where some sweep has a pose."""
         self._cursors: dict[str, tuple[TopicRows, TopicRows]] = {}
         self._counts: dict[str, int] = {}
+        self._trajectories: dict[str, Trajectories] = {}
 
     def join(self, log: Log, report: ReadReport) -> Iterator[TabledSweeps]:
         """Yield all sweeps of the log that the tables have, in log order within each topic.
@@ -651,10 +623,10 @@ class Tables:
 
     def trajectories(self, topic: str) -> Trajectories | None:
         """Return the trajectories of a topic; None where there is no such table."""
-        if not self._pair.trajectories.exists():
-            return None
         path, schema = self._pair.trajectories, SCHEMAS["trajectories"]
-        return Trajectories.of(read_columns(path, "trajectories", schema, PATH_COLUMNS), topic)
+        if topic not in self._trajectories and path.exists():
+            self._trajectories[topic] = Trajectories.of(read_columns(path, "trajectories", schema, PATH_COLUMNS), topic)
+        return self._trajectories.get(topic)
 
     def left(self) -> int:
         """Count the sweeps of the tables that the log does not have."""

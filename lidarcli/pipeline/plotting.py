@@ -15,7 +15,7 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import ROUND, SETS, Detection
 from lidarcli.formalism.mapping.grid import HIT, placed
-from lidarcli.logs.base import Log, OpenOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.newfiles import NewFiles, write_whole, writing
@@ -31,7 +31,7 @@ from lidarcli.reports.ground import COLUMNS, Paths, TrackPath
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import Picture, ZoneInSight, animate, draw, limits_of
 from lidarcli.stores.url import Place
-from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
+from lidarcli.sweeps import Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
 
 if TYPE_CHECKING:
@@ -119,7 +119,12 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Pi
         read = ReadOptions(topics=topics, start=options.start, end=options.end, batch_size=BATCH, rules=masking.rules)
         rows: list[SweepBatch] = []
         last = -1
-        showing = _showing(log, options.zones)
+        showing = None
+        if options.zones is not None:
+            # Imported here: most plots need no zones.
+            from lidarcli.pipeline.zone_frames import Frames, Showing
+
+            showing = Showing(options.zones, Frames.of(log, options.zones))
         posed = options.background or (showing is not None and showing.is_in_world)
         posing = Posing.of(log, options.poses if posed else NO_POSES, choice, options.rules)
         report = ReadReport()
@@ -128,7 +133,8 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Pi
             topic = topic or batch.topic
             if batch.topic != topic:
                 continue
-            rows += _wanted(batch, options.sweeps)
+            mine = np.arange(len(batch)) if options.sweeps is None else np.flatnonzero(np.isin(batch.sweep, options.sweeps))
+            rows += [one_sweep(batch, row) for row in mine.tolist()]
             last = int(batch.sweep[-1])
             if options.sweeps is not None and last >= max(options.sweeps):
                 break
@@ -140,8 +146,13 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Pi
         raise OptionError(f"{source.label}: {report.notes[-1]}")
     if last < 0:
         raise nothing_read(damage, NoScanError("no LaserScan in it"), [topic] if topic else [])
-    _refuse_missing(source, rows, options.sweeps, f"{topic}: the last one is {last}", damage)
     by_index = {int(row.sweep[0]): row for row in rows}
+    for index in options.sweeps or ():
+        if index not in by_index:
+            words = f"{source.label}: no sweep {index} of {topic}: the last one is {last}"
+            if damage:
+                raise UnreadableError(f"{words} in the part that could be read; {damage[0]}")
+            raise OptionError(words)
     order = options.sweeps if options.sweeps is not None else tuple(sorted(by_index))
     pictures = tuple(work.picture(by_index[index]) for index in order)
     notes = (*notes, *masking.notes, *report.doubted(), *work.notes(), *_out_of_view(pictures))
@@ -156,16 +167,6 @@ def _out_of_view(pictures: Sequence[Picture]) -> Iterator[str]:
     for name in dict.fromkeys(one.zone.name for one in zones):
         if name not in seen:
             yield f"zone {name} lies outside of the picture"
-
-
-def _showing(log: Log, zones: Zones | None) -> Showing | None:
-    """Return what places zones in the sweeps of a log; None without zones."""
-    if zones is None:
-        return None
-    # Imported here: most plots need no zones.
-    from lidarcli.pipeline.zone_frames import Frames, Showing
-
-    return Showing(zones, Frames.of(log, zones))
 
 
 def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: OpenOptions) -> int:
@@ -190,10 +191,10 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: 
             if best < 0:
                 first_ns = int(batch.stamp_ns[0])
                 target_ns = time.ns if isinstance(time, Instant) else first_ns + round(time * SECOND_NS)
-            row = _nearest(batch.stamp_ns, target_ns)
-            away_ns = abs(int(batch.stamp_ns[row]) - target_ns)
-            if best < 0 or away_ns < nearest_ns:
-                best, nearest_ns = int(batch.sweep[row]), away_ns
+            # The target may be farther away than int64 can tell.
+            for index, stamp_ns in zip(batch.sweep.tolist(), batch.stamp_ns.tolist(), strict=True):
+                if best < 0 or abs(stamp_ns - target_ns) < nearest_ns:
+                    best, nearest_ns = index, abs(stamp_ns - target_ns)
             if int(batch.stamp_ns.min()) > target_ns + NEAR * SECOND_NS:
                 break
         damage = damage_lines(report)
@@ -205,15 +206,6 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: 
             f"sweep {best}, is {nearest_ns / SECOND_NS:,.1f} s away"
         )
     return best
-
-
-def _nearest(stamp_ns: Int64, target_ns: int) -> int:
-    """Return the row whose stamp is nearest; the target may be farther away than int64 can tell."""
-    least, most = np.iinfo(np.int64).min, np.iinfo(np.int64).max
-    target = np.int64(min(max(target_ns, least), most))
-    # The difference of the greater and the smaller is right in uint64, whatever their signs.
-    away = np.maximum(stamp_ns, target).view(np.uint64) - np.minimum(stamp_ns, target).view(np.uint64)
-    return int(np.argmin(away))
 
 
 def picture_of(batch: SweepBatch, sweep: int, options: PlotOptions) -> Picture:
@@ -235,30 +227,12 @@ def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:
     return choice.first, notes
 
 
-def _wanted(batch: SweepBatch, sweeps: Sequence[int] | None) -> Iterator[SweepBatch]:
-    chosen = np.arange(len(batch)) if sweeps is None else np.flatnonzero(np.isin(batch.sweep, sweeps))
-    for row in chosen.tolist():
-        yield one_sweep(batch, row)
-
-
 def one_sweep(batch: SweepBatch, row: int) -> SweepBatch:
     """Return one sweep of a batch, without its padding."""
     one = batch.rows(np.array([row]))
     beams = int(one.beams[0])
     intensities = None if one.intensities is None else one.intensities[:, :beams]
     return replace(one, ranges=one.ranges[:, :beams], status=one.status[:, :beams], intensities=intensities)
-
-
-def _refuse_missing(
-    source: Source, rows: Sequence[SweepBatch], sweeps: Sequence[int] | None, topic: str, damage: Sequence[str]
-) -> None:
-    there = {int(row.sweep[0]) for row in rows}
-    missing = [index for index in sweeps or () if index not in there]
-    if missing:
-        words = f"{source.label}: no sweep {missing[0]} of {topic}"
-        if damage:
-            raise UnreadableError(f"{words} in the part that could be read; {damage[0]}")
-        raise OptionError(words)
 
 
 class _PictureMaker:
