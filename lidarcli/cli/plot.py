@@ -11,7 +11,7 @@ from lidarcli.cli.messages import Messages, counted_bar, standard_output
 from lidarcli.errors import OptionError
 from lidarcli.option_forms import Number, Option, Text, options_of
 from lidarcli.options import LOOK, PICTURE, PLOT_RULES, STDOUT, SWEEP, OneLog, Overwrite, Plotting, Window, output
-from lidarcli.stores.url import Place, place
+from lidarcli.stores import Place, place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Source
@@ -115,7 +115,7 @@ def plot(messages: Messages, options: Mapping[str, Any]) -> int:
 
     from lidarcli.errors import UnreadableError
     from lidarcli.newfiles import refuse
-    from lidarcli.pipeline.api.pictures import plot_options
+    from lidarcli.pipeline.api.options import plot_options
     from lidarcli.pipeline.inputs.search import files_of, one_log
     from lidarcli.pipeline.inputs.tables import table_files
     from lidarcli.pipeline.plotting import picture_bytes, sweep_at, take_map, take_pictures, write_animation, write_pictures

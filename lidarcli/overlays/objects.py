@@ -14,7 +14,7 @@ from lidarcli import palette
 from lidarcli.choices import TRAIL
 from lidarcli.overlays.markers import Kind, Markers
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
-from lidarcli.tabular.arrays import answers, are, codes, held, numbers, plain
+from lidarcli.tabular.columns import answers, are, codes, held, numbers, plain
 
 COLUMNS = (
     *("topic", "sweep", "object", "beam_i", "beam_f", "set", "shape", "x", "y", "box_x", "box_y", "box_length"),

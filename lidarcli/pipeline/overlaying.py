@@ -40,22 +40,21 @@ from lidarcli.overlays.viewers import (
     topic_name,
     topics_of_objects,
 )
-from lidarcli.pipeline.detecting import detect_beside, second_of_two
+from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, poses_of, world_in
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
 from lidarcli.pipeline.zone_counting import Objects
 from lidarcli.pipeline.zone_frames import Frames, Showing
-from lidarcli.pose.messages import TRANSFORMS
+from lidarcli.pose.tracks import TRANSFORMS
 from lidarcli.range_rules import normalise
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepPoses
-from lidarcli.tabular.arrays import integers, numbers, plain
+from lidarcli.tabular.columns import COARSE, integers, numbers, plain
 from lidarcli.tabular.reading import AGAIN, TopicRows, file_metadata, note_value, read_columns
 from lidarcli.tabular.schemas import SCHEMAS
-from lidarcli.tabular.stamps import COARSE
 from lidarcli.tabular.writing import PARAMETERS, SOURCE
 from lidarcli.zone import Zones
 
@@ -147,8 +146,8 @@ def write_overlay(source: Source, path: Place, options: OverlayOptions, progress
         if options.objects is not None:
             pair, found = one_table_set(options.objects), None
         else:
-            pair, found = detect_beside(source, new.part(path).with_name("tables"), options.detect, progress)
-            progress = second_of_two(progress, source.size)
+            pair, found = detect_to_temporary(source, new.part(path).with_name("tables"), options.detect, progress)
+            progress = second_half(progress, source.size)
         is_ros2 = path.suffix.lower() != BAG
         work = Overlay(source, pair, grid, options, is_ros2)
         with writing(path, nameless=True):

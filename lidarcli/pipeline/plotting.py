@@ -22,22 +22,21 @@ from lidarcli.newfiles import NewFiles, write_whole, writing
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines, read_log
-from lidarcli.pipeline.reading.pose_sources import NO_POSES, Need, PoseOptions
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NO_POSES, Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.reports import map_picture
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.ground import COLUMNS, Paths, TrackPath
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import Picture, ZoneInSight, animate, draw, limits_of
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.sweeps import Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.tables import TableSet
     from lidarcli.pipeline.mapping import MapOptions, Mapping
-    from lidarcli.pipeline.objects.subtracting import Subtracting
+    from lidarcli.pipeline.objects.subtracting import BackgroundComparison
     from lidarcli.pipeline.zone_frames import Showing, ShownZone
     from lidarcli.zone import Zones
 P = TypeVar("P")
@@ -126,7 +125,7 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Pi
 
             showing = Showing(options.zones, Frames.of(log, options.zones))
         posed = options.background or (showing is not None and showing.is_in_world)
-        posing = Posing.of(log, options.poses if posed else NO_POSES, choice, options.rules)
+        posing = PoseAttacher.of(log, options.poses if posed else NO_POSES, choice, options.rules)
         report = ReadReport()
         for raw in read_batches(log, read, report):
             batch = posing.attach(raw)
@@ -242,12 +241,12 @@ class _PictureMaker:
         self._options = options
         # A file as people know it, with its suffix.
         self._log = source.file_name
-        self._subtracting: Subtracting | None = None
+        self._subtracting: BackgroundComparison | None = None
         # Imported here, and so below: most plots need no tables.
         if options.background is not None:
-            from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
+            from lidarcli.pipeline.objects.subtracting import BackgroundComparison, BackgroundOptions
 
-            self._subtracting = Subtracting(BackgroundOptions.of(options.background), options.parameters)
+            self._subtracting = BackgroundComparison(BackgroundOptions.of(options.background), options.parameters)
         self._paths: Paths | None = None
         self._showing: Showing | None = None
         self._zones: dict[int, list[ShownZone]] = {}

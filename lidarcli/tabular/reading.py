@@ -19,9 +19,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
-from lidarcli.stores.url import Place, Url
-from lidarcli.tabular.arrays import are, integers, plain
-from lidarcli.tabular.schemas import BACKGROUND, CHANGES, INFINITE, LATER, NULLABLE, SCHEMAS
+from lidarcli.stores import Place, Url
+from lidarcli.tabular.columns import are, integers, plain
+from lidarcli.tabular.schemas import BACKGROUND, CHANGES, INFINITE, NULLABLE, SCHEMAS
 
 T = TypeVar("T")
 
@@ -77,7 +77,7 @@ Readable = Place | HeldTable
 
 
 def read_columns(path: Readable, kind: str, schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Table:
-    """Read columns of a table in their declared types, with its metadata; columns that earlier versions lack are null.
+    """Read columns of a table in their declared types, with its metadata.
 
     Parameters
     ----------
@@ -96,12 +96,7 @@ def read_columns(path: Readable, kind: str, schema: pa.Schema, names: Iterable[s
     with _opened(path, kind) as file:
         there = _columns_there(path, kind, file.schema_arrow.names, wanted)
         found = file.read(columns=there, use_threads=False)
-        columns = [
-            _fitted(path, kind, field, found[field.name])
-            if field.name in there
-            else pa.chunked_array([pa.nulls(found.num_rows, field.type)])
-            for field in wanted
-        ]
+        columns = [_fitted(path, kind, field, found[field.name]) for field in wanted]
         return pa.Table.from_arrays(columns, schema=wanted.with_metadata(file.schema_arrow.metadata))
 
 
@@ -112,10 +107,7 @@ def read_pieces(path: Readable, kind: str, schema: pa.Schema, names: Iterable[st
         there = _columns_there(path, kind, file.schema_arrow.names, wanted)
         for rows in file.iter_batches(columns=there, use_threads=False):
             columns = [
-                _fitted(path, kind, field, pa.chunked_array([rows[field.name]])).combine_chunks()
-                if field.name in there
-                else pa.nulls(rows.num_rows, field.type)
-                for field in wanted
+                _fitted(path, kind, field, pa.chunked_array([rows[field.name]])).combine_chunks() for field in wanted
             ]
             yield pa.RecordBatch.from_arrays(columns, schema=wanted)
 
@@ -226,7 +218,7 @@ def _begins_as_parquet(path: Place) -> bool:
 def _file(path: Place) -> pa.NativeFile:
     """Open a file of which parts are read."""
     if isinstance(path, Url):
-        from lidarcli.stores.url import open_object
+        from lidarcli.stores import open_object
 
         return open_object(path)
     # A name need not be UTF-8, and Arrow takes such a one as bytes alone.
@@ -234,7 +226,7 @@ def _file(path: Place) -> pa.NativeFile:
 
 
 def read_schema(schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Schema:
-    """Return the schema of columns that are read: any may be null, for other programs and earlier versions write tables."""
+    """Return the schema of columns that are read: any may be null, as other programs write tables, too."""
     chosen = schema.names if names is None else set(names)
     return pa.schema([_nullable(field) for field in schema if field.name in chosen])
 
@@ -249,8 +241,8 @@ def _nullable(field: pa.Field) -> pa.Field:
 
 
 def _columns_there(path: Readable, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
-    """Return the wanted columns that a file has; refuse one that is missing, but for `LATER`, or there twice."""
-    missing = sorted(name for name in wanted.names if name not in {*there, *LATER.get(kind, ())})
+    """Return the wanted columns that a file has; refuse one that is missing or there twice."""
+    missing = sorted(name for name in wanted.names if name not in there)
     if missing and isinstance(path, HeldTable):
         raise UnreadableError(f"{path} (in memory): no column {', '.join(missing)}; leave the table all of its columns")
     if missing:

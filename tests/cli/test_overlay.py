@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -259,21 +258,6 @@ def test_each_sensor_has_a_topic_of_its_own(lidarcli: Run, logs: Path, tmp_path:
     assert Counter(each.topic for each in read_back(chosen)) == {"/rear": counts["/rear"], OBJECTS: counts["/rear"]}
 
 
-def test_of_two_topics_of_one_frame_the_second_is_hidden_at_first(lidarcli: Run, tmp_path: Path) -> None:
-    write_log(tmp_path / "run.mcap", [room_sweeps("/scan"), room_sweeps("/stable_scan")])
-    ran = lidarcli("overlay", tmp_path / "run.mcap", "-o", tmp_path / "o.mcap", "--with-log")
-    assert ran.code == 0
-    told = "/stable_scan is of frame laser, as /scan is, and is hidden at first; --topic takes one alone"
-    assert f"  note     {told}" in ran.err.splitlines()
-    topics = json.loads((tmp_path / "o.layout.json").read_text())["configById"]["3D!lidarcli"]["topics"]
-    assert {name: shown["visible"] for name, shown in topics.items()} == {
-        "/scan": True,
-        f"{OBJECTS}/scan": True,
-        "/stable_scan": False,
-        f"{OBJECTS}/stable_scan": False,
-    }
-
-
 def test_times_of_a_topic_go_on_where_header_stamps_go_back(lidarcli: Run, tmp_path: Path) -> None:
     sweeps = room_sweeps(count=60)
     sweeps.stamp_ns[30] -= 400_000_000
@@ -455,15 +439,3 @@ def test_real_logs(lidarcli: Run, tmp_path: Path, name: str, frame: str, suffix:
     assert sorted(stamp_ns(each.message.markers[0]) for each in found) == sorted(stamp for _, _, stamp, _ in sweeps)
     layout = json.loads((tmp_path / "o.layout.json").read_text())
     assert layout["configById"]["3D!lidarcli"]["followTf"] == frame
-
-
-def test_a_map_that_nothing_places_leaves_the_frame_of_the_sensor(lidarcli: Run, tmp_path: Path) -> None:
-    assert lidarcli("-q", "map", DRIVE, "-o", tmp_path / "room.yaml").code == 0
-    ran = lidarcli("overlay", DRIVE, "-o", tmp_path / "x.mcap", "--map", tmp_path / "room.yaml", "--pose", "none")
-    assert ran.code == 0
-    assert (
-        "  note     the map is in frame map, and nothing tells where the sensor is in it: a viewer shows one of the two; "
-        "give --pose or --poses"
-    ) in ran.err.splitlines()
-    settings = (tmp_path / "x.rviz").read_text()
-    assert re.search(r"Fixed Frame: \"?laser\"?\n", settings), settings

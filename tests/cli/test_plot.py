@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -59,27 +57,12 @@ def test_a_sweep_without_beams_is_an_empty_picture(lidarcli: Run, tmp_path: Path
     assert out.stat().st_size > 1000
 
 
-@pytest.mark.slow
-def test_several_sweeps(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    log = logs / "run.mcap"
-    assert lidarcli("plot", log, "--sweeps", "3,0:10:4", "--view", "scene", "-o", tmp_path / "s.svg").code == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["s-0.svg", "s-3.svg", "s-4.svg", "s-8.svg"]
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_of_several_topics_the_first_is_drawn(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     ran = lidarcli("plot", logs / "two.mcap", "-o", tmp_path / "a.png")
     assert ran.err.splitlines()[0] == "  note     drawn is /front; also available: /rear (--topic NAME)"
     ran = lidarcli("plot", logs / "two.mcap", "--topic", "rear", "-o", tmp_path / "b.png")
     assert ran.err == f"  wrote    {tmp_path / 'b.png'}\n"
-
-
-@pytest.mark.slow
-def test_a_pipe_as_log(logs: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "lidarcli", "plot", "-", "--sweep", "3", "-o", str(tmp_path / "a.pdf")]
-    ran = subprocess.run(command, input=(logs / "run.mcap").read_bytes(), capture_output=True, check=False)
-    assert ran.returncode == 0, ran.stderr
-    assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from PIL import Image
 
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.search import find_logs
@@ -88,16 +87,6 @@ def test_points_of_a_sweep_lie_on_the_map() -> None:
         assert len(shot.boxes) >= 2
         (path,) = picture.paths
         assert np.hypot(*(path - shot.pose[:2]).T).min() < 0.21
-
-
-@pytest.mark.slow
-def test_several_sweeps(lidarcli: Run, tmp_path: Path) -> None:
-    ran = lidarcli("plot", DRIVE, "--view", "map", "--sweeps", "3,80", "-o", tmp_path / "m.png")
-    assert (ran.code, names(tmp_path)) == (0, ["m-3.png", "m-80.png"])
-    assert ran.err.splitlines()[-2:] == [f"  wrote    {tmp_path / f'm-{k}.png'}" for k in (3, 80)]
-    assert (tmp_path / "m-3.png").read_bytes() != (tmp_path / "m-80.png").read_bytes()
-    with Image.open(tmp_path / "m-3.png") as image:
-        assert image.size[0] > 800
 
 
 def test_tracks(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
@@ -219,22 +208,3 @@ def test_without_poses(lidarcli: Run, tmp_path: Path) -> None:
     assert names(tmp_path) == []
     assert lidarcli("plot", room, "--view", "map", "-o", tmp_path / "m.png").code == 0
     assert names(tmp_path) == ["m.png"]
-
-
-def test_what_exists_is_not_replaced_unasked(lidarcli: Run, tmp_path: Path) -> None:
-    (tmp_path / "m-3.svg").write_text("mine")
-    words = ("plot", DRIVE, "--view", "map", "--sweeps", "3,4", "-o", tmp_path / "m.svg")
-    ran = lidarcli(*words)
-    assert (ran.code, names(tmp_path)) == (5, ["m-3.svg"])
-    assert (tmp_path / "m-3.svg").read_text() == "mine"
-
-
-@pytest.mark.slow
-def test_standard_output(process: Run, lidarcli: Run, tmp_path: Path) -> None:
-    ran = process("-q", "plot", DRIVE, "--view", "map", "-o", "-")
-    assert (ran.returncode, ran.stderr) == (0, b"")
-    assert lidarcli("-q", "plot", DRIVE, "--view", "map", "-o", tmp_path / "m.png").code == 0
-    assert ran.stdout == (tmp_path / "m.png").read_bytes()
-    ran = process("plot", DRIVE, "--view", "map", "--sweeps", "1,2", "-o", "-")
-    assert (ran.returncode, ran.stdout) == (2, b"")
-    assert b"standard output takes one picture; give -o FIG" in ran.stderr

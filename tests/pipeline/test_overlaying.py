@@ -17,7 +17,7 @@ from lidarcli.pipeline import overlaying
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import TableSet
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.overlaying import Tables, frames_in_transforms, in_order
 from lidarcli.ros.messages import Outgoing
 from tests.places import SAMPLES

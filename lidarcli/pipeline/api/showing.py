@@ -1,26 +1,133 @@
-"""`lidarcli.report`: runs as people look at them."""
+"""`lidarcli.plot` and `lidarcli.report`: sweeps and runs as people look at them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from html import escape
+from os import fspath
 from typing import Any, Unpack
 
-from lidarcli.errors import warn
+from lidarcli.choices import VIEWS, Look
+from lidarcli.errors import OptionError, warn
+from lidarcli.formalism.parameters import Parameters
 from lidarcli.newfiles import refuse, write_whole
-from lidarcli.options import Changed, Paths, Reporting, TableOrPath, Tables
-from lidarcli.pipeline.api.options import several, with_keywords
-from lidarcli.pipeline.inputs.search import files_of, find_logs
-from lidarcli.pipeline.inputs.tables import table_files, tables_of
+from lidarcli.options import (
+    PLOT_RULES,
+    AnyPath,
+    Changed,
+    Delay,
+    Joining,
+    Paths,
+    Plotting,
+    Poses,
+    Ranges,
+    Reporting,
+    TableOrPath,
+    Tables,
+)
+from lidarcli.pipeline.api.options import Values, paths_of, plot_options, refuse_reading, several, with_keywords
+from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
+from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
+from lidarcli.pipeline.plotting import picture_of, sweep_at, take_pictures, write_pictures
 from lidarcli.pipeline.reporting import Made, ReportOptions, encoded, format_of, make_report, render, understand
 from lidarcli.reports.checks import Verdict
 from lidarcli.reports.document import PartsReport
+from lidarcli.reports.picture import Axes, Figure, Picture, figure_of
 from lidarcli.reports.programs import as_dict
-from lidarcli.stores.url import place
+from lidarcli.stores import place
+from lidarcli.sweeps import SweepBatch
+from lidarcli.tabular.reading import HeldTable
+from lidarcli.times import as_time
 
+_LOOK = ("width", "dpi", "title", "legend", "vertices")
 HEIGHT = 720
 """Height of the report in a notebook [px]."""
+
+
+@with_keywords(PLOT_RULES)
+def plot(
+    log: Paths | SweepBatch,
+    sweep: int = 0,
+    output: AnyPath | None = None,
+    parameters: Parameters | None = None,
+    axes: Axes | Sequence[Axes] | None = None,
+    **options: Unpack[Plotting],
+) -> Figure:
+    """One sweep with its objects, as `lidarcli plot` draws it.
+
+    Parameters
+    ----------
+    log : one log as of `read`, with `join` its parts, of which no more than the sweep needs is read; or a batch of `read`
+    sweep : index of the sweep within its topic
+    output : picture to write, replaced where it exists: .png, .svg or .pdf; by default none
+    parameters : replaces the keywords from `profile` to `walls`
+    axes : matplotlib axes to draw on, one for each panel of the view (`scene`: 1, `sweep`: 2, `all`: 3; with
+        a background 2 more); by default a figure of its own
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure; a notebook shows it. It belongs to no window: give `axes` of a figure that has one.
+
+    Raises
+    ------
+    UnreadableError, NoScanError
+        As of `read`.
+    OptionError
+        As of `read`, the sweep is not there, or there are not as many axes as panels.
+    OutputError
+        The picture cannot be written.
+    """
+    if options["view"] not in VIEWS:
+        raise OptionError(f"--view: '{options['view']}' is not one of {', '.join(VIEWS)}")
+    picture = _picture(log, sweep, parameters, options)
+    look = Look(**{name: options[name] for name in _LOOK})  # type: ignore[literal-required]
+    if output is not None:
+        for note in write_pictures([place(fspath(output))], [picture], options["view"], True, look):
+            warn(note)
+    return figure_of(picture, options["view"], [axes] if isinstance(axes, Axes) else axes, look)
+
+
+class _OfLogs(Joining, Poses, Delay, Ranges):
+    """Options for reading the log of which a sweep is drawn."""
+
+
+def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None, options: Values) -> Picture:
+    wanted = plot_options(options, parameters, (sweep,))
+    if isinstance(log, SweepBatch):
+        refuse_reading(options, _OfLogs, "topic", "at")
+        if options["zones"]:
+            raise TypeError("zones are drawn into the sweep of a log, not of a batch")
+        return picture_of(log, sweep, replace(wanted, tracks=_tracks(options["tracks"], log.log)))
+    source = one_log(paths_of(log), options["join"])
+    wanted = replace(wanted, tracks=_tracks(options["tracks"], source.name))
+    if (at := options["at"]) is not None:
+        if sweep:
+            raise OptionError("--at names one sweep: give either at or sweep")
+        try:
+            time = as_time(at)
+        except OptionError as err:
+            raise OptionError(f"--at: {err}") from None
+        wanted = replace(wanted, sweeps=(sweep_at(source, time, wanted.topic, wanted.opening),))
+    drawn = take_pictures(source, wanted)
+    for line in drawn.damage:
+        warn(f"{source.label}: {line}")
+    return drawn.pictures[0]
+
+
+def _tracks(tables: Tables | None, log: str) -> str | TableSet | None:
+    """Return the tables of the log that is drawn: of those of several logs its own."""
+    if tables is None:
+        return None
+    given = tables_of(tables)
+    found = [each for each in given if not isinstance(each, HeldTable)]
+    if len(found) < len(given):
+        raise OptionError("--tracks: give what track returns, not a table of changes")
+    mine = [each for each in found if isinstance(each, TableSet) and each.log == log]
+    if len(found) != 1 and len(mine) != 1:
+        raise OptionError(f"--tracks: give the tables of {log or 'one log'}, not those of {len(found)} logs")
+    return found[0] if len(found) == 1 else mine[0]
 
 
 @dataclass(frozen=True, slots=True, repr=False)
