@@ -26,7 +26,7 @@ from tests.waiting import HANG, endless, wait_until
 
 pytestmark = pytest.mark.slow
 
-SWEEPS = 16_000
+SWEEPS = 6_000
 TABLES = ("beams", "objects", "sweeps")
 FINAL = [f"run.{table}.parquet" for table in TABLES]
 SCRATCH = re.compile(r"\.lidarcli-[0-9a-f]{8}-[0-9a-f]{16}\.part")
@@ -34,7 +34,7 @@ SCRATCH = re.compile(r"\.lidarcli-[0-9a-f]{8}-[0-9a-f]{16}\.part")
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A log of two topics that keeps `detect` busy for about a second."""
+    """A log of two topics."""
     rows, beams = SWEEPS // 2, 180
     ranges = round_room(rows, beams, BOX)
     ranges += np.random.default_rng(1).normal(0, 0.01, ranges.shape).astype(np.float32)

@@ -13,7 +13,8 @@ import pytest
 
 import lidarcli
 from lidarcli import compiled
-from tests.places import SAMPLES
+from lidarcli.simulation.writers import write_log
+from tests.sweeping import BOX, raw_sweeps, round_room
 
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "LIDARCLI_COMPILED"}
 
@@ -40,17 +41,18 @@ def test_the_version_tells(package: Path) -> None:
 
 
 def test_detect_says_it_once_and_finds_the_same(package: Path, tmp_path: Path) -> None:
-    logs = [str(SAMPLES / "room.mcap"), str(SAMPLES / "drive.db3")]
-    options = ["--every", "40", "-o", str(tmp_path)]
-    lines = run(package, "detect", *logs, *options).stderr.splitlines()
+    logs = [str(tmp_path / f"{name}.mcap") for name in ("one", "other")]
+    for log in logs:
+        write_log(Path(log), [raw_sweeps(round_room(2, 180, BOX))])
+    lines = run(package, "detect", *logs, "-o", str(tmp_path)).stderr.splitlines()
     assert [line for line in lines if "compiled" in line] == [f"lidarcli: {compiled.MISSING}"]
-    found = pq.read_table(tmp_path / "room.objects.parquet")
-    expected = lidarcli.detect(logs[0], every=40)
-    assert found.num_rows == len(expected) > 5
+    found = pq.read_table(tmp_path / "one.objects.parquet")
+    expected = lidarcli.detect(logs[0])
+    assert found.num_rows == len(expected) == 2
     assert found["box_x"].to_pylist() == list(expected["box_x"].to_pylist())
 
 
 def test_nobody_is_told_who_asked_for_it(package: Path, tmp_path: Path) -> None:
-    options = ["--every", "50", "-o", str(tmp_path)]
-    told = run(package, "detect", str(SAMPLES / "room.mcap"), *options, LIDARCLI_COMPILED="no").stderr
+    write_log(tmp_path / "run.mcap", [raw_sweeps(round_room(1, 180, BOX))])
+    told = run(package, "detect", str(tmp_path / "run.mcap"), "-o", str(tmp_path), LIDARCLI_COMPILED="no").stderr
     assert "compiled" not in told

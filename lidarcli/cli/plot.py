@@ -1,21 +1,11 @@
 """`lidarcli plot`: sweeps as pictures."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from lidarcli.choices import (
-    ANIMATED_DPI,
-    ANIMATIONS,
-    FRAMES_PER_SECOND,
-    GREATEST_COUNT,
-    IMAGES,
-    LAST_SWEEP,
-    TRAIL,
-    VIEWS,
-    Look,
-)
+from lidarcli.choices import ANIMATED_DPI, ANIMATIONS, FRAMES_PER_SECOND, GREATEST_COUNT, IMAGES, LAST_SWEEP, VIEWS, Look
 from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import Messages, counted_bar, standard_output
 from lidarcli.errors import OptionError
@@ -25,7 +15,7 @@ from lidarcli.stores import Place, place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Source
-    from lidarcli.pipeline.mapping import MapOptions
+    from lidarcli.pipeline.plotting import Drawn
 
 MAP = "map"
 """View of the whole run in the world."""
@@ -105,84 +95,60 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
   lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 --overwrite""",
     rules=PLOT_RULES,
 )
-def plot(messages: Messages, told: Mapping[str, Any]) -> int:
+def plot(messages: Messages, options: Mapping[str, Any]) -> int:
     """Draw sweeps: scene with boxes, r(theta), s(theta), map.
 
     Without -o the picture is LOG-0.png in the current directory, and so on. Only the log
     up to the last of these sweeps is read; with --view map, all of it.
     """
-    output, view, animate, at = told["output"], told["view"], told["animate"], told["at"]
-    background, tracks, window = told["background"], told["tracks"], (told["start"], told["end"])
-    read, opening, poses = log_options({**told, "start": None, "end": None})
-    in_world = view == MAP
-    wanted = _wanted_sweeps(told)
+    output, view, animate = options["output"], options["view"], options["animate"]
+    in_world, sweeps = view == MAP, _wanted_sweeps(options)
+    read = log_options({**options, "start": None, "end": None}).read
+    look = Look(*(options[field] for field in ("width", "dpi", "title", "legend", "vertices", "fps")))
     _refuse_suffix(output, animate)
-    if output == STDOUT and (animate or len(wanted or ()) != 1):
+    if output == STDOUT and (animate or len(sweeps or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
-    if in_world and told["sweep"] is None and told["sweeps"] is None and at is None:
-        wanted = None
-
-    from lidarcli.pipeline.inputs.search import files_of, one_log
-
-    zones = None
-    if told["zones"]:
-        from lidarcli.pipeline.inputs.zones import read_zones
-
-        zones = read_zones(told["zones"])
-    source = one_log(told["log"], told["join"])
-    if at is not None:
-        from lidarcli.pipeline.plotting import sweep_at
-
-        wanted = (sweep_at(source, at, told["topic"], opening),)
-    paths = _outputs(output, source, wanted, animate, in_world)
-    look = Look(*(told[field] for field in ("width", "dpi", "title", "legend", "vertices", "fps")))
-    if look.dpi is not None and paths[0].suffix.lower() in (".svg", ".pdf"):
+    if look.dpi is not None and output is not None and place(output).suffix.lower() in (".svg", ".pdf"):
         raise click.UsageError("--dpi is for .png and animations; .svg and .pdf have no pixels")
+
+    from dataclasses import replace
 
     from lidarcli.errors import UnreadableError
     from lidarcli.newfiles import refuse
-    from lidarcli.pipeline.api.options import parameters_of
-    from lidarcli.pipeline.plotting import PlotOptions, picture_bytes, take_pictures, write_animation, write_pictures
+    from lidarcli.pipeline.api.options import plot_options
+    from lidarcli.pipeline.inputs.search import files_of, one_log
+    from lidarcli.pipeline.inputs.tables import table_files
+    from lidarcli.pipeline.plotting import picture_bytes, sweep_at, take_map, take_pictures, write_animation, write_pictures
 
-    overwrite = told["overwrite"]
+    wanted = replace(plot_options(options, None, sweeps), tracks=options["tracks"])
+    source = one_log(options["log"], options["join"])
+    if options["at"] is not None:
+        wanted = replace(wanted, sweeps=(sweep_at(source, options["at"], wanted.topic, wanted.opening),))
+    elif in_world and options["sweep"] is None and options["sweeps"] is None:
+        wanted = replace(wanted, sweeps=None)
+    paths = _outputs(output, source, wanted.sweeps, animate, in_world)
     if output != STDOUT:
-        others = [file for file in (background, told["mask"], poses.file, *told["zones"]) if file]
-        if tracks:
-            from lidarcli.pipeline.inputs.tables import table_files
-
-            others += [str(table) for table in table_files([tracks])]
-        refuse(paths, overwrite, [*files_of([source]), *others])
-    found_with = parameters_of(None, told)
+        others = [file for file in (wanted.background, options["mask"], wanted.poses.file, *options["zones"]) if file]
+        others += [str(table) for table in table_files([options["tracks"]] if options["tracks"] else [])]
+        refuse(paths, options["overwrite"], [*files_of([source]), *others])
+    drawn: Drawn[Any]
     if in_world:
         from lidarcli.pipeline.mapping import MapOptions
 
-        options = MapOptions(read, opening, poses, parameters=found_with, overwrite=overwrite)
-        return _draw_map(messages, source, paths, wanted, tracks, options, look)
-    drawn = take_pictures(
-        source,
-        PlotOptions(
-            wanted,
-            told["topic"],
-            found_with,
-            read.rules,
-            opening,
-            background,
-            tracks,
-            TRAIL if told["trail"] is None else told["trail"],
-            poses,
-            *window,
-            zones,
-        ),
-    )
+        how = MapOptions(read, wanted.opening, wanted.poses, parameters=wanted.parameters)
+        drawn = take_map(source, how, wanted.sweeps, options["tracks"])
+    else:
+        drawn = take_pictures(source, wanted)
     messages.notes(drawn.notes)
+    pictures: Sequence[Any] = drawn.pictures
     if output == STDOUT:
-        standard_output().buffer.write(picture_bytes(drawn.pictures[0], view, ".png", look))
+        standard_output().buffer.write(picture_bytes(pictures[0], view, ".png", look))
     else:
         if animate:
-            with counted_bar(paths[0].name, len(drawn.pictures), "frames", messages) as report:
-                notes = write_animation(paths[0], drawn.pictures, view, overwrite, look, report)
+            with counted_bar(paths[0].name, len(pictures), "frames", messages) as report:
+                notes = write_animation(paths[0], pictures, view, options["overwrite"], look, report)
         else:
-            notes = write_pictures(paths, drawn.pictures, view, overwrite, look)
+            notes = write_pictures(paths, pictures, view, options["overwrite"], look)
         messages.wrote(paths)
         messages.notes(notes)
     for line in drawn.damage:
@@ -190,41 +156,12 @@ def plot(messages: Messages, told: Mapping[str, Any]) -> int:
     return UnreadableError.exit_code if drawn.damage else 0
 
 
-def _draw_map(
-    messages: Messages,
-    source: "Source",
-    paths: list[Place],
-    sweeps: tuple[int, ...] | None,
-    tracks: str | None,
-    options: "MapOptions",
-    look: Look,
-) -> int:
-    """Draw the run from above; the exit code."""
-    from lidarcli.errors import UnreadableError
-    from lidarcli.pipeline.plotting import map_bytes, take_map, write_maps
-
-    try:
-        drawn = take_map(source, options, sweeps, tracks)
-    except UnreadableError as err:
-        raise UnreadableError(f"{source.label}: {str(err).removeprefix(f'{source.path}: ')}") from err
-    messages.notes(drawn.notes)
-    if str(paths[0]) == STDOUT:
-        standard_output().buffer.write(map_bytes(drawn.pictures[0], ".png", look))
-    else:
-        notes = write_maps(paths, drawn.pictures, options.overwrite, look)
-        messages.wrote(paths)
-        messages.notes(notes)
-    for line in drawn.damage:
-        messages.error(source.label, line)
-    return UnreadableError.exit_code if drawn.damage else 0
-
-
-def _wanted_sweeps(told: Mapping[str, Any]) -> tuple[int, ...] | None:
+def _wanted_sweeps(options: Mapping[str, Any]) -> tuple[int, ...] | None:
     """The sweeps to draw; None for all."""
-    sweep, sweeps = told["sweep"], told["sweeps"]
+    sweep, sweeps = options["sweep"], options["sweeps"]
     if sweep is not None:
         return (sweep,)
-    return (0,) if sweeps is None and not told["animate"] else sweeps
+    return (0,) if sweeps is None and not options["animate"] else sweeps
 
 
 def _outputs(

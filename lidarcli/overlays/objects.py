@@ -299,9 +299,9 @@ class _Objects:
         length, width = (_metres(side) for side in self._sides[rows].T)
         both = pc.binary_join_element_wise(length, width, times)
         # A side that is no more than what is drawn at least was not seen.
-        seen = self._sides[rows] > LEAST_SIDE
-        alone = (self._is_round[rows] | ~seen[:, 1]).astype(np.int8)
-        size = pc.if_else(answers(np.where(seen[:, 0], alone, np.int8(-1))), length, both)
+        known = self._sides[rows] > LEAST_SIDE
+        alone = (self._is_round[rows] | ~known[:, 1]).astype(np.int8)
+        size = pc.if_else(answers(np.where(known[:, 0], alone, np.int8(-1))), length, both)
         number = plain(self._number[rows]).cast(pa.string())
         # RViz draws ASCII alone; what stands in a catalogue is the user's.
         label = self._rows["label"].dictionary_decode().take(plain(rows))
@@ -373,10 +373,10 @@ def is_mirrored(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Bool:
     """Return (N,) True where an object is on the other side of the sensor in the world: the sensor hangs head down."""
     yaw = poses.yaw[message]
     east, north = (_floats(rows, f"world_{axis}") - at[message] for axis, at in zip("xy", (poses.x, poses.y), strict=True))
-    seen = _floats(rows, "box_y")
+    left = _floats(rows, "box_y")
     aside = np.cos(yaw) * north - np.sin(yaw) * east
     with np.errstate(invalid="ignore"):
-        mirrored: Bool = np.abs(aside + seen) < np.abs(aside - seen)
+        mirrored: Bool = np.abs(aside + left) < np.abs(aside - left)
     return mirrored
 
 

@@ -54,28 +54,28 @@ class Recording:
         name, poses = _name(batch.topic), batch.poses
         times = [rerun.TimeColumn(TIMELINE, timestamp=batch.stamps)]
         there = np.isfinite(batch.ranges)
-        seen = batch.points()[there]
-        ends = seen
+        points = batch.points()[there]
+        ends = points
         if poses is not None:
             turns = quaternions(poses.yaw, poses.upside_down)
             place = _raised(np.column_stack([poses.x, poses.y]))
             columns = rerun.Transform3D.columns(translation=place, quaternion=turns)
             self._stream.send_columns(rerun.new_entity_path([name]), times, columns)
-            x, y, _ = poses.to_world(np.nonzero(there)[0], seen[:, 0], seen[:, 1], np.zeros(len(seen)))
+            x, y, _ = poses.to_world(np.nonzero(there)[0], points[:, 0], points[:, 1], np.zeros(len(points)))
             ends = np.column_stack([x, y])
         if len(ends):
             low, high = np.quantile(ends, [OUT_OF_SIGHT, 1.0 - OUT_OF_SIGHT], axis=0)
             self._low, self._high = np.minimum(self._low, low), np.maximum(self._high, high)
         path = rerun.new_entity_path([name, BEAMS])
         self._look(path, BEAMS)
-        columns = rerun.Points3D.columns(positions=_raised(seen)).partition(there.sum(axis=1))
+        columns = rerun.Points3D.columns(positions=_raised(points)).partition(there.sum(axis=1))
         self._stream.send_columns(path, times, columns)
         for kind in Kind:
             mine = [group for group in groups if group.kind is kind]
             path = rerun.new_entity_path([name, kind.value[1].decode()])
             if mine:
                 self._look(path, kind)
-            # Where a kind has been drawn, sweeps without it are told, too: else the last ones would stay.
+            # Where a kind has been drawn, sweeps without it are written, too: else the last ones would stay.
             if (path, kind) in self._drawn:
                 self._stream.send_columns(path, times, _columns(kind, mine, len(batch)))
 
@@ -116,8 +116,8 @@ class Recording:
 
     def finish(self, hidden: Collection[str]) -> None:
         """Add a view from above, in which some topics are hidden at first, and close the file."""
-        seen = np.isfinite(self._low).all()
-        low, high = (self._low, self._high) if seen else (np.full(2, -1.0), np.ones(2))
+        any_beam = np.isfinite(self._low).all()
+        low, high = (self._low, self._high) if any_beam else (np.full(2, -1.0), np.ones(2))
         middle, away = 0.5 * (low + high), HEIGHT * float((high - low).max())
         view = blueprint.Spatial3DView(
             origin="/",

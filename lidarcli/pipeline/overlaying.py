@@ -19,7 +19,7 @@ from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.grid import Occupancy
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, OpenOptions, ReadReport
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport
 from lidarcli.logs.clock import mended
 from lidarcli.maps import MAP_TYPE, image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import NewFiles, refuse, writing
@@ -95,8 +95,8 @@ class OverlayOptions:
 
 def outputs_of(path: Place, options: OverlayOptions) -> tuple[Place, ...]:
     """Return all files that are written; what an .rrd shows first is in it."""
-    beside = (LAYOUT, RVIZ) if options.layout and not _is_rrd(path) else ()
-    return (path, *(path.with_suffix(suffix) for suffix in beside))
+    settings = (LAYOUT, RVIZ) if options.layout and path.suffix.lower() != RRD else ()
+    return (path, *(path.with_suffix(suffix) for suffix in settings))
 
 
 def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None:
@@ -115,8 +115,9 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
         raise OptionError(f"{path}: the suffix of an overlay has to be one of {', '.join(SUFFIXES)}")
     if source.is_stdin:
         raise OptionError("an overlay is made by reading the log twice; give the name of its file instead of -")
-    if _is_rrd(path):
-        _recording()
+    if path.suffix.lower() == RRD:
+        # It refuses to be imported without rerun, which is an extra.
+        import lidarcli.overlays.rrd  # noqa: F401
     inputs = options.detect.inputs([source])
     if options.objects is not None:
         pair = one_table_set(options.objects)
@@ -124,23 +125,6 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
     if options.map is not None:
         inputs += [str(options.map), str(image_of(options.map))]
     refuse(outputs_of(path, options), options.overwrite, inputs)
-
-
-def _is_rrd(path: Place) -> bool:
-    return path.suffix.lower() == RRD
-
-
-def _recording() -> type[Recording]:
-    """Return the type of recordings of rerun, which is an extra.
-
-    Raises
-    ------
-    OptionError
-        It is not installed.
-    """
-    from lidarcli.overlays.rrd import Recording
-
-    return Recording
 
 
 def write_overlay(source: Source, path: Place, options: OverlayOptions, progress: Progress | None = None) -> RunSummary:
@@ -165,9 +149,9 @@ def write_overlay(source: Source, path: Place, options: OverlayOptions, progress
             pair, found = detect_to_temporary(source, new.part(path).with_name("tables"), options.detect, progress)
             progress = second_half(progress, source.size)
         is_ros2 = path.suffix.lower() != BAG
-        work = Overlay(source, pair, grid, options.detect.opening, is_ros2, options.with_log, options.zones)
+        work = Overlay(source, pair, grid, options, is_ros2)
         with writing(path, nameless=True):
-            if _is_rrd(path):
+            if path.suffix.lower() == RRD:
                 work.record(new.part(path), stack, progress)
             else:
                 file = overlay_file(new.part(path))
@@ -188,42 +172,32 @@ class Overlay:
     """Messages of one overlay: those of the log that are copied, and the markers of its objects."""
 
     def __init__(
-        self,
-        source: Source,
-        pair: TableSet,
-        grid: Occupancy | None,
-        opening: OpenOptions,
-        is_ros2: bool,
-        with_log: bool,
-        zones: Zones | None = None,
+        self, source: Source, pair: TableSet, grid: Occupancy | None, options: OverlayOptions, is_ros2: bool
     ) -> None:
-        """`grid`: a map to show; `is_ros2`: whether for ROS 2, else for ROS 1; `with_log`: copy the log, too."""
-        self._source = source
-        self._grid = grid
+        """Take what is to be shown; `is_ros2`: for ROS 2, else for ROS 1."""
+        self._source, self._grid, self._options = source, grid, options
         # Sweeps are to be made again as they were for the tables.
-        notes = file_metadata(pair.sweeps)
-        told = opening_of(note_value(notes, PARAMETERS, dict))
-        self._opening = replace(opening, slice=opening.slice or told.slice, echo=told.echo, segments=told.segments)
-        self._zones = zones
+        notes, opening = file_metadata(pair.sweeps), options.detect.opening
+        then = opening_of(note_value(notes, PARAMETERS, dict))
+        self._opening = replace(opening, slice=opening.slice or then.slice, echo=then.echo, segments=then.segments)
         self._showing: Showing | None = None
         described = note_value(notes, SOURCE, dict)
         mask = described.get("mask")
         self._rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
         self._is_ros2 = is_ros2
-        self._with_log = with_log
         self._tables = Tables(pair)
         self._copies = Copies(frozenset(self._tables.topics), is_ros2)
         self._names = topics_of_objects(self._tables.topics)
-        self._told = poses_of(described)
+        self._pose_sources = poses_of(described)
         """Sensor frame → the description of its poses."""
-        self._ways = {
-            frame: (str(way.get("fixed_frame", way["world"])), str(way.get("topic")))
-            for frame, way in self._told.items()
+        self._pose_frames = {
+            frame: (str(poses.get("fixed_frame", poses["world"])), str(poses.get("topic")))
+            for frame, poses in self._pose_sources.items()
             # No viewer tells frames of several robots apart that have one name.
-            if isinstance(way["world"], str) and way["world"] not in ("", MATCH)
+            if isinstance(poses["world"], str) and poses["world"] not in ("", MATCH)
         }
         """Sensor frame → the fixed frame and the topic of its poses; no viewer knows the world of a matched path."""
-        self._worlds = {frame: world for frame, (world, _) in self._ways.items()}
+        self._worlds = {frame: world for frame, (world, _) in self._pose_frames.items()}
         """Sensor frame → the fixed frame, where poses are known."""
         self._report, self._copied = ReadReport(), ReadReport()
         self._sweeps = 0
@@ -238,8 +212,6 @@ class Overlay:
         """Frames whose place this file has told."""
         self._hangs: dict[tuple[str, str], bool] = {}
         """Topic and frame of a sensor → True where it hangs head down, as far as its objects have shown."""
-        self._trajectories: dict[str, Trajectories | None] = {}
-        """Topic → its trajectories, where there are any."""
         self._frame_of: dict[str, str] = {}
         """Topic → the frame of its first sweep, as the log has it."""
         self._lost = 0
@@ -250,18 +222,18 @@ class Overlay:
         """Yield all messages in the order in which they are to be played."""
         log = self._open(stack)
         self._encodings = scan_encodings(log)
-        transforming = transform_topics(log, of_ros=self._with_log)
-        self._placed = {frame for frame, (_, topic) in self._ways.items() if topic in transforming}
+        transforming = transform_topics(log, of_ros=self._options.with_log)
+        self._placed = {frame for frame, (_, topic) in self._pose_frames.items() if topic in transforming}
         others = self._worlds.keys() - self._placed
-        if self._with_log and others:
+        if self._options.with_log and others:
             # A frame has one parent: where the log tells of one, another would tear the tree apart.
-            self._to_place = others - frames_told(log, others)
+            self._to_place = others - frames_in_transforms(log, others)
             self._placed |= self._to_place
         drawn = self._drawn(log, progress)
         if len(self._tables.topics) > 1:
             drawn = in_order(drawn)
         everything = drawn
-        if self._with_log:
+        if self._options.with_log:
             # Both passes go on at the same time, and each needs a log of its own.
             other = stack.enter_context(open_source(self._source, self._opening))
             everything = heapq.merge(self._copies.of(other, self._copied), drawn, key=RECORDED)
@@ -274,14 +246,16 @@ class Overlay:
 
     def record(self, path: Path, stack: ExitStack, progress: Progress | None) -> None:
         """Write a recording of rerun: sweeps and objects at the poses of the tables, whatever tells them."""
+        from lidarcli.overlays.rrd import Recording
+
         log = self._open(stack)
-        file = _recording()(path)
+        file = Recording(path)
         stack.callback(file.abandon)
         for joined in self._tables.join(log, self._report):
             self._sweeps += len(joined.raw)
-            for told, mine in joined.by_frame():
-                self._frame_of.setdefault(mine.raw.topic, told)
-                self._draw(file, told, mine)
+            for frame, mine in joined.by_frame():
+                self._frame_of.setdefault(mine.raw.topic, frame)
+                self._draw(file, frame, mine)
             if progress is not None:
                 progress(log.position)
         hidden = [*self._hidden()]
@@ -296,14 +270,14 @@ class Overlay:
 
     def scene(self) -> Scene:
         """Return the settings of viewers; known when all messages have been written."""
-        frame, told = next(iter(self._frames.items()), (FRAME, FRAME))
-        if told in self._placed:
-            frame = self._worlds[told]
+        fixed, frame = next(iter(self._frames.items()), (FRAME, FRAME))
+        if frame in self._placed:
+            fixed = self._worlds[frame]
         if self._grid is not None and self._worlds:
-            frame = self._world
+            fixed = self._world
         hidden = self._hidden()
         return Scene(
-            frame,
+            fixed,
             tuple(self._names.values()),
             tuple(self._scan_topic(topic) for topic in self._tables.topics),
             None if self._grid is None else MAP,
@@ -347,14 +321,14 @@ class Overlay:
 
     @property
     def _world(self) -> str:
-        return next((self._worlds[told] for told in self._frames.values() if told in self._worlds), DEFAULT_WORLD)
+        return next((self._worlds[frame] for frame in self._frames.values() if frame in self._worlds), DEFAULT_WORLD)
 
     def _open(self, stack: ExitStack) -> Log:
         """Open the log, and make ready to show zones."""
-        if self._zones is not None:
+        if (zones := self._options.zones) is not None:
             # Transforms are read by a pass of their own.
             other = stack.enter_context(open_source(self._source, self._opening))
-            self._showing = Showing(self._zones, Frames.of(other, self._zones))
+            self._showing = Showing(zones, Frames.of(other, zones))
         return stack.enter_context(open_source(self._source, self._opening))
 
     def _hidden(self) -> dict[str, str]:
@@ -364,7 +338,7 @@ class Overlay:
         shown = ""
         for topic in self._tables.topics:
             frame = self._frame_of.get(topic, "")
-            world = world_in(self._told.get(frame, {}), topic)
+            world = world_in(self._pose_sources.get(frame, {}), topic)
             shown = shown or world
             if world and world != shown:
                 hidden[topic] = f"in the frame {world}, not in {shown}"
@@ -390,22 +364,22 @@ class Overlay:
             self._sweeps += len(raw)
             anew = not is_ros(self._encodings.get(raw.topic, ""))
             parts: list[Iterator[Outgoing]] = []
-            if self._with_log and anew:
+            if self._options.with_log and anew:
                 named = tuple(name or FRAME for name in raw.frame_ids)
                 parts.append(self._copies.written_anew(replace(raw, frame_ids=named)))
-            for told, mine in joined.by_frame():
-                name = told or FRAME if anew else told
-                self._frames.setdefault(name, told)
-                self._frame_of.setdefault(raw.topic, told)
-                if told in self._to_place:
-                    parts.append(self._poses(name, told, mine))
+            for frame, mine in joined.by_frame():
+                name = frame or FRAME if anew else frame
+                self._frames.setdefault(name, frame)
+                self._frame_of.setdefault(raw.topic, frame)
+                if frame in self._to_place:
+                    parts.append(self._poses(name, frame, mine))
                 parts.append(self._markers(name, mine))
             # Of equal times the scan comes first, and what is drawn on it last.
             yield from sorted(chain(*parts), key=RECORDED) if len(parts) > 1 else parts[0]
             if progress is not None:
                 progress(log.position)
 
-    def _draw(self, file: Recording, told: str, joined: Joined) -> None:
+    def _draw(self, file: Recording, frame: str, joined: TabledSweeps) -> None:
         """Draw some sweeps of one frame into a recording."""
         poses = None
         if self._tables.is_posed:
@@ -415,29 +389,26 @@ class Overlay:
                 return
             joined = joined if known.all() else joined.rows(known)
             here = joined.poses
-            poses = SweepPoses(here.x, here.y, here.yaw, np.full(len(here.x), self._hanging(joined, told)))
+            poses = SweepPoses(here.x, here.y, here.yaw, np.full(len(here.x), self._hanging(joined, frame)))
         batch = normalise(joined.raw, joined.index, self._rules)
-        file.add(replace(batch, poses=poses), self._groups(told, joined))
+        file.add(replace(batch, poses=poses), self._groups(frame, joined))
 
-    def _markers(self, frame: str, joined: Joined) -> Iterator[Outgoing]:
+    def _markers(self, frame: str, joined: TabledSweeps) -> Iterator[Outgoing]:
         """Yield the markers of some sweeps of one frame."""
         data = marker_arrays(joined.raw.time_ns, frame, self._groups(frame, joined), cdr=self._is_ros2)
         return of_sweeps(self._names[joined.raw.topic], MARKER_TYPE, joined.raw, data)
 
-    def _groups(self, frame: str, joined: Joined) -> list[Markers]:
+    def _groups(self, frame: str, joined: TabledSweeps) -> list[Markers]:
         """Return the markers of some sweeps of one frame."""
         groups = markers_of(joined.objects, joined.row, joined.poses)
-        topic = joined.raw.topic
-        if topic not in self._trajectories:
-            self._trajectories[topic] = self._tables.trajectories(topic)
-        if (known := self._trajectories[topic]) is not None:
+        if (known := self._tables.trajectories(joined.raw.topic)) is not None:
             hangs = self._hanging(joined, frame)
             groups += paths_of(known, joined.index, joined.poses, hangs)
         if self._showing is not None:
             groups += self._outlines(self._showing, joined, frame)
         return groups
 
-    def _outlines(self, showing: Showing, joined: Joined, frame: str) -> list[Markers]:
+    def _outlines(self, showing: Showing, joined: TabledSweeps, frame: str) -> list[Markers]:
         """Return the outlines of the zones in some sweeps of one frame."""
         batch = normalise(joined.raw, joined.index, self._rules)
         here, hangs = joined.poses, np.full(len(batch), self._hanging(joined, frame))
@@ -451,23 +422,23 @@ class Overlay:
             for number, one in enumerate(showing.of(replace(batch, poses=poses), sets), 1)
         ]
 
-    def _hanging(self, joined: Joined, told: str) -> bool:
+    def _hanging(self, joined: TabledSweeps, frame: str) -> bool:
         """Return whether a sensor hangs head down, as far as its objects have shown."""
-        key = joined.raw.topic, told
+        key = joined.raw.topic, frame
         if joined.objects.num_rows:
             self._hangs[key] = bool(np.mean(is_mirrored(joined.objects, joined.row, joined.poses)) > 0.5)
         return self._hangs.get(key, False)
 
-    def _poses(self, frame: str, told: str, joined: Joined) -> Iterator[Outgoing]:
+    def _poses(self, name: str, frame: str, joined: TabledSweeps) -> Iterator[Outgoing]:
         """Yield the poses of the sensor as transforms, for a log without transforms that viewers know."""
         known = np.isfinite(joined.poses.yaw)
         if not known.any():
             return iter(())
-        self._placing.add(frame)
+        self._placing.add(name)
         raw = joined.raw.rows(known)
         pose = np.column_stack([joined.poses.x, joined.poses.y, joined.poses.yaw])[known]
-        hangs = np.full(len(raw), self._hanging(joined, told))
-        data = transforms(raw.time_ns, self._worlds[told], frame, pose, hangs, cdr=self._is_ros2)
+        hangs = np.full(len(raw), self._hanging(joined, frame))
+        data = transforms(raw.time_ns, self._worlds[frame], name, pose, hangs, cdr=self._is_ros2)
         return of_sweeps("/tf", TF, raw, data)
 
     def _scan_topic(self, topic: str) -> str:
@@ -504,17 +475,17 @@ def transform_topics(log: Log, *, of_ros: bool) -> frozenset[str]:
     return frozenset(topic.name for topic in transforming if is_ros(topic.encoding) or not of_ros)
 
 
-def frames_told(log: Log, frames: Collection[str]) -> set[str]:
+def frames_in_transforms(log: Log, frames: Collection[str]) -> set[str]:
     """Return those of the frames that transforms of the log name."""
     names = {frame: _spelled(frame) for frame in frames}
-    told: set[str] = set()
+    found: set[str] = set()
     for message in log.messages(TRANSFORMS, ReadReport()):
         if not is_ros(message.encoding):
             continue
-        told |= {frame for frame, forms in names.items() if any(form in message.data for form in forms)}
-        if len(told) == len(names):
+        found |= {frame for frame, forms in names.items() if any(form in message.data for form in forms)}
+        if len(found) == len(names):
             break
-    return told
+    return found
 
 
 def _spelled(frame: str) -> tuple[bytes, bytes]:
@@ -590,7 +561,7 @@ def in_order(messages: Iterable[Outgoing]) -> Iterator[Outgoing]:
 
 
 @dataclass(frozen=True, slots=True)
-class Joined:
+class TabledSweeps:
     """Some sweeps of one topic that the tables know, and their objects."""
 
     raw: RawSweeps
@@ -604,19 +575,19 @@ class Joined:
     index: Int64
     """(S,) index of each sweep in the log."""
 
-    def by_frame(self) -> Iterator[tuple[str, Joined]]:
+    def by_frame(self) -> Iterator[tuple[str, TabledSweeps]]:
         """Yield each frame with its sweeps."""
         codes = np.unique(self.raw.frame).tolist()
         for code in codes:
             yield self.raw.frame_ids[code], self if len(codes) == 1 else self.rows(self.raw.frame == code)
 
-    def rows(self, mine: Bool) -> Joined:
+    def rows(self, mine: Bool) -> TabledSweeps:
         """Return some of the sweeps."""
         poses = Poses(self.poses.x[mine], self.poses.y[mine], self.poses.yaw[mine])
         its = mine[self.row]
         place = np.cumsum(mine) - 1
         objects = self.objects.take(plain(np.flatnonzero(its)))
-        return Joined(self.raw.rows(mine), poses, objects, place[self.row[its]], self.index[mine])
+        return TabledSweeps(self.raw.rows(mine), poses, objects, place[self.row[its]], self.index[mine])
 
 
 class Tables:
@@ -624,14 +595,15 @@ class Tables:
 
     def __init__(self, pair: TableSet) -> None:
         self._pair = pair
-        told = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ["topic", "pose_x"])
-        self.topics: tuple[str, ...] = tuple(sorted(told["topic"].unique().to_pylist()))
-        self.is_posed = told["pose_x"].null_count < told.num_rows
+        columns = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ["topic", "pose_x"])
+        self.topics: tuple[str, ...] = tuple(sorted(columns["topic"].unique().to_pylist()))
+        self.is_posed = columns["pose_x"].null_count < columns.num_rows
         """True where some sweep has a pose."""
         self._cursors: dict[str, tuple[TopicRows, TopicRows]] = {}
         self._counts: dict[str, int] = {}
+        self._trajectories: dict[str, Trajectories] = {}
 
-    def join(self, log: Log, report: ReadReport) -> Iterator[Joined]:
+    def join(self, log: Log, report: ReadReport) -> Iterator[TabledSweeps]:
         """Yield all sweeps of the log that the tables have, in log order within each topic.
 
         Raises
@@ -650,16 +622,16 @@ class Tables:
 
     def trajectories(self, topic: str) -> Trajectories | None:
         """Return the trajectories of a topic; None where there is no such table."""
-        if not self._pair.trajectories.exists():
-            return None
         path, schema = self._pair.trajectories, SCHEMAS["trajectories"]
-        return Trajectories.of(read_columns(path, "trajectories", schema, PATH_COLUMNS), topic)
+        if topic not in self._trajectories and path.exists():
+            self._trajectories[topic] = Trajectories.of(read_columns(path, "trajectories", schema, PATH_COLUMNS), topic)
+        return self._trajectories.get(topic)
 
     def left(self) -> int:
         """Count the sweeps of the tables that the log does not have."""
         return sum(1 for topic in self.topics for rows in self._cursor(topic)[0].rest() for _ in range(rows.num_rows))
 
-    def _join(self, block: RawSweeps, first: int) -> Joined | None:
+    def _join(self, block: RawSweeps, first: int) -> TabledSweeps | None:
         sweeps, objects = (cursor.until(first + len(block)) for cursor in self._cursor(block.topic))
         index = integers(sweeps, "sweep") - first
         if not len(index):
@@ -673,7 +645,7 @@ class Tables:
         if (np.diff(index) <= 0).any() or (np.abs(raw.time_ns - stamps) >= COARSE).any() or strays.any():
             raise self._other()
         poses = Poses(*(numbers(sweeps[name]) for name in ("pose_x", "pose_y", "pose_yaw")))
-        return Joined(raw, poses, objects, row, index + first)
+        return TabledSweeps(raw, poses, objects, row, index + first)
 
     def _other(self) -> UnreadableError:
         return UnreadableError(

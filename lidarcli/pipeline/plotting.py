@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import ROUND, SETS, Detection
 from lidarcli.formalism.mapping.grid import HIT, placed
-from lidarcli.logs.base import Log, OpenOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.newfiles import NewFiles, write_whole, writing
@@ -29,7 +30,7 @@ from lidarcli.reports.ground import COLUMNS, Paths, TrackPath
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import Picture, ZoneInSight, animate, draw, limits_of
 from lidarcli.stores import Place
-from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
+from lidarcli.sweeps import Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.objects.subtracting import BackgroundComparison
     from lidarcli.pipeline.zone_frames import Showing, ShownZone
     from lidarcli.zone import Zones
+P = TypeVar("P")
 BATCH = 64
 NEAR = 1.0
 """Farthest time from a sweep that stands for it [s]: most sensors sweep ten times in a second."""
@@ -74,15 +76,15 @@ class PlotOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class Drawn(Generic[P]):
     """Pictures, with the notes and the damage of reading."""
 
-    pictures: tuple[Picture, ...]
+    pictures: tuple[P, ...]
     notes: tuple[str, ...]
     damage: tuple[str, ...]
 
 
-def take_pictures(source: Source, options: PlotOptions) -> Drawn:
+def take_pictures(source: Source, options: PlotOptions) -> Drawn[Picture]:
     """Return pictures of the wanted sweeps of a log with their objects; errors name the log.
 
     Raises
@@ -92,16 +94,22 @@ def take_pictures(source: Source, options: PlotOptions) -> Drawn:
     NoScanError
         There is no LaserScan, or not the topic that was asked for.
     """
-    work = _Work(source, options)
+    with _naming(source):
+        return _take(source, options, _PictureMaker(source, options))
+
+
+@contextmanager
+def _naming(source: Source) -> Iterator[None]:
+    """Let errors of reading name the log."""
     try:
-        return _take(source, options, work)
+        yield
     except (NoScanError, UnreadableError) as err:
-        if str(err).startswith(f"{source.path}: ") or str(err).startswith(f"{source.label}: "):
+        if str(err).startswith((f"{source.path}: ", f"{source.label}: ")):
             raise
         raise type(err)(f"{source.label}: {err}") from err
 
 
-def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
+def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Picture]:
     with open_source(source, options.opening) as log:
         choice = TopicChoice([options.topic] if options.topic else [], log.topics())
         topic, notes = _topic(choice)
@@ -109,8 +117,13 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
         masking = masking_of(log, options.rules, options.poses, topics)
         read = ReadOptions(topics=topics, start=options.start, end=options.end, batch_size=BATCH, rules=masking.rules)
         rows: list[SweepBatch] = []
-        seen = -1
-        showing = _showing(log, options.zones)
+        last = -1
+        showing = None
+        if options.zones is not None:
+            # Imported here: most plots need no zones.
+            from lidarcli.pipeline.zone_frames import Frames, Showing
+
+            showing = Showing(options.zones, Frames.of(log, options.zones))
         posed = options.background or (showing is not None and showing.is_in_world)
         posing = PoseAttacher.of(log, options.poses if posed else NO_POSES, choice, options.rules)
         report = ReadReport()
@@ -119,20 +132,26 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
             topic = topic or batch.topic
             if batch.topic != topic:
                 continue
-            rows += _wanted(batch, options.sweeps)
-            seen = int(batch.sweep[-1])
-            if options.sweeps is not None and seen >= max(options.sweeps):
+            mine = np.arange(len(batch)) if options.sweeps is None else np.flatnonzero(np.isin(batch.sweep, options.sweeps))
+            rows += [one_sweep(batch, row) for row in mine.tolist()]
+            last = int(batch.sweep[-1])
+            if options.sweeps is not None and last >= max(options.sweeps):
                 break
             if len(rows) > MOST_PICTURES:
                 raise OptionError(f"more than {MOST_PICTURES:,} sweeps to draw; choose some with --sweeps")
         damage = tuple(damage_lines(posing.together(report)))
         work.place(rows, showing)
-    if seen < 0 and report.notes and (options.start is not None or options.end is not None):
+    if last < 0 and report.notes and (options.start is not None or options.end is not None):
         raise OptionError(f"{source.label}: {report.notes[-1]}")
-    if seen < 0:
+    if last < 0:
         raise nothing_read(damage, NoScanError("no LaserScan in it"), [topic] if topic else [])
-    _refuse_missing(source, rows, options.sweeps, f"{topic}: the last one is {seen}", damage)
     by_index = {int(row.sweep[0]): row for row in rows}
+    for index in options.sweeps or ():
+        if index not in by_index:
+            words = f"{source.label}: no sweep {index} of {topic}: the last one is {last}"
+            if damage:
+                raise UnreadableError(f"{words} in the part that could be read; {damage[0]}")
+            raise OptionError(words)
     order = options.sweeps if options.sweeps is not None else tuple(sorted(by_index))
     pictures = tuple(work.picture(by_index[index]) for index in order)
     notes = (*notes, *masking.notes, *report.doubted(), *work.notes(), *_out_of_view(pictures))
@@ -147,16 +166,6 @@ def _out_of_view(pictures: Sequence[Picture]) -> Iterator[str]:
     for name in dict.fromkeys(one.zone.name for one in zones):
         if name not in seen:
             yield f"zone {name} lies outside of the picture"
-
-
-def _showing(log: Log, zones: Zones | None) -> Showing | None:
-    """Return what places zones in the sweeps of a log; None without zones."""
-    if zones is None:
-        return None
-    # Imported here: most plots need no zones.
-    from lidarcli.pipeline.zone_frames import Frames, Showing
-
-    return Showing(zones, Frames.of(log, zones))
 
 
 def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: OpenOptions) -> int:
@@ -181,10 +190,10 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: 
             if best < 0:
                 first_ns = int(batch.stamp_ns[0])
                 target_ns = time.ns if isinstance(time, Instant) else first_ns + round(time * SECOND_NS)
-            row = _nearest(batch.stamp_ns, target_ns)
-            away_ns = abs(int(batch.stamp_ns[row]) - target_ns)
-            if best < 0 or away_ns < nearest_ns:
-                best, nearest_ns = int(batch.sweep[row]), away_ns
+            # The target may be farther away than int64 can tell.
+            for index, stamp_ns in zip(batch.sweep.tolist(), batch.stamp_ns.tolist(), strict=True):
+                if best < 0 or abs(stamp_ns - target_ns) < nearest_ns:
+                    best, nearest_ns = index, abs(stamp_ns - target_ns)
             if int(batch.stamp_ns.min()) > target_ns + NEAR * SECOND_NS:
                 break
         damage = damage_lines(report)
@@ -198,15 +207,6 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: 
     return best
 
 
-def _nearest(stamp_ns: Int64, target_ns: int) -> int:
-    """Return the row whose stamp is nearest; the target may be farther away than int64 can tell."""
-    least, most = np.iinfo(np.int64).min, np.iinfo(np.int64).max
-    target = np.int64(min(max(target_ns, least), most))
-    # The difference of the greater and the smaller is right in uint64, whatever their signs.
-    away = np.maximum(stamp_ns, target).view(np.uint64) - np.minimum(stamp_ns, target).view(np.uint64)
-    return int(np.argmin(away))
-
-
 def picture_of(batch: SweepBatch, sweep: int, options: PlotOptions) -> Picture:
     """Return the picture of one sweep of a batch with its objects (`OptionError` where it is not in the batch)."""
     rows = np.flatnonzero(batch.sweep == sweep)
@@ -214,7 +214,7 @@ def picture_of(batch: SweepBatch, sweep: int, options: PlotOptions) -> Picture:
         there = f"{batch.sweep[0]} to {batch.sweep[-1]}" if len(batch) else "none"
         raise OptionError(f"no sweep {sweep} of {batch.topic} in this batch, whose sweeps are {there}")
     name = batch.log or batch.topic.lstrip("/")
-    return _Work(Source(name, name), options).picture(one_sweep(batch, int(rows[0])))
+    return _PictureMaker(Source(name, name), options).picture(one_sweep(batch, int(rows[0])))
 
 
 def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:
@@ -226,12 +226,6 @@ def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:
     return choice.first, notes
 
 
-def _wanted(batch: SweepBatch, sweeps: Sequence[int] | None) -> Iterator[SweepBatch]:
-    chosen = np.arange(len(batch)) if sweeps is None else np.flatnonzero(np.isin(batch.sweep, sweeps))
-    for row in chosen.tolist():
-        yield one_sweep(batch, row)
-
-
 def one_sweep(batch: SweepBatch, row: int) -> SweepBatch:
     """Return one sweep of a batch, without its padding."""
     one = batch.rows(np.array([row]))
@@ -240,19 +234,7 @@ def one_sweep(batch: SweepBatch, row: int) -> SweepBatch:
     return replace(one, ranges=one.ranges[:, :beams], status=one.status[:, :beams], intensities=intensities)
 
 
-def _refuse_missing(
-    source: Source, rows: Sequence[SweepBatch], sweeps: Sequence[int] | None, topic: str, damage: Sequence[str]
-) -> None:
-    there = {int(row.sweep[0]) for row in rows}
-    missing = [index for index in sweeps or () if index not in there]
-    if missing:
-        words = f"{source.label}: no sweep {missing[0]} of {topic}"
-        if damage:
-            raise UnreadableError(f"{words} in the part that could be read; {damage[0]}")
-        raise OptionError(words)
-
-
-class _Work:
+class _PictureMaker:
     """Finds the objects of sweeps, beside a background where there is one."""
 
     def __init__(self, source: Source, options: PlotOptions) -> None:
@@ -275,7 +257,7 @@ class _Work:
         self._showing = showing
         if showing is not None:
             for batch in rows:
-                sets = self._told(batch, detect(batch, self._options.parameters, per_beam=True)).beam_set
+                sets = self._with_agents(batch, detect(batch, self._options.parameters, per_beam=True)).beam_set
                 self._zones[int(batch.sweep[0])] = [*showing.of(batch, sets)]
 
     def picture(self, batch: SweepBatch) -> Picture:
@@ -285,7 +267,7 @@ class _Work:
         picture = Picture(
             log=self._log,
             batch=batch,
-            detection=self._told(batch, detect(batch, parameters, per_beam=True)),
+            detection=self._with_agents(batch, detect(batch, parameters, per_beam=True)),
             profile=parameters.profile,
             threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
             tracks=self._tracks(batch),
@@ -301,12 +283,12 @@ class _Work:
         r_e = found.r_e[0].astype(np.float64)
         return replace(
             picture,
-            detection=self._told(batch, self._subtracting(batch, per_beam=True)),
+            detection=self._with_agents(batch, self._subtracting(batch, per_beam=True)),
             background=np.where(np.isfinite(r_e), r_e, np.nan),
             difference=found.difference[0].astype(np.float64),
         )
 
-    def _told(self, batch: SweepBatch, found: Detection) -> Detection:
+    def _with_agents(self, batch: SweepBatch, found: Detection) -> Detection:
         """Return a detection whose beams on agents are in set A, as far as tracks tell."""
         if (paths := self._paths_of(batch)) is None:
             return found
@@ -353,13 +335,13 @@ class _Work:
         return compared if self._showing is None else [*compared, *self._showing.notes()]
 
 
-def picture_bytes(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
-    """Return the picture as a PNG, SVG or PDF."""
-    return draw(picture, view, suffix, look)
+def picture_bytes(picture: Picture | MapPicture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
+    """Return a picture as a PNG, SVG or PDF."""
+    return draw_map(picture, suffix, look) if isinstance(picture, MapPicture) else draw(picture, view, suffix, look)
 
 
 def write_pictures(
-    paths: Sequence[Place], pictures: Sequence[Picture], view: str, overwrite: bool, look: Look = AS_IT_COMES
+    paths: Sequence[Place], pictures: Sequence[Picture | MapPicture], view: str, overwrite: bool, look: Look = AS_IT_COMES
 ) -> list[str]:
     """Write each picture to its file; notes as of `NewFiles.publish`.
 
@@ -375,7 +357,7 @@ def write_pictures(
             raise OptionError(f"{path}: the suffix has to be one of {', '.join(IMAGES)}")
     notes: list[str] = []
     for path, picture in zip(paths, pictures, strict=True):
-        notes += write_whole(path, draw(picture, view, path.suffix.lower(), look), overwrite)
+        notes += write_whole(path, picture_bytes(picture, view, path.suffix.lower(), look), overwrite)
     return notes
 
 
@@ -397,18 +379,9 @@ def write_animation(
         return new.publish()
 
 
-@dataclass(frozen=True, slots=True)
-class DrawnMap:
-    """Pictures of a map, with the notes and the damage of reading."""
-
-    pictures: tuple[MapPicture, ...]
-    notes: tuple[str, ...]
-    damage: tuple[str, ...]
-
-
 def take_map(
     source: Source, options: MapOptions, sweeps: Sequence[int] | None = None, tracks: str | None = None
-) -> DrawnMap:
+) -> Drawn[MapPicture]:
     """Return pictures of the map of a log with the path of its sensor.
 
     Parameters
@@ -426,7 +399,8 @@ def take_map(
     from lidarcli.pipeline.mapping import Mapping
 
     mapping = Mapping(options)
-    summary = mapping.add(source)
+    with _naming(source):
+        summary = mapping.add(source)
     paths = [np.column_stack([path.x, path.y]) for path in mapping.paths]
     found = None if tracks is None else _overview(tracks, source, mapping)
     whole = MapPicture(
@@ -437,29 +411,14 @@ def take_map(
         title=f"{source.name}  {_frame_words(mapping.worlds)}",
     )
     if sweeps is None:
-        return DrawnMap((whole,), tuple(summary.notes), tuple(summary.damage))
+        return Drawn((whole,), tuple(summary.notes), tuple(summary.damage))
     shots = _snapshots(source, options, sweeps)
     pictures = tuple(replace(whole, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps)
-    return DrawnMap(pictures, tuple(summary.notes), tuple(summary.damage))
+    return Drawn(pictures, tuple(summary.notes), tuple(summary.damage))
 
 
 def _frame_words(worlds: Iterable[str]) -> str:
     return ", ".join("path matched from the sweeps" if one == MATCH else f"frame {one}" for one in worlds)
-
-
-def map_bytes(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
-    """Return the picture as a PNG, SVG or PDF."""
-    return draw_map(picture, suffix, look)
-
-
-def write_maps(
-    paths: Sequence[Place], pictures: Sequence[MapPicture], overwrite: bool, look: Look = AS_IT_COMES
-) -> list[str]:
-    """Write each picture to its file; notes as of `NewFiles.publish`."""
-    notes: list[str] = []
-    for path, picture in zip(paths, pictures, strict=True):
-        notes += write_whole(path, draw_map(picture, path.suffix.lower(), look), overwrite)
-    return notes
 
 
 def _overview(tracks: str, source: Source, mapping: Mapping) -> MapPicture:
@@ -482,11 +441,11 @@ def _overview(tracks: str, source: Source, mapping: Mapping) -> MapPicture:
     # A path that is matched begins at 0, and nothing else tells where a sensor is that stands.
     stands = [*mapping.worlds] == [MATCH] and all(path.stands for path in mapping.paths)
     found = overview(sweeps, things, trajectories, stands)
-    ways = poses_of(note_value(notes_of(read["sweeps"]), SOURCE, dict)).values()
-    told = {world for way in ways for topic in topics if (world := world_in(way, topic))}
-    if told and told.isdisjoint(mapping.worlds):
+    sources = poses_of(note_value(notes_of(read["sweeps"]), SOURCE, dict)).values()
+    worlds = {world for one in sources for topic in topics if (world := world_in(one, topic))}
+    if worlds and worlds.isdisjoint(mapping.worlds):
         raise OptionError(
-            f"{tracks}: tracked in another world ({_frame_words(sorted(told))}) than that of the map "
+            f"{tracks}: tracked in another world ({_frame_words(sorted(worlds))}) than that of the map "
             f"({_frame_words(mapping.worlds)}); give both commands the same --pose"
         )
     if found is None:

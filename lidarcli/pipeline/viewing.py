@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.grid import Occupancy
@@ -22,7 +21,7 @@ from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.ground import Raw, Walls, map_of, walls_of
 from lidarcli.reports.html import Choice, choose_sweeps, pack, pack_map
 from lidarcli.reports.summary import Summary
-from lidarcli.sweeps import Float64, Int64, UInt8
+from lidarcli.sweeps import Float64, Int64, SweepBatch
 from lidarcli.tabular.reading import Readable
 
 BEAM_COLUMNS = ["topic", "sweep", "beam", "theta", "r"]
@@ -98,52 +97,30 @@ def _match(sources: Sequence[Origin], logs: Sequence[str], join: bool) -> dict[i
     return found
 
 
-@dataclass(slots=True)
-class _Gathered:
-    """Sweeps of one topic, gathered piece by piece."""
-
-    sweep: list[Int64] = field(default_factory=list)
-    angle_min: list[Float64] = field(default_factory=list)
-    angle_increment: list[Float64] = field(default_factory=list)
-    closure: list[UInt8] = field(default_factory=list)
-    beams: list[NDArray[Any]] = field(default_factory=list)
-    ranges: list[NDArray[Any]] = field(default_factory=list)
-
-    def raw(self) -> Raw:
-        """Return all sweeps in one, sorted."""
-        width = max(part.shape[1] for part in self.ranges)
-        ranges = np.concatenate(
-            [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan) for part in self.ranges]
-        )
-        sweep = np.concatenate(self.sweep)
-        order = np.argsort(sweep, kind="stable")
-        return Raw(
-            sweep[order],
-            np.concatenate(self.angle_min)[order],
-            np.concatenate(self.angle_increment)[order],
-            np.concatenate(self.closure)[order],
-            np.concatenate(self.beams)[order].astype(np.int64),
-            ranges[order].astype(np.float64),
-        )
+def _joined(parts: Sequence[SweepBatch]) -> Raw:
+    """Return all sweeps of a topic in one, sorted."""
+    width = max(part.ranges.shape[1] for part in parts)
+    order = np.argsort(np.concatenate([part.sweep for part in parts]), kind="stable")
+    names = ("sweep", "angle_min", "angle_increment", "closure", "beams")
+    columns = (np.concatenate([getattr(part, name) for part in parts])[order] for name in names)
+    sweep, angle_min, angle_increment, kind, beams = columns
+    ranges = np.full((len(order), width), np.nan)
+    rows = np.cumsum([0, *(len(part) for part in parts)])
+    for first, part in zip(rows, parts, strict=False):
+        ranges[first : first + len(part), : part.ranges.shape[1]] = part.ranges
+    return Raw(sweep, angle_min, angle_increment, kind, beams.astype(np.int64), ranges[order])
 
 
 def _from_log(number: int, log: Source, source: Origin, topics: dict[str, Int64]) -> dict[tuple[int, str], Raw]:
     """Read the ranges as `detect` did, by the parameters in the tables."""
-    gathered: dict[str, _Gathered] = {}
+    parts: dict[str, list[SweepBatch]] = {}
     with open_source(log, opening_of(source.parameters)) as opened:
         options = ReadOptions(topics=frozenset(topics), rules=rules_of(source.parameters, source.mask))
         for batch in read_batches(opened, options, ReadReport()):
             rows = np.flatnonzero(np.isin(batch.sweep, topics.get(batch.topic, [])))
-            if not len(rows):
-                continue
-            into = gathered.setdefault(batch.topic, _Gathered())
-            into.sweep.append(batch.sweep[rows])
-            into.angle_min.append(batch.angle_min[rows])
-            into.angle_increment.append(batch.angle_increment[rows])
-            into.closure.append(batch.closure[rows])
-            into.beams.append(batch.beams[rows])
-            into.ranges.append(batch.ranges[rows])
-    return {(number, topic): into.raw() for topic, into in gathered.items()}
+            if len(rows):
+                parts.setdefault(batch.topic, []).append(batch.rows(rows))
+    return {(number, topic): _joined(found) for topic, found in parts.items()}
 
 
 def _from_beams(number: int, pair: TableSet, topics: dict[str, Int64]) -> dict[tuple[int, str], Raw]:

@@ -345,8 +345,8 @@ def _on_objects(run: Run, raw: Raw, members: Int64, sweep: Int64) -> Bool:
 def _stands(x: Float64, y: Float64, yaw: Float64) -> bool:
     there = np.isfinite(x)
     turned = np.unwrap(yaw[there])
-    way = max(float(np.ptp(x[there])), float(np.ptp(y[there])))
-    return way <= STANDS and float(np.ptp(turned)) <= HEADS
+    extent = max(float(np.ptp(x[there])), float(np.ptp(y[there])))
+    return extent <= STANDS and float(np.ptp(turned)) <= HEADS
 
 
 def _cells(x: Float64, y: Float64) -> Walls | None:

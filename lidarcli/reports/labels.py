@@ -1,7 +1,4 @@
-"""The labels of a panel: beside what they name, none on another, and away from what is drawn.
-
-They are placed when the figure is drawn, for only then is known how large it is.
-"""
+"""Labels of a panel, placed when its size is known: beside what they name, none on another, away from what is drawn."""
 
 from __future__ import annotations
 
@@ -18,9 +15,8 @@ from lidarcli import palette
 from lidarcli.sweeps import Bool, Float64
 
 RINGS = np.array([1.0, 3.0, 6.0, 10.0, 15.0, 21.0, 28.0, 38.0, 52.0])
-"""Distances from an object at which its label is tried [pt]."""
 TURNS = np.arange(24) * (2.0 * np.pi / 24)
-"""Directions in which a label is tried [rad]."""
+"""Distances [pt] and directions [rad] from an object at which its label is tried."""
 NEAR = 6.0
 """Greatest distance of a label without a line to its object [pt]."""
 PER_POINT, PER_OBJECT, PER_SIDE, PER_DISTANCE, PER_CROSSING, AMBIGUOUS = 0.8, 8.0, 1.2, 0.35, 6.0, 4.0
@@ -28,6 +24,9 @@ PER_POINT, PER_OBJECT, PER_SIDE, PER_DISTANCE, PER_CROSSING, AMBIGUOUS = 0.8, 8.
 a line across another label or object, and a place that is nearer to another object."""
 SIZE, AIR, MARK = 6.5, 0.8, 2.0
 """Size of the letters, margin around them, and room that a mark takes about its point [pt]."""
+
+
+Each = Sequence[Float64]
 
 
 class Label(NamedTuple):
@@ -42,10 +41,9 @@ class Label(NamedTuple):
 
 
 class Labels(Artist):
-    """All labels of one panel."""
+    """All labels of one panel, and the lines and points that they avoid, (N, 2) each."""
 
     def __init__(self, labels: Sequence[Label], lines: Sequence[Float64], points: Float64) -> None:
-        """Keep labels, and lines and points that they avoid, (N, 2) each."""
         super().__init__()
         self.labels, self._lines, self._points = tuple(labels), lines, points
         self.places: Float64 = np.empty((0, 4))
@@ -77,22 +75,14 @@ class Labels(Artist):
         self.places = place_labels(sizes, objects, sides, drawn, view + AIR * unit * np.array([1, 1, -1, -1]), unit)
         for k, (text, place) in enumerate(zip(texts, self.places, strict=True)):
             if (ends := line_to(place, k, np.array(objects), unit)) is not None:
-                line = Line2D(*ends.T, color=text.get_color(), lw=0.5, transform=IdentityTransform())
-                line.set(figure=axes.figure)
+                line = Line2D(*ends.T, color=text.get_color(), lw=0.5, transform=IdentityTransform(), figure=axes.figure)
                 line.draw(renderer)
-            text.set_position((0.5 * (place[0] + place[2]), 0.5 * (place[1] + place[3])))
+            text.set_position(place.reshape(2, 2).mean(axis=0))
         for text in texts:
             text.draw(renderer)
 
 
-def place_labels(
-    sizes: Sequence[Float64],
-    objects: Sequence[Float64],
-    sides: Sequence[Float64],
-    drawn: Float64,
-    view: Float64,
-    unit: float,
-) -> Float64:
+def place_labels(sizes: Each, objects: Each, sides: Each, drawn: Float64, view: Float64, unit: float) -> Float64:
     """Return (K, 4) places, for one label after the other the cheapest; none overlap while there is room.
 
     Parameters
@@ -105,9 +95,11 @@ def place_labels(
     unit : pixels of a typographic point
     """
     places, boxes = np.full((len(sizes), 4), np.inf), np.reshape(objects, (-1, 4))
-    ways = np.column_stack([np.cos(TURNS), np.sin(TURNS)])
+    directions = np.column_stack([np.cos(TURNS), np.sin(TURNS)])
     # On a rectangle around the object, so that the label never stands on what it names.
-    edge, rings = ways / np.abs(ways).max(axis=1, keepdims=True), RINGS[:, None, None] * unit
+    edge, rings = directions / np.abs(directions).max(axis=1, keepdims=True), RINGS[:, None, None] * unit
+    (left, low, right, high), far = view, np.inf
+    around = [[-far, -far, left, far], [right, -far, far, far], [-far, -far, far, low], [-far, high, far, far]]
     # Those with the most neighbours come first.
     for k in np.argsort(-(_gaps(boxes, boxes) < RINGS[-1] * unit).sum(axis=1), kind="stable").tolist():
         own, others, half = boxes[k], np.delete(boxes, k, axis=0), 0.5 * sizes[k]
@@ -116,16 +108,18 @@ def place_labels(
         tried = np.hstack([centres - half, centres + half])
         gaps, line = _gaps(tried, others), np.linspace(centres, np.broadcast_to(middle, centres.shape), 12)
         near = drawn[_inside(drawn[None], np.hstack([tried.min(axis=0)[:2], tried.max(axis=0)[2:]])[None])[0, :, 0]]
-        costs = (PER_DISTANCE * RINGS[:, None] + PER_SIDE * (1.0 - ways @ sides[k])).ravel()
+        costs = (PER_DISTANCE * RINGS[:, None] + PER_SIDE * (1.0 - directions @ sides[k])).ravel()
         costs += PER_POINT * _inside(near[None], tried)[0].sum(axis=0) + PER_OBJECT * (gaps == 0.0).sum(axis=1)
         costs += AMBIGUOUS * (gaps < _gaps(tried, own[None])).any(axis=1)
         costs += PER_CROSSING * _inside(line, np.vstack([others, places])).any(axis=0).sum(axis=1)
-        if not np.isfinite(costs := costs + _barred(tried, view, places)).any():
+        costs[(_gaps(tried, np.vstack([around, places])) == 0.0).any(axis=1)] = np.inf
+        if not np.isfinite(costs).any():
             # The nearest free place of the whole panel.
             x, y = (np.arange(view[i] + half[i], view[i + 2] - half[i] + 1e-9, max(sizes[k][i], unit)) for i in (0, 1))
             centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) if len(x) and len(y) else centres
             tried = np.hstack([centres - half, centres + half])
-            costs = np.hypot(*(centres - middle).T) + _barred(tried, view, places)
+            costs = np.hypot(*(centres - middle).T)
+            costs[(_gaps(tried, places) == 0.0).any(axis=1)] = np.inf
         places[k] = tried[int(np.argmin(costs))]
     return places
 
@@ -149,12 +143,6 @@ def _inside(points: Float64, boxes: Float64) -> Bool:
     """Return (S, N, R) True where a point of (S, N, 2) lies in a rectangle."""
     points = points[:, :, None]
     return np.asarray(((points > boxes[:, :2]) & (points < boxes[:, 2:])).all(axis=3), np.bool_)
-
-
-def _barred(boxes: Float64, view: Float64, places: Float64) -> Float64:
-    """Return (C,) infinity for rectangles that are taken or reach out of the view, else 0."""
-    outside = (boxes[:, :2] < view[:2] - 1e-6).any(axis=1) | (boxes[:, 2:] > view[2:] + 1e-6).any(axis=1)
-    return np.where(outside | (_gaps(boxes, places) == 0.0).any(axis=1), np.inf, 0.0)
 
 
 def _sampled(line: Float64, step: float) -> Float64:

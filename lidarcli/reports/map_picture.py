@@ -38,7 +38,6 @@ from lidarcli.reports.drawing import (
     project_style,
     sensor,
 )
-from lidarcli.reports.ground import Walls
 from lidarcli.reports.labels import Label
 from lidarcli.reports.picture import outline_of, printable
 from lidarcli.sweeps import Float32, Float64, Int64
@@ -47,8 +46,6 @@ Greys = tuple[float, float, float]
 """Greys of occupied, free and unknown cells, 0 black to 1 white."""
 Limits = tuple[float, float, float, float]
 """Left, right, low and high limit of what is drawn [m]."""
-WALLS = "walls and rest"
-"""Entry of legends."""
 LONG, SHORT = 7.2, 2.2
 """Longest and shortest side of the drawn map [inch]."""
 Y_AXIS = 0.7
@@ -147,8 +144,6 @@ class MapPicture:
     """Number and path, (N, 2), of what moved."""
     snapshot: Snapshot | None = None
     title: str = ""
-    walls: Walls | None = None
-    """Walls, drawn where there is no grid."""
 
 
 def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
@@ -189,8 +184,6 @@ def limits_of(picture: MapPicture, others: Sequence[Float64] = ()) -> Limits:
     if grid is not None and grid.cells.size:
         origin = np.array([grid.x, grid.y])
         parts += [origin[None], (origin + np.array(grid.cells.shape[::-1]) * grid.resolution)[None]]
-    if picture.walls is not None:
-        parts.append(np.column_stack([picture.walls.x, picture.walls.y]))
     if picture.snapshot is not None:
         parts.append(picture.snapshot.points)
     xy = np.concatenate(parts)
@@ -234,8 +227,7 @@ def _occupied(grid: Occupancy | None) -> Float64:
 
 
 def _marks(picture: MapPicture) -> Iterator[Mark]:
-    """Yield walls, paths, boxes, agents, and the sweep."""
-    yield from _walls(picture.walls)
+    """Yield paths, boxes, agents, and the sweep."""
     shot = picture.snapshot
     for path in picture.paths:
         yield Mark(path, {"color": palette.GREEN, "lw": 1.0, "zorder": 3}, "path of the sensor")
@@ -351,14 +343,6 @@ def _thinned(rows: Int64) -> Int64:
     if len(rows) <= MOST_POINTS:
         return rows
     return rows[np.linspace(0, len(rows) - 1, MOST_POINTS).astype(np.int64)]
-
-
-def _walls(walls: Walls | None) -> Iterator[Mark]:
-    if walls is not None and len(walls.x):
-        corner = np.column_stack([walls.x, walls.y])[:, None] - walls.cell / 2
-        polygons = corner + walls.cell * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-        style = {"facecolor": palette.GREY, "lw": 0, "alpha": 0.6, "zorder": 1}
-        yield Mark(joined(polygons), style, WALLS, area=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,7 +55,7 @@ WIDE, MIDDLE, NARROW = 7.2, 5.04, 3.5
 WIDTHS = {"all": WIDE, "scene": NARROW, "sweep": MIDDLE}
 ELONGATED = 1.5
 """Least ratio of width to height of a scene that stands above its curves."""
-LEAST_BESIDE = 5.0
+LEAST_WIDE = 5.0
 """Least width of a picture whose scene stands beside its curves [inch]."""
 CURVE, LOW_CURVE = 1.3, 1.1
 """Height of a curve beside a scene or alone, and of one below a scene [inch]."""
@@ -579,12 +579,12 @@ def places_of(picture: Picture, view: str, limits: Limits, look: Look) -> list[P
     """Return the panels of a view."""
     compared = [] if picture.background is None else [backgrounds, subtraction]
     curves, width = [sweep, difference, *compared], width_of(view, look)
-    beside = view == "all" and limits.aspect <= ELONGATED and width >= LEAST_BESIDE
+    side_by_side = view == "all" and limits.aspect <= ELONGATED and width >= LEAST_WIDE
 
     def above(picture: Picture, limits: Limits) -> Panel:
-        return scene(picture, limits, 0.85 * width * (_share(limits) if beside else 1.0), vertices=look.vertices)
+        return scene(picture, limits, 0.85 * width * (_share(limits) if side_by_side else 1.0), vertices=look.vertices)
 
-    if beside:
+    if side_by_side:
         return [
             Place(above, slice(0, 2), 0, 0.0),
             Place(sweep, slice(0, 1), 1, CURVE, shares=True),

@@ -5,22 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.maps.rules import (
-    Ground,
-    LogOdds,
-    PerBeam,
-    crossed,
-    ground_of,
-    log_odds,
-    maps_by_rules,
-    maps_once,
-    once,
-    published,
-    stepped,
-)
-from benchmarks.maps.scoring import Score, nearest, score, wrong
+from benchmarks.maps.rules import Ground, LogOdds, PerBeam, crossed, ground_of, log_odds, maps_by_rules, published, stepped
+from benchmarks.maps.scoring import Score, score, wrong
 from lidarcli.formalism.mapping.grid import FREE, HIT, OCCUPIED, SKIPPED, UNKNOWN, Beams, Occupancy
-from lidarcli.sweeps import Float64
 
 GROUND = Ground(1.0, 0, 0, 8, 4)
 START = np.array([0.5, 0.5])
@@ -79,16 +66,6 @@ def test_a_ray_crosses_every_cell_on_its_way_but_not_that_of_its_end() -> None:
     assert sorted(zip(back[0].tolist(), back[1].tolist(), strict=True)) == [(1, 0), (1, 1), (2, 1)]
 
 
-def test_rays_cross_what_a_dense_row_of_points_on_them_touches() -> None:
-    rng = np.random.Generator(np.random.PCG64(1))
-    for _ in range(20):
-        start, end = rng.uniform(0, 6, (2, 2))
-        cells = set(zip(*(part.tolist() for part in crossed(start, end[None])), strict=True))
-        share = np.linspace(0.0, 1.0, 50_001)[:, None]
-        touched = np.unique(np.floor(start + share * (end - start)).astype(int), axis=0)
-        assert cells == set(map(tuple, touched.tolist())) - {tuple(np.floor(end).astype(int).tolist())}
-
-
 @pytest.mark.parametrize(
     ("passed", "there"), [(2, [5, 3]), (3, [5])], ids=["1 of 3 visits is more than a quarter", "1 of 4 is not"]
 )
@@ -98,30 +75,12 @@ def test_gmapping_counts_hits_of_visits(passed: int, there: list[int]) -> None:
     assert occupied(rule, "gmapping") == sorted(there)
 
 
-def test_every_beam_of_a_sweep_counts_for_gmapping_and_karto() -> None:
-    rule = PerBeam()
-    sweeps(rule, [NEAR, FAR, FAR, FAR])
-    assert rule.hits[:6].tolist() == [0, 0, 0, 1, 0, 3]
-    assert rule.passes[:6].tolist() == [4, 4, 4, 3, 3, 0]
-    assert occupied(rule, "gmapping") == [5]
-
-
 @pytest.mark.parametrize(("passed", "there"), [(7, True), (8, False), (9, False)])
 def test_karto_counts_the_end_of_a_beam_as_passed_twice(passed: int, there: bool) -> None:
     rule = PerBeam()
     sweeps(rule, [NEAR], *[[FAR]] * passed)
     # 1 / (2 + 7) is more than 0.1, 1 / (2 + 8) is not.
     assert (3 in occupied(rule, "Karto")) is there
-
-
-def test_karto_knows_nothing_of_a_cell_that_was_passed_twice() -> None:
-    rule = PerBeam()
-    sweeps(rule, [NEAR])
-    assert occupied(rule, "gmapping") == [3]
-    assert not rule.occupied()["Karto"][1].any()
-    sweeps(rule, [NEAR])
-    assert occupied(rule, "Karto") == [3]
-    assert np.flatnonzero(rule.occupied()["Karto"][1]).tolist() == [3]
 
 
 def log_odds_rule(name: str) -> LogOdds:
@@ -160,16 +119,6 @@ def test_octomap_weighs_a_hit_as_two_misses(missed: int, there: bool) -> None:
     assert (3 in occupied(rule, "OctoMap")) is there
 
 
-def test_once_per_sweep_counts_sweeps_not_beams() -> None:
-    # Two sweeps hit column 3 with one of three beams; one sweep hits column 5 alone.
-    beams = world([NEAR, FAR, FAR], [NEAR, FAR, FAR], [FAR, FAR, FAR])
-    taken = np.ones(3, np.bool_)
-    maps = maps_once(beams, taken, 1.0)
-    assert states(maps[once(2, 0.25)]) == [FREE, FREE, FREE, OCCUPIED, FREE, OCCUPIED]
-    assert states(maps[once(4, 0.25)]) == [FREE, FREE, FREE, FREE, FREE, UNKNOWN]
-    assert states(maps_by_rules(beams, taken, 1.0)["gmapping"]) == [FREE, FREE, FREE, FREE, FREE, OCCUPIED]
-
-
 def test_only_the_sweeps_that_are_taken_and_the_beams_that_tell_count() -> None:
     nothing = [np.nan, np.nan]
     beams = world([NEAR, nothing], [FAR, nothing], [NEAR, nothing])
@@ -198,11 +147,3 @@ def test_ghosts_are_wrong_cells_where_somebody_was() -> None:
     assert score(found, true, somewhere) == Score(1 / 3, 1.0, 0.5, ghosts=1, cells=3, true_cells=2)
     assert score(found, true, np.empty((0, 2))).ghosts == 0
     assert score(found, true, somewhere).thickness == 1.5
-
-
-def test_the_nearest_of_many() -> None:
-    rng = np.random.Generator(np.random.PCG64(2))
-    points: Float64 = rng.uniform(0, 1, (100, 2))
-    others: Float64 = rng.uniform(0, 1, (30, 2))
-    expected = [min(np.hypot(*(point - other)) for other in others) for point in points]
-    assert nearest(points, others) == pytest.approx(expected)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from benchmarks.tracking.bodies import bodies
-from benchmarks.tracking.cells import CELLS, REPORTING, TUNING, Cell, scene_of
+from benchmarks.tracking.cells import Cell
 from benchmarks.tracking.methods import ORACLE, OURS, PARAMETERS, Result, follow
 from benchmarks.tracking.recordings import Detected, Recording, detected, in_batches, majority, record_cell, simulate
 from benchmarks.tracking.scoring import Share, score, too_small, undetected
@@ -17,7 +15,6 @@ from lidarcli.simulation.scene import Course, Motion, Scene, Sensor
 from lidarcli.sweeps import Float64
 
 WALL, BOX, MOVER = 0, 1, 2
-SECONDS = np.arange(20) / 10
 
 
 def scene(*, turned: float = 0.0, driven: bool = False) -> Scene:
@@ -100,35 +97,6 @@ def test_errors_and_shares() -> None:
     # A mover that nobody follows is not in A, and has no velocity.
     one = score(recording, found, judged(found, track=[0, 1, 0], agent=[False, False, False], speed=speed))
     assert (one.movers_in_a, len(one.moving_errors)) == (Share(0, 20), 0)
-
-
-def test_a_pause_is_a_row_of_its_own() -> None:
-    recording = simulate(scene(), 0, poses=False)
-    stopped = recording.velocity.copy()
-    stopped[10:] = 0.0
-    recording = replace(recording, velocity=stopped)
-    found = found_in(recording)
-    result = judged(found, track=[0, 1, 2], agent=[False, False, True], speed=np.full((3, 2), 0.0))
-    one = score(recording, found, result)
-    assert one.moving_errors == pytest.approx([0.5] * 10)
-    assert one.paused_errors.tolist() == [0.0] * 10
-    assert one.movers_in_a == Share(20, 20)
-
-
-def test_tuning_and_reporting_have_no_seed_in_common() -> None:
-    assert TUNING + 100 * len(CELLS) < REPORTING
-    assert len(set(CELLS)) == len(CELLS)
-
-
-@pytest.mark.whole
-def test_a_cell_asks_for_its_faults() -> None:
-    sensor = scene_of(Cell("room", "361", 0.03, "parked", flicker=0.2, rolling=True), 3).sensor
-    assert (sensor.beams, sensor.noise, sensor.flicker) == (361, 0.03, 0.2)
-    assert sensor.time_increment * sensor.beams == pytest.approx(1 / sensor.rate)
-    people = scene_of(Cell("people", "361", 0.0, "parked"), 3)
-    assert any(thing.kind == "person" for thing in people.entities)
-    room = scene_of(Cell("room", "361", 0.0, "parked"), 3)
-    assert {thing.kind for thing in room.entities} <= {"wall", "box", "cylinder", "plant"}
 
 
 def test_every_method_answers_for_every_object() -> None:

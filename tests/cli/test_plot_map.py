@@ -46,7 +46,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_every_format_and_what_is_said(lidarcli: Run, tmp_path: Path) -> None:
-    for suffix, start in (("png", b"\x89PNG\r\n"), ("svg", b"<?xml"), ("pdf", b"%PDF")):
+    for suffix, start in (("png", b"\x89PNG\r\n"), ("svg", b"<?xml")):
         out, again = (tmp_path / f"{name}.{suffix}" for name in "ab")
         ran = lidarcli("plot", DRIVE, "--view", "map", "-o", out)
         assert (ran.code, ran.out) == (0, "")
@@ -64,15 +64,6 @@ def test_every_format_and_what_is_said(lidarcli: Run, tmp_path: Path) -> None:
     assert "path of the sensor" in words
     assert "path of the sensor: start" in words
     assert "drive  frame odom" in words
-
-
-def test_a_sweep(lidarcli: Run, tmp_path: Path) -> None:
-    out = tmp_path / "m.svg"
-    assert lidarcli("plot", DRIVE, "--view", "map", "--sweep", 70, "-o", out).code == 0
-    words = words_of(out)
-    for word in ("sweep 70", "objects of the sweep", "sensor", "path of the sensor"):
-        assert word in words.splitlines()
-    assert "drive  sweep 70" in words
 
 
 def source() -> Source:
@@ -110,6 +101,31 @@ def test_tracks(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
         "path of the sensor: start",
     ]
     assert all(-4.6 < box.x < 4.6 and -3.6 < box.y < 3.6 for box in picture.boxes)
+
+
+@pytest.mark.slow
+def test_tables_of_another_world(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.png"
+    ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "--pose", "match", "-o", out)
+    assert (ran.code, ran.err.splitlines()[-1]) == (
+        2,
+        f"lidarcli: {tables}: tracked in another world (frame odom) than that of the map (path matched from the sweeps); "
+        "give both commands the same --pose",
+    )
+    assert not out.exists()
+
+
+def test_tables_without_poses(lidarcli: Run, tmp_path: Path) -> None:
+    assert lidarcli("-q", "track", DRIVE, "-o", tmp_path, "--pose", "none").code == 0
+    tables = tmp_path / "drive.tracks.parquet"
+    ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "-o", tmp_path / "m.png")
+    assert (ran.code, ran.out, ran.err) == (
+        2,
+        "",
+        f"lidarcli: {tables}: its sweeps have no poses: things have no place in the world; give track and plot the same "
+        "--pose\n",
+    )
+    assert not (tmp_path / "m.png").exists()
 
 
 @pytest.mark.slow
@@ -169,18 +185,19 @@ def test_tracks_of_other_topics_are_left_out(lidarcli: Run, tmp_path: Path) -> N
     )
 
 
-@pytest.mark.parametrize(
-    ("options", "cause"),
-    [
-        (("--sweep", 150), f"{DRIVE}: no sweep 150 with a pose in this log"),
-        (("--sweeps", "3,400"), f"{DRIVE}: no sweep 400 with a pose in this log"),
-    ],
-)
-def test_what_is_refused(lidarcli: Run, tmp_path: Path, options: tuple[object, ...], cause: str) -> None:
-    ran = lidarcli("plot", DRIVE, "--view", "map", *options, "-o", tmp_path / "m.png")
-    assert (ran.code, ran.out) == (2, "")
-    assert cause in ran.err
-    assert names(tmp_path) == []
+def test_tables_of_another_log(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
+    log = tmp_path / "other.db3"
+    log.write_bytes(DRIVE.read_bytes())
+    ran = lidarcli("plot", log, "--view", "map", "--tracks", tables, "-o", tmp_path / "m.svg")
+    assert (ran.code, ran.err) == (2, f"lidarcli: {tables}: is of the log drive, not of {log}\n")
+    assert not (tmp_path / "m.svg").exists()
+
+
+@pytest.mark.parametrize("sweeps", ["150", "3,400"])
+def test_a_sweep_that_is_not_there(lidarcli: Run, tmp_path: Path, sweeps: str) -> None:
+    ran = lidarcli("plot", DRIVE, "--view", "map", "--sweeps", sweeps, "-o", tmp_path / "m.png")
+    assert (ran.code, ran.out, names(tmp_path)) == (2, "", [])
+    assert f"{DRIVE}: no sweep {sweeps.rpartition(',')[2]} with a pose in this log" in ran.err
 
 
 def test_without_poses(lidarcli: Run, tmp_path: Path) -> None:

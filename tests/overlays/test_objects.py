@@ -88,20 +88,13 @@ def test_a_plain_object_has_outline_body_and_label() -> None:
     assert all(group.id.tolist() == [1] for group in groups)
 
 
-@pytest.mark.parametrize("shape", sorted(SHAPE_COLOURS))
-def test_an_object_has_the_colour_of_its_shape(shape: str) -> None:
-    for group in drawn({"shape": shape}):
-        assert chosen(group)[0].tolist() == pytest.approx(rgb(SHAPE_COLOURS[shape]), abs=1e-6)
-    is_round = shape == "round"
-    assert bool(of_kind(drawn({"shape": shape}), Kind.CYLINDER)) == is_round
-    assert bool(of_kind(drawn({"shape": shape}), Kind.CUBE)) != is_round
-
-
-def test_a_round_thing_is_as_wide_as_long() -> None:
-    (body,) = of_kind(drawn({"shape": "round", "box_width": 0.1}), Kind.CYLINDER)
-    assert body.scale[0, :2].tolist() == pytest.approx([0.6, 0.6])
-    (label,) = of_kind(drawn({"shape": "round"}), Kind.LABEL)
-    assert words(label) == ["1 0.60 m"]
+def test_an_object_has_the_colour_of_its_shape() -> None:
+    for shape, colour in SHAPE_COLOURS.items():
+        groups = drawn({"shape": shape})
+        for group in groups:
+            assert chosen(group)[0].tolist() == pytest.approx(rgb(colour), abs=1e-6)
+        assert bool(of_kind(groups, Kind.CYLINDER)) == (shape == "round")
+        assert bool(of_kind(groups, Kind.CUBE)) != (shape == "round")
 
 
 def test_a_name_of_the_catalogue_stands_before_the_size() -> None:
@@ -113,14 +106,6 @@ def test_a_name_of_the_catalogue_stands_before_the_size() -> None:
 def test_the_label_tells_no_width_that_was_not_seen(width: float | None) -> None:
     (label,) = of_kind(drawn({"box_width": width}), Kind.LABEL)
     assert words(label) == ["1 0.60 m"]
-
-
-def test_the_label_tells_no_length_that_was_not_seen() -> None:
-    sides = {"box_length": None, "box_width": None}
-    (label,) = of_kind(drawn(sides), Kind.LABEL)
-    assert words(label) == ["1"]
-    (label,) = of_kind(drawn(sides | {"label": "post"}), Kind.LABEL)
-    assert words(label) == ["1 post"]
 
 
 @pytest.mark.parametrize(
@@ -164,17 +149,6 @@ def test_without_vertices_the_outline_is_that_of_the_box(vertices: list[dict[str
     assert len({tuple(np.round(corner, 9)) for corner in corners[0]}) == 4
     assert by_id[2].points is not None
     assert by_id[2].points.shape == (1, 3, 2)
-
-
-def test_what_has_no_size_is_seen_all_the_same() -> None:
-    nothing = {"box_length": 0.0, "box_width": None, "box_yaw": None, "box_x": None, "box_y": None}
-    for group in drawn(nothing):
-        assert (group.scale > 0).all()
-        assert np.isfinite(group.position).all()
-        assert np.isfinite(group.yaw).all()
-    (body,) = of_kind(drawn(nothing), Kind.CUBE)
-    assert body.scale[0, :2].tolist() == [LEAST_SIDE, LEAST_SIDE]
-    assert body.position[0, :2].tolist() == [2.0, 1.0]
 
 
 def test_what_has_no_place_is_left_out() -> None:
@@ -239,10 +213,6 @@ def test_an_arrow_is_turned_into_the_frame_of_the_sensor(hangs: bool) -> None:
     turned = side * (np.arctan2(0.4, 0.3) - yaw)
     assert arrow.yaw[0] == pytest.approx(turned)
     assert arrow.scale[0, 0] == pytest.approx(0.5)
-
-
-def test_nothing_is_drawn_of_nothing() -> None:
-    assert drawn(message=[]) == []
 
 
 def walk(**more: Any) -> Trajectories:

@@ -110,32 +110,6 @@ def test_each_sweep_has_the_bodies_of_its_objects_and_no_others(made: Path, name
         assert len(list(shown.rows(f"/scan/{entity}", component))) == sweeps
 
 
-def test_labels_tell_each_track_once_in_a_sweep(made: Path) -> None:
-    shown = Shown(made / "people.rrd")
-    objects = pq.read_table(made / "people.objects.parquet", columns=["stamp", "track", "object"]).to_pylist()
-    expected: dict[int, set[int]] = {}
-    for row in objects:
-        number = -row["object"] if row["track"] is None else row["track"]
-        expected.setdefault(row["stamp"].value, set()).add(number)
-    for stamp, labels in shown.rows("/scan/label", "Points3D:labels"):
-        numbers = [int(label.split()[0]) for label in labels]
-        assert sorted(numbers) == sorted(expected.get(stamp, set()))
-
-
-def test_arrows_are_the_way_of_a_second(made: Path) -> None:
-    shown = Shown(made / "people.rrd")
-    objects = pq.read_table(made / "people.objects.parquet").to_pylist()
-    speeds: dict[int, list[float]] = {}
-    for row in objects:
-        if row["moving"]:
-            speeds.setdefault(row["stamp"].value, []).append(float(np.hypot(row["vx"], row["vy"])))
-    arrows = [(stamp, each) for stamp, each in shown.rows("/scan/velocity", "Arrows3D:vectors") if each]
-    assert len(arrows) > 10
-    for stamp, vectors in arrows:
-        for vector in vectors:
-            assert min(abs(np.linalg.norm(vector) - speed) for speed in speeds[stamp]) < 1e-5
-
-
 @pytest.fixture(scope="module")
 def room(made: Path) -> Path:
     """A map of 3 x 2 cells of 0.5 m."""
@@ -188,17 +162,6 @@ def test_of_two_topics_of_one_frame_one_is_seen_at_first(lidarcli: Run, tmp_path
     assert {r"/scan/beams", r"/stable\/scan/beams"} <= shown.entities
 
 
-def test_sensors_that_nothing_places_are_not_drawn_over_each_other(lidarcli: Run, tmp_path: Path) -> None:
-    front = room_sweeps("/front")
-    rear = room_sweeps("/rear")
-    rear.frame_ids = ("rear",)
-    write_log(tmp_path / "run.mcap", [front, rear])
-    ran = lidarcli("overlay", tmp_path / "run.mcap", "-o", tmp_path / "o.rrd", "--pose", "none")
-    assert ran.code == 0
-    assert "nothing tells where the sensor of /rear is beside that of /front: it is hidden at first" in ran.err
-    assert hidden(Shown(tmp_path / "o.rrd")) == {"rear"}
-
-
 def test_sweeps_without_a_pose_are_not_drawn_where_others_have_one(lidarcli: Run, made: Path, tmp_path: Path) -> None:
     for name in ("objects", "trajectories"):
         (tmp_path / f"drive.{name}.parquet").write_bytes((made / f"drive.{name}.parquet").read_bytes())
@@ -214,19 +177,6 @@ def test_sweeps_without_a_pose_are_not_drawn_where_others_have_one(lidarcli: Run
     assert "  note     10 sweeps are not drawn, for they have no pose" in ran.err.splitlines()
     drawn = [stamp for stamp, _ in Shown(out).rows("/scan/beams", "Points3D:positions")]
     assert drawn == [stamp.value for stamp in table["stamp"].to_pylist()[10:]]
-
-
-def test_zones_are_drawn(lidarcli: Run, made: Path, tmp_path: Path) -> None:
-    (tmp_path / "stop.toml").write_text(
-        '[[zone]]\nname = "stop"\naction = "stop"\ncircle = { x = 1.0, y = 0.0, radius = 0.6 }\n'
-    )
-    out = tmp_path / "o.rrd"
-    told = ("--zones", tmp_path / "stop.toml", "--objects", made / "drive.objects.parquet")
-    assert lidarcli("-q", "overlay", DRIVE, "-o", out, *told).code == 0
-    strips = list(Shown(out).rows("/scan/zones", "LineStrips3D:strips"))
-    assert len(strips) == 150
-    for _, (line,) in strips:
-        assert np.hypot(*(np.array(line)[:, :2] - [1.0, 0.0]).T) == pytest.approx(0.6, abs=0.01)
 
 
 def test_without_rerun_the_extra_is_named(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,18 +32,6 @@ def test_a_layout_shows_every_topic() -> None:
     assert {name for name, shown in panel["topics"].items() if shown["visible"]} == TOPICS
 
 
-def test_beams_of_a_layout_are_white_above_a_dark_map() -> None:
-    """Foxglove and Lichtblick take a flat colour only with a field, and draw maps white by default."""
-    topics = json.loads(layout_json(SCENE))["configById"][PANEL]["topics"]
-    for name in SCENE.scans:
-        assert topics[name]["colorField"]
-        assert (topics[name]["colorMode"], topics[name]["flatColor"]) == ("flat", "#FFFFFF")
-    grid = topics["/lidarcli/map"]
-    assert grid["colorMode"] == "custom"
-    assert max(bytes.fromhex(grid["minColor"][1:7])) < 80
-    assert grid["unknownColor"][-2:] == grid["invalidColor"][-2:] == "00"
-
-
 def test_what_is_hidden_can_be_shown_by_one_click() -> None:
     scene = replace(SCENE, hidden=frozenset({"/rear", "/lidarcli/objects/rear"}))
     topics = json.loads(layout_json(scene))["configById"][PANEL]["topics"]
@@ -88,20 +76,3 @@ def test_each_of_several_topics_has_markers_of_its_own() -> None:
     assert len(set(named.values())) == 4
     assert named["c"] == "/lidarcli/objects/c"
     assert topic_name("") == "/scan"
-
-
-@pytest.mark.parametrize("is_ros2", [True, False])
-def test_rviz_leaves_the_window_to_the_view(is_ros2: bool) -> None:
-    """Without a state of the window, a panel beside the displays takes all the room that the view has."""
-    config = YAML(typ="safe").load(rviz_config(SCENE, is_ros2=is_ros2))
-    assert [panel["Name"] for panel in config["Panels"]] == ["Displays"]
-    assert "QMainWindow State" not in config["Window Geometry"]
-
-
-@pytest.mark.parametrize("is_ros2", [True, False])
-def test_beams_are_clear_on_the_map(is_ros2: bool) -> None:
-    """Free space, which RViz draws nearly white, stays darker than half of the white of beams."""
-    options, shown = displays(SCENE, is_ros2=is_ros2)
-    (alpha,) = (each["Alpha"] for each in shown if each["Name"] == "Map")
-    ground = max(int(part) for part in options["Background Color"].split(";"))
-    assert 16 + 40 < alpha * 255 + (1 - alpha) * ground < 127

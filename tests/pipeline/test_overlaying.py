@@ -18,7 +18,7 @@ from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.overlaying import Tables, frames_told, in_order
+from lidarcli.pipeline.overlaying import Tables, frames_in_transforms, in_order
 from lidarcli.ros.messages import Outgoing
 from tests.places import SAMPLES
 
@@ -105,7 +105,7 @@ def test_objects_of_sweeps_that_the_sweeps_table_has_not_are_refused(two: TableS
 
 def test_frames_that_transforms_speak_of_are_found() -> None:
     with open_log(SAMPLES / "drive.db3") as log:
-        assert frames_told(log, {"laser", "base_link", "las", "aser", "/laser", "camera"}) == {
+        assert frames_in_transforms(log, {"laser", "base_link", "las", "aser", "/laser", "camera"}) == {
             "laser",
             "/laser",
             "base_link",

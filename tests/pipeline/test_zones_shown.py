@@ -15,7 +15,7 @@ from lidarcli.formalism.detection import SETS
 from lidarcli.logs import open_log
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.masks import Circle, Mask, Masks, Mount, Polygon
+from lidarcli.masks import Circle, Masks, Mount, Polygon
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
 from lidarcli.pipeline.zone_frames import Frames, Showing, ShownZone
@@ -71,15 +71,6 @@ def test_a_zone_of_the_robot_comes_through_its_mounts(room: tuple[Log, SweepBatc
         found, _ = shown(room, Zone("box", seen_by_robot, frame), masks=Masks(mounts=(LEFT,)))
         assert counts(found["box"]) == [INSIDE] * 10 + [0] * 10
         assert found["box"].corners.mean(axis=1) == pytest.approx(np.tile(AT, (20, 1)))
-
-
-def test_masked_beams_do_not_count(room: tuple[Log, SweepBatch]) -> None:
-    half = Polygon(((0.0, 0.0), AT, (2 * AT[0], 2 * AT[1]), (3.0, 0.0)))
-    found, _ = shown(room, Zone("box", BOX), masks=Masks((Mask(half),)))
-    # Those to the left of the middle are left; the middle itself is on the edge.
-    assert counts(found["box"])[0] == 7
-    found, _ = shown(room, Zone("box", BOX), masks=Masks((Mask(BOX, topic="/other"),)))
-    assert counts(found["box"])[0] == INSIDE
 
 
 def test_what_counts(room: tuple[Log, SweepBatch]) -> None:
@@ -162,17 +153,6 @@ def file(tmp_path: Path) -> Path:
     path = tmp_path / "zones.toml"
     path.write_text(ZONES, encoding="utf-8")
     return path
-
-
-@pytest.mark.slow
-def test_plot_draws_zones(lidarcli: Run, logs: Path, tmp_path: Path, file: Path) -> None:
-    out = tmp_path / "scene.svg"
-    ran = lidarcli("plot", logs / "run.mcap", "--view", "scene", "--zones", file, "-o", out)
-    assert ran.code == 0
-    assert "zone arm is not drawn: nothing leads from frame laser to gripper" in ran.err
-    text = out.read_text(encoding="utf-8")
-    for words in ("box (stop): 15 points", "door", "zone: stop", "beam in a zone: stop"):
-        assert f">{words}</text>" in text
 
 
 def test_what_plot_refuses_of_zones(lidarcli: Run, logs: Path, tmp_path: Path, file: Path) -> None:

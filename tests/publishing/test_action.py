@@ -102,13 +102,6 @@ def test_no_name_of_a_file_or_topic_is_a_command_of_the_runner(name: str) -> Non
     assert after.lstrip().startswith('echo "::$token::"')
 
 
-def test_the_example_of_the_docs_has_inputs_that_are_there() -> None:
-    page = (ROOT / "docs" / "ci.md").read_text("utf-8")
-    (example,) = re.findall(r"uses: lidarcli/lidarcli@\S+\n +with:\n((?: {10}.*\n)+)", page)
-    named = set(re.findall(r"^ {10}([\w-]+):", example, re.MULTILINE))
-    assert {"logs", "command", "args", "checks", "version"} == named <= set(ACTION["inputs"])
-
-
 @needs_bash
 @pytest.mark.whole
 def test_a_run_whose_checks_hold(runner: Runner) -> None:
@@ -128,30 +121,6 @@ def test_a_run_whose_checks_hold(runner: Runner) -> None:
     (kept,) = [step["with"] for step in ACTION["runs"]["steps"] if "upload-artifact" in step.get("uses", "")]
     assert Path(runner.value(kept["path"])).parent == report.parent
     assert {path.name for path in report.parent.glob("report.*")} == {"report.md", "report.html"}
-
-
-@needs_bash
-@pytest.mark.whole
-def test_a_check_that_does_not_hold_fails_the_last_step(runner: Runner) -> None:
-    runner.inputs |= {"command": "track", "checks": "sweeps >= 100\nobjects where width > 0.5 == 0\n"}
-    assert [runner.run(name) for name in ("objects", "report", "verdict")] == [0, 0, 1]
-    assert (runner.folder / "lidarcli-tables" / "the room.tracks.parquet").exists()
-    errors = [line for line in runner.said.splitlines() if line.startswith("::error ")]
-    assert len(errors) == 1
-    assert "objects where width > 0.5 == 0" in errors[0]
-
-
-@needs_bash
-@pytest.mark.whole
-def test_a_damaged_log_is_reported_and_fails_unless_accepted(runner: Runner) -> None:
-    data = (SAMPLES / "people.csv.gz").read_bytes()
-    (runner.folder / "cut.csv.gz").write_bytes(data[: len(data) // 2])
-    runner.inputs["logs"] = "cut.csv.gz"
-    assert [runner.run(name) for name in ("objects", "report", "verdict")] == [0, 0, 3]
-    assert runner.outputs["objects"] == {"code": "3"}
-    assert (runner.folder / "summary.md").stat().st_size > 0
-    runner.inputs["accept-damage"] = "true"
-    assert runner.run("verdict") == 0
 
 
 @needs_bash
@@ -182,23 +151,3 @@ def test_what_a_log_is_called_is_no_command_of_the_runner(runner: Runner) -> Non
     assert re.fullmatch(r"::stop-commands::lidarcli-\d+", lines[0])
     assert any(line.startswith("::error::planted.mcap: 100 sweeps") for line in lines[1:-1])
     assert lines[-1] == f"::{lines[0].removeprefix('::stop-commands::')}::"
-
-
-@needs_bash
-@pytest.mark.parametrize(
-    ("version", "wanted"),
-    [("", str(ROOT)), ("0.1.0", "lidarcli==0.1.0"), ("1; touch planted", "lidarcli==1; touch planted")],
-)
-def test_what_is_installed(runner: Runner, version: str, wanted: str) -> None:
-    # In the place of Python: `-m venv FOLDER` puts itself there, and notes what it is asked next.
-    noted = runner.folder / "asked"
-    python = executable(
-        runner.folder / "python",
-        f'[ "$2" = venv ] || exec printf "%s\\n" "$@" > "{noted}"\nmkdir -p "$3/bin" && cp "$0" "$3/bin/python"',
-    )
-    runner.inputs["version"] = version
-    runner.outputs["python"] = {"python-path": str(python)}
-    assert runner.run("install") == 0, runner.said
-    asked = noted.read_text("utf-8").splitlines()
-    assert asked == ["-m", "pip", "--disable-pip-version-check", "install", "--quiet", wanted]
-    assert runner.outputs["install"] == {"lidarcli": f"{runner.folder}/lidarcli/bin/lidarcli"}

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tarfile
 from pathlib import Path
-from typing import Any
 
 import pytest
 from packaging.metadata import Metadata
@@ -21,8 +20,6 @@ from tools.changelog import section
 
 RECIPE = read_yaml(ROOT / "conda" / "recipe.yaml")
 CITATION = read_yaml(ROOT / "CITATION.cff")
-CONTAINERFILE = (ROOT / "Containerfile").read_text("utf-8")
-REPOSITORY = PROJECT["project"]["urls"]["Homepage"]
 CONDA_NAMES = {"matplotlib": "matplotlib-base"}
 """PyPI's name → conda-forge's, where they differ."""
 
@@ -47,39 +44,6 @@ def test_every_file_has_the_same_version() -> None:
     assert example == [__version__]
 
 
-def test_every_file_names_the_same_repository() -> None:
-    owner_and_name = REPOSITORY.removeprefix("https://github.com/")
-    found = []
-    for name in tracked():
-        if Path(name).suffix in (".md", ".toml", ".yaml", ".yml", ".cff", "") and not name.startswith("tests/"):
-            text = (ROOT / name).read_text("utf-8")
-            found += re.findall(r"github\.com/([\w.-]+/lidarcli)\b", text)
-            found += re.findall(r"(?:--repo |uses: )([\w.-]+/lidarcli)\b", text)
-    assert len(found) > 10
-    assert set(found) == {owner_and_name}
-    assert all(url.startswith(REPOSITORY) for url in PROJECT["project"]["urls"].values())
-    assert RECIPE["about"]["homepage"] == RECIPE["about"]["repository"] == CITATION["repository-code"] == REPOSITORY
-
-
-def test_the_recipe_needs_what_the_project_needs() -> None:
-    needed = RECIPE["requirements"]
-    assert needed["run"] == ["python", *conda(PROJECT["project"]["dependencies"])]
-    assert needed["host"] == ["python", "pip", *conda(PROJECT["build-system"]["requires"])]
-    (cross,) = [each["then"] for each in needed["build"] if isinstance(each, dict)]
-    assert [each for each in cross if each.startswith("cython")] == [needed["host"][2]]
-    assert RECIPE["build"]["skip"] == [f'match(python, "<{PROJECT["project"]["requires-python"][2:]}")']
-    (script,) = PROJECT["project"]["scripts"].items()
-    assert RECIPE["build"]["python"]["entry_points"] == [" = ".join(script)]
-
-
-def test_the_recipe_takes_what_the_release_offers() -> None:
-    name = "lidarcli-${{ version }}.tar.gz"
-    assert RECIPE["source"]["url"] == f"{REPOSITORY}/releases/download/v${{{{ version }}}}/{name}"
-    assert re.fullmatch("[0-9a-f]{64}", RECIPE["source"]["sha256"])
-    assert RECIPE["about"]["license"] == PROJECT["project"]["license"]
-    assert RECIPE["about"]["summary"] == PROJECT["project"]["description"]
-
-
 def test_the_citation_is_valid_and_names_the_paper() -> None:
     assert misfits(ROOT / "CITATION.cff", "vendor.citation-file-format") == ""
     paper = CITATION["preferred-citation"]
@@ -95,38 +59,6 @@ def test_the_citation_is_valid_and_names_the_paper() -> None:
         "Martins",
         "Brandão",
     ]
-
-
-def allowed(path: str) -> bool:
-    """Whether .dockerignore lets a file or folder of the project into the image."""
-    lines = (ROOT / ".dockerignore").read_text("utf-8").splitlines()
-    return f"!{path.partition('/')[0]}" in lines
-
-
-def test_the_image_is_built_of_files_that_are_there() -> None:
-    copied = [each.split()[:-1] for each in re.findall(r"^COPY (?!--from)(.*)$", CONTAINERFILE, re.MULTILINE)]
-    sources = [source for line in copied for source in line]
-    assert sources == ["pyproject.toml", "setup.py", "README.md", "LICENSE", "lidarcli"]
-    assert [source for source in sources if not (ROOT / source).exists() or not allowed(source)] == []
-    assert (ROOT / ".dockerignore").read_text("utf-8").splitlines()[1] == "*"
-    for named in ("readme", "license-files"):
-        files = PROJECT["project"][named]
-        assert set([files] if isinstance(files, str) else files) <= set(sources)
-
-
-def test_the_image_has_its_stages_and_runs_as_nobody_special() -> None:
-    stages = re.findall(r"^FROM (\S+) AS (\w+)$", CONTAINERFILE, re.MULTILINE)
-    assert [name for _, name in stages] == ["build", "image"]
-    assert len({base for base, _ in stages}) == 1
-    assert set(re.findall(r"\bfrom=(\w+)", CONTAINERFILE)) == {"build"}
-    last = CONTAINERFILE.split("AS image\n")[1]
-    assert re.findall(r"^(?:USER|WORKDIR|ENTRYPOINT) (.*)$", last, re.MULTILINE) == ["1000:1000", "/data", '["lidarcli"]']
-    (python,) = re.findall(r"^ARG PYTHON=(\S+)$", CONTAINERFILE, re.MULTILINE)
-    assert f"Programming Language :: Python :: {python}" in PROJECT["project"]["classifiers"]
-    labels = dict(re.findall(r'org\.opencontainers\.image\.(\w+)="(.*?)"', last))
-    assert labels["description"] == PROJECT["project"]["description"]
-    assert labels["licenses"] == PROJECT["project"]["license"]
-    assert labels["source"] == REPOSITORY
 
 
 def test_the_changelog_has_what_the_release_of_this_version_says() -> None:
@@ -177,13 +109,3 @@ def test_the_metadata_is_what_pypi_accepts(sdist: Path) -> None:
     assert [str(each) for each in told.requires_dist or [] if each.marker is None] == [
         str(Requirement(each)) for each in PROJECT["project"]["dependencies"]
     ]
-
-
-def test_the_classifiers_are_known_and_sorted() -> None:
-    classifiers: list[Any] = PROJECT["project"]["classifiers"]
-    assert classifiers == sorted(classifiers)
-    assert {each.partition(" :: ")[2] for each in classifiers if each.startswith("Operating System")} == {
-        "MacOS",
-        "Microsoft :: Windows",
-        "POSIX :: Linux",
-    }

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from lidarcli.reports.columns import Rows, Run
-from lidarcli.reports.map_picture import MOST_AGENTS, MOST_POINTS, MapPicture, overview, paths_of
-from lidarcli.tabular.schemas import SWEEPS, TRACKS, TRAJECTORIES
+from lidarcli.reports.map_picture import MOST_POINTS, MapPicture, overview, paths_of
+from lidarcli.tabular.schemas import SWEEPS
 from tests.places import SAMPLES
-from tests.reports.runs import run_of, sweep, table, thing, track, trajectories
+from tests.reports.runs import run_of, sweep, table, thing, track
 from tests.reports.test_paths import driving
 
 Words = Callable[..., Any]
@@ -57,11 +57,6 @@ def test_without_poses() -> None:
         assert overview(run.sweeps, run.tracks, run.trajectories) is None
 
 
-def test_without_tracks() -> None:
-    found = seen(run_of(placed()))
-    assert (len(found.paths), found.boxes, found.agents) == (1, [], [])
-
-
 def test_sweeps_without_a_pose_are_left_out_and_the_rest_is_in_order() -> None:
     sweeps = placed()
     sweeps[2] = sweep(2)
@@ -88,12 +83,6 @@ def test_boxes_of_what_stands_long_enough() -> None:
     assert [box.name for box in found.boxes] == ["1 pallet", "3"]
     # Of a short run half of its sweeps are enough.
     found = seen(run_of(placed(4), [], [track(1, sweeps=2), track(2, sweeps=1)]))
-    assert [box.name for box in found.boxes] == ["1"]
-
-
-def test_boxes_of_a_short_run_of_two_topics() -> None:
-    sweeps = [*placed(4, topic="/front"), *placed(4, topic="/rear")]
-    found = seen(run_of(sweeps, [], [track(1, topic="/front", sweeps=2)]))
     assert [box.name for box in found.boxes] == ["1"]
 
 
@@ -140,23 +129,6 @@ def test_long_ways_are_thinned_out() -> None:
     ((x, _),) = (path.T for path in found.paths)
     assert (len(x), x[0], x[-1]) == (MOST_POINTS, 0.0, pytest.approx(0.1 * (count - 1)))
     assert np.diff(x).min() > 0
-
-
-def test_only_so_many_agents() -> None:
-    count = MOST_AGENTS + 10
-    objects = [thing(0, 1, set="A", track=k, world_x=1.0, world_y=0.1 * k) for k in range(count)]
-    tracks = [track(k, set="A", sweeps=1 + (k % 2) * 5 + k) for k in range(count)]
-    rows = Rows.join([table(TRACKS, tracks)])
-    paths = Rows.join([table(TRAJECTORIES, trajectories(placed(), objects))])
-    found = overview(Rows.join([table(SWEEPS, placed())]), rows, paths)
-    assert found is not None
-    numbers = [number for number, *_ in found.agents]
-    assert len(numbers) == MOST_AGENTS
-    assert numbers == sorted(numbers)
-    # Those that were seen in the fewest sweeps are missing.
-    left_out = set(range(count)) - set(numbers)
-    fewest = {track["track"] for track in sorted(tracks, key=lambda one: (-one["sweeps"], one["track"]))[MOST_AGENTS:]}
-    assert left_out == fewest
 
 
 def page(lidarcli: Words, folder: Path, *tables: Path) -> str:

@@ -18,7 +18,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast, get_type_hints, overload
 
-from lidarcli.choices import NS, SIGNIFICANCE
+from lidarcli.choices import NS, SIGNIFICANCE, TRAIL
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.matching.catalogue import Catalogue
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
     from lidarcli.pipeline.objects.tracking import TrackOptions
     from lidarcli.pipeline.overlaying import OverlayOptions
+    from lidarcli.pipeline.plotting import PlotOptions
     from lidarcli.pipeline.zoning import ZoneOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -362,6 +363,27 @@ def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
         parse_value(str(options["value"])),
         options["margin"],
         overwrite,
+    )
+
+
+def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[int, ...] | None) -> PlotOptions:
+    """Return what is drawn of some sweeps, None for all, and how it is found; without tracks."""
+    from lidarcli.pipeline.inputs.zones import read_zones
+    from lidarcli.pipeline.plotting import PlotOptions
+
+    read, opening, poses = log_options({**options, "topic": None, "start": None, "end": None})
+    return PlotOptions(
+        sweeps=sweeps,
+        topic=options["topic"],
+        parameters=parameters_of(parameters, options),
+        rules=read.rules,
+        opening=opening,
+        background=None if options["background"] is None else fspath(options["background"]),
+        trail=TRAIL if options["trail"] is None else options["trail"],
+        poses=poses,
+        start=options.get("start"),
+        end=options.get("end"),
+        zones=read_zones(several(options["zones"])) if options["zones"] else None,
     )
 
 

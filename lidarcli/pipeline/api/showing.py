@@ -8,9 +8,9 @@ from html import escape
 from os import fspath
 from typing import Any, Unpack
 
-from lidarcli.choices import TRAIL, VIEWS, Look
+from lidarcli.choices import VIEWS, Look
 from lidarcli.errors import OptionError, warn
-from lidarcli.formalism import Parameters
+from lidarcli.formalism.parameters import Parameters
 from lidarcli.newfiles import refuse, write_whole
 from lidarcli.options import (
     PLOT_RULES,
@@ -26,19 +26,10 @@ from lidarcli.options import (
     TableOrPath,
     Tables,
 )
-from lidarcli.pipeline.api.options import (
-    Values,
-    log_options,
-    parameters_of,
-    paths_of,
-    refuse_reading,
-    several,
-    with_keywords,
-)
+from lidarcli.pipeline.api.options import Values, paths_of, plot_options, refuse_reading, several, with_keywords
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
-from lidarcli.pipeline.inputs.zones import read_zones
-from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_pictures, write_pictures
+from lidarcli.pipeline.plotting import picture_of, sweep_at, take_pictures, write_pictures
 from lidarcli.pipeline.reporting import PagedReport, ReportOptions, encoded, format_of, make_report, render, understand
 from lidarcli.reports.checks import Verdict
 from lidarcli.reports.document import PartsReport
@@ -102,27 +93,16 @@ class _OfLogs(Joining, Poses, Delay, Ranges):
     """Options for reading the log of which a sweep is drawn."""
 
 
-def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None, told: Values) -> Picture:
-    read, opening, poses = log_options({**told, "topic": None})
-    wanted = PlotOptions(
-        sweeps=(sweep,),
-        topic=told["topic"],
-        parameters=parameters_of(parameters, told),
-        rules=read.rules,
-        opening=opening,
-        background=None if told["background"] is None else fspath(told["background"]),
-        trail=TRAIL if told["trail"] is None else told["trail"],
-        poses=poses,
-        zones=read_zones(several(told["zones"])) if told["zones"] else None,
-    )
+def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None, options: Values) -> Picture:
+    wanted = plot_options(options, parameters, (sweep,))
     if isinstance(log, SweepBatch):
-        refuse_reading(told, _OfLogs, "topic", "at")
-        if told["zones"]:
+        refuse_reading(options, _OfLogs, "topic", "at")
+        if options["zones"]:
             raise TypeError("zones are drawn into the sweep of a log, not of a batch")
-        return picture_of(log, sweep, replace(wanted, tracks=_tracks(told["tracks"], log.log)))
-    source = one_log(paths_of(log), told["join"])
-    wanted = replace(wanted, tracks=_tracks(told["tracks"], source.name))
-    if (at := told["at"]) is not None:
+        return picture_of(log, sweep, replace(wanted, tracks=_tracks(options["tracks"], log.log)))
+    source = one_log(paths_of(log), options["join"])
+    wanted = replace(wanted, tracks=_tracks(options["tracks"], source.name))
+    if (at := options["at"]) is not None:
         if sweep:
             raise OptionError("--at names one sweep: give either at or sweep")
         try:
