@@ -114,9 +114,9 @@ def load(points: Points, scans: Scans, row: int) -> None:
     position, r, x, y = points.position, points.r, points.x, points.y
     ranges, cos, sin = scans.ranges, scans.cos, scans.sin
     directions = scans.direction[row] * scans.width
-    beam, way = row * scans.width, 1
+    beam, stride = row * scans.width, 1
     if points.reverse:
-        beam, way = beam + points.bearings - 1, -1
+        beam, stride = beam + points.bearings - 1, -1
     count = 0
     for k in range(points.bearings):
         distance = ranges[beam]
@@ -126,7 +126,7 @@ def load(points: Points, scans: Scans, row: int) -> None:
         y[count] = distance * sin[directions + k]
         # A lost beam is NaN: the next one takes its place.
         count += distance == distance
-        beam += way
+        beam += stride
     points.count = count
 
 
@@ -383,13 +383,7 @@ class Breakpoints:
     """Breakpoints of a sweep: the points `at[0] … at[count - 1]`, before which f is discontinuous, in order."""
 
     def __init__(self, most: int, adaptive: bool, max_gap: int) -> None:
-        """
-        Parameters
-        ----------
-        most : room for sweeps of so many beams
-        adaptive : whether one-sided limits decide, not |s| alone
-        max_gap : more lost beams than this are a discontinuity by themselves
-        """
+        """`adaptive`: one-sided limits decide, not |s| alone; more than `max_gap` lost beams are a discontinuity."""
         self.owner: list[Any] = []
         self.at = native.integers(self.owner, most + 1)
         self.count = 0
@@ -406,12 +400,7 @@ def adaptive_threshold(points: Points, explained: float, r: float, s: float) -> 
     """Return the difference that noise and the beam spacing explain between a point and its predecessor [m].
 
     It grows with r Δθ at the nearer of the two points (Borges and Aldon 2004, Dietmayer 2001): a surface may turn or be
-    rough between two beams.
-
-    Parameters
-    ----------
-    explained : what noise does [m], see `noise_threshold`
-    r, s : range of the point and difference to its predecessor [m]; NaN in s: as if they were equally far
+    rough between two beams. `explained` is what noise does, see `noise_threshold`; NaN in s: as if both were equally far.
     """
     before = r - s
     return explained + SPACING_GAIN * points.step * (before if before < r else r)
@@ -445,15 +434,12 @@ def is_within(points: Points, scans: Scans, at: int) -> bool:
 
 
 def is_unexplained(points: Points, at: int, max_gap: int) -> bool:
-    """Def. 3 with the one-sided limits of f: whether no side's surface explains the step before a point.
+    """Def. 3 with the one-sided limits of f: True if no side's surface explains the step before a point.
 
     Each side is extended to the other beam along a straight surface (1/r is linear in θ for small steps). The step s
     is explained if it lies between 0 and the step that either side foresees, give or take `adaptive_threshold`. So a
     wall at grazing incidence does not break, and neither does a corner, where the step lies between the two extensions.
-
-    Parameters
-    ----------
-    max_gap : points further than this many lost beams away say nothing about the slope
+    Points further than `max_gap` lost beams away say nothing about the slope.
     """
     s, r = points.s[at], points.r[at]
     allowed = adaptive_threshold(points, points.d_th, r, s)
@@ -467,8 +453,8 @@ def is_unexplained(points: Points, at: int, max_gap: int) -> bool:
     return s > max(left, right, 0.0) + allowed or s < min(left, right, 0.0) - allowed
 
 
-def slope(points: Points, at: int, way: int, max_gap: int) -> float:
-    """d(1/r) per beam that the points on one side of a step support; `way` is -1 before it, 1 after it.
+def slope(points: Points, at: int, sign: int, max_gap: int) -> float:
+    """d(1/r) per beam that the points on one side of a step support; `sign` is -1 before it, 1 after it.
 
     The gentlest, because a span that straddles an earlier edge is too steep, never too gentle; 0 if they disagree in sign
     or there are none.
@@ -478,7 +464,7 @@ def slope(points: Points, at: int, way: int, max_gap: int) -> float:
     least, greatest, some, span = 0.0, 0.0, False, 0
     for lag in range(1, SLOPE_REACH + 1):
         # Before the first point comes the last one: if only on a full turn, `missing` tells.
-        if way < 0:
+        if sign < 0:
             span += missing[at] + 1
             at = at - 1 if at > 0 else count - 1
         else:
@@ -486,7 +472,7 @@ def slope(points: Points, at: int, way: int, max_gap: int) -> float:
             span += missing[at] + 1
         if span > lag + max_gap:
             continue
-        value = (1.0 / r[at] - u) / (span * way)
+        value = (1.0 / r[at] - u) / (span * sign)
         least = min(value, least) if some else value
         greatest = max(value, greatest) if some else value
         some = True

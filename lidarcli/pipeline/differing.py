@@ -33,7 +33,6 @@ from lidarcli.formalism.mapping.grid import (
     HIT,
     OCCUPIED,
     SKIPPED,
-    TOLERANCE,
     UNKNOWN,
     Beams,
     Counts,
@@ -254,15 +253,7 @@ class Input:
 
 
 def inputs_of(texts: Sequence[str]) -> list[Input]:
-    """Return what the inputs are.
-
-    Raises
-    ------
-    OptionError
-        There are fewer than two, or one is the standard input or several logs.
-    UnreadableError
-        One is not there, or is none.
-    """
+    """Return what the inputs are; an `OptionError` for fewer than two, the standard input or several logs in one."""
     if len(texts) < 2:
         raise OptionError(f"{texts[0] if texts else 'nothing'}: one run has nothing to be compared with; give two or more")
     return [_input(text) for text in texts]
@@ -294,14 +285,8 @@ def _input(text: str) -> Input:
 def read_input(one: Input, options: DiffOptions, progress: Progress | None = None) -> RunThings:
     """Return what an input tells.
 
-    Raises
-    ------
-    UnreadableError
-        It cannot be read.
-    NoScanError
-        The log has no LaserScan topic.
-    OptionError
-        It has too many things, or ground.
+    `UnreadableError`, `NoScanError`: it cannot be read, or has no LaserScan topic; `OptionError`: it has too many things,
+    or ground.
     """
     if one.kind == "map":
         grid = read_map(Path(one.text))
@@ -499,12 +484,8 @@ def _distinct(number: dict[str, Float64], sweeps: Int64) -> Int64:
 def diff_inputs(inputs: Sequence[Input], options: DiffOptions, report: LogProgress | None = None) -> Difference:
     """Compare each run with those before it.
 
-    Raises
-    ------
-    UnreadableError
-        Two do not lie on each other, do so in several ways, or slide along their walls; or as of `read_input`.
-    OptionError
-        As of `read_input`, or two maps have cells of different sizes.
+    `UnreadableError`: two do not lie on each other, do so in several ways, or slide along their walls, or as of
+    `read_input`; `OptionError`: as of `read_input`, or two maps have cells of different sizes.
     """
     runs = []
     for one in inputs:
@@ -565,7 +546,7 @@ def _compared(labels: Sequence[str], runs: Sequence[RunThings], options: DiffOpt
     figures["overlap"] = min(overlaps) if overlaps else None
     if len(runs) == 2 and (true := runs[0].grid) is not None and (grid := runs[1].grid) is not None:
         try:
-            found = compare(_laid(grid, steps[0].motion), true, 2 * TOLERANCE)
+            found = compare(_laid(grid, steps[0].motion), true)
         except UnlikeError as err:
             resolution = f"make the map with --resolution {true.resolution:g}"
             raise OptionError(f"{labels[0]} and {labels[1]}: {err}; {resolution}") from err

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import errno
 import json
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -20,11 +18,10 @@ from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps import CloudPoints, PlyWriter, read_map
 from lidarcli.pipeline.mapping import WRITERS
-from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLOUD
 from tests.cli.maps import COUNTED, DRIVE, FITS_NOTE, POSES_NOTE, Run, mapped, names, occupied, ply, still
 from tests.pose.pose_messages import accepted
-from tests.sweeping import START, STEP, raw_sweeps, round_room
+from tests.sweeping import START
 
 
 def test_yaml(lidarcli: Run, tmp_path: Path) -> None:
@@ -109,19 +106,6 @@ def test_clouds(lidarcli: Run, tmp_path: Path) -> None:
     assert np.mean(there) > 0.985
 
 
-@pytest.mark.slow
-def test_everything_at_once_twice_and_quietly(lidarcli: Run, tmp_path: Path) -> None:
-    for folder in ("a", "b"):
-        outputs = [
-            word for name in ("m.yaml", "m.png", "m.mcap", "m.ply", "m.pcd") for word in ("-o", tmp_path / folder / name)
-        ]
-        ran = lidarcli("-q", "map", DRIVE, *outputs)
-        assert (ran.code, ran.out, ran.err) == (0, "", "")
-    assert names(tmp_path / "a") == ["m.mcap", "m.pcd", "m.pgm", "m.ply", "m.png", "m.yaml"]
-    for name in names(tmp_path / "a"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
-
-
 @pytest.mark.parametrize("size", [7, pytest.param(1, marks=pytest.mark.slow)])
 def test_batches_do_not_matter(tmp_path: Path, size: int) -> None:
     options: dict[str, Any] = {"free_no_return": 2.0, "voxel": 0.02}
@@ -132,36 +116,6 @@ def test_batches_do_not_matter(tmp_path: Path, size: int) -> None:
         assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "cut" / name).read_bytes(), name
     whole, cut = (pq.read_table(tmp_path / folder / "m.parquet") for folder in ("whole", "cut"))
     assert whole.equals(cut)
-
-
-def two_sensors(folder: Path) -> tuple[Path, Path]:
-    """A log of two topics of different frames, recorded by turns, and a path for both."""
-    path = folder / "two.mcap"
-    parts = []
-    for k in range(20):
-        for name, radius in (("/a", 3.0), ("/b", 3.01)):
-            block = raw_sweeps(
-                round_room(1, 90) * np.float32(radius / 4),
-                topic=name,
-                frame_ids=(f"frame{name[1:]}",),
-                stamp_ns=START + STEP * k + (name == "/b"),
-            )
-            parts.append(block)
-    write_log(path, parts)
-    lines = [f"{1_700_000_000 + k / 10:.9f} {0.1 * k:.3f} 0 0 0 0 0 1\n" for k in range(-1, 22)]
-    (folder / "two.tum").write_text("".join(lines))
-    return path, folder / "two.tum"
-
-
-def test_two_sensors_are_both_in_the_map(lidarcli: Run, tmp_path: Path) -> None:
-    log, path = two_sensors(tmp_path)
-    ran = lidarcli("map", log, "--poses", path, "-o", tmp_path / "m.parquet", "--min-move", 0)
-    assert ran.code == 0
-    table = pq.read_table(tmp_path / "m.parquet")
-    assert Counter(table["topic"].to_pylist()) == {"/a": 20 * 90, "/b": 20 * 90}
-    ran = lidarcli("map", log, "--poses", path, "-o", tmp_path / "b.parquet", "--topic", "b")
-    assert ran.code == 0
-    assert set(pq.read_table(tmp_path / "b.parquet")["topic"].to_pylist()) == {"/b"}
 
 
 def test_two_topics_of_one_frame_count_once(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
@@ -181,21 +135,6 @@ def test_two_topics_of_one_frame_count_once(lidarcli: Run, logs: Path, tmp_path:
         "/front": len(topics),
         "/rear": len(topics),
     }
-
-
-def test_a_log_twice_counts_double(lidarcli: Run, tmp_path: Path) -> None:
-    """Twice the hits, twice the threshold: the same cells, by the same shares."""
-    once = lidarcli("map", DRIVE, "-o", tmp_path / "once.yaml", "--min-hits", 2)
-    twice = lidarcli("map", DRIVE, DRIVE, "-o", tmp_path / "twice.yaml", "--min-hits", 4)
-    assert (once.code, twice.code) == (0, 0)
-    assert (tmp_path / "once.pgm").read_bytes() == (tmp_path / "twice.pgm").read_bytes()
-    assert f"map of 150 sweeps in odom: {COUNTED[1].partition(': ')[2]}" in twice.err.splitlines()
-    assert (
-        "  note     2 logs are laid onto each other in the frame odom: odometry begins anew in each, so give poses of a "
-        "common map (--pose TOPIC, --poses FILE.tum)"
-    ) in twice.err.splitlines()
-    assert lidarcli("-q", "map", DRIVE, DRIVE, "-o", tmp_path / "loose.yaml").code == 0
-    assert occupied(tmp_path / "once.yaml") < occupied(tmp_path / "loose.yaml")
 
 
 class Broken(PlyWriter):
@@ -220,18 +159,6 @@ def test_a_cloud_that_cannot_be_written_ends_the_run(
     ran = lidarcli("map", log, log, *words)
     assert (ran.code, ran.out) == (5, "")
     assert names(tmp_path) == ["odd.mcap", "odd.tum"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("suffix", ["ply", "pcd", "parquet"])
-def test_no_room_for_a_cloud(walk: Path, tmp_path: Path, suffix: str) -> None:
-    """A limit on the size of files, met when the last bytes are written."""
-    command = ["sh", "-c", 'ulimit -f 1; exec "$@"', "sh", sys.executable, "-m", "lidarcli", "-q", "map"]
-    words = [str(walk / "walk.mcap"), "-o", str(tmp_path / f"m.{suffix}"), "--voxel", "0.5"]
-    ran = subprocess.run([*command, *words], capture_output=True, text=True, check=False)
-    assert (ran.returncode, len(ran.stderr.splitlines())) == (5, 1)
-    assert f"cannot write {tmp_path / f'm.{suffix}'}: " in ran.stderr
-    assert names(tmp_path) == []
 
 
 def test_names_of_files(lidarcli: Run, walk: Path, tmp_path: Path) -> None:

@@ -113,25 +113,6 @@ def test_a_constellation_of_which_one_moved_one_left_and_one_came() -> None:
     assert known == [("known", k, k) for k in range(1, 4)]
 
 
-def test_places_that_are_not_exact() -> None:
-    rng = np.random.Generator(np.random.PCG64(3))
-    right = 0
-    for _ in range(20):
-        rows = np.column_stack([rng.uniform(-5, 5, (12, 2)), np.sort(rng.uniform(0.2, 1.2, (12, 2)))[:, ::-1]])
-        again = np.array(seen_from([(a, b, c, d) for a, b, c, d in rows], 2.0, 3.0, 1.0))
-        again[:, :2] += rng.normal(0, 0.05, (12, 2))
-        again[:, 2:] += rng.normal(0, 0.01, (12, 2))
-        order = rng.permutation(12)[:9]
-        run = standing([(a, b, c, d) for a, b, c, d in again[order]])
-        motion, _ = align(standing([(a, b, c, d) for a, b, c, d in rows]), run)
-        assert motion is not None
-        found = compared(standing([(a, b, c, d) for a, b, c, d in rows]), run, motion)
-        known = (found.first >= 0) & (found.second >= 0)
-        right += int((found.first[known] == order[found.second[known]]).sum())
-    # A thing or two lie off by more than the room that a place has.
-    assert right >= 20 * 9 - 2
-
-
 def test_a_square_of_like_boxes_lies_in_four_ways() -> None:
     """As the frames are is one of them, and taken; the chance says how sure that is."""
     square = [(x, y, 0.5, 0.5) for x, y in ((2.0, 2.0), (-2.0, 2.0), (-2.0, -2.0), (2.0, -2.0))]
@@ -144,13 +125,3 @@ def test_a_square_of_like_boxes_lies_in_four_ways() -> None:
         (turned.angle - 0.4) % (math.pi / 2) == pytest.approx(math.pi / 2, abs=1e-9)
     )
     assert chance == pytest.approx(0.25, abs=1e-6)
-
-
-def test_another_place_is_not_found() -> None:
-    rng = np.random.Generator(np.random.PCG64(8))
-    for _ in range(10):
-        one, other = (
-            np.column_stack([rng.uniform(-5, 5, (6, 2)), np.sort(rng.uniform(0.2, 1.2, (6, 2)))[:, ::-1]]) for _ in range(2)
-        )
-        motion, _ = align(standing([tuple(r) for r in one]), standing([tuple(r) for r in other]))
-        assert motion is None

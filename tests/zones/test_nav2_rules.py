@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.zones import collision_steps, times
+from lidarcli.formalism.zones import Inside, collision_steps, times
 from lidarcli.masks import Circle, Polygon
 from lidarcli.zone import Case, crossing_edges, inside
 from tests.zones.nav2_rules import counts_on_the_way, is_covered, is_in_circle, is_in_polygon
@@ -103,7 +103,7 @@ def test_approach_steps_are_those_of_nav2(turns: bool) -> None:
             points = points + random.uniform(0.01, 0.2, points.shape)
         corners = 1.5 if number % 4 == 0 else corners_of(random, side=2)
         shape = Circle(0.0, 0.0, corners) if isinstance(corners, float) else Polygon(corners)
-        told = collision_steps(shape, points[:, 0], points[:, 1], row, velocity, 2.0, 0.25)
+        told = collision_steps(shape, Inside(row, row, *points.T), velocity, 2.0, 0.25)
         for sweep in range(sweeps):
             mine = [(x, y) for x, y in points[row == sweep].tolist()]
             expected = counts_on_the_way(corners, mine, tuple(velocity[sweep].tolist()), 2.0, 0.25)  # type: ignore[arg-type]

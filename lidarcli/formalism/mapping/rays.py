@@ -35,7 +35,7 @@ def place(ranges: Any, use: Any, beams: Any, angle_min: Any, angle_increment: An
     end : (2, S, B) float64 to write to, x and y [m]; NaN where a beam is skipped
     """
     rows, width = ranges.shape
-    r, says, counted = native.at_singles(ranges), native.at_bytes(use), native.at_ints(beams)
+    r, used_as, counted = native.at_singles(ranges), native.at_bytes(use), native.at_ints(beams)
     first, step = native.at_doubles(angle_min), native.at_doubles(angle_increment)
     pose, going, out = native.at_doubles(poses), native.at_doubles(way), native.at_doubles(end)
     lock = native.release()
@@ -44,7 +44,7 @@ def place(ranges: Any, use: Any, beams: Any, angle_min: Any, angle_increment: An
         for k in range(width):
             at = row * width + k
             out[at] = out[rows * width + at] = NAN
-            if says[at] == SKIPPED or r[at] != r[at]:
+            if used_as[at] == SKIPPED or r[at] != r[at]:
                 continue
             share = k / (1.0 * last)
             theta = pose[4 * row + 2] + share * going[3 * row + 2]
@@ -82,9 +82,9 @@ def trace(
     """
     _, sweeps, width = end.shape
     across = hits.shape[1]
-    ends, says, counted = native.at_doubles(end), native.at_bytes(use), native.at_ints(beams)
+    ends, used_as, counted = native.at_doubles(end), native.at_bytes(use), native.at_ints(beams)
     pose, going = native.at_doubles(poses), native.at_doubles(way)
-    hit, passed, seen = native.at_ints(hits), native.at_ints(passes), native.at_ints(stamps)
+    hit, passed, stamped = native.at_ints(hits), native.at_ints(passes), native.at_ints(stamps)
     cells = 1.0 / resolution
     # Places are measured in cells from a corner far outside, so that the cell of a place depends on nothing else.
     column, row = column + ORIGIN, row + ORIGIN
@@ -92,27 +92,27 @@ def trace(
     for sweep in range(sweeps):
         begin = sweep * width
         for k in range(begin, begin + width):
-            if says[k] == HIT and ends[k] == ends[k]:
+            if used_as[k] == HIT and ends[k] == ends[k]:
                 along, line = (int(ends[k] * cells + ORIGIN_CELLS), int(ends[sweeps * width + k] * cells + ORIGIN_CELLS))
                 cell = (line - row) * across + along - column
-                if seen[cell] != stamp + sweep:
-                    seen[cell] = stamp + sweep
+                if stamped[cell] != stamp + sweep:
+                    stamped[cell] = stamp + sweep
                     hit[cell] += 1
         last = max(counted[sweep] - 1, 1)
         for k in range(width):
             at = begin + k
-            if says[at] == SKIPPED or ends[at] != ends[at]:
+            if used_as[at] == SKIPPED or ends[at] != ends[at]:
                 continue
             share = k / (1.0 * last)
             x = (pose[4 * sweep] + share * going[3 * sweep]) * cells + ORIGIN_CELLS
             y = (pose[4 * sweep + 1] + share * going[3 * sweep + 1]) * cells + ORIGIN_CELLS
             to_x, to_y = ends[at] * cells + ORIGIN_CELLS, ends[sweeps * width + at] * cells + ORIGIN_CELLS
-            _pass(passed, seen, stamp + sweep, across, row * across + column, x, y, to_x, to_y)
+            _pass(passed, stamped, stamp + sweep, across, row * across + column, x, y, to_x, to_y)
     native.resume(lock)
 
 
 def _pass(
-    passed: Any, seen: Any, stamp: int, across: int, first: int, x: float, y: float, to_x: float, to_y: float
+    passed: Any, stamped: Any, stamp: int, across: int, first: int, x: float, y: float, to_x: float, to_y: float
 ) -> None:
     """Count the cells along a straight way without the last one, one in each column or row of its longer axis."""
     dx, dy = to_x - x, to_y - y
@@ -123,7 +123,7 @@ def _pass(
         step = 1 if steps > 0 else -1
         for _ in range(max(step * steps, 1)):
             line = int(y + (column + 0.5 - x) * slope)
-            _count(passed, seen, stamp, line * across + column - first)
+            _count(passed, stamped, stamp, line * across + column - first)
             column += step
     else:
         slope, steps = dx / dy, int(to_y)
@@ -131,20 +131,19 @@ def _pass(
         step = 1 if steps > 0 else -1
         for _ in range(max(step * steps, 1)):
             column = int(x + (line + 0.5 - y) * slope)
-            _count(passed, seen, stamp, line * across + column - first)
+            _count(passed, stamped, stamp, line * across + column - first)
             line += step
 
 
-def _count(passed: Any, seen: Any, stamp: int, cell: int) -> None:
+def _count(passed: Any, stamped: Any, stamp: int, cell: int) -> None:
     """Count a cell that was passed, unless this sweep has counted it already."""
-    if seen[cell] != stamp:
-        seen[cell] = stamp
+    if stamped[cell] != stamp:
+        stamped[cell] = stamp
         passed[cell] += 1
 
 
-# Votes on the cells of the ground: bodies give them their log-odds of being things, and a body is told by its cells.
-#
-# A body is in all cells that its beams end in. Beams next to each other that end in one cell are one vote.
+# Votes on the cells of the ground: bodies give them their log-odds of being things, and a body is told by its cells. A body
+# is in all cells that its beams end in. Beams next to each other that end in one cell are one vote.
 
 NO_BODY = -1
 """Body of a beam that is in none."""
@@ -158,15 +157,8 @@ class Ends:
     def __init__(
         self, batch: sweeps.SweepBatch, found: detection.Detection, poses: Any, way: Any, farthest: float, step: float
     ) -> None:
-        """
-        Parameters
-        ----------
-        batch : S sweeps
-        found : bodies in them
-        poses : (S, 4) x, y, yaw and side of the sensor at the first beam, as of `place`
-        way : (S, 3) way of the sensor in x, y, yaw until the last beam
-        farthest : greatest range of a beam that is of use [m]
-        step : greatest difference of the ranges of neighbours on one surface [m]
+        """`poses` (S, 4) and `way` (S, 3) as of `place`; beams of use end within `farthest` [m], and neighbours on one
+        surface have ranges that differ by less than `step` [m].
         """
         geometry = np.column_stack([batch.angle_min, batch.angle_increment])
         shared = bool((geometry == geometry[:1]).all())
@@ -214,12 +206,8 @@ class Ends:
 
 
 def place_ends(ends: Ends, rows: Any, end: Any) -> None:
-    """Compute the ends of the beams of some sweeps.
-
-    Parameters
-    ----------
-    rows : (R,) int64 rows of the sweeps
-    end : (2, R, B) float64 to write to, x and y [m]; NaN where a beam is skipped
+    """Compute the ends of the beams of some sweeps, `end` (2, R, B) float64 [m], NaN where a beam is skipped; `rows` (R,)
+    int64.
     """
     index, out = native.at_longs(rows), native.at_doubles(end)
     _, count, width = end.shape
@@ -251,8 +239,8 @@ def cast(ends: Ends, rows: Any, vote: Any, building: int, votes: Any, resolution
     column, row : lower left corner of cell (0, 0), in cells from the origin of the world
     """
     across = votes.shape[1]
-    index, says = native.at_longs(rows), native.at_longs(vote)
-    given = native.at_longs(votes)
+    index, votes_of = native.at_longs(rows), native.at_longs(vote)
+    sums = native.at_longs(votes)
     cells = 1.0 / resolution
     first = (row + ORIGIN) * across + column + ORIGIN
     count = len(rows)
@@ -264,22 +252,19 @@ def cast(ends: Ends, rows: Any, vote: Any, building: int, votes: Any, resolution
             # Without a branch, as nobody can foresee which beam is the first in its cell.
             is_new = (cell != last) | (owner != body)
             last, body = cell, owner
-            given[cell] += is_new * ((says[owner] if owner >= 0 else building) * (1 << COUNT_BITS) + 1)
+            sums[cell] += is_new * ((votes_of[owner] if owner >= 0 else building) * (1 << COUNT_BITS) + 1)
     native.resume(lock)
 
 
 def poll(ends: Ends, rows: Any, votes: Any, line: Any, resolution: float, column: int, row: int, found: Any) -> None:
-    """Sum up what the cells of each body say, and those around them.
+    """Add what the cells of each body say, and those around them, to `found`.
 
-    Parameters
-    ----------
-    rows, votes, resolution, column, row : as of `cast`; no cell is at the edge
-    line : (H, W) uint8, 1 for a cell on a line of the map
-    found : (K, 4) int64 to be added to: sum of the votes, their number, number of cells on a line, and of all cells
+    As of `cast`, but no cell is at the edge; `line` (H, W) uint8 is 1 for a cell on a line of the map; `found` (K, 4)
+    int64: sum of the votes, their number, number of cells on a line, and of all cells.
     """
     across = votes.shape[1]
     index, out = native.at_longs(rows), native.at_longs(found)
-    given, on_line = native.at_longs(votes), native.at_bytes(line)
+    sums, on_line = native.at_longs(votes), native.at_bytes(line)
     cells = 1.0 / resolution
     first = (row + ORIGIN) * across + column + ORIGIN
     count = len(rows)
@@ -291,9 +276,9 @@ def poll(ends: Ends, rows: Any, votes: Any, line: Any, resolution: float, column
             if cell == last and owner == body:
                 continue
             last, body, total = cell, owner, 0
-            for beside in range(-1, 2):
-                near = cell + beside * across
-                total += given[near - 1] + given[near] + given[near + 1]
+            for line_step in range(-1, 2):
+                near = cell + line_step * across
+                total += sums[near - 1] + sums[near] + sums[near + 1]
             out[4 * body] += total >> COUNT_BITS
             out[4 * body + 1] += total & ((1 << COUNT_BITS) - 1)
             out[4 * body + 2] += on_line[cell]
