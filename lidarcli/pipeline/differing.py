@@ -60,7 +60,7 @@ from lidarcli.formalism.matching.differences import (
     NEW,
     SAME_PLACE,
     STRUCTURE,
-    Changes,
+    Change,
     Compared,
     Run,
     TooManyError,
@@ -666,11 +666,11 @@ def _step(before: RunThings, now: RunThings, motion: Motion, found: Fit | None, 
     return Step(before.name, now.name, motion, found.overlap, _known(found.rms), words)
 
 
-def _after(before: RunThings, now: RunThings, changes: Changes, motion: Motion) -> tuple[RunThings, Ground | None]:
+def _after(before: RunThings, now: RunThings, changes: Sequence[Change], motion: Motion) -> tuple[RunThings, Ground | None]:
     """Return all runs so far as one, each place as the last run that saw it tells it; and the ground of the last."""
     run = now.run.moved(motion)
-    gone = (changes.status == GONE) | (changes.second >= 0)
-    kept = [k for k in range(len(before.run.things)) if k not in {*changes.first[gone].tolist()}]
+    gone = {change.first for change in changes if change.status == GONE or change.second >= 0}
+    kept = [k for k in range(len(before.run.things)) if k not in gone]
     old, new = before.run.things, run.things
     names = Standing.__dataclass_fields__
     things = Standing(**{name: np.concatenate([getattr(old, name)[kept], getattr(new, name)]) for name in names})
@@ -684,31 +684,35 @@ def _after(before: RunThings, now: RunThings, changes: Changes, motion: Motion) 
 
 
 def _rows(
-    changes: Changes, before: RunThings, now: RunThings, motion: Motion, grounds: Sequence[tuple[str, Ground | None]]
+    changes: Sequence[Change],
+    before: RunThings,
+    now: RunThings,
+    motion: Motion,
+    grounds: Sequence[tuple[str, Ground | None]],
 ) -> list[dict[str, Any]]:
     """Return the rows of the table, without their numbers."""
     found = []
     old, new = before.run.things, now.run.things
     x, y = motion.of(new.x, new.y)
     counted = [(ground := each.run.ground) is not None and ground.counted for each in (before, now)]
-    for c in range(len(changes.kind)):
-        i, j = int(changes.first[c]), int(changes.second[c])
-        looks = [int(changes.looks[c, run]) if counted[run] and changes.looks[c, run] >= 0 else None for run in (0, 1)]
+    for change in changes:
+        i, j = change.first, change.second
+        looks = [count if known and count >= 0 else None for count, known in zip(change.looks, counted, strict=True)]
         row: dict[str, Any] = {
             "log_b": now.name,
-            "kind": CHANGE_KINDS[changes.kind[c]],
-            "status": CHANGE_STATUSES[changes.status[c]],
-            "why": None if changes.why[c] < 0 else CHANGE_WHYS[changes.why[c]],
-            "score": float(changes.score[c]),
-            "area": _known(changes.area[c]),
+            "kind": CHANGE_KINDS[change.kind],
+            "status": CHANGE_STATUSES[change.status],
+            "why": None if change.why < 0 else CHANGE_WHYS[change.why],
+            "score": change.score,
+            "area": _known(change.area),
             "sweeps_a": looks[0],
             "sweeps_b": looks[1],
-            "free_a": _known(changes.free[c, 0]),
-            "free_b": _known(changes.free[c, 1]),
+            "free_a": _known(change.free[0]),
+            "free_b": _known(change.free[1]),
         }
-        if changes.kind[c] == STRUCTURE:
-            px, py, yaw, length, width = changes.place[c].tolist()
-            run = "b" if changes.status[c] == NEW or changes.free[c, 0] > 0 else "a"
+        if change.kind == STRUCTURE:
+            px, py, yaw, length, width = change.place
+            run = "b" if change.status == NEW or change.free[0] > 0 else "a"
             row |= {f"x_{run}": px, f"y_{run}": py, f"yaw_{run}": yaw, "length": length, "width": width}
             where = px, py
         else:

@@ -10,7 +10,7 @@ import pytest
 
 from lidarcli.choices import CHANGE_STATUSES, CHANGE_WHYS
 from lidarcli.formalism.matching.alignment import Standing, align
-from lidarcli.formalism.matching.differences import Changes, Compared, Run
+from lidarcli.formalism.matching.differences import Change, Compared, Run
 from lidarcli.formalism.matching.ground import HERE, Motion
 
 Row = tuple[float, float, float, float]
@@ -47,21 +47,20 @@ def seen_from(rows: Sequence[Row], angle: float, x: float, y: float) -> list[Row
     ]
 
 
-def compared(first: Standing, second: Standing, motion: Motion = HERE, chance: float = 1.0) -> Changes:
+def compared(first: Standing, second: Standing, motion: Motion = HERE, chance: float = 1.0) -> list[Change]:
     """Changes of two runs of which only the things are known."""
     runs = (Run(each, np.zeros(len(each)), None, np.empty((0, 2))) for each in (first, second))
     return Compared(*runs, motion, (None, None), chance).changes()
 
 
-def pairs(found: Changes) -> list[tuple[str, int, int]]:
-    rows = zip(found.status.tolist(), found.first.tolist(), found.second.tolist(), strict=True)
-    return sorted((CHANGE_STATUSES[status], i, j) for status, i, j in rows)
+def pairs(found: list[Change]) -> list[tuple[str, int, int]]:
+    return sorted((CHANGE_STATUSES[each.status], each.first, each.second) for each in found)
 
 
 def test_what_stands_still_is_known() -> None:
     found = compared(standing(ROOM), standing(ROOM[::-1]))
     assert pairs(found) == [("known", k, 4 - k) for k in range(5)]
-    assert (found.score > 0.99).all()
+    assert all(each.score > 0.99 for each in found)
 
 
 def test_without_free_space_nothing_is_gone_or_new_or_moved_far() -> None:
@@ -75,14 +74,14 @@ def test_without_free_space_nothing_is_gone_or_new_or_moved_far() -> None:
         ("uncertain", 0, -1),
         ("uncertain", 4, -1),
     ]
-    assert {CHANGE_WHYS[why] for why in found.why[found.why >= 0]} == {"no free space"}
+    assert {CHANGE_WHYS[why] for why in (each.why for each in found) if why >= 0} == {"no free space"}
 
 
 def test_what_was_moved_by_less_than_its_size_needs_no_free_space() -> None:
     """Two things cannot stand within each other, so one must have left its place."""
     found = compared(standing(ROOM), standing([(2.5, -1.4, 0.8, 0.6), *ROOM[1:]]))
     assert pairs(found) == [*(("known", k, k) for k in range(1, 5)), ("moved", 0, 0)]
-    assert (found.score > 0.9).all()
+    assert all(each.score > 0.9 for each in found)
 
 
 def test_labels_tell_things_of_one_size_apart() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from lidarcli.formalism.mapping.grid import UNKNOWN, pieces
 from lidarcli.formalism.matching.alignment import LEAST_AREA, SIZE_RANGE, Standing, alike, coded
 from lidarcli.formalism.matching.catalogue import LARGEST_SIZE
 from lidarcli.formalism.matching.ground import HERE, SEEN_FREE, Ground, Motion, Nearest
-from lidarcli.sweeps import Bool, Float64, Int8, Int64, record
+from lidarcli.sweeps import Bool, Float64, Int64, record
 
 # Extents of standing things by what their run saw of the ground around them.
 #
@@ -387,30 +387,29 @@ class Run:
         return Run(things, self.yaw + motion.angle, ground, sensors)
 
 
-@record
-class Changes:
-    """C things and pieces of structure, (C,) each; coordinates of the first run, those of the second are in its own."""
+class Change(NamedTuple):
+    """What became of a thing or piece of structure; coordinates of the first run, those of the second are in its own."""
 
-    kind: Int8
+    kind: int
     """Index into `CHANGE_KINDS`."""
-    status: Int8
+    status: int
     """Index into `CHANGE_STATUSES`."""
-    why: Int8
+    why: int
     """Index into `CHANGE_WHYS`, `CERTAIN` for none."""
-    score: Float64
+    score: float
     """Probability of the status."""
-    first: Int64
+    area: float
+    """[m²]; NaN where unknown."""
+    looks: tuple[int, int]
+    """Sweeps of both runs that could see the place; -1 where unknown."""
+    free: tuple[float, float]
+    """Share of it that both runs saw free; NaN where unknown."""
+    first: int = -1
     """Index of the thing of the first run; -1 for none."""
-    second: Int64
+    second: int = -1
     """Index of the thing of the second run; -1 for none."""
-    place: Float64
-    """(C, 5) x, y, yaw, length and width of a piece of structure [m, rad]; NaN for things."""
-    area: Float64
-    """Area [m²]; NaN where unknown."""
-    looks: Int64
-    """(C, 2) sweeps of both runs that could see the place; -1 where unknown."""
-    free: Float64
-    """(C, 2) share of it that both runs saw free; NaN where unknown."""
+    place: tuple[float, ...] = ()
+    """x, y, yaw, length and width of a piece of structure [m, rad]; empty for things."""
 
 
 class Compared:
@@ -437,9 +436,9 @@ class Compared:
         self._things = first.things, things.at(*motion.of(things.x, things.y))
         self._yaw = first.yaw, second.yaw + motion.angle
         self._spots = [[self._spot(side, k) for k in range(len(self._things[side]))] for side in (0, 1)]
-        self._rows: list[tuple[Any, ...]] = []
+        self._changes: list[Change] = []
 
-    def changes(self) -> Changes:
+    def changes(self) -> list[Change]:
         """Return all changes, things first; `TooManyError` where there are too many to tell."""
         a, b = self._side(0), self._side(1)
         near = in_place(a, b)
@@ -464,7 +463,7 @@ class Compared:
         self._add_rest(alone, np.where(near, chance, -1.0))
         for side in (0, 1):
             self._structure(side)
-        return self._done()
+        return self._changes
 
     def _side(self, side: int) -> Side:
         """Return the things of a run with what is known of their places."""
@@ -614,12 +613,12 @@ class Compared:
         before = self._spots[1][j] if j >= 0 else None
         after = self._spots[0][i] if i >= 0 else None
         # What a run saw of a thing of its own is that thing.
-        looks = [
+        looks = (
             self._own_looks(0, i) if before is None else before.looks,
             self._own_looks(1, j) if after is None else after.looks,
-        ]
-        free = [math.nan if before is None else before.free, math.nan if after is None else after.free]
-        self._rows.append((THING, status, why, score, i, j, np.full(5, np.nan), area, looks, free))
+        )
+        free = math.nan if before is None else before.free, math.nan if after is None else after.free
+        self._changes.append(Change(THING, status, why, score, area, looks, free, i, j))
 
     def _own_looks(self, side: int, k: int) -> int:
         """Return the number of sweeps that could see a thing of their own run."""
@@ -664,29 +663,11 @@ class Compared:
             certain = score >= self._least
             status = (NEW if side else GONE) if certain else UNCERTAIN
             pair = int(np.max(looks[cluster])), int(np.max(others[cluster]))
-            free = 0.0, 1.0
-            self._rows.append(
-                (
-                    STRUCTURE,
-                    status,
-                    CERTAIN if certain else SHORT,
-                    score,
-                    -1,
-                    -1,
-                    box,
-                    len(cluster) * here.resolution**2,
-                    pair if side == 0 else pair[::-1],
-                    free if side == 0 else free[::-1],
-                )
-            )
-
-    def _done(self) -> Changes:
-        columns = [*zip(*self._rows, strict=True)] or [()] * 10
-        kinds = (np.int8, np.int8, np.int8, np.float64, np.int64, np.int64, np.float64, np.float64, np.int64, np.float64)
-        shapes = (-1, -1, -1, -1, -1, -1, (-1, 5), -1, (-1, 2), (-1, 2))
-        return Changes(
-            *(np.array(column, kind).reshape(shape) for column, kind, shape in zip(columns, kinds, shapes, strict=True))
-        )
+            free, area = (0.0, 1.0), len(cluster) * here.resolution**2
+            if side:
+                pair, free = pair[::-1], free[::-1]
+            why = CERTAIN if certain else SHORT
+            self._changes.append(Change(STRUCTURE, status, why, score, area, pair, free, place=tuple(box.tolist())))
 
 
 class UnpairedStatus(NamedTuple):
