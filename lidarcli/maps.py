@@ -25,10 +25,8 @@ from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.ros.mcap_file import add_channel, offered, start_ros2
 from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, record
-from lidarcli.tabular.arrays import codes, floats, plain
-from lidarcli.tabular.rows import constant
+from lidarcli.tabular.columns import codes, constant, floats, in_unit, plain, restamped
 from lidarcli.tabular.schemas import CLOUD, STAMP, TEXT
-from lidarcli.tabular.stamps import in_unit, restamped
 from lidarcli.tabular.writing import ParquetSink
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""From a batch of sweeps to its objects: the definitions in their order."""
+"""From a batch of sweeps to its objects: the definitions in their order; and the reasons for each verdict."""
 
 from __future__ import annotations
 

@@ -96,7 +96,6 @@ cdef class Parts:
 
 
 cdef void assemble(Parts parts, Survey survey, Points points, Segments segments, bint walls) noexcept nogil
-cdef void _sort(Parts parts, Survey survey, Points points, Segments segments, bint walls) noexcept nogil
 cdef void _insert(Parts parts, Survey survey, Points points, Segments segments, bint objects) noexcept nogil
 cdef bint _comes_before(Parts parts, Survey survey, Py_ssize_t a, Py_ssize_t b) noexcept nogil
 cdef void _group(Parts parts, Survey survey) noexcept nogil

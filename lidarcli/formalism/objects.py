@@ -456,7 +456,11 @@ class Parts:
 
 def assemble(parts: Parts, survey: Survey, points: Points, segments: Segments, walls: bool) -> None:
     """Order the segments that are objects, and walls where these are wanted; those of one label are one object."""
-    _sort(parts, survey, points, segments, walls)
+    # By kind, label and bearing.
+    parts.count = 0
+    _insert(parts, survey, points, segments, True)
+    if walls:
+        _insert(parts, survey, points, segments, False)
     _group(parts, survey)
     for k in range(parts.objects):
         _unwrap(parts, points, k)
@@ -473,14 +477,6 @@ def assemble(parts: Parts, survey: Survey, points: Points, segments: Segments, w
             parts.segment[at] = j
             count += 1
     parts.begin[parts.objects] = count
-
-
-def _sort(parts: Parts, survey: Survey, points: Points, segments: Segments, walls: bool) -> None:
-    """Sort by kind, label and bearing."""
-    parts.count = 0
-    _insert(parts, survey, points, segments, True)
-    if walls:
-        _insert(parts, survey, points, segments, False)
 
 
 def _insert(parts: Parts, survey: Survey, points: Points, segments: Segments, objects: bool) -> None:

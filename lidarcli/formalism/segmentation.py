@@ -27,39 +27,33 @@ NO_RETURN = sweeps.Status.NO_RETURN.value
 OPEN_TURN, SHARED_TURN = sweeps.Closure.OPEN.value, sweeps.Closure.SHARED.value
 
 
+def kept(owner: list[Any], values: Any, kind: Any) -> Any:
+    """Return the values as a contiguous array of a type, which lives as long as `owner`."""
+    array = np.require(values, kind, ["C", "A"])
+    owner.append(array)
+    return array
+
+
 class Scans:
     """Columns of a batch of S sweeps with up to B beams, for the loops over one sweep."""
 
     def __init__(self, batch: sweeps.SweepBatch, direction: Any, within: Any, sigma: Any) -> None:
         """`direction`: cos θ and sin θ, (D, B) each by increasing bearing, and which of them each sweep has, (S,)."""
         cos, sin, code = direction
-        columns = (
-            (batch.ranges, np.float32),
-            (batch.status, np.uint8),
-            (batch.beams, np.int32),
-            (batch.closure, np.uint8),
-            (batch.angle_min, np.float64),
-            (batch.angle_increment, np.float64),
-            (cos, np.float64),
-            (sin, np.float64),
-            (code, np.int64),
-            (np.zeros(0) if within is None else within, np.bool_),
-            (np.zeros(0) if sigma is None else sigma, np.float64),
-        )
-        self.owner: list[Any] = [np.require(values, kind, ["C", "A"]) for values, kind in columns]
+        self.owner: list[Any] = []
         self.rows = len(batch)
         self.width = batch.width
-        self.ranges = native.at_singles(self.owner[0])
-        self.status = native.at_bytes(self.owner[1])
-        self.beams = native.at_ints(self.owner[2])
-        self.closure = native.at_bytes(self.owner[3])
-        self.angle_min = native.at_doubles(self.owner[4])
-        self.angle_increment = native.at_doubles(self.owner[5])
-        self.cos = native.at_doubles(self.owner[6])
-        self.sin = native.at_doubles(self.owner[7])
-        self.direction = native.at_longs(self.owner[8])
-        self.within = native.at_bytes(self.owner[9])
-        self.sigma = native.at_doubles(self.owner[10])
+        self.ranges = native.at_singles(kept(self.owner, batch.ranges, np.float32))
+        self.status = native.at_bytes(kept(self.owner, batch.status, np.uint8))
+        self.beams = native.at_ints(kept(self.owner, batch.beams, np.int32))
+        self.closure = native.at_bytes(kept(self.owner, batch.closure, np.uint8))
+        self.angle_min = native.at_doubles(kept(self.owner, batch.angle_min, np.float64))
+        self.angle_increment = native.at_doubles(kept(self.owner, batch.angle_increment, np.float64))
+        self.cos = native.at_doubles(kept(self.owner, cos, np.float64))
+        self.sin = native.at_doubles(kept(self.owner, sin, np.float64))
+        self.direction = native.at_longs(kept(self.owner, code, np.int64))
+        self.within = native.at_bytes(kept(self.owner, np.zeros(0) if within is None else within, np.bool_))
+        self.sigma = native.at_doubles(kept(self.owner, np.zeros(0) if sigma is None else sigma, np.float64))
         self.has_within = within is not None
         self.has_sigma = sigma is not None
 

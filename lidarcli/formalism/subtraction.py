@@ -1,4 +1,4 @@
-"""§3: r_w - r_e, and the beams where it leaves the noise."""
+"""§3: r_w - r_e, the beams where it leaves the noise, and the objects that appear or are gone by it."""
 
 from __future__ import annotations
 

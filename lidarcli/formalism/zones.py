@@ -1,4 +1,4 @@
-"""Points of sweeps in zones, and how many beams of a sweep reach a zone."""
+"""What is in zones: points of sweeps, what a moving shape will meet, episodes, and visits and crossings by agents."""
 
 from __future__ import annotations
 

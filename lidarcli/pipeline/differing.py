@@ -71,24 +71,23 @@ from lidarcli.formalism.matching.ground import HERE, MOST_CELLS, SEEN_FREE, Grou
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.maps import image_of, read_map
 from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
-from lidarcli.pipeline.detecting import detect_beside, second_of_two
+from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.inputs.tables import TracksTable, find_tracks, poses_of, read_tracks_table, world_in
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
-from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.pipeline.overlay_sources import Cursor
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, read_log
-from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
+from lidarcli.pipeline.reading.posing import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
-from lidarcli.stores.url import Place, place
+from lidarcli.stores import Place, place
 from lidarcli.sweeps import Float64, Int64, Status, SweepPoses
 from lidarcli.tabular.background import read_background
-from lidarcli.tabular.reading import column_names
+from lidarcli.tabular.reading import TopicRows, column_names
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES
 from lidarcli.tabular.stream import write_stream
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata
@@ -359,20 +358,20 @@ def _frame_words(key: str) -> str:
 def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> RunThings:
     """Return the standing things of a log, and the ground that its sweeps saw in a second pass over it."""
     with scratch_folder() as private:
-        pair, found = detect_beside(source, private, options.detect, progress)
+        pair, found = detect_to_temporary(source, private, options.detect, progress)
         table = read_tracks_table(pair.tracks)
         agents = _agents(table)
         surveys: dict[str, Surveying] = {}
         places: dict[str, list[Float64]] = {}
-        cursors: dict[str, Cursor] = {}
+        cursors: dict[str, TopicRows] = {}
         stamps: list[int] = []
         with read_log(source, options.detect, Need.MOVING) as reading:
-            for batch in reading.batches(second_of_two(progress, source.size)):
+            for batch in reading.batches(second_half(progress, source.size)):
                 if not len(batch):
                     continue
                 stamps += [int(batch.stamp_ns.min()), int(batch.stamp_ns.max())]
                 if batch.topic not in cursors:
-                    cursors[batch.topic] = Cursor(pair.objects, "objects", OBJECT_COLUMNS, batch.topic)
+                    cursors[batch.topic] = TopicRows(pair.objects, "objects", OBJECT_COLUMNS, batch.topic)
                 objects = Objects.of(cursors[batch.topic].until(int(batch.sweep[-1]) + 1), batch)
                 is_agent = np.append(np.isin(objects.track, agents.get(batch.topic, [])), False)[objects.owners(batch)]
                 use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
@@ -772,7 +771,7 @@ def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) 
             suffix, part = path.suffix.lower(), new.part(path)
             with writing(path):
                 if suffix == PICTURE:
-                    from lidarcli.reports.changes_picture import Sight, draw_changes
+                    from lidarcli.reports.map_picture import Sight, draw_changes
 
                     sights = [Sight(step.ground, step.sensors) for step in found.steps]
                     part.write_bytes(draw_changes(pairs_of(found.changes), sights))

@@ -50,11 +50,10 @@ from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, named_files, read_log, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions, of_one_run
-from lidarcli.pipeline.runs.outcomes import Outcome
-from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
+from lidarcli.pipeline.reading.posing import NONE, Need, PoseOptions, of_one_run
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
 from lidarcli.pose.fit import stands
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
 from lidarcli.tabular.writing import table_metadata
 
@@ -206,10 +205,10 @@ class Mapping:
             return
         # Maps of everything should not wait for these imports.
         from lidarcli.formalism.tracking.tracker import Tracker
-        from lidarcli.pipeline.objects.making import finder
-        from lidarcli.tabular.tracked import beam_sets
+        from lidarcli.pipeline.objects.detection import object_finder
+        from lidarcli.tabular.columns import beam_sets
 
-        find = finder(self.options.parameters, None)
+        find = object_finder(self.options.parameters, None)
         trackers: dict[str, tuple[Tracker, deque[tuple[SweepBatch, Detection]]]] = {}
         for batch in batches:
             if batch.topic not in trackers:

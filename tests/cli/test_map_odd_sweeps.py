@@ -12,11 +12,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.formalism.mapping.grid import OCCUPIED
-from lidarcli.maps import read_map
 from lidarcli.simulation.writers import write_log
-from tests.cli.maps import COUNTED, DRIVE, Run, names, occupied, still
-from tests.places import ROOT, SAMPLES
+from tests.cli.maps import COUNTED, DRIVE, Run, names, occupied
+from tests.places import ROOT
 from tests.sweeping import raw_sweeps
 
 
@@ -44,13 +42,6 @@ def test_logs_without_poses(lidarcli: Run, tmp_path: Path) -> None:
     assert names(tmp_path) == []
 
 
-def test_a_log_that_tells_no_poses_is_mapped_by_its_matched_path(lidarcli: Run, tmp_path: Path) -> None:
-    ran = lidarcli("map", SAMPLES / "people.csv.gz", "-o", tmp_path / "m.yaml")
-    assert ran.code == 0
-    assert "map of 1 sweep in match: " in ran.err
-    assert len(occupied(tmp_path / "m.yaml")) > 500
-
-
 def test_a_log_without_poses_beside_a_good_one(lidarcli: Run, tmp_path: Path) -> None:
     blind = tmp_path / "blind.mcap"
     write_log(blind, [raw_sweeps(np.full((20, 360), np.inf))])
@@ -76,21 +67,6 @@ def test_a_damaged_log_is_mapped_as_far_as_it_can_be_read(lidarcli: Run, walk: P
     assert len(occupied(tmp_path / "m.yaml")) > 100
     metadata = pq.read_schema(tmp_path / "m.parquet").metadata
     assert json.loads(metadata[b"lidarcli.damage"])[0].startswith("cut.mcap: ")
-
-
-def test_poses_far_away(lidarcli: Run, tmp_path: Path) -> None:
-    """A map in coordinates of a map projection, and one at 1e8 m, is the same map elsewhere."""
-    log, _ = still(tmp_path, np.full((9, 90), 3.02, np.float32))
-    shapes = []
-    for far in (0, 500_000, 100_000_000, -100_000_000):
-        lines = [f"{1_700_000_000 + k / 10:.3f} {far + 0.3 * k:.3f} {far} 0 0 0 0 1\n" for k in range(-1, 11)]
-        (tmp_path / "p.tum").write_text("".join(lines))
-        ran = lidarcli("-q", "map", log, "--poses", tmp_path / "p.tum", "-o", tmp_path / f"{far}.yaml")
-        assert ran.code == 0
-        grid = read_map(tmp_path / f"{far}.yaml")
-        assert grid.x - far == pytest.approx(-3.1, abs=0.06)
-        shapes.append((grid.cells == OCCUPIED).sum())
-    assert max(shapes) - min(shapes) <= 0.15 * max(shapes)
 
 
 BEYOND = """

@@ -228,7 +228,7 @@ class Counts:
         self._reach(*_bounds(beams, self.resolution))
         sweeps = beams.end, beams.use, beams.beams, beams.poses, beams.way
         layers = self.hits, self.passes, self._stamps
-        rays.trace(*sweeps, *layers, self.sweeps + 1, self.resolution, self.column, self.row)
+        rays.trace(sweeps, layers, self.sweeps + 1, self.resolution, self.column, self.row)
         self.sweeps += len(beams)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Fig. 7: the ends of beams in the world, and the cells that they pass on their way.
+"""Fig. 7: the ends of beams in the world, the cells that they pass, and the votes of bodies on the cells that they cover.
 
 A cell counts once in a sweep: as hit where any beam ends in it, else as passed where any goes through it.
 """
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli import native, sweeps
-from lidarcli.formalism import detection
+from lidarcli.formalism import detection, segmentation
 
 NAN = float("nan")
 USES = 0, 1, 2
@@ -54,32 +54,19 @@ def place(ranges: Any, use: Any, beams: Any, angle_min: Any, angle_increment: An
     native.resume(lock)
 
 
-def trace(
-    end: Any,
-    use: Any,
-    beams: Any,
-    poses: Any,
-    way: Any,
-    hits: Any,
-    passes: Any,
-    stamps: Any,
-    stamp: int,
-    resolution: float,
-    column: int,
-    row: int,
-) -> None:
+def trace(beams_of: Any, layers: Any, stamp: int, resolution: float, column: int, row: int) -> None:
     """Count the cells that the beams of S sweeps hit and pass.
 
     Parameters
     ----------
-    end : (2, S, B) as in `place`; all ends and poses lie within the cells
-    use, beams, poses, way : as in `place`
-    hits, passes : (H, W) int32, to be added to
-    stamps : (H, W) int32, the last sweep that counted for each cell
+    beams_of : `end` (2, S, B), `use`, `beams`, `poses`, `way` as in `place`; all ends and poses lie within the cells
+    layers : (H, W) int32 each: hits and passes, to be added to, and the last sweep that counted for each cell
     stamp : of the first of these sweeps, greater than all before; each has the next one
     resolution : side of a cell [m]
     column, row : lower left corner of cell (0, 0), in cells from the origin of the world
     """
+    end, use, beams, poses, way = beams_of
+    hits, passes, stamps = layers
     _, sweeps, width = end.shape
     across = hits.shape[1]
     ends, used_as, counted = native.at_doubles(end), native.at_bytes(use), native.at_ints(beams)
@@ -163,38 +150,27 @@ class Ends:
         geometry = np.column_stack([batch.angle_min, batch.angle_increment])
         shared = bool((geometry == geometry[:1]).all())
         theta = batch.rows(np.arange(len(batch))[: 1 if shared else None]).bearings()
-        columns = (
-            (batch.ranges, np.float32),
-            (batch.beams, np.int32),
-            (np.searchsorted(found.row, np.arange(len(batch) + 1)), np.int64),
-            (found.beam_i, np.int32),
-            (found.beam_f, np.int32),
-            (np.cos(theta), np.float64),
-            (np.sin(theta), np.float64),
-            (batch.angle_min, np.float64),
-            (batch.angle_increment, np.float64),
-            (poses, np.float64),
-            (np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])]), np.float64),
-            (way, np.float64),
-            (way.any(axis=1), np.uint8),
-        )
-        self.owner: list[Any] = [np.require(values, kind, ["C", "A"]) for values, kind in columns]
+        self.owner: list[Any] = []
         self.width = batch.width
         self.farthest = farthest
         self.step = step
-        self.ranges = native.at_singles(self.owner[0])
-        self.beams = native.at_ints(self.owner[1])
-        self.offsets = native.at_longs(self.owner[2])
-        self.beam_i = native.at_ints(self.owner[3])
-        self.beam_f = native.at_ints(self.owner[4])
-        self.cos = native.at_doubles(self.owner[5])
-        self.sin = native.at_doubles(self.owner[6])
-        self.angle_min = native.at_doubles(self.owner[7])
-        self.angle_increment = native.at_doubles(self.owner[8])
-        self.poses = native.at_doubles(self.owner[9])
-        self.heading = native.at_doubles(self.owner[10])
-        self.way = native.at_doubles(self.owner[11])
-        self.going = native.at_bytes(self.owner[12])
+        self.ranges = native.at_singles(segmentation.kept(self.owner, batch.ranges, np.float32))
+        self.beams = native.at_ints(segmentation.kept(self.owner, batch.beams, np.int32))
+        self.offsets = native.at_longs(
+            segmentation.kept(self.owner, np.searchsorted(found.row, np.arange(len(batch) + 1)), np.int64)
+        )
+        self.beam_i = native.at_ints(segmentation.kept(self.owner, found.beam_i, np.int32))
+        self.beam_f = native.at_ints(segmentation.kept(self.owner, found.beam_f, np.int32))
+        self.cos = native.at_doubles(segmentation.kept(self.owner, np.cos(theta), np.float64))
+        self.sin = native.at_doubles(segmentation.kept(self.owner, np.sin(theta), np.float64))
+        self.angle_min = native.at_doubles(segmentation.kept(self.owner, batch.angle_min, np.float64))
+        self.angle_increment = native.at_doubles(segmentation.kept(self.owner, batch.angle_increment, np.float64))
+        self.poses = native.at_doubles(segmentation.kept(self.owner, poses, np.float64))
+        self.heading = native.at_doubles(
+            segmentation.kept(self.owner, np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])]), np.float64)
+        )
+        self.way = native.at_doubles(segmentation.kept(self.owner, way, np.float64))
+        self.going = native.at_bytes(segmentation.kept(self.owner, way.any(axis=1), np.uint8))
         self.directions = 0 if shared else self.width
         """From the directions of one sweep to those of the next."""
         self.body = native.integers(self.owner, self.width)

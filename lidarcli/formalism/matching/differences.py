@@ -1,6 +1,6 @@
 """Differences between two runs (§3, matching): what is known, moved, new or gone, and what nobody can tell.
 
-What is one thing in both runs is found first (`pairs`). A thing without a partner is new or gone only where the other run
+What is one thing in both runs is found first. A thing without a partner is new or gone only where the other run
 saw its place free.
 """
 
