@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import re
 import struct
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from decimal import Decimal
 from pathlib import Path
 from stat import S_ISREG
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -62,7 +62,7 @@ _LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
 
 def yaml_bytes(grid: Occupancy, image: str) -> bytes:
     """Return the YAML file of a map [m] whose cells are in the file `image`, a name relative to that of the YAML file."""
-    name = image if _PLAIN_NAME.fullmatch(image) else _quoted(image)
+    name = image if _PLAIN_NAME.fullmatch(image) else json.dumps(image, ensure_ascii=False)
     x, y = _decimal(grid.x), _decimal(grid.y)
     text = (
         f"image: {name}\nmode: trinary\nresolution: {_decimal(grid.resolution)}\norigin: [{x}, {y}, 0.0]\n"
@@ -247,9 +247,8 @@ def _decoded(path: Path, shown: str, file: BinaryIO, size: int, described: _Desc
 
 
 def _opened(path: Path, shown: str, file: BinaryIO) -> ImageFile:
-    """Open the image without reading its pixels.
-
-    `Image.open` would guess at fifty formats, and has a bound for all programs.
+    """Open the image without reading its pixels; `Image.open` would guess at fifty formats, and has a bound for all
+    programs.
     """
     from PIL.BmpImagePlugin import BmpImageFile
     from PIL.PngImagePlugin import PngImageFile
@@ -300,26 +299,7 @@ def _decimal(value: float) -> str:
     >>> _decimal(3 * 0.05), _decimal(-12.0), _decimal(0.0125)
     ('0.150', '-12.000', '0.0125')
     """
-    whole, _, decimals = format(Decimal(f"{value + 0.0:.15g}"), "f").partition(".")
-    return f"{whole}.{decimals.ljust(3, '0')}"
-
-
-def _quoted(text: str) -> str:
-    """Return a text as YAML has it between quotation marks.
-
-    >>> print(_quoted('hall "2".pgm'))
-    "hall \\"2\\".pgm"
-    """
-
-    def spelled(character: str) -> str:
-        if character in '"\\':
-            return f"\\{character}"
-        # Half a pair stands for a byte of a name that is not UTF-8, and is put back when the text is encoded.
-        if character.isprintable() or "\udc80" <= character <= "\udcff":
-            return character
-        return f"\\U{ord(character):08x}"
-
-    return f'"{"".join(map(spelled, text))}"'
+    return np.format_float_positional(float(f"{value + 0.0:.15g}"), min_digits=3)
 
 
 def _refused(path: Path, cause: str, way_out: str) -> UnreadableError:

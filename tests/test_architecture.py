@@ -158,6 +158,7 @@ def test_formalism_imports_numpy_alone() -> None:
         "dataclasses",
         "enum",
         "functools",
+        "itertools",
         "math",
         "os",
         "sys",

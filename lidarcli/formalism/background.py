@@ -9,10 +9,8 @@ from lidarcli.display import Facts, counted, shown, span
 from lidarcli.range_rules import NEAREST
 from lidarcli.sweeps import TURN, Bool, Closure, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, record
 
-# §3: "a map linking each LASER sweep to a certain position": stations, their bearings, and sweeps as seen from them.
-#
-# A station is a place and heading of the sensor. Sweeps with other bearings, or taken beside a station, are projected onto
-# its bearings. Because odometry alone is not exact enough, such sweeps are first aligned with what the station has seen.
+# Stations, "a map linking each LASER sweep to a certain position". Sweeps with other bearings, or taken beside a station,
+# are projected onto its bearings. Because odometry alone is not exact enough, they are first aligned with what it has seen.
 
 STILL_DISTANCE, STILL_ANGLE = 1e-3, 1e-4
 """[m], [rad] Greatest shift of a sensor that is parked."""
@@ -34,12 +32,8 @@ POSE_ERROR, HEADING_ERROR = 0.1, 0.05
 
 def joined(parts: list[SweepPoses]) -> SweepPoses:
     """Return the poses of several parts as one."""
-    return SweepPoses(
-        np.concatenate([part.x for part in parts]),
-        np.concatenate([part.y for part in parts]),
-        np.concatenate([part.yaw for part in parts]),
-        np.concatenate([part.upside_down for part in parts]),
-    )
+    names = ("x", "y", "yaw", "upside_down")
+    return SweepPoses(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 NO_PLACES = SweepPoses(np.empty(0), np.empty(0), np.empty(0), np.empty(0, bool))
@@ -93,18 +87,10 @@ def shift(poses: SweepPoses, places: SweepPoses) -> Shift:
 
 
 def nearest(poses: SweepPoses, places: SweepPoses, distance: float, angle: float) -> tuple[Int64, Float64]:
-    """Return the nearest place of each sweep within a tolerance.
+    """Return the nearest of K places, all with a pose, to each of S poses; distance [m] and angle [rad] are the tolerance.
 
-    Parameters
-    ----------
-    poses : of S sweeps
-    places : K stations, all with a pose
-    distance, angle : tolerance in position [m] and heading [rad]
-
-    Returns
-    -------
-    station : (S,) the nearest, both measured in units of their tolerance; -1 where none is within it
-    away : (S,) distance of the nearest position, whatever its heading [m]; inf without stations or pose
+    Both are measured in units of their tolerance: station (S,), -1 where none is within it, and away (S,), the distance of
+    the nearest position [m], whatever its heading; inf without stations or pose.
     """
     if not len(places.x):
         return np.full(len(poses.x), -1), np.full(len(poses.x), np.inf)
@@ -128,19 +114,9 @@ def _cost(poses: SweepPoses, places: SweepPoses, distance: float, angle: float) 
 def gather(poses: SweepPoses, places: SweepPoses, distance: float, angle: float, most: int) -> tuple[Int64, SweepPoses]:
     """Assign each sweep to the nearest station; a sweep out of reach of all opens a new one at its own pose.
 
-    What a sweep opens serves all later ones, so the result does not depend on how sweeps come in batches.
-
-    Parameters
-    ----------
-    poses : of S sweeps in order
-    places : K stations that are there already
-    distance, angle : reach of a station in position [m] and heading [rad]
-    most : greatest number of stations
-
-    Returns
-    -------
-    station : (S,) index; -1 without a pose, or where a further station would be too many
-    places : the stations, the new ones after the others
+    What a sweep opens serves all later ones, so the result does not depend on how sweeps come in batches. `places` are the
+    stations so far; their reach is `distance` [m] and `angle` [rad], and there are `most` of them. Returned are the station
+    of each sweep (S,), -1 without a pose, or where one more would be too many, and all stations, the new ones last.
     """
     count = len(poses.x)
     station = np.full(count, -1)
@@ -221,18 +197,10 @@ class Grid:
 
 
 def project(batch: SweepBatch, grid: Grid, moved: Shift | None) -> tuple[Int32, Float64]:
-    """Project the ends of the beams of sweeps onto the bearings of a station.
+    """Project the ends of the beams of S sweeps onto the bearings of a station, from which the sensor has `moved` (S,).
 
-    Parameters
-    ----------
-    batch : S sweeps of up to B beams
-    grid : bearings at the station
-    moved : (S,) shift of the sensor from the station; None if it stood there, or its place is unknown
-
-    Returns
-    -------
-    beam : (S, B) beam of the station; -1 out of its view and for padding. A beam without a range keeps its direction
-    range : (S, B) distance from the station [m], NaN without a range
+    Returned are the beam of the station (S, B), -1 out of its view and for padding, and the distance from the station (S,
+    B) [m], NaN without a range. A beam without a range keeps its direction.
     """
     bearing = batch.bearings()
     ranges = batch.ranges.astype(np.float64)
@@ -252,18 +220,9 @@ def project(batch: SweepBatch, grid: Grid, moved: Shift | None) -> tuple[Int32, 
 
 
 def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Float64:
-    """Return the ranges that sensors beside a station would see of the ranges of the station.
+    """Return (S, B) the ranges [m] that sensors beside a station would see of the ranges (S, C) of the station.
 
-    Parameters
-    ----------
-    batch : S sweeps of up to B beams
-    grid : C bearings at the station
-    ranges : (S, C) ranges of the station of each sweep [m]; inf without a surface, NaN if unknown
-    moved : (S,) shift of the sensor from the station
-
-    Returns
-    -------
-    (S, B) ranges [m]: the nearest where several fall on one beam, NaN where none does
+    These are inf without a surface, NaN if unknown. Where several fall on one beam the nearest counts, NaN where none does.
     """
     bearing = np.broadcast_to(grid.bearings(), ranges.shape)
     finite = np.isfinite(ranges)
@@ -279,13 +238,13 @@ def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Fl
         x, y = cos * x + sin * y - ahead, cos * y - sin * x - left
         turned = np.where(finite, np.arctan2(y, x), bearing - moved.yaw[:, None]) - turn
         beam = np.where(beam < 0, -1, _beam_of(batch, turned))
-    seen = np.full((len(batch), batch.width), np.inf)
-    known = np.zeros(seen.shape, bool)
+    ranges_there = np.full((len(batch), batch.width), np.inf)
+    known = np.zeros(ranges_there.shape, bool)
     row, column = np.nonzero((beam >= 0) & ~np.isnan(ranges))
     known[row, beam[row, column]] = True
     row, column = np.nonzero((beam >= 0) & finite)
-    np.minimum.at(seen, (row, beam[row, column]), np.maximum(np.hypot(x, y), NEAREST)[row, column])
-    return np.where(known, seen, np.nan)
+    np.minimum.at(ranges_there, (row, beam[row, column]), np.maximum(np.hypot(x, y), NEAREST)[row, column])
+    return np.where(known, ranges_there, np.nan)
 
 
 def _beam_of(batch: SweepBatch, bearing: Float64) -> Int32:
@@ -311,12 +270,9 @@ class Lines:
 
 
 def lines(grid: Grid, ranges: Float64) -> Lines:
-    """Fit a line to the neighbourhood of every beam; u = 1/r of a line is a sinusoid, nearly linear over a few degrees.
+    """Fit a line to the neighbourhood of every beam, of ranges (K, B) [m] that are NaN or inf without a range.
 
-    Parameters
-    ----------
-    grid : B bearings
-    ranges : (K, B) metres, NaN or inf without a range
+    u = 1/r of a line is a sinusoid, nearly linear over a few degrees.
     """
     step = grid.angle_increment
     reach = max(2, round(LINE_WINDOW / abs(step)))
@@ -329,10 +285,10 @@ def lines(grid: Grid, ranges: Float64) -> Lines:
     mean, slope, square = (np.zeros_like(u) for _ in range(3))
     whole = np.ones(u.shape, bool)
     for column, k in enumerate(offset.tolist()):
-        beside = u[:, beam[:, column]]
-        mean += beside
-        slope += k * beside
-        square += beside * beside
+        neighbour = u[:, beam[:, column]]
+        mean += neighbour
+        slope += k * neighbour
+        square += neighbour * neighbour
         whole &= known[:, beam[:, column]]
     mean /= count
     moment = float(np.square(offset).sum())
@@ -352,17 +308,11 @@ def lines(grid: Grid, ranges: Float64) -> Lines:
 
 
 def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Shift) -> Shift:
-    """Return the shifts of the sensor from its stations, by aligning each sweep with the lines of its station.
+    """Return the shifts of the sensor from its stations (S,), by aligning each sweep with the lines `known` of its station.
 
     Points look for the line in their direction; their distances are made small by robust least squares. Where the lines
-    leave a direction open, as in a corridor, `start` decides. People and new things are too far from any line to count.
-
-    Parameters
-    ----------
-    batch : S sweeps, all of which have a pose
-    grid, known : bearings and lines of K stations
-    station : (S,) station of each sweep
-    start : (S,) shifts by the poses
+    leave a direction open, as in a corridor, `start`, the shifts by the poses, decides. People and new things are too far
+    from any line to count.
     """
     # The choice of columns does not depend on the widest sweep of the batch, so that sums do not either.
     column = np.arange(0, grid.beams, max(1, -(-grid.beams // ALIGNED_POINTS)))

@@ -129,7 +129,7 @@ def detect_row(core: Core, scans: Scans, columns: Columns, row: int) -> None:
 
 def _as_printed(core: Core, scans: Scans) -> None:
     """Profile `paper`: Definitions 5 to 7 as printed; a mask tells the objects in place of their edges."""
-    surfaces.mark_vertices(core.points, core.segments, core.inner, core.description.outline.extremum)
+    surfaces.mark_vertices(core.points, core.segments, core.inner, core.description.extremum)
     core.faces.count = 0
     for j in range(core.segments.count):
         core.faces.offset[j] = core.faces.count

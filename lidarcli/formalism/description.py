@@ -19,10 +19,9 @@ from lidarcli.formalism.objects import Bodies, Parts
 from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
 
-# §3: the shape of an object (Fig. 8) and the oriented box around it (Fig. 6).
-#
-# The shape is the simpler of straight faces and a circle that explains the points. Both are compared by their Bayesian
-# information: n log rms² + p log n, with p parameters.
+# §3: the shape of an object (Fig. 8) and the oriented box around it (Fig. 6). The shape is the simpler of straight faces
+# and a circle that explains the points. Both are compared by their Bayesian information: n log rms² + p log n, with p
+# parameters.
 
 PRISMATIC, ROUND = detection.PRISMATIC, detection.ROUND
 IRREGULAR, UNKNOWN = detection.IRREGULAR, detection.UNKNOWN
@@ -64,13 +63,10 @@ class Circle:
 
 
 def fit_circle(circle: Circle, within: float) -> None:
-    """The circle through the points, by the least squares of their distances from it.
+    """Fit the circle to the points, by the least squares of their distances from it.
 
-    The algebraic circle (Kåsa 1976), which is too small for short noisy arcs, is the start of a Gauss-Newton descent.
-
-    Parameters
-    ----------
-    within : an algebraic circle that fits worse than this [m] is not refined: its rms is inf
+    The algebraic circle (Kåsa 1976), which is too small for short noisy arcs, is the start of a Gauss-Newton descent; one
+    that fits worse than `within` [m] is not refined, and its rms is inf.
     """
     _algebraic(circle)
     rms = _rms(circle) if circle.known else INFINITY
@@ -229,18 +225,9 @@ def examine(look: Look, faces: Faces, parts: Parts, k: int, without_first: bool,
 
 
 def classify(look: Look, circle: Circle, sigma: float, chord: float, mean_x: float, mean_y: float, max_width: float) -> int:
-    """The shape of an object, whose circle is fitted where it may win.
+    """Return PRISMATIC, ROUND, IRREGULAR or UNKNOWN; the circle is fitted where it may win.
 
-    Parameters
-    ----------
-    sigma : noise of the ranges [m]
-    chord : distance of its first point from its last [m]
-    mean_x, mean_y : mean of its points [m]
-    max_width : nothing is wider [m]
-
-    Returns
-    -------
-    PRISMATIC, ROUND, IRREGULAR or UNKNOWN
+    `chord` is the distance of the first point from the last one, `mean_x`, `mean_y` the mean of the points, all in metres.
     """
     n, allowed, level = circle.n, max(2.0 * sigma, STRAIGHT_FIT), max(0.5 * sigma, FIT_FLOOR)
     if n < ENOUGH_BEAMS:
@@ -299,11 +286,10 @@ def around_circle(box: Box, x: float, y: float, radius: float) -> None:
 
 
 def around_points(box: Box, look: Look, faces: Faces, x: Any, y: Any, n: int) -> None:
-    """The smaller of the rectangles around points that have a side along one of the two longest faces of an object.
+    """Set the smaller of the rectangles around n points [m] that have a side along one of the two longest faces of an
+    object.
 
-    Parameters
-    ----------
-    x, y : of the n points [m]; without a face the first and the last of them tell the direction
+    Without a face the first and the last point tell the direction.
     """
     if look.longest >= 0:
         along_x, along_y = faces.direction_x[look.longest], faces.direction_y[look.longest]
@@ -413,86 +399,52 @@ def has_room(columns: Columns, beams: int) -> bool:
     )
 
 
-class Outline:
-    """The outline of one object: its vertices and faces, from which shape and box are made."""
-
-    def __init__(self, most: int, located: bool) -> None:
-        """
-        Parameters
-        ----------
-        most : room for sweeps of so many beams
-        located : put vertices where faces meet and edges are, not at their points
-        """
-        self.owner: list[Any] = []
-        self.located = located
-        self.n = 0
-        self.x = native.doubles(self.owner, 2 * most)
-        """(x, y) of the vertices, on the lines of their faces [m]."""
-        self.y = native.doubles(self.owner, 2 * most)
-        self.extremum = native.integers(self.owner, 2 * most)
-        """1 for a point of the sweep that is an inner vertex at an extremum of r rather than at a corner."""
-
-
 def trace(
-    outline: Outline,
-    columns: Columns,
-    points: Points,
-    segments: Segments,
-    survey: Survey,
-    faces: Faces,
-    parts: Parts,
-    k: int,
+    description: Description, columns: Columns, points: Points, segments: Segments, survey: Survey, faces: Faces, k: int
 ) -> None:
     """Write the vertices and faces of an object (Def. 6)."""
-    outline.n = 0
+    description.n = 0
     begin = columns.vertices
-    for i in range(parts.begin[k], parts.begin[k + 1]):
-        _trace_part(outline, columns, points, segments, survey, faces, parts, parts.segment[i])
+    for i in range(description.parts.begin[k], description.parts.begin[k + 1]):
+        _trace_part(description, columns, points, segments, survey, faces, description.parts.segment[i])
     columns.out.vertex_kind[columns.vertices - 1] = END
     columns.out.vertex_kind[begin] = START
 
 
 def _trace_part(
-    outline: Outline,
-    columns: Columns,
-    points: Points,
-    segments: Segments,
-    survey: Survey,
-    faces: Faces,
-    parts: Parts,
-    j: int,
+    description: Description, columns: Columns, points: Points, segments: Segments, survey: Survey, faces: Faces, j: int
 ) -> None:
     """Write the vertices and faces of one part of an object."""
     low, high = faces.offset[j], faces.offset[j + 1]
-    begin, first_vertex, first_face = outline.n, columns.vertices, columns.faces
+    begin, first_vertex, first_face = description.n, columns.vertices, columns.faces
     last_x, last_y = 0.0, 0.0
     for f in range(low - 1, high):
         at = faces.last[f] if f >= low else segments.first[j]
         x, y, r = points.x[at], points.y[at], points.r[at]
-        theta = segmentation.bearing(points, at) + parts.past[j]
-        n, v = outline.n, columns.vertices
-        outline.x[n], outline.y[n] = x, y
-        if outline.located and high > low:
-            outline.x[n], outline.y[n] = _on_line(faces, max(f, low), x, y)
+        theta = segmentation.bearing(points, at) + description.parts.past[j]
+        n, v = description.n, columns.vertices
+        description.x[n], description.y[n] = x, y
+        if description.robust and high > low:
+            description.x[n], description.y[n] = _on_line(faces, max(f, low), x, y)
             if f >= low and f + 1 < high and faces.points[f] > 2 and faces.points[f + 1] > 2:
                 moves, meet_x, meet_y = surfaces.meeting(faces, f, f + 1)
                 spacing = min(faces.length[f] / faces.points[f], faces.length[f + 1] / faces.points[f + 1])
-                dx, dy = meet_x - outline.x[n], meet_y - outline.y[n]
+                dx, dy = meet_x - description.x[n], meet_y - description.y[n]
                 if moves and math.sqrt(dx * dx + dy * dy) <= survey.tolerance[j] + 2.0 * spacing:
                     theta += math.atan2(meet_y * x - meet_x * y, meet_x * x + meet_y * y)
                     x, y = meet_x, meet_y
                     r = math.sqrt(x * x + y * y)
-                    outline.x[n], outline.y[n] = x, y
+                    description.x[n], description.y[n] = x, y
         columns.out.vertex_theta[v], columns.out.vertex_r[v] = theta, r
-        columns.out.vertex_kind[v] = EXTREMUM if outline.extremum[at] else CORNER
+        columns.out.vertex_kind[v] = EXTREMUM if description.extremum[at] else CORNER
         if f >= low:
             _add_face(columns, faces, f, v, math.sqrt((x - last_x) * (x - last_x) + (y - last_y) * (y - last_y)))
         last_x, last_y = x, y
-        outline.n += 1
+        description.n += 1
         columns.vertices += 1
     columns.out.vertex_kind[first_vertex] = columns.out.vertex_kind[columns.vertices - 1] = CORNER
-    if outline.located and high > low:
-        _extend(outline, columns, points, segments, faces, j, begin, first_face)
+    if description.robust and high > low:
+        _extend(description, columns, points, segments, faces, j, begin, first_face)
 
 
 def _on_line(faces: Faces, f: int, x: float, y: float) -> tuple[float, float]:
@@ -512,7 +464,7 @@ def _add_face(columns: Columns, faces: Faces, f: int, v: int, length: float) -> 
 
 
 def _extend(
-    outline: Outline,
+    description: Description,
     columns: Columns,
     points: Points,
     segments: Segments,
@@ -523,25 +475,21 @@ def _extend(
 ) -> None:
     """Extend a part past its first and its last point, by half a beam on average, if the thing ends there.
 
-    A part whose end is hidden stays as it is: how far it goes on is unknown.
-
-    Parameters
-    ----------
-    begin, first_face : its first vertex in the outline, its first face in the columns
+    A part whose end is hidden stays as it is. `begin` is its first vertex in the outline, `first_face` that in the columns.
     """
     first, last = segments.first[j], segmentation.last_point(segments, j)
     if surfaces.is_end(segments.start_edge[j]):
         f = faces.offset[j]
-        way = _overhang(points, faces, f, first, first + 1, -1.0)
-        columns.out.face_length[first_face] += way
-        outline.x[begin] -= way * faces.direction_x[f]
-        outline.y[begin] -= way * faces.direction_y[f]
+        more = _overhang(points, faces, f, first, first + 1, -1.0)
+        columns.out.face_length[first_face] += more
+        description.x[begin] -= more * faces.direction_x[f]
+        description.y[begin] -= more * faces.direction_y[f]
     if surfaces.is_end(segments.end_edge[j]):
         f = faces.offset[j + 1] - 1
-        way = _overhang(points, faces, f, last, last - 1, 1.0)
-        columns.out.face_length[columns.faces - 1] += way
-        outline.x[outline.n - 1] += way * faces.direction_x[f]
-        outline.y[outline.n - 1] += way * faces.direction_y[f]
+        more = _overhang(points, faces, f, last, last - 1, 1.0)
+        columns.out.face_length[columns.faces - 1] += more
+        description.x[description.n - 1] += more * faces.direction_x[f]
+        description.y[description.n - 1] += more * faces.direction_y[f]
 
 
 def _overhang(points: Points, faces: Faces, f: int, at: int, inner: int, side: float) -> float:
@@ -555,8 +503,8 @@ def _overhang(points: Points, faces: Faces, f: int, at: int, inner: int, side: f
     ray_x, ray_y = x * cos - y * sin, x * sin + y * cos
     across = abs(along_x * ray_y - along_y * ray_x)
     spacing = abs((x - points.x[inner]) * along_x + (y - points.y[inner]) * along_y)
-    way = abs((x * x + y * y) * sin)
-    return way / across if way < spacing * across else spacing
+    length = abs((x * x + y * y) * sin)
+    return length / across if length < spacing * across else spacing
 
 
 STRAY = 2
@@ -568,23 +516,23 @@ HALF = 0.5
 
 
 class Description:
-    """Memory for describing one object after the other."""
+    """Memory for describing one object after the other: its outline, from which shape and box are made."""
 
     def __init__(self, most: int, robust: bool, adaptive: bool) -> None:
-        """
-        Parameters
-        ----------
-        most : room for sweeps of so many beams
-        robust : put vertices where faces meet and edges are, not at their points
-        adaptive : the threshold grows with range
-        """
+        """`robust`: put vertices where faces meet and edges are, not at their points; `adaptive`: d_th grows with range."""
+        self.owner: list[Any] = []
         self.robust = robust
         self.adaptive = adaptive
         self.parts = Parts(most)
-        self.outline = Outline(most, robust)
         self.circle = Circle(2 * most)
         self.look = Look()
         self.box = Box()
+        self.n = 0
+        self.x = native.doubles(self.owner, 2 * most)
+        """(x, y) of the n vertices, on the lines of their faces [m]."""
+        self.y = native.doubles(self.owner, 2 * most)
+        self.extremum = native.integers(self.owner, 2 * most)
+        """1 for a point of the sweep that is an inner vertex at an extremum of r rather than at a corner."""
 
 
 def describe(
@@ -605,21 +553,11 @@ def describe(
             columns.out.d_th[at] = segmentation.adaptive_threshold(
                 points, points.d_th, columns.out.r_i[at], columns.out.s_i[at]
             )
-        trace(description.outline, columns, points, segments, survey, faces, description.parts, k)
+        trace(description, columns, points, segments, survey, faces, k)
         examine(description.look, faces, description.parts, k, False, False)
         if description.robust:
-            _drop_stray(faces, description.parts, description.circle, description.look, description.outline, k)
-        _describe_shape(
-            columns,
-            points,
-            survey,
-            faces,
-            description.outline,
-            description.circle,
-            description.look,
-            description.box,
-            description.parts.begin[k + 1] - description.parts.begin[k],
-        )
+            _drop_stray(description, faces, description.parts, description.circle, description.look, k)
+        _describe_shape(description, columns, points, survey, faces, description.circle, description.box, k)
         columns.out.thing[at] = survey.thing[description.parts.segment[description.parts.begin[k]]]
         if survey.is_object[description.parts.segment[description.parts.begin[k]]]:
             columns.out.set[at] = OBJECT
@@ -688,7 +626,7 @@ def _is_hidden(edge: int) -> bool:
     return edge == segmentation.HIDDEN or edge == segmentation.FLICKERING
 
 
-def _drop_stray(faces: Faces, parts: Parts, circle: Circle, look: Look, outline: Outline, k: int) -> None:
+def _drop_stray(description: Description, faces: Faces, parts: Parts, circle: Circle, look: Look, k: int) -> None:
     """Leave out the few points at an end of an object that are off its surface, if its box is less than half as large then.
 
     The range of a beam that meets both the edge of a thing and something behind lies between the two.
@@ -709,34 +647,39 @@ def _drop_stray(faces: Faces, parts: Parts, circle: Circle, look: Look, outline:
         circle.n -= before + after
         for p in range(circle.n):
             circle.x[p], circle.y[p] = circle.x[p + before], circle.y[p + before]
-        outline.n = 0
+        description.n = 0
     else:
         examine(look, faces, parts, k, False, False)
 
 
 def _describe_shape(
+    description: Description,
     columns: Columns,
     points: Points,
     survey: Survey,
     faces: Faces,
-    outline: Outline,
     circle: Circle,
-    look: Look,
     box: Box,
-    parts: int,
+    k: int,
 ) -> None:
-    """Write the shape of an object of so many parts, whose outline is traced, and its box."""
-    at = columns.objects
+    """Write the shape of an object, whose outline is traced, and its box."""
+    at, parts = columns.objects, description.parts.begin[k + 1] - description.parts.begin[k]
     kind = classify(
-        look, circle, points.sigma, columns.out.width[at], columns.out.x[at], columns.out.y[at], survey.max_width
+        description.look,
+        circle,
+        points.sigma,
+        columns.out.width[at],
+        columns.out.x[at],
+        columns.out.y[at],
+        survey.max_width,
     )
     if kind == ROUND:
         around_circle(box, circle.centre_x, circle.centre_y, circle.radius)
-    elif kind == PRISMATIC and outline.located and outline.n > 0 and parts == 1:
+    elif kind == PRISMATIC and description.robust and description.n > 0 and parts == 1:
         # The vertices of a prism scatter less than its points.
-        around_points(box, look, faces, outline.x, outline.y, outline.n)
+        around_points(box, description.look, faces, description.x, description.y, description.n)
     else:
-        around_points(box, look, faces, circle.x, circle.y, circle.n)
+        around_points(box, description.look, faces, circle.x, circle.y, circle.n)
     columns.out.box_x[at], columns.out.box_y[at], columns.out.box_yaw[at] = box.x, box.y, box.yaw
     columns.out.box_length[at], columns.out.box_width[at] = box.length, box.width
     if columns.out.shape[at] != LEGGED:

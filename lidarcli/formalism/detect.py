@@ -1,4 +1,4 @@
-"""From a batch of sweeps to its objects: the definitions in their order."""
+"""From a batch of sweeps to its objects: the definitions in their order; and the reasons for each verdict."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lidarcli.formalism import features, forest
 from lidarcli.formalism.core import Core
 from lidarcli.formalism.description import Columns
-from lidarcli.formalism.detection import COLUMNS, NOISE, OBJECT, REQUIRED, Detection
+from lidarcli.formalism.detection import COLUMNS, NOISE, OBJECT, REQUIRED, Detection, object_intensities
 from lidarcli.formalism.features import NAMES
 from lidarcli.formalism.parameters import Parameters, check
 from lidarcli.formalism.segmentation import Scans
@@ -80,9 +80,6 @@ def detect(
     found = Detection(**arrays)
     if batch.intensities is None:
         return found
-    # Imported here, as most logs have no intensities.
-    from lidarcli.formalism.detection import object_intensities
-
     return replace(found, intensity=object_intensities(batch, found))
 
 
@@ -268,9 +265,8 @@ def contributions(features: Float64) -> dict[str, Float64]:
 
 def reasons(features: Float64, thing: Float64) -> list[str | None]:
     """Return (K,) the parts in words, the greatest first: `edges +2.1, lines -0.8`; None without a verdict."""
-    told = contributions(features)
-    names = list(told)
-    values = np.stack(list(told.values()), axis=1)
+    parts = contributions(features)
+    names, values = [*parts], np.stack([*parts.values()], axis=1)
     lines: list[str | None] = []
     for row, known in zip(values, ~np.isnan(thing), strict=True):
         order = [k for k in np.argsort(-np.abs(row)).tolist() if abs(row[k]) >= LEAST]
@@ -281,10 +277,7 @@ def reasons(features: Float64, thing: Float64) -> list[str | None]:
 def reasons_by_place(reasons: list[str | None], place: Float64, on_map: Float64) -> list[str | None]:
     """Return (K,) the parts of the place and of the map before those of the sweep: `place -0.7; this sweep: edges +2.1`.
 
-    Parameters
-    ----------
-    reasons : (K,) as of `reasons`
-    place, on_map : (K,) parts in the log-odds; NaN where the body has no place that is known
+    `place` and `on_map` (K,) are their parts in the log-odds; NaN where the body has no place that is known.
     """
     lines = []
     for sweep, here, line in zip(reasons, place.tolist(), on_map.tolist(), strict=True):

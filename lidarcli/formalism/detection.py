@@ -1,4 +1,4 @@
-"""The result of a detection: flat arrays, one entry per object, vertex, face, sweep or beam."""
+"""The result of a detection: flat arrays, one entry per object, vertex, face, sweep or beam, and intensities of objects."""
 
 from __future__ import annotations
 
@@ -175,16 +175,10 @@ _MANTISSA = np.int64(0x7FFFFFFF)
 
 
 def spans(begin: Int64, size: Int64) -> tuple[Int64, Int64, Int64]:
-    """Return the flat indices of the spans `begin[j] … begin[j] + size[j] - 1`, one span after the other.
+    """Return the flat indices of the spans `begin[j] … begin[j] + size[j] - 1`, the span of each, and where each begins (J
+    + 1,).
 
-    Returns
-    -------
-    index : (T,) the indices, T = sum of sizes
-    owner : (T,) span j of each index
-    offsets : (J + 1,) start of each span in the result
-
-    >>> [part.tolist() for part in spans(np.array([5, 0]), np.array([2, 1]))]
-    [[5, 6, 0], [0, 0, 1], [0, 2, 3]]
+    >>> [part.tolist() for part in spans(np.array([5, 0]), np.array([2, 1]))] [[5, 6, 0], [0, 0, 1], [0, 2, 3]]
     """
     offsets = offsets_of(size)
     owner = np.repeat(np.arange(len(size)), size)
@@ -213,16 +207,7 @@ def starts(values: Int64) -> Int64:
 
 
 def grouped_medians(value: Float32, owner: Int64, groups: int) -> Float64:
-    """Return the median of the values of each group, without NaN.
-
-    Parameters
-    ----------
-    value, owner : (N,) values, and the group of each
-    groups : number of groups G
-
-    Returns
-    -------
-    (G,) medians; NaN for a group without a value
+    """Return (G,) the median of the values of each of G groups, without NaN; NaN for a group without a value.
 
     >>> grouped_medians(np.array([3, 1, np.nan, 2], np.float32), np.array([0, 0, 1, 0]), 2).tolist()
     [2.0, nan]
@@ -254,16 +239,9 @@ MOST_INTENSITY = 1e9
 
 
 def object_intensities(batch: SweepBatch, found: Detection) -> Float32:
-    """Return the median intensity of each object.
+    """Return (K,) the median intensity of each of K objects, in the unit of the sensor.
 
-    Parameters
-    ----------
-    batch : S sweeps with intensities
-    found : K objects in them
-
-    Returns
-    -------
-    (K,) in the unit of the sensor; NaN where no beam of the object has an intensity, or it is above `MOST_INTENSITY`
+    NaN where no beam of the object has an intensity, or it is above `MOST_INTENSITY`.
     """
     if batch.intensities is None:
         return np.full(len(found), np.nan, np.float32)

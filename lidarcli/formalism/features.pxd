@@ -23,8 +23,8 @@ cdef double FRONT
 cdef class Features:
     cdef list owner
     cdef readonly Py_ssize_t count
-    cdef Py_ssize_t* head
-    cdef Py_ssize_t* tail
+    cdef Py_ssize_t* member
+    cdef Py_ssize_t* start
     cdef double* values
     cdef Py_ssize_t* body
     cdef Py_ssize_t* aligned
@@ -78,7 +78,7 @@ cdef void measure_support(
 @cython.locals(g=Py_ssize_t, everywhere=double, near=double, behind=double, gap=double, depth=double)
 cdef void _add_support(
     Features features, Points points, Faces faces, Py_ssize_t k, Py_ssize_t axis, double offset, double low,
-    double high, double weight
+    double high, double share
 ) noexcept nogil
 
 
@@ -100,7 +100,7 @@ cdef double _share(double* sums, double beyond, Py_ssize_t at, Py_ssize_t half) 
     left=Py_ssize_t, skip=Py_ssize_t, turn=Py_ssize_t, step=double
 )
 cdef double _follow(
-    Features features, Points points, Scans scans, Py_ssize_t start, int way, double normal_x, double normal_y,
+    Features features, Points points, Scans scans, Py_ssize_t start, int sign, double normal_x, double normal_y,
     double c
 ) noexcept nogil
 

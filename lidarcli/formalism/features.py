@@ -1,4 +1,4 @@
-"""Features of a body for the verdict, thing or building: named numbers, on which `verdict` decides.
+"""Verdict of Definition 5, thing or building: features of a body, and the probability that trees give it by these.
 
 A wall goes on: in the direction of the building, on its own line, behind what hides it. A thing ends: at steps, before free
 space. Every feature is one such question, put to the whole sweep.
@@ -17,65 +17,26 @@ from lidarcli.formalism.segmentation import Points, Scans, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
 
 NAMES = (
-    "jump_least",
-    "jump_most",
-    "hidden",
-    "open",
-    "width",
-    "reach",
-    "beams",
-    "aligned",
-    "support",
-    "support_near",
-    "backing",
-    "line",
-    "line_behind",
-    "depth_behind",
-    "line_before",
-    "unbroken",
-    "cross_line",
-    "bulge_to",
-    "bulge_away",
-    "walls",
-    "noise",
-    "grazing",
-    "protrusion",
-    "roughness",
-    "view",
-    "range",
-    "flicker",
+    *(
+        "jump_least",
+        "jump_most",
+        "hidden",
+        "open",
+        "width",
+        "reach",
+        "beams",
+        "aligned",
+        "support",
+        "support_near",
+        "backing",
+    ),
+    *("line", "line_behind", "depth_behind", "line_before", "unbroken", "cross_line", "bulge_to", "bulge_away", "walls"),
+    *("noise", "grazing", "protrusion", "roughness", "view", "range", "flicker"),
 )
 """Names of the features in their order (docs/formalism.md explains them)."""
-(
-    JUMP_LEAST,
-    JUMP_MOST,
-    HIDDEN,
-    OPEN,
-    WIDTH,
-    REACH,
-    BEAMS,
-    ALIGNED,
-    SUPPORT,
-    SUPPORT_NEAR,
-    BACKING,
-    LINE,
-    LINE_BEHIND,
-    DEPTH_BEHIND,
-    LINE_BEFORE,
-    UNBROKEN,
-    CROSS_LINE,
-    BULGE_TO,
-    BULGE_AWAY,
-    WALLS,
-    NOISE,
-    GRAZING,
-    PROTRUSION,
-    ROUGHNESS,
-    VIEW,
-    RANGE,
-    FLICKER,
-    COUNT,
-) = range(28)
+JUMP_LEAST, JUMP_MOST, HIDDEN, OPEN, WIDTH, REACH, BEAMS, ALIGNED, SUPPORT, SUPPORT_NEAR, BACKING = range(11)
+LINE, LINE_BEHIND, DEPTH_BEHIND, LINE_BEFORE, UNBROKEN, CROSS_LINE, BULGE_TO, BULGE_AWAY, WALLS = range(11, 20)
+NOISE, GRAZING, PROTRUSION, ROUGHNESS, VIEW, RANGE, FLICKER, COUNT = range(20, 28)
 
 FAR = 3.0
 """[m] The jump at an edge behind which nothing is seen; none counts as larger."""
@@ -92,10 +53,9 @@ class Features:
         """Make room for sweeps of up to so many beams."""
         self.owner: list[Any] = []
         self.count = 0
-        self.head = native.integers(self.owner, most)
-        """First segment of each body."""
-        self.tail = native.integers(self.owner, most)
-        """Last segment of each body."""
+        self.member = native.integers(self.owner, most)
+        """Segments of the bodies, counter-clockwise: those of body k from `start[k]` to `start[k + 1]` - 1."""
+        self.start = native.integers(self.owner, most + 1)
         self.values = native.doubles(self.owner, COUNT * most)
         """`COUNT` features of each body, as `NAMES` lists them."""
         self.body = native.integers(self.owner, most)
@@ -128,7 +88,7 @@ class Features:
 
 def gather(features: Features, survey: Survey, points: Points, segments: Segments, bodies: Bodies) -> None:
     """List the bodies that may be things: of candidate segments, with enough points and no wider than an object."""
-    features.count = 0
+    features.count = features.start[0] = 0
     for j in range(segments.count):
         features.body[j] = -1
     for j in range(segments.count):
@@ -140,13 +100,13 @@ def gather(features: Features, survey: Survey, points: Points, segments: Segment
         # A body begins where none joins it from before; one that goes all around, anywhere.
         if bodies.joins[before] and before != j and bodies.parts[j] < segments.count:
             continue
-        k, tail = features.count, j
-        features.head[k] = j
-        features.body[j] = k
-        for _ in range(bodies.parts[j] - 1):
-            tail = segmentation.following(segments, points, tail)
-            features.body[tail] = k
-        features.tail[k] = tail
+        k, part = features.count, j
+        first = features.start[k]
+        features.start[k + 1] = first + bodies.parts[j]
+        for i in range(first, features.start[k + 1]):
+            features.member[i] = part
+            features.body[part] = k
+            part = segmentation.following(segments, points, part)
         features.count += 1
 
 
@@ -183,7 +143,7 @@ def _is_unseen(edge: int) -> bool:
 def measure_edges(features: Features, points: Points, segments: Segments, bodies: Bodies, k: int) -> None:
     """Fill in the features of the two edges of a body."""
     values, at = features.values, k * COUNT
-    head, tail = features.head[k], features.tail[k]
+    head, tail = features.member[features.start[k]], features.member[features.start[k + 1] - 1]
     start, end = segments.start_edge[head], segments.end_edge[tail]
     one = _jump(start, -segments.s_start[head])
     other = _jump(end, segments.s_end[tail])
@@ -201,7 +161,7 @@ def measure_edges(features: Features, points: Points, segments: Segments, bodies
 def measure_outline(features: Features, survey: Survey, points: Points, segments: Segments, bodies: Bodies, k: int) -> None:
     """Fill in the features of the size and form of a body."""
     values, at, x, y = features.values, k * COUNT, points.x, points.y
-    head, tail = features.head[k], features.tail[k]
+    head, tail = features.member[features.start[k]], features.member[features.start[k + 1] - 1]
     a, b = segments.first[head], segmentation.last_point(segments, tail)
     dx, dy = x[b] - x[a], y[b] - y[a]
     width = math.sqrt(dx * dx + dy * dy)
@@ -221,8 +181,8 @@ def measure_outline(features: Features, survey: Survey, points: Points, segments
     values[at + GRAZING] = abs(normal_x * middle_x + normal_y * middle_y) / away
     base = normal_x * x[a] + normal_y * y[a]
     towards, behind, rough, number = 0.0, 0.0, 0.0, 0
-    j = head
-    for part in range(bodies.parts[head]):
+    for part in range(features.start[k], features.start[k + 1]):
+        j = features.member[part]
         first = segments.first[j]
         for p in range(first, first + segments.size[j]):
             off = normal_x * x[p] + normal_y * y[p] - base
@@ -232,8 +192,6 @@ def measure_outline(features: Features, survey: Survey, points: Points, segments
                 bend += normal_x * x[p - 2] + normal_y * y[p - 2] - base
                 rough += abs(bend)
                 number += 1
-        if part + 1 < bodies.parts[head]:
-            j = segmentation.following(segments, points, j)
     values[at + BULGE_TO], values[at + BULGE_AWAY] = towards, behind
     values[at + ROUGHNESS] = rough / number if number > 0 else 0.0
 
@@ -331,42 +289,33 @@ def align(features: Features, points: Points, faces: Faces) -> None:
 def measure_support(features: Features, points: Points, segments: Segments, faces: Faces, k: int) -> None:
     """Fill in the features of the other faces of the sweep on the lines of a body, and a little behind them."""
     values, at = features.values, k * COUNT
-    head, tail = features.head[k], features.tail[k]
+    head = features.member[features.start[k]]
     longest, total, aligned = 0.0, 0.0, 0.0
-    j = head
-    while True:
+    for part in range(features.start[k], features.start[k + 1]):
+        j = features.member[part]
         for f in range(faces.offset[j], faces.offset[j + 1]):
             total += faces.length[f]
             longest = max(longest, faces.length[f])
             if features.aligned[f]:
                 aligned += faces.length[f]
-        if j == tail:
-            break
-        j = segmentation.following(segments, points, j)
     values[at + ALIGNED] = aligned / total if total > 0.0 else 0.0
     values[at + SUPPORT] = values[at + SUPPORT_NEAR] = values[at + BACKING] = 0.0
     some = False
-    j = head
-    while True:
+    for part in range(features.start[k], features.start[k + 1]):
+        j = features.member[part]
         for f in range(faces.offset[j], faces.offset[j + 1]):
             if features.aligned[f] and faces.length[f] >= 0.5 * longest:
                 some = True
                 _add_support(
                     features, points, faces, k, features.axis[f], features.offset[f], features.low[f], features.high[f], 1.0
                 )
-        if j == tail:
-            break
-        j = segmentation.following(segments, points, j)
     if not some:
         nearest = segments.first[head]
-        j = head
-        while True:
+        for part in range(features.start[k], features.start[k + 1]):
+            j = features.member[part]
             for p in range(segments.first[j], segments.first[j] + segments.size[j]):
                 if points.r[p] < points.r[nearest]:
                     nearest = p
-            if j == tail:
-                break
-            j = segmentation.following(segments, points, j)
         x, y = points.x[nearest], points.y[nearest]
         u, v = x * features.cos + y * features.sin, y * features.cos - x * features.sin
         _add_support(features, points, faces, k, 0, v, u, u, 0.5)
@@ -384,7 +333,7 @@ def _add_support(
     offset: float,
     low: float,
     high: float,
-    weight: float,
+    share: float,
 ) -> None:
     """Raise the support of a body to that of one of its lines, if that is more."""
     values, at = features.values, k * COUNT
@@ -404,9 +353,9 @@ def _add_support(
                 near += length
         elif gap < LINE_BESIDE:
             behind += length
-    values[at + SUPPORT] = max(values[at + SUPPORT], weight * everywhere)
-    values[at + SUPPORT_NEAR] = max(values[at + SUPPORT_NEAR], weight * near)
-    values[at + BACKING] = max(values[at + BACKING], weight * behind)
+    values[at + SUPPORT] = max(values[at + SUPPORT], share * everywhere)
+    values[at + SUPPORT_NEAR] = max(values[at + SUPPORT_NEAR], share * near)
+    values[at + BACKING] = max(values[at + BACKING], share * behind)
 
 
 # What beams meet on the line of a body past both of its ends: wall, free space, or what stands before it.
@@ -446,30 +395,23 @@ def measure_line(features: Features, points: Points, segments: Segments, faces: 
     values, at = features.values, k * COUNT
     for i in range(LINE, CROSS_LINE + 1):
         values[at + i] = 0.0
-    head, tail = features.head[k], features.tail[k]
     face, cross = -1, -1
-    j = head
-    while True:
+    for part in range(features.start[k], features.start[k + 1]):
+        j = features.member[part]
         for f in range(faces.offset[j], faces.offset[j + 1]):
             if face < 0 or faces.length[f] > faces.length[face]:
                 face = f
-        if j == tail:
-            break
-        j = segmentation.following(segments, points, j)
     if face < 0:
         return
     values[at + UNBROKEN] = faces.length[face]
     if features.aligned[face]:
-        j = head
-        while True:
+        for part in range(features.start[k], features.start[k + 1]):
+            j = features.member[part]
             for f in range(faces.offset[j], faces.offset[j + 1]):
                 if not features.aligned[f] or features.axis[f] == features.axis[face]:
                     continue
                 if faces.points[f] >= FACE_POINTS and (cross < 0 or faces.length[f] > faces.length[cross]):
                     cross = f
-            if j == tail:
-                break
-            j = segmentation.following(segments, points, j)
     if cross >= 0:
         _measure_face(features, points, segments, faces, scans, k, cross)
         values[at + CROSS_LINE] = max(values[at + LINE], values[at + LINE_BEHIND])
@@ -483,7 +425,7 @@ def _measure_face(
     values, at, bins, sums = features.values, k * COUNT, features.bins, features.sums
     for i in range(LINE, UNBROKEN):
         values[at + i] = 0.0
-    head, tail = features.head[k], features.tail[k]
+    head, tail = features.member[features.start[k]], features.member[features.start[k + 1] - 1]
     along_x, along_y = faces.direction_x[face], faces.direction_y[face]
     # What is too short to have a direction gets that of the building.
     if features.aligned[face] or faces.length[face] < OWN_LENGTH or faces.points[face] < OWN_POINTS:
@@ -527,15 +469,10 @@ def _share(sums: Sequence[float], beyond: float, at: int, half: int) -> float:
 
 
 def _follow(
-    features: Features, points: Points, scans: Scans, start: int, way: int, normal_x: float, normal_y: float, c: float
+    features: Features, points: Points, scans: Scans, start: int, sign: int, normal_x: float, normal_y: float, c: float
 ) -> float:
-    """Follow a line past one end of a body: how much of it [m] is met at which depth (`bins`).
-
-    How far it goes on without a beam that passes through it is added to `goes_on`.
-
-    Returns
-    -------
-    How much of it is crossed by beams that meet nothing near it [m]
+    """Follow a line past one end of a body: add how much of it [m] is met at which depth to `bins`, and how far it goes on
+    without a beam that passes through it to `goes_on`; return how much is crossed by beams that meet nothing near it [m].
     """
     bins, x, y, r, position = features.bins, points.x, points.y, points.r, points.position
     if start >= points.count:
@@ -556,7 +493,7 @@ def _follow(
         skip = min(stride, left)
         left -= skip
         before = p
-        p += way * skip
+        p += sign * skip
         turn = 0
         if p < 0 or p >= points.count:
             if points.period == 0:
@@ -567,15 +504,15 @@ def _follow(
         if q < FRONT * r[p]:
             break
         s = (normal_x * y[p] - normal_y * x[p]) * c / q
-        step = (s - last) * way
-        away = (s - begin) * way
+        step = (s - last) * sign
+        away = (s - begin) * sign
         if step < 0.0 or away > LINE_REACH:
             break
         last = s
-        lost = (position[p] - position[before]) * way + turn - skip
+        lost = (position[p] - position[before]) * sign + turn - skip
         depth = q - c
         if lost > 0:
-            beam = segmentation.beam_at(points, position[p] - way)
+            beam = segmentation.beam_at(points, position[p] - sign)
             if beam >= 0 and scans.status[points.row * scans.width + beam] == segmentation.NO_RETURN:
                 beyond += step * lost / (lost + skip)
             # Where beams were lost nobody knows what is on the line.
@@ -596,9 +533,7 @@ def _follow(
     return beyond
 
 
-# Verdict of Definition 5: the probability that a body is a thing and not a piece of building.
-#
-# Small decision trees ask for its features, and each adds to the log-odds of being a thing.
+# The verdict: small decision trees ask for the features of a body, and each adds to the log-odds of being a thing.
 
 ASKED, LEAVES = 7, 8
 """Questions and leaves of a tree."""
@@ -608,12 +543,7 @@ class Trees:
     """Complete binary trees: each question is whether a feature is above a bound; node n goes on with 2n + 1 or 2n + 2."""
 
     def __init__(self, trees: forest.Trees, prior: float) -> None:
-        """
-        Parameters
-        ----------
-        trees : as `forest` has them
-        prior : log-odds before any tree
-        """
+        """`trees` as `forest` has them, `prior` the log-odds before any tree."""
         self.owner: list[Any] = []
         self.prior = prior
         self.trees = len(trees)
@@ -634,12 +564,7 @@ class Verdict:
     """Verdicts on the bodies of a sweep."""
 
     def __init__(self, most: int, least: float) -> None:
-        """
-        Parameters
-        ----------
-        most : room for sweeps of so many beams
-        least : least probability of a thing
-        """
+        """`most` is the greatest number of beams of a sweep, `least` the least probability of a thing."""
         self.owner: list[Any] = []
         self.trees = TREES
         self.least = least

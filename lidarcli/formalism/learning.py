@@ -73,11 +73,7 @@ _FAR = (np.int64(1) << _BITS) - 1
 class Learning:
     """Sums over the sweeps of one sensor; `add` folds sweeps, `background` gives the background so far.
 
-    Parameters
-    ----------
-    topic, frame_id : the sensor
-    grid : its bearings
-    distance, angle : reach of a station in position [m] and heading [rad]
+    `grid` are its bearings; a station reaches `distance` [m] and `angle` [rad].
     """
 
     def __init__(self, topic: str, frame_id: str, grid: Grid, distance: float, angle: float) -> None:
@@ -184,9 +180,9 @@ class Learning:
         """Return (B,) the ranges of one sweep at the bearings of the background [m]."""
         own = None if sweep.poses is None else shift(sweep.poses, sweep.poses)
         beam, ranges = project(sweep, self.grid, None if own is None or own.none.all() else own)
-        seen = (beam >= 0) & ~np.isnan(ranges)
+        known = (beam >= 0) & ~np.isnan(ranges)
         result = np.full(self.grid.beams, np.nan, np.float32)
-        result[beam[seen]] = ranges[seen]
+        result[beam[known]] = ranges[known]
         return result
 
     def _fold(self, batch: SweepBatch, station: Int64, here: bool, moved: Shift | None) -> None:
@@ -201,11 +197,11 @@ class Learning:
                 moved = align(batch, self.grid, known, which, moved)
             beam, ranges = project(batch, self.grid, moved)
         place = station[:, None] * self.grid.beams + beam
-        seen: Bool = beam >= 0
-        nothing = seen & (batch.status == Status.NO_RETURN)
+        in_view: Bool = beam >= 0
+        nothing = in_view & (batch.status == Status.NO_RETURN)
         count = self.stations * self.grid.beams
         self._no_return[: self.stations] += np.bincount(place[nothing], minlength=count).reshape(self.stations, -1)
-        valid = seen & (batch.status == Status.VALID)
+        valid = in_view & (batch.status == Status.VALID)
         self._parts.append(count_ranges(place[valid], ranges[valid]))
         self._pending += len(self._parts[-1])
         if self._pending > max(MOST_PENDING, self._settled):
@@ -242,6 +238,11 @@ class Cells:
 
     def __len__(self) -> int:
         return len(self.key)
+
+    def of(self, beams: Bool) -> Cells:
+        """Return the cells of some beams (N,)."""
+        mine = beams[self.beam]
+        return Cells(self.key[mine], self.count[mine], self.total[mine], self.squares[mine])
 
     @property
     def beam(self) -> Int64:
@@ -315,14 +316,7 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
        repeats exactly and nothing is behind it; people and leaves are spread;
     3. nothing: the beam is open, and whatever returns is new.
 
-    Parameters
-    ----------
-    cells : ranges of N beams
-    no_return : (N,) observations without a return
-
-    Returns
-    -------
-    Estimate, (N,) each
+    `no_return`: (N,) observations without a return.
     """
     beams = len(no_return)
     beam = cells.beam
@@ -342,7 +336,7 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
     # What returns less often than not may be people alone: nothing but enough support makes them a surface.
     wanted &= no_return < OPEN_SHARE * observed
     if wanted.any():
-        few = _of(cells, wanted)
+        few = cells.of(wanted)
         wide = _windows(few, FOLIAGE_BINS)
         diffuse = _set_apart(few, wide.backing, FOLIAGE_BINS) >= need[few.beam]
         _take(result, few, wanted, wide, diffuse, FOLIAGE_BINS, observed)
@@ -351,12 +345,6 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
         repeats = _set_apart(few, narrow.backing, BEFORE_BINS) >= least[few.beam]
         _take(result, few, wanted, _Windows(near.begin, near.end, narrow.backing), repeats, STILL_BINS, observed)
     return result
-
-
-def _of(cells: Cells, beams: Bool) -> Cells:
-    """The cells of some beams (N,)."""
-    mine = beams[cells.beam]
-    return Cells(cells.key[mine], cells.count[mine], cells.total[mine], cells.squares[mine])
 
 
 @record
@@ -373,14 +361,10 @@ class _Windows:
 def _take(
     result: Estimate, cells: Cells, wanted: Bool, windows: _Windows, fitting: Bool, reach: int, observed: Int64
 ) -> None:
-    """Fill in the wanted beams that have a surface `reach` bins wide to either side; they are wanted no more.
+    """Fill in the wanted beams (N,) that have a surface `reach` bins wide to either side; they are wanted no more.
 
-    Parameters
-    ----------
-    wanted : (N,)
-    windows : the cells that describe a surface at each cell, and its backing
-    fitting : (C,) cells that may be the middle of a surface
-    observed : (N,) observations
+    `windows` are the cells that describe a surface at each cell, and its backing; `fitting` (C,) cells that may be its
+    middle.
     """
     enough = np.flatnonzero(fitting & wanted[cells.beam])
     if not len(enough):
@@ -416,11 +400,8 @@ def _windows(cells: Cells, reach: int) -> _Windows:
 
 
 def _peaks(cells: Cells, enough: Int64, backing: Int64, reach: int, nearest: bool = False) -> tuple[Int64, Int64]:
-    """For each beam with cells that have enough backing the one with most, on the farthest surface, or the nearest.
-
-    Returns
-    -------
-    beam, cell : (F,)
+    """Return the beams with cells that have enough backing, and of each the cell with most, on the farthest or nearest
+    surface.
     """
     beam = cells.beam[enough]
     found, first = np.unique(beam, return_index=True)

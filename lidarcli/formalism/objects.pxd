@@ -38,7 +38,7 @@ cdef bint _is_small(Points points, Faces faces, Py_ssize_t begin, Py_ssize_t end
 cdef double _relief(Points points, Faces faces, Py_ssize_t begin, Py_ssize_t end, Py_ssize_t wall) noexcept nogil
 cdef double depth(Points points, Faces faces, Py_ssize_t wall, Py_ssize_t at) noexcept nogil
 cdef Py_ssize_t _trimmed(
-    Points points, Faces faces, Py_ssize_t wall, Py_ssize_t at, Py_ssize_t other, Py_ssize_t way, double tolerance
+    Points points, Faces faces, Py_ssize_t wall, Py_ssize_t at, Py_ssize_t other, Py_ssize_t step, double tolerance
 ) noexcept nogil
 cdef void divide(Protrusions protrusions, Survey survey, Points points, Segments segments, Faces faces) noexcept nogil
 cdef void _insert_part(Protrusions protrusions, Py_ssize_t count, Py_ssize_t begin, bint is_protrusion) noexcept nogil
@@ -96,7 +96,6 @@ cdef class Parts:
 
 
 cdef void assemble(Parts parts, Survey survey, Points points, Segments segments, bint walls) noexcept nogil
-cdef void _sort(Parts parts, Survey survey, Points points, Segments segments, bint walls) noexcept nogil
 cdef void _insert(Parts parts, Survey survey, Points points, Segments segments, bint objects) noexcept nogil
 cdef bint _comes_before(Parts parts, Survey survey, Py_ssize_t a, Py_ssize_t b) noexcept nogil
 cdef void _group(Parts parts, Survey survey) noexcept nogil

@@ -1,7 +1,7 @@
 """Definition 5: objects of one segment, of several together, or of a part of one.
 
 Things that touch a wall are cut out of its segment, fragments of one thing are joined, and so are the legs of a chair where
-that is asked for. What profile `robust` takes for a thing is `verdict`'s to say.
+that is asked for. What profile `robust` takes for a thing is for `features` to say.
 """
 
 from __future__ import annotations
@@ -71,11 +71,8 @@ def find_protrusions(protrusions: Protrusions, survey: Survey, points: Points, s
 def _add(
     protrusions: Protrusions, points: Points, segments: Segments, faces: Faces, j: int, begin: int, end: int, pointed: bool
 ) -> None:
-    """Add the faces `begin` … `end` - 1 of a segment, if they stand out.
-
-    Parameters
-    ----------
-    pointed : whether a corner between them points at the sensor
+    """Add the faces `begin` … `end` - 1 of a segment, if they stand out; `pointed`: a corner between them points at the
+    sensor.
     """
     low, high = faces.offset[j], faces.offset[j + 1]
     has_wall_before, has_wall_after = begin > low, end < high
@@ -112,12 +109,12 @@ def _add(
         return
     # At a free end the wall goes on, or is seen through a doorway.
     if not has_wall_after:
-        seen = segments.first[segmentation.following(segments, points, j)]
-        if not depth(points, faces, before, seen) >= -(BEHIND + margin):
+        beyond = segments.first[segmentation.following(segments, points, j)]
+        if not depth(points, faces, before, beyond) >= -(BEHIND + margin):
             return
     if not has_wall_before:
-        seen = segmentation.last_point(segments, segmentation.preceding(segments, points, j))
-        if not depth(points, faces, after, seen) >= -(BEHIND + margin):
+        beyond = segmentation.last_point(segments, segmentation.preceding(segments, points, j))
+        if not depth(points, faces, after, beyond) >= -(BEHIND + margin):
             return
     if has_wall_before:
         first = _trimmed(points, faces, before, first, last, 1, PLANE + margin)
@@ -177,12 +174,12 @@ def depth(points: Points, faces: Faces, wall: int, at: int) -> float:
     return ((points.x[at] - middle_x) * direction_y - (points.y[at] - middle_y) * direction_x) * side
 
 
-def _trimmed(points: Points, faces: Faces, wall: int, at: int, other: int, way: int, tolerance: float) -> int:
+def _trimmed(points: Points, faces: Faces, wall: int, at: int, other: int, step: int, tolerance: float) -> int:
     """Return an end of a stretch, moved inwards past the points that lie on the wall beside it."""
     for _ in range(TRIM):
-        if (other - at) * way <= 0 or not depth(points, faces, wall, at) <= tolerance:
+        if (other - at) * step <= 0 or not depth(points, faces, wall, at) <= tolerance:
             break
-        at += way
+        at += step
     return at
 
 
@@ -190,16 +187,16 @@ def divide(protrusions: Protrusions, survey: Survey, points: Points, segments: S
     """Divide the segments at the protrusions that were found, and their faces with them."""
     if protrusions.count == 0:
         return
-    taken = 0
+    number = 0
     protrusions.parts.count = 0
     for j in range(segments.count):
         begins = 1
         protrusions.begin[0], protrusions.is_protrusion[0] = segments.first[j], False
-        while taken < protrusions.count and protrusions.segment[taken] == j:
-            _insert_part(protrusions, begins, protrusions.first[taken], True)
-            _insert_part(protrusions, begins + 1, protrusions.last[taken] + 1, False)
+        while number < protrusions.count and protrusions.segment[number] == j:
+            _insert_part(protrusions, begins, protrusions.first[number], True)
+            _insert_part(protrusions, begins + 1, protrusions.last[number] + 1, False)
             begins += 2
-            taken += 1
+            number += 1
         last = segmentation.last_point(segments, j)
         for k in range(begins):
             stop = protrusions.begin[k + 1] - 1 if k + 1 < begins else last
@@ -285,12 +282,7 @@ class Bodies:
 
 
 def join_fragments(bodies: Bodies, survey: Survey, points: Points, segments: Segments, may: Any) -> None:
-    """Join neighbouring segments that a small step divides.
-
-    Parameters
-    ----------
-    may : of each segment whether it may be a fragment
-    """
+    """Join neighbouring segments that a small step divides, of those that `may` be fragments."""
     for j in range(segments.count):
         bodies.joins[j] = _belongs(survey, points, segments, may, j)
         bodies.parts[j] = 0
@@ -464,7 +456,11 @@ class Parts:
 
 def assemble(parts: Parts, survey: Survey, points: Points, segments: Segments, walls: bool) -> None:
     """Order the segments that are objects, and walls where these are wanted; those of one label are one object."""
-    _sort(parts, survey, points, segments, walls)
+    # By kind, label and bearing.
+    parts.count = 0
+    _insert(parts, survey, points, segments, True)
+    if walls:
+        _insert(parts, survey, points, segments, False)
     _group(parts, survey)
     for k in range(parts.objects):
         _unwrap(parts, points, k)
@@ -481,14 +477,6 @@ def assemble(parts: Parts, survey: Survey, points: Points, segments: Segments, w
             parts.segment[at] = j
             count += 1
     parts.begin[parts.objects] = count
-
-
-def _sort(parts: Parts, survey: Survey, points: Points, segments: Segments, walls: bool) -> None:
-    """Sort by kind, label and bearing."""
-    parts.count = 0
-    _insert(parts, survey, points, segments, True)
-    if walls:
-        _insert(parts, survey, points, segments, False)
 
 
 def _insert(parts: Parts, survey: Survey, points: Points, segments: Segments, objects: bool) -> None:

@@ -6,7 +6,7 @@ from lidarcli cimport native
 cdef double NAN, TURN, TINY, NEAREST_RANGE, FARTHEST_RANGE, GRAIN, LINE_REACH, GAP, GAP_BEAMS, LINE_VAR, LINE_VAR_GROWS
 cdef double STRETCHED, EVEN, LONGEST_CHORD, CELL, MOST_HITS, SAME_SIDE, SMALL_STEP, GREATEST_STEP, GREATEST_TURN
 cdef double POINT_WEIGHT, LEAST_WEIGHT, SLIDES, FITS, FITS_GROWS, FITS_POINT, SHARP, GOOD_FIT, LEAST_FIT, BETTER
-cdef double APART, SPINS, SEEN_HITS, LIES_OFF, SPEEDS_UP, TURNS_UP, SMALL_BEND, TRIED_TURN, TRIED_REACH, TRIED_KERNEL, FARTHEST_STEP, WIDEST_STEP, HORIZON
+cdef double APART, SPINS, SEEN_HITS, LIES_OFF, SPEEDS_UP, TURNS_UP, SMALL_BEND, FINE_REACH, FINE_KERNEL, TRIED_TURN, TRIED_REACH, TRIED_KERNEL, FARTHEST_STEP, WIDEST_STEP, HORIZON
 cdef Py_ssize_t MOST_POINTS, LEAST_POINTS, MOST_NEIGHBOURS, LEAST_NEIGHBOURS, SIDE, MOST_SURFELS, MOST_STEPS, TRIED_TURNS
 cdef Py_ssize_t TRIED_POINTS, MOST_BENDS, PATIENCE, COLUMNS
 
@@ -61,11 +61,11 @@ cdef class Matcher:
     cdef Alignment found, best
     cdef Sums sums
     cdef bint begun, moves, alone, stepped
-    cdef double x, y, yaw, vx, vy, vyaw, step_x, step_y, step_yaw, time, told_x, told_y, told_yaw, told_part
+    cdef double x, y, yaw, vx, vy, vyaw, step_x, step_y, step_yaw, time, prior_x, prior_y, prior_yaw, prior_part
     cdef Py_ssize_t misses, passed
 
     @cython.locals(rows=Py_ssize_t, width=Py_ssize_t, row=Py_ssize_t, k=Py_ssize_t)
-    cpdef follow(self, ranges, beams, angle_min, angle_increment, timing, told, found)
+    cpdef follow(self, ranges, beams, angle_min, angle_increment, timing, prior, found)
 
 
 @cython.locals(closed=Py_ssize_t, last=Py_ssize_t, k=Py_ssize_t, i=Py_ssize_t)
@@ -117,8 +117,7 @@ cdef void refine(
 ) noexcept nogil
 @cython.locals(i=Py_ssize_t)
 cdef (double, double, double) bend(
-    Outline points, Surfels surfels, Alignment found, Sums sums, double vx, double vy, double vyaw, double reach,
-    double kernel
+    Outline points, Surfels surfels, Alignment found, Sums sums, double vx, double vy, double vyaw
 ) noexcept nogil
 @cython.locals(fits=Py_ssize_t, sharp=Py_ssize_t, number=Py_ssize_t, at=Py_ssize_t, i=Py_ssize_t, k=Py_ssize_t)
 cdef void sum_up(
@@ -131,7 +130,7 @@ cdef void copy_outline(Outline to, Outline of) noexcept nogil
 cdef void begin_map(Matcher matcher, double time) noexcept nogil
 @cython.locals(seconds=double, follows=bint, guided=bint, wide=Py_ssize_t)
 cdef void place_sweep(
-    Matcher matcher, double time, double* told, Py_ssize_t at, double* out, Py_ssize_t to
+    Matcher matcher, double time, double* prior, Py_ssize_t at, double* out, Py_ssize_t to
 ) noexcept nogil
 cdef (double, double, double) start_of(
     Matcher matcher, double x, double y, double yaw, double seconds

@@ -61,6 +61,8 @@ GREATEST_STEP, GREATEST_TURN = 0.5, 0.3
 """Limits of one step of an alignment [m, rad]."""
 LIES_OFF, SPEEDS_UP, TURNS_UP = 0.2, 0.3, 0.6
 """Deviations: of a sweep from the map as a whole [m], and of its velocity from that until then [m/s, rad/s]."""
+FINE_REACH, FINE_KERNEL = 0.15, 0.03
+"""Reach and scale of weights of the last steps of an alignment [m]."""
 MOST_BENDS, SMALL_BEND = 4, 3e-3
 """Corrections of the velocity of a sweep that takes time, until one is below this [m/s, rad/s]."""
 POINT_WEIGHT = 0.3
@@ -187,16 +189,16 @@ class Matcher:
         self.step_x = self.step_y = self.step_yaw = 0.0
         """The last step between two sweeps, once there is one."""
         self.time = 0.0
-        self.told_x = self.told_y = self.told_yaw = NAN
-        self.told_part = 0.0
+        self.prior_x = self.prior_y = self.prior_yaw = NAN
+        self.prior_part = 0.0
         self.misses = self.passed = 0
         """Sweeps since the last pose: those that fit nowhere, and all."""
         self.pieces = 0
 
     def follow(
-        self, ranges: Any, beams: Any, angle_min: Any, angle_increment: Any, timing: Any, told: Any, found: Any
+        self, ranges: Any, beams: Any, angle_min: Any, angle_increment: Any, timing: Any, prior: Any, found: Any
     ) -> None:
-        """Find the poses of S sweeps.
+        """Find the poses of S sweeps, and write them to `found`.
 
         Parameters
         ----------
@@ -204,11 +206,10 @@ class Matcher:
         beams : (S,) int32 number of beams of each sweep
         angle_min, angle_increment : (S,) float64 [rad]
         timing : (S, 3) float64: header stamp, and how long after it the first and the last beam are sent [s]
-        told : (S, 4) float64: x, y, yaw of a pose told for the sensor, NaN for none, and the number of the part of the
-            told path, within which steps are believed
-        found : (S, columns) float64 to write to: x, y, yaw, NaN without a pose; share of points that fit; least curvature;
-            share of points within `SHARP`; number of the piece of the path, from 1; 1 where the guess was told; 1 where it
-            may slide
+        prior : (S, 4) float64: x, y, yaw of a pose that is known before, NaN for none, and the number of the part of that
+            path, within which steps are believed
+        found : (S, columns) float64: x, y, yaw, NaN without a pose; share of points that fit; least curvature; share of
+            points within `SHARP`; number of the piece, from 1; 1 where the guess is a prior; 1 where it may slide
         """
         rows, width = ranges.shape
         if width > self.beams:
@@ -218,7 +219,7 @@ class Matcher:
             self.beams = width
         r, counted = native.at_singles(ranges), native.at_ints(beams)
         angles, step = native.at_doubles(angle_min), native.at_doubles(angle_increment)
-        times, guesses, out = native.at_doubles(timing), native.at_doubles(told), native.at_doubles(found)
+        times, guesses, out = native.at_doubles(timing), native.at_doubles(prior), native.at_doubles(found)
         lock = native.release()
         for row in range(rows):
             for k in range(COLUMNS):
@@ -515,9 +516,9 @@ def align(
         elif scale == 2:
             reach, kernel = 0.2, 0.05
         else:
-            reach, kernel = 0.15, 0.03
+            reach, kernel = FINE_REACH, FINE_KERNEL
             if matcher.points.takes_time:
-                return bend(matcher.points, matcher.map, matcher.found, matcher.sums, vx, vy, vyaw, reach, kernel)
+                return bend(matcher.points, matcher.map, matcher.found, matcher.sums, vx, vy, vyaw)
         deskew(matcher.points, vx, vy, vyaw)
         refine(matcher.points, matcher.map, matcher.found, matcher.sums, reach, kernel, 1)
         if matcher.points.takes_time and seconds > 0.0:
@@ -565,15 +566,7 @@ def refine(
 
 
 def bend(
-    points: Outline,
-    surfels: Surfels,
-    found: Alignment,
-    sums: Sums,
-    vx: float,
-    vy: float,
-    vyaw: float,
-    reach: float,
-    kernel: float,
+    points: Outline, surfels: Surfels, found: Alignment, sums: Sums, vx: float, vy: float, vyaw: float
 ) -> tuple[float, float, float]:
     """Correct the velocity during the sweep by the points themselves, about the middle of the sweep; return it.
 
@@ -589,8 +582,8 @@ def bend(
     for _ in range(MOST_BENDS):
         cos, sin = math.cos(found.yaw), math.sin(found.yaw)
         deskew(points, vx + cos * ux + sin * uy, vy + cos * uy - sin * ux, vyaw + turned)
-        refine(points, surfels, found, sums, reach, kernel, 1)
-        sum_up(points, surfels, found, sums, reach, kernel, 1, 1, middle)
+        refine(points, surfels, found, sums, FINE_REACH, FINE_KERNEL, 1)
+        sum_up(points, surfels, found, sums, FINE_REACH, FINE_KERNEL, 1, 1, middle)
         htt, gt = sums.htt + round_about, sums.gt + round_about * turned
         a, b = sums.hxx + straight - sums.hxt * sums.hxt / htt, sums.hxy - sums.hxt * sums.hyt / htt
         c = sums.hyy + straight - sums.hyt * sums.hyt / htt
@@ -713,7 +706,7 @@ def begin_map(matcher: Matcher, time: float) -> None:
     matcher.found.fit, matcher.found.least, matcher.found.sharp = 1.0, NAN, NAN
 
 
-def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to: int) -> None:
+def place_sweep(matcher: Matcher, time: float, prior: Any, at: int, out: Any, to: int) -> None:
     """Find the pose of the sweep in `matcher.points`, write it down and enter it into the map."""
     if matcher.begun and time == matcher.time:
         return
@@ -733,10 +726,10 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
         if follows and matcher.moves:
             dx, dy, turn = driven(vx, vy, vyaw, seconds)
             x, y, yaw = pose_after(x, y, yaw, dx, dy, turn)
-        guided = told[at] == told[at] and matcher.told_x == matcher.told_x and told[at + 3] == matcher.told_part
+        guided = prior[at] == prior[at] and matcher.prior_x == matcher.prior_x and prior[at + 3] == matcher.prior_part
         if guided:
             dx, dy, turn = step_between(
-                matcher.told_x, matcher.told_y, matcher.told_yaw, told[at], told[at + 1], told[at + 2]
+                matcher.prior_x, matcher.prior_y, matcher.prior_yaw, prior[at], prior[at + 1], prior[at + 2]
             )
             x, y, yaw = pose_after(matcher.x, matcher.y, matcher.yaw, dx, dy, turn)
             if follows:
@@ -775,8 +768,8 @@ def place_sweep(matcher: Matcher, time: float, told: Any, at: int, out: Any, to:
             matcher.x, matcher.y, matcher.yaw, matcher.time = (matcher.found.x, matcher.found.y, matcher.found.yaw, time)
             matcher.alone, matcher.misses, matcher.passed = False, 0, 0
             enter_sweep(matcher, matcher.points, vx, vy, vyaw)
-    matcher.told_x, matcher.told_y, matcher.told_yaw = told[at], told[at + 1], told[at + 2]
-    matcher.told_part = told[at + 3]
+    matcher.prior_x, matcher.prior_y, matcher.prior_yaw = prior[at], prior[at + 1], prior[at + 2]
+    matcher.prior_part = prior[at + 3]
     out[to], out[to + 1], out[to + 2] = matcher.x, matcher.y, matcher.yaw
     out[to + 3], out[to + 4], out[to + 5] = matcher.found.fit, matcher.found.least, matcher.found.sharp
     out[to + 6], out[to + 7] = 1.0 * matcher.pieces, 1.0 if guided else 0.0

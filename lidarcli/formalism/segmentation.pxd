@@ -92,7 +92,7 @@ cdef void find_breakpoints(Breakpoints breakpoints, Points points, Scans scans) 
 cdef bint is_within(Points points, Scans scans, Py_ssize_t at) noexcept nogil
 cdef bint is_unexplained(Points points, Py_ssize_t at, Py_ssize_t max_gap) noexcept nogil
 @cython.locals(lag=Py_ssize_t, some=bint, span=Py_ssize_t)
-cdef double slope(Points points, Py_ssize_t at, int way, Py_ssize_t max_gap) noexcept nogil
+cdef double slope(Points points, Py_ssize_t at, int sign, Py_ssize_t max_gap) noexcept nogil
 
 
 cdef class Segments:

@@ -27,39 +27,33 @@ NO_RETURN = sweeps.Status.NO_RETURN.value
 OPEN_TURN, SHARED_TURN = sweeps.Closure.OPEN.value, sweeps.Closure.SHARED.value
 
 
+def kept(owner: list[Any], values: Any, kind: Any) -> Any:
+    """Return the values as a contiguous array of a type, which lives as long as `owner`."""
+    array = np.require(values, kind, ["C", "A"])
+    owner.append(array)
+    return array
+
+
 class Scans:
     """Columns of a batch of S sweeps with up to B beams, for the loops over one sweep."""
 
     def __init__(self, batch: sweeps.SweepBatch, direction: Any, within: Any, sigma: Any) -> None:
         """`direction`: cos θ and sin θ, (D, B) each by increasing bearing, and which of them each sweep has, (S,)."""
         cos, sin, code = direction
-        columns = (
-            (batch.ranges, np.float32),
-            (batch.status, np.uint8),
-            (batch.beams, np.int32),
-            (batch.closure, np.uint8),
-            (batch.angle_min, np.float64),
-            (batch.angle_increment, np.float64),
-            (cos, np.float64),
-            (sin, np.float64),
-            (code, np.int64),
-            (np.zeros(0) if within is None else within, np.bool_),
-            (np.zeros(0) if sigma is None else sigma, np.float64),
-        )
-        self.owner: list[Any] = [np.require(values, kind, ["C", "A"]) for values, kind in columns]
+        self.owner: list[Any] = []
         self.rows = len(batch)
         self.width = batch.width
-        self.ranges = native.at_singles(self.owner[0])
-        self.status = native.at_bytes(self.owner[1])
-        self.beams = native.at_ints(self.owner[2])
-        self.closure = native.at_bytes(self.owner[3])
-        self.angle_min = native.at_doubles(self.owner[4])
-        self.angle_increment = native.at_doubles(self.owner[5])
-        self.cos = native.at_doubles(self.owner[6])
-        self.sin = native.at_doubles(self.owner[7])
-        self.direction = native.at_longs(self.owner[8])
-        self.within = native.at_bytes(self.owner[9])
-        self.sigma = native.at_doubles(self.owner[10])
+        self.ranges = native.at_singles(kept(self.owner, batch.ranges, np.float32))
+        self.status = native.at_bytes(kept(self.owner, batch.status, np.uint8))
+        self.beams = native.at_ints(kept(self.owner, batch.beams, np.int32))
+        self.closure = native.at_bytes(kept(self.owner, batch.closure, np.uint8))
+        self.angle_min = native.at_doubles(kept(self.owner, batch.angle_min, np.float64))
+        self.angle_increment = native.at_doubles(kept(self.owner, batch.angle_increment, np.float64))
+        self.cos = native.at_doubles(kept(self.owner, cos, np.float64))
+        self.sin = native.at_doubles(kept(self.owner, sin, np.float64))
+        self.direction = native.at_longs(kept(self.owner, code, np.int64))
+        self.within = native.at_bytes(kept(self.owner, np.zeros(0) if within is None else within, np.bool_))
+        self.sigma = native.at_doubles(kept(self.owner, np.zeros(0) if sigma is None else sigma, np.float64))
         self.has_within = within is not None
         self.has_sigma = sigma is not None
 
@@ -114,9 +108,9 @@ def load(points: Points, scans: Scans, row: int) -> None:
     position, r, x, y = points.position, points.r, points.x, points.y
     ranges, cos, sin = scans.ranges, scans.cos, scans.sin
     directions = scans.direction[row] * scans.width
-    beam, way = row * scans.width, 1
+    beam, stride = row * scans.width, 1
     if points.reverse:
-        beam, way = beam + points.bearings - 1, -1
+        beam, stride = beam + points.bearings - 1, -1
     count = 0
     for k in range(points.bearings):
         distance = ranges[beam]
@@ -126,7 +120,7 @@ def load(points: Points, scans: Scans, row: int) -> None:
         y[count] = distance * sin[directions + k]
         # A lost beam is NaN: the next one takes its place.
         count += distance == distance
-        beam += way
+        beam += stride
     points.count = count
 
 
@@ -383,13 +377,7 @@ class Breakpoints:
     """Breakpoints of a sweep: the points `at[0] … at[count - 1]`, before which f is discontinuous, in order."""
 
     def __init__(self, most: int, adaptive: bool, max_gap: int) -> None:
-        """
-        Parameters
-        ----------
-        most : room for sweeps of so many beams
-        adaptive : whether one-sided limits decide, not |s| alone
-        max_gap : more lost beams than this are a discontinuity by themselves
-        """
+        """`adaptive`: one-sided limits decide, not |s| alone; more than `max_gap` lost beams are a discontinuity."""
         self.owner: list[Any] = []
         self.at = native.integers(self.owner, most + 1)
         self.count = 0
@@ -406,12 +394,7 @@ def adaptive_threshold(points: Points, explained: float, r: float, s: float) -> 
     """Return the difference that noise and the beam spacing explain between a point and its predecessor [m].
 
     It grows with r Δθ at the nearer of the two points (Borges and Aldon 2004, Dietmayer 2001): a surface may turn or be
-    rough between two beams.
-
-    Parameters
-    ----------
-    explained : what noise does [m], see `noise_threshold`
-    r, s : range of the point and difference to its predecessor [m]; NaN in s: as if they were equally far
+    rough between two beams. `explained` is what noise does, see `noise_threshold`; NaN in s: as if both were equally far.
     """
     before = r - s
     return explained + SPACING_GAIN * points.step * (before if before < r else r)
@@ -445,15 +428,12 @@ def is_within(points: Points, scans: Scans, at: int) -> bool:
 
 
 def is_unexplained(points: Points, at: int, max_gap: int) -> bool:
-    """Def. 3 with the one-sided limits of f: whether no side's surface explains the step before a point.
+    """Def. 3 with the one-sided limits of f: True if no side's surface explains the step before a point.
 
     Each side is extended to the other beam along a straight surface (1/r is linear in θ for small steps). The step s
     is explained if it lies between 0 and the step that either side foresees, give or take `adaptive_threshold`. So a
     wall at grazing incidence does not break, and neither does a corner, where the step lies between the two extensions.
-
-    Parameters
-    ----------
-    max_gap : points further than this many lost beams away say nothing about the slope
+    Points further than `max_gap` lost beams away say nothing about the slope.
     """
     s, r = points.s[at], points.r[at]
     allowed = adaptive_threshold(points, points.d_th, r, s)
@@ -467,8 +447,8 @@ def is_unexplained(points: Points, at: int, max_gap: int) -> bool:
     return s > max(left, right, 0.0) + allowed or s < min(left, right, 0.0) - allowed
 
 
-def slope(points: Points, at: int, way: int, max_gap: int) -> float:
-    """d(1/r) per beam that the points on one side of a step support; `way` is -1 before it, 1 after it.
+def slope(points: Points, at: int, sign: int, max_gap: int) -> float:
+    """d(1/r) per beam that the points on one side of a step support; `sign` is -1 before it, 1 after it.
 
     The gentlest, because a span that straddles an earlier edge is too steep, never too gentle; 0 if they disagree in sign
     or there are none.
@@ -478,7 +458,7 @@ def slope(points: Points, at: int, way: int, max_gap: int) -> float:
     least, greatest, some, span = 0.0, 0.0, False, 0
     for lag in range(1, SLOPE_REACH + 1):
         # Before the first point comes the last one: if only on a full turn, `missing` tells.
-        if way < 0:
+        if sign < 0:
             span += missing[at] + 1
             at = at - 1 if at > 0 else count - 1
         else:
@@ -486,7 +466,7 @@ def slope(points: Points, at: int, way: int, max_gap: int) -> float:
             span += missing[at] + 1
         if span > lag + max_gap:
             continue
-        value = (1.0 / r[at] - u) / (span * way)
+        value = (1.0 / r[at] - u) / (span * sign)
         least = min(value, least) if some else value
         greatest = max(value, greatest) if some else value
         some = True

@@ -1,13 +1,11 @@
-"""§3: r_w - r_e, and the beams where it leaves the noise."""
+"""§3: r_w - r_e, the beams where it leaves the noise, and the objects that appear or are gone by it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidarcli.formalism.background import (
     Background,
@@ -40,7 +38,7 @@ from lidarcli.formalism.detection import (
     spans,
 )
 from lidarcli.formalism.parameters import Parameters
-from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int32, Int64, Status, SweepBatch, UInt8, record
+from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int64, Status, SweepBatch, record
 
 THRESHOLD_SDS = 4.0
 """Standard deviations from which on a range differs from the background."""
@@ -112,12 +110,8 @@ class Subtraction:
             self._two = bool((background.r_near < background.r_e).any())
 
     def difference(self, batch: SweepBatch, sigma: Float64) -> Difference:
-        """Compare sweeps of this sensor with the background of the place where they were taken.
-
-        Parameters
-        ----------
-        batch : S sweeps of up to B beams
-        sigma : (S,) noise of their ranges [m]
+        """Compare S sweeps of this sensor with the background of the place where they were taken; `sigma` (S,) is their
+        noise [m].
         """
         station, away = self._stations(batch)
         result = nothing_known(batch, station, away)
@@ -200,9 +194,9 @@ class Subtraction:
         found = self._judge(batch, ranges.astype(np.float32), near, far, r_e, returns, threshold)
         if moved is None or not self.tolerance.removed:
             return found
-        seen = expected(batch, background.grid, background.r_e[station], moved).astype(np.float32)
+        shown = expected(batch, background.grid, background.r_e[station], moved).astype(np.float32)
         gone = self._judge(
-            batch, batch.ranges, np.full_like(seen, -np.inf), _farthest(batch, seen), seen, returns, threshold
+            batch, batch.ranges, np.full_like(shown, -np.inf), _farthest(batch, shown), shown, returns, threshold
         )
         removed = gone.removed & ~found.appeared
         return replace(
@@ -233,9 +227,8 @@ class Subtraction:
         threshold: Float32,
         also: Float32 | None = None,
     ) -> Difference:
-        """Compare ranges with the background in their directions; all (S, B), or (1, B) for the background.
-
-        Ranges that agree with `also` are background too.
+        """Compare ranges with the background in their directions, (S, B) or (1, B); ranges that agree with `also` are
+        background, too.
         """
         width = ranges.shape[1]
         status = batch.status[:, :width]
@@ -288,9 +281,9 @@ def assemble(whole: Difference, parts: list[tuple[Int64, Difference]]) -> Differ
     return whole
 
 
-def _farthest(batch: SweepBatch, seen: Float32) -> Float32:
+def _farthest(batch: SweepBatch, ranges: Float32) -> Float32:
     """Return (S, B) the farthest range of each beam and its neighbours [m]; NaN where the beam itself is unknown."""
-    far = np.where(np.isnan(seen), -np.inf, seen)
+    far = np.where(np.isnan(ranges), -np.inf, ranges)
     wide = far.copy()
     np.maximum(wide[:, 1:], far[:, :-1], out=wide[:, 1:])
     np.maximum(wide[:, :-1], far[:, 1:], out=wide[:, :-1])
@@ -299,26 +292,16 @@ def _farthest(batch: SweepBatch, seen: Float32) -> Float32:
     ends = np.maximum(far[rows, 0], far[rows, last])
     wide[rows, 0] = np.maximum(wide[rows, 0], ends)
     wide[rows, last] = np.maximum(wide[rows, last], ends)
-    return np.where(np.isnan(seen), np.nan, wide)
+    return np.where(np.isnan(ranges), np.nan, wide)
 
 
 def _runs(own: Float32, beyond: Float32, threshold: Float32, lost: Bool | None = None, most_lost: int = 0) -> Bool:
     """Return (S, B) True for runs of beams that differ from the background.
 
-    Every beam of a run differs from its own r_e, and one of them also from that of its neighbours: a depth edge that
-    jitters by a beam has no such beam. A long run of lost beams needs none.
-
-    Parameters
-    ----------
-    own : (S, B) distance of each beam beyond its own r_e [m]; NaN if unknown
-    beyond : (S, B) distance of each beam beyond r_e of all its neighbours [m]
-    threshold : (S, B) or (1, 1) least distance [m]; `BESIDE_SHARE` of it is enough beside a beam beyond it
-    lost : (S, B) True for beams without a return that should have one
-    most_lost : greatest number of these in a row that may be an accident
-
-    Returns
-    -------
-    (S, B) a single beam between two runs joins them if it is on their side of the background at all
+    Every beam of a run is beyond its `own` r_e, and one of them also `beyond` that of its neighbours [m]: a depth edge that
+    jitters by a beam has no such beam. `BESIDE_SHARE` of the threshold is enough beside a beam beyond it. More than
+    `most_lost` beams in a row that are `lost`, without a return that they should have, need none. A single beam between two
+    runs joins them if it is on their side of the background at all.
     """
     candidate = own > np.float32(BESIDE_SHARE) * threshold
     if lost is not None:
@@ -346,7 +329,7 @@ def _runs(own: Float32, beyond: Float32, threshold: Float32, lost: Bool | None =
     return result
 
 
-# §3, Fig. 8f: the objects that make r_w - r_e leave the noise: those that have appeared, and those that are gone.
+# Fig. 8f: the objects that make r_w - r_e leave the noise, those that have appeared, and those that are gone.
 
 _LATER_FIELDS = ("label", "label_score", "features")
 """Fields that are filled when a detection is whole, or never with a background."""
@@ -360,15 +343,8 @@ def changes(
 ) -> Detection:
     """Return the objects that differ from the background: appeared ones and, where asked for, removed ones.
 
-    Appeared objects are built from r_w, removed ones from r_e, by the same definitions. All other beams are in S (Def. 4).
-
-    Parameters
-    ----------
-    batch : S sweeps
-    difference : difference from their background
-    parameters : parameters of the detection; with `walls`, the walls of the background are reported too
-    sigma : (S,) noise of the ranges [m]
-    per_beam : also fill `beam_set`, `beam_object` and `beam_s`
+    Appeared objects are built from r_w, removed ones from r_e, by the same definitions; all other beams are in S (Def. 4).
+    With `parameters.walls` the walls of the background are reported, too. `sigma`: (S,) noise of the ranges [m].
     """
     alone = replace(parameters, walls=False)
     found = detect(batch, alone, per_beam=per_beam, within=difference.appeared, sigma=sigma)
@@ -409,8 +385,8 @@ def _with_walls(found: Detection, batch: SweepBatch, appeared: Bool, parameters:
     if parameters.profile == "robust" and not np.isfinite(parameters.max_width):
         # Without a greatest width of objects there are no walls.
         parameters = replace(parameters, max_width=Parameters().max_width)
-    seen = detect(scene, parameters, sigma=sigma)
-    walls = select(seen, seen.shape == WALL)
+    without = detect(scene, parameters, sigma=sigma)
+    walls = select(without, without.shape == WALL)
     count = len(walls)
     walls = replace(
         walls, difference=np.full(count, np.nan), change=np.full(count, -1, np.int8), thing=np.full(count, np.nan)
@@ -419,22 +395,17 @@ def _with_walls(found: Detection, batch: SweepBatch, appeared: Bool, parameters:
 
 
 def _described(found: Detection, batch: SweepBatch, difference: Float32, within: Bool, change: int) -> Detection:
-    """Fill in the columns that depend on the background."""
-    return replace(
-        found,
-        visibility=_visibility(found),
-        difference=_medians(found, batch, np.where(within, difference, np.nan)),
-        change=np.full(len(found), change, np.int8),
-    )
-
-
-def _visibility(found: Detection) -> UInt8:
-    """Return (K,) the visibilities: the background hides an object only by a step beyond d_th."""
+    """Fill in the columns that depend on the background, which hides an object only by a step beyond d_th."""
     with np.errstate(invalid="ignore"):
         start = (found.s_i > found.d_th) & np.isin(found.visibility, (START_HIDDEN, BOTH_HIDDEN))
         end = (found.s_f < -found.d_th) & np.isin(found.visibility, (END_HIDDEN, BOTH_HIDDEN))
     hidden = np.array([FULL, START_HIDDEN, END_HIDDEN, BOTH_HIDDEN], np.uint8)[start + 2 * end]
-    return np.where(found.visibility == CUT, CUT, hidden).astype(np.uint8)
+    return replace(
+        found,
+        visibility=np.where(found.visibility == CUT, CUT, hidden).astype(np.uint8),
+        difference=_medians(found, batch, np.where(within, difference, np.nan)),
+        change=np.full(len(found), change, np.int8),
+    )
 
 
 def _medians(found: Detection, batch: SweepBatch, values: Float32) -> Float64:
@@ -451,29 +422,34 @@ def _medians(found: Detection, batch: SweepBatch, values: Float32) -> Float64:
 def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
     """Return the objects of both, numbered by increasing theta_i, walls last; the columns of sweeps are those of the first.
 
-    Parameters
-    ----------
-    first : detection on S sweeps
-    second : detection on some of them; none of its objects is there in the sweep: their beams end elsewhere, and count as
-        they do in the first
-    rows : rows of `first` that the rows of `second` are
+    The rows of the second are `rows` of the first. None of its objects is there in the sweep: their beams count as in the
+    first.
     """
     second = replace(second, row=rows[second.row])
     keys = ("theta_i", "shape", "row")
-    theta, shape, row = (_joined(first, second, name) for name in keys)
+    theta, shape, row = (np.concatenate([getattr(first, name), getattr(second, name)]) for name in keys)
     order = np.lexsort((theta, shape == WALL, row))
     known = [name for name in _OBJECT_FIELDS if getattr(first, name) is not None]
-    values = {name: _joined(first, second, name)[order] for name in known}
+    values = {name: np.concatenate([getattr(first, name), getattr(second, name)])[order] for name in known}
     counts = np.bincount(values["row"], minlength=len(first.objects))
     number = np.arange(len(order)) - offsets_of(counts)[values["row"]] + 1
     for offsets, names in _LISTS.items():
-        values |= _lists(first, second, offsets, names, order)
+        one, other = getattr(first, offsets), getattr(second, offsets)
+        starts = np.concatenate([one[:-1], other[:-1] + one[-1]])[order].astype(np.int64)
+        sizes = np.concatenate([np.diff(one), np.diff(other)])[order].astype(np.int64)
+        index, _, joined = spans(starts, sizes)
+        values[offsets] = joined.astype(np.int32)
+        values |= {name: np.concatenate([getattr(first, name), getattr(second, name)])[index] for name in names}
     result = replace(first, **values, object=number.astype(np.int32))
     if first.beam_object is None:
         return result
     new = np.empty(len(order), np.int32)
     new[order] = number
-    return replace(result, beam_object=_renumbered(first.beam_object, first.row, new[: len(first)]))
+    beams = first.beam_object
+    begin = offsets_of(np.bincount(first.row, minlength=len(beams)))[:-1, None]
+    index = np.where(beams > 0, begin + beams - 1, -1)
+    numbers = np.append(new[: len(first)], 0)[index]
+    return replace(result, beam_object=np.where(beams > 0, numbers, 0).astype(np.int32))
 
 
 def select(found: Detection, chosen: Bool) -> Detection:
@@ -487,25 +463,3 @@ def select(found: Detection, chosen: Bool) -> Detection:
         item, _, joined = spans(starts[index], np.diff(starts)[index])
         values |= {offsets: joined.astype(np.int32)} | {name: getattr(found, name)[item] for name in names}
     return replace(found, **values)
-
-
-def _joined(first: Detection, second: Detection, name: str) -> NDArray[Any]:
-    return np.concatenate([getattr(first, name), getattr(second, name)])
-
-
-def _lists(
-    first: Detection, second: Detection, offsets: str, names: Iterable[str], order: Int64
-) -> dict[str, NDArray[Any]]:
-    """Return the lists of the objects in a new order."""
-    starts = np.concatenate([getattr(first, offsets)[:-1], getattr(second, offsets)[:-1] + getattr(first, offsets)[-1]])
-    sizes = np.concatenate([np.diff(getattr(first, offsets)), np.diff(getattr(second, offsets))])
-    index, _, joined = spans(starts[order].astype(np.int64), sizes[order].astype(np.int64))
-    return {offsets: joined.astype(np.int32)} | {name: _joined(first, second, name)[index] for name in names}
-
-
-def _renumbered(beam_object: Int32, row: Int64, new: Int32) -> Int32:
-    """Return (S, B) the objects of the beams, with the numbers `new` (K,) in place of 1, 2, ... in each sweep."""
-    table = np.append(new, 0)
-    index = offsets_of(np.bincount(row, minlength=len(beam_object)))[:-1, None] + beam_object - 1
-    result: Int32 = np.where(beam_object > 0, table[np.where(beam_object > 0, index, -1)], 0).astype(np.int32)
-    return result

@@ -61,13 +61,9 @@ class Faces:
 
 
 def straight(faces: Faces, points: Points, segments: Segments, j: int, most: int, tolerance: float) -> None:
-    """Append the faces of a segment that is split until every point is near the chord of its face.
+    """Append the faces of a segment that is split until every point is near the chord of its face, by `tolerance` [m].
 
-    Parameters
-    ----------
-    j : the segment; fewer than 2 points have no face
-    most : to about how many points it is thinned evenly before, at least 2
-    tolerance : greatest distance from the chord [m]
+    It is thinned evenly to about `most` points before, at least 2; fewer than 2 points have no face.
     """
     size = segments.size[j]
     if most < 2 or size < 2:
@@ -196,16 +192,10 @@ def _drop_flat(faces: Faces, tolerance: float) -> None:
 
 
 def _drop_doubled(faces: Faces, start: int, begin: int) -> bool:
-    """Of two vertices on neighbouring points unmark the one further from where the faces beside them meet.
+    """Of two vertices on neighbouring points unmark the one further from where the faces beside them meet; True if there
+    were any.
 
-    Parameters
-    ----------
-    start : the first point of the segment, of which no point is left out
-    begin : its first face
-
-    Returns
-    -------
-    Whether there were any.
+    `start` is the first point of the segment, `begin` its first face.
     """
     x, y, found = faces.x, faces.y, False
     for f in range(begin + 1, faces.count - 1):
@@ -297,10 +287,6 @@ def mark_vertices(points: Points, segments: Segments, inner: Any, extremum: Any)
     Between beams f is monotone, so f' = 0 shows as a difference s that changes its sign or becomes 0: at local minima and
     maxima of r, and where a level stretch begins. f' jumps where two consecutive differences differ by more than d_th, the
     only threshold the paper has.
-
-    Parameters
-    ----------
-    inner, extremum : of each point of the sweep
     """
     r = points.r
     for j in range(segments.count):
@@ -325,12 +311,7 @@ class Survey:
     """Results for each segment, as far as they are known."""
 
     def __init__(self, most: int, min_beams: int, max_width: float) -> None:
-        """
-        Parameters
-        ----------
-        most : room for sweeps of so many beams
-        min_beams, max_width : what has fewer points or reaches further [m] is no object
-        """
+        """What has fewer points than `min_beams` or reaches further than `max_width` [m] is no object."""
         self.owner: list[Any] = []
         self.min_beams = min_beams
         self.max_width = max_width

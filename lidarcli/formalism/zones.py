@@ -1,4 +1,4 @@
-"""Points of sweeps in zones, and how many beams of a sweep reach a zone."""
+"""What is in zones: points of sweeps, what a moving shape will meet, episodes, and visits and crossings by agents."""
 
 from __future__ import annotations
 
@@ -75,21 +75,18 @@ def samples(shape: Shape) -> Float64:
 
 
 def candidates(batch: SweepBatch, ranges: Float32, place: SweepPoses, shape: Circle | Polygon) -> Inside:
-    """Return the points of sweeps (S, B) that are inside of a shape.
+    """Return the points of sweeps (S, B) inside of a shape, of ranges [m] that are NaN where a beam does not count.
 
-    Parameters
-    ----------
-    ranges : (S, B) [m], NaN where a beam does not count
-    place : poses of the sensor in the frame of the zone; a sweep without one has no points
+    `place`: poses of the sensor in the frame of the zone; a sweep without one has no points.
     """
     x, y, radius = bounds(shape)
-    way = 0.0 if place.way is None else np.abs(place.way[:, :2]).sum(axis=1)
-    far = np.hypot(x - place.x, y - place.y) + way
+    travelled = 0.0 if place.way is None else np.abs(place.way[:, :2]).sum(axis=1)
+    far = np.hypot(x - place.x, y - place.y) + travelled
     # Single precision rounds ranges by less than this.
     reach = radius + 1e-3
     rows = np.flatnonzero(np.isfinite(far))
     some = ranges if len(rows) == len(ranges) else ranges[rows]
-    farthest, nearest = ((edge[rows, None]).astype(np.float32) for edge in (far + reach, far - 2.0 * way - reach))
+    farthest, nearest = ((edge[rows, None]).astype(np.float32) for edge in (far + reach, far - 2.0 * travelled - reach))
     with np.errstate(invalid="ignore"):
         row, beam = np.nonzero((some <= farthest) & (some >= nearest))
     row = rows[row]
@@ -105,12 +102,8 @@ def candidates(batch: SweepBatch, ranges: Float32, place: SweepPoses, shape: Cir
 def seen(batch: SweepBatch, place: SweepPoses, places: Float64) -> Bool:
     """Return which places (S, P) sweeps see: in view, within the limits of the sensor, and not behind a point.
 
-    A beam without a return sees all the way; one that is masked or has no usable value sees nothing.
-
-    Parameters
-    ----------
-    place : poses of the sensor in the frame of the places
-    places : (P, 2) [m], or (S, P, 2) of each sweep
+    A beam without a return sees all the way; one that is masked or has no usable value sees nothing. The places are (P, 2)
+    [m], or (S, P, 2) of each sweep, in the frame of the poses.
     """
     return _seen(batch, *_from_sensor(place, places))[0]
 
@@ -203,44 +196,29 @@ def times(time_before_collision: float, time_step: float) -> Float64:
 
 def collision_steps(
     shape: Circle | Polygon,
-    x: Float64,
-    y: Float64,
-    row: NDArray[np.intp],
+    points: Inside,
     velocity: Float64,
     time_before_collision: float,
     time_step: float,
     point_velocity: Float64 | None = None,
 ) -> Int32:
-    """Count the points that are inside of a shape at each tested time, while it moves with the robot.
+    """Count the points that are inside of a shape at each tested time (S, K), while it moves with the robot.
 
     The robot moves by a step before each test, the first one too, and its velocity turns with it; so does
-    `getCollisionTime`, hence a contact counts that lies up to one step beyond the time that it is told for.
-
-    Parameters
-    ----------
-    shape : in the frame of the robot [m]
-    x, y : (N,) points in the frame of the robot before it moves [m]
-    row : (N,) the sweep of each
-    velocity : (S, 3) ahead, left [m/s], turning [rad/s]; where one is NaN, nothing is met
-    time_before_collision, time_step : how far to look ahead, and in which steps [s]
-    point_velocity : (N, 2) velocity of each point in the frame of x and y [m/s]; they stand by default
-
-    Returns
-    -------
-    (S, K) points inside at each of the K `times`
+    `getCollisionTime`, hence a contact counts that lies up to one step beyond the time that it is told for. Shape and
+    points (N,) are in the frame of the robot before it moves [m]; `velocity` (S, 3) is ahead, left [m/s], turning [rad/s],
+    and where one is NaN nothing is met; `point_velocity` (N, 2) is that of each point [m/s]; they stand by default.
     """
     steps = len(times(time_before_collision, time_step))
     counts = np.zeros((len(velocity), steps), np.int32)
-    for step, met in enumerate(_met(shape, x, y, row, velocity, steps, time_step, point_velocity)):
-        counts[:, step] = np.bincount(row[met], minlength=len(velocity))
+    for step, met in enumerate(_met(shape, points, velocity, steps, time_step, point_velocity)):
+        counts[:, step] = np.bincount(points.row[met], minlength=len(velocity))
     return counts
 
 
 def meeting(
     shape: Circle | Polygon,
-    x: Float64,
-    y: Float64,
-    row: NDArray[np.intp],
+    points: Inside,
     velocity: Float64,
     step: NDArray[np.intp],
     time_step: float,
@@ -250,22 +228,16 @@ def meeting(
 
     The other parameters are those of `collision_steps`; the points come by index, in ascending order.
     """
-    moves = _met(shape, x, y, row, velocity, int(step.max(initial=-1)) + 1, time_step, point_velocity)
-    met = [inside_now[step[row[inside_now]] == number] for number, inside_now in enumerate(moves)]
+    moves = _met(shape, points, velocity, int(step.max(initial=-1)) + 1, time_step, point_velocity)
+    met = [inside_now[step[points.row[inside_now]] == number] for number, inside_now in enumerate(moves)]
     return np.sort(np.concatenate(met)) if met else np.zeros(0, np.intp)
 
 
 def _met(
-    shape: Circle | Polygon,
-    x: Float64,
-    y: Float64,
-    row: NDArray[np.intp],
-    velocity: Float64,
-    steps: int,
-    time_step: float,
-    point_velocity: Float64 | None,
+    shape: Circle | Polygon, points: Inside, velocity: Float64, steps: int, time_step: float, point_velocity: Float64 | None
 ) -> Iterator[NDArray[np.intp]]:
     """Yield the points that are inside of the shape after each step, by index."""
+    row, _, x, y = points
     reach = _reach(shape)
     speed = np.hypot(velocity[:, 0], velocity[:, 1])[row]
     if point_velocity is not None:
@@ -387,9 +359,7 @@ class Crossing(NamedTuple):
 def visits(shapes: Sequence[Circle | Polygon], which: Int64, path: Path) -> list[Visit]:
     """Return the visits of an area: from the first sweep inside to the last that is no farther than `MARGIN` outside.
 
-    Parameters
-    ----------
-    which : (N,) index of the shape that the area has at each sweep of the path, -1 for none
+    `which`: (N,) index of the shape that the area has at each sweep of the path, -1 for none.
     """
     within, left = np.zeros(len(path.x), np.bool_), np.ones(len(path.x), np.bool_)
     for number in np.unique(which[which >= 0]).tolist():
@@ -445,18 +415,11 @@ def crossings(line: Line, path: Path) -> tuple[list[Crossing], int]:
 
 
 def same_agents(sensors: Sequence[dict[int, Path]]) -> dict[tuple[int, int], int]:
-    """Number the agents that several sensors follow, each once.
+    """Number the agents that several sensors follow, each once: (sensor, track) → 0, 1, ...
 
     Tracks of two sensors that are together are one agent, the nearest ones first, and so are all that are one with either;
-    but no two tracks of one sensor that are there at one time.
-
-    Parameters
-    ----------
-    sensors : of each sensor the paths of its agents by track, all in one frame
-
-    Returns
-    -------
-    (sensor, track) → number of the agent, 0, 1, ...
+    but no two tracks of one sensor that are there at one time. `sensors`: paths of the agents of each by track, in one
+    frame.
     """
     paths = {(sensor, track): path for sensor, own in enumerate(sensors) for track, path in sorted(own.items())}
     members = {name: [name] for name in paths}

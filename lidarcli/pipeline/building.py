@@ -106,14 +106,8 @@ class BackgroundBuilder:
 def refuse_output(
     path: Place, sources: Sequence[Source | MissingInput], overwrite: bool, others: Sequence[Place] = ()
 ) -> None:
-    """Refuse a background table that cannot be written, or that would replace one of the logs, before any work.
-
-    Raises
-    ------
-    OptionError
-        The name is that of a log: `-o *.mcap`, or two logs given to `background`, would replace one by the background.
-    OutputError
-        As of `newfiles.refuse`.
+    """Refuse a background table with the name of a log (`OptionError`), or that cannot be written (`OutputError`), before
+    any work.
     """
     if path.name.lower().endswith(SUFFIXES):
         raise OptionError(f"{path} is the name of a log; a background is a .parquet")

@@ -33,7 +33,6 @@ from lidarcli.formalism.mapping.grid import (
     HIT,
     OCCUPIED,
     SKIPPED,
-    TOLERANCE,
     UNKNOWN,
     Beams,
     Counts,
@@ -61,7 +60,7 @@ from lidarcli.formalism.matching.differences import (
     NEW,
     SAME_PLACE,
     STRUCTURE,
-    Changes,
+    Change,
     Compared,
     Run,
     TooManyError,
@@ -253,15 +252,7 @@ class Input:
 
 
 def inputs_of(texts: Sequence[str]) -> list[Input]:
-    """Return what the inputs are.
-
-    Raises
-    ------
-    OptionError
-        There are fewer than two, or one is the standard input or several logs.
-    UnreadableError
-        One is not there, or is none.
-    """
+    """Return what the inputs are; an `OptionError` for fewer than two, the standard input or several logs in one."""
     if len(texts) < 2:
         raise OptionError(f"{texts[0] if texts else 'nothing'}: one run has nothing to be compared with; give two or more")
     return [_input(text) for text in texts]
@@ -293,14 +284,8 @@ def _input(text: str) -> Input:
 def read_input(one: Input, options: DiffOptions, progress: Progress | None = None) -> RunThings:
     """Return what an input tells.
 
-    Raises
-    ------
-    UnreadableError
-        It cannot be read.
-    NoScanError
-        The log has no LaserScan topic.
-    OptionError
-        It has too many things, or ground.
+    `UnreadableError`, `NoScanError`: it cannot be read, or has no LaserScan topic; `OptionError`: it has too many things,
+    or ground.
     """
     if one.kind == "map":
         grid = read_map(Path(one.text))
@@ -498,12 +483,8 @@ def _distinct(number: dict[str, Float64], sweeps: Int64) -> Int64:
 def diff_inputs(inputs: Sequence[Input], options: DiffOptions, report: LogProgress | None = None) -> Difference:
     """Compare each run with those before it.
 
-    Raises
-    ------
-    UnreadableError
-        Two do not lie on each other, do so in several ways, or slide along their walls; or as of `read_input`.
-    OptionError
-        As of `read_input`, or two maps have cells of different sizes.
+    `UnreadableError`: two do not lie on each other, do so in several ways, or slide along their walls, or as of
+    `read_input`; `OptionError`: as of `read_input`, or two maps have cells of different sizes.
     """
     runs = []
     for one in inputs:
@@ -564,7 +545,7 @@ def _compared(labels: Sequence[str], runs: Sequence[RunThings], options: DiffOpt
     figures["overlap"] = min(overlaps) if overlaps else None
     if len(runs) == 2 and (true := runs[0].grid) is not None and (grid := runs[1].grid) is not None:
         try:
-            found = compare(_laid(grid, steps[0].motion), true, 2 * TOLERANCE)
+            found = compare(_laid(grid, steps[0].motion), true)
         except UnlikeError as err:
             resolution = f"make the map with --resolution {true.resolution:g}"
             raise OptionError(f"{labels[0]} and {labels[1]}: {err}; {resolution}") from err
@@ -684,11 +665,11 @@ def _step(before: RunThings, now: RunThings, motion: Motion, found: Fit | None, 
     return Step(before.name, now.name, motion, found.overlap, _known(found.rms), words)
 
 
-def _after(before: RunThings, now: RunThings, changes: Changes, motion: Motion) -> tuple[RunThings, Ground | None]:
+def _after(before: RunThings, now: RunThings, changes: Sequence[Change], motion: Motion) -> tuple[RunThings, Ground | None]:
     """Return all runs so far as one, each place as the last run that saw it tells it; and the ground of the last."""
     run = now.run.moved(motion)
-    gone = (changes.status == GONE) | (changes.second >= 0)
-    kept = [k for k in range(len(before.run.things)) if k not in {*changes.first[gone].tolist()}]
+    gone = {change.first for change in changes if change.status == GONE or change.second >= 0}
+    kept = [k for k in range(len(before.run.things)) if k not in gone]
     old, new = before.run.things, run.things
     names = Standing.__dataclass_fields__
     things = Standing(**{name: np.concatenate([getattr(old, name)[kept], getattr(new, name)]) for name in names})
@@ -702,31 +683,35 @@ def _after(before: RunThings, now: RunThings, changes: Changes, motion: Motion) 
 
 
 def _rows(
-    changes: Changes, before: RunThings, now: RunThings, motion: Motion, grounds: Sequence[tuple[str, Ground | None]]
+    changes: Sequence[Change],
+    before: RunThings,
+    now: RunThings,
+    motion: Motion,
+    grounds: Sequence[tuple[str, Ground | None]],
 ) -> list[dict[str, Any]]:
     """Return the rows of the table, without their numbers."""
     found = []
     old, new = before.run.things, now.run.things
     x, y = motion.of(new.x, new.y)
     counted = [(ground := each.run.ground) is not None and ground.counted for each in (before, now)]
-    for c in range(len(changes.kind)):
-        i, j = int(changes.first[c]), int(changes.second[c])
-        looks = [int(changes.looks[c, run]) if counted[run] and changes.looks[c, run] >= 0 else None for run in (0, 1)]
+    for change in changes:
+        i, j = change.first, change.second
+        looks = [count if known and count >= 0 else None for count, known in zip(change.looks, counted, strict=True)]
         row: dict[str, Any] = {
             "log_b": now.name,
-            "kind": CHANGE_KINDS[changes.kind[c]],
-            "status": CHANGE_STATUSES[changes.status[c]],
-            "why": None if changes.why[c] < 0 else CHANGE_WHYS[changes.why[c]],
-            "score": float(changes.score[c]),
-            "area": _known(changes.area[c]),
+            "kind": CHANGE_KINDS[change.kind],
+            "status": CHANGE_STATUSES[change.status],
+            "why": None if change.why < 0 else CHANGE_WHYS[change.why],
+            "score": change.score,
+            "area": _known(change.area),
             "sweeps_a": looks[0],
             "sweeps_b": looks[1],
-            "free_a": _known(changes.free[c, 0]),
-            "free_b": _known(changes.free[c, 1]),
+            "free_a": _known(change.free[0]),
+            "free_b": _known(change.free[1]),
         }
-        if changes.kind[c] == STRUCTURE:
-            px, py, yaw, length, width = changes.place[c].tolist()
-            run = "b" if changes.status[c] == NEW or changes.free[c, 0] > 0 else "a"
+        if change.kind == STRUCTURE:
+            px, py, yaw, length, width = change.place
+            run = "b" if change.status == NEW or change.free[0] > 0 else "a"
             row |= {f"x_{run}": px, f"y_{run}": py, f"yaw_{run}": yaw, "length": length, "width": width}
             where = px, py
         else:

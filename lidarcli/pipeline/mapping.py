@@ -165,12 +165,8 @@ class Mapping:
     def add(self, source: Source, clouds: Sequence[CloudWriter] = (), progress: Progress | None = None) -> RunSummary:
         """Take one log; its points go to the clouds.
 
-        Raises
-        ------
-        UnreadableError
-            MissingInput tells where its sensor was.
-        OptionError
-            The ground that it saw is larger than a map may be.
+        `UnreadableError`: nothing tells where its sensor was; `OptionError`: the ground that it saw is larger than a map
+        may be.
         """
         options = self.options
         with read_log(source, options, options.need) as reading:
@@ -425,18 +421,11 @@ class Mapped:
 
 
 class MapRun:
-    """One map of several logs, written when all have been read.
+    """One map of several logs, written when all have been read, to files whose suffixes say what they are (`GRIDS`,
+    `CLOUDS`).
 
-    Parameters
-    ----------
-    outputs : files, whose suffixes say what they are (`GRIDS`, `CLOUDS`)
-
-    Raises
-    ------
-    OptionError
-        A suffix is none of these, or two outputs would be one file.
-    OutputError
-        A file is there that may not be replaced.
+    Other suffixes, and two outputs that would be one file, are an `OptionError`, a file that may not be replaced an
+    `OutputError`.
     """
 
     def __init__(self, sources: Sequence[Source | MissingInput], outputs: Sequence[Place], options: MapOptions) -> None:

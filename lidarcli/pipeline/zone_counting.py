@@ -391,11 +391,11 @@ class _PlacedSweeps(NamedTuple):
         """Return the points that will be met first, or those inside now, and the time to collision (S,) [s]."""
         own = self._own_velocity(near) if zone.count == "agents" else None
         ahead = zone.time_before_collision, zone.time_step
-        steps = collision_steps(shape, near.x, near.y, near.row, self.velocity, *ahead, own)
+        steps = collision_steps(shape, near, self.velocity, *ahead, own)
         enough = steps >= zone.min_points
         step = np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
         ttc = np.where(step >= 0, times(*ahead)[np.maximum(step, 0)], np.nan)
-        met = meeting(shape, near.x, near.y, near.row, self.velocity, step, zone.time_step, own)
+        met = meeting(shape, near, self.velocity, step, zone.time_step, own)
         others = step[now.row] < 0
         return near.of(met).with_(now.of(others)), ttc
 

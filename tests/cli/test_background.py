@@ -63,29 +63,6 @@ def test_build_says_what_it_learned(scene: Path, tmp_path: Path, lidarcli: Run) 
     assert (parameters["station_distance"], parameters["every"]) == (0.25, 1)
 
 
-def test_build_refuses_to_overwrite(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    file, figure = tmp_path / "b.parquet", tmp_path / "b.png"
-    figure.write_bytes(b"mine")
-    build = ("background", "build", scene / "empty.mcap", "-o", file, "--plot", figure)
-    ran = lidarcli(*build)
-    assert ran.code == 5
-    assert ran.err == f"lidarcli: {figure} exists; use --overwrite to replace it, or -o to write elsewhere\n"
-    assert not file.exists()
-    assert lidarcli(*build, "--overwrite").code == 0
-    assert figure.read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
-def test_pictures(scene: Path, tmp_path: Path, lidarcli: Run, suffix: str, magic: bytes) -> None:
-    figures = [tmp_path / f"{name}{suffix}" for name in "ab"]
-    for figure in figures:
-        output = figure.with_suffix(".parquet")
-        assert lidarcli("-q", "background", "build", scene / "empty.mcap", "-o", output, "--plot", figure).code == 0
-    assert figures[0].read_bytes().startswith(magic)
-    assert figures[0].read_bytes() == figures[1].read_bytes()
-
-
 def test_several_logs_make_one_background(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     """The boxes are in 20 and 10 of 60 sweeps: fewer than a background needs."""
     write_log(tmp_path / "more.mcap", [empty_room(count=20)])
@@ -143,38 +120,6 @@ def test_a_sensor_that_moved_without_poses_is_told(tmp_path: Path, lidarcli: Run
     assert sensor["seems_moved"] is True
 
 
-def standing(x: float, turned: float = 0.0, count: int = 60) -> RawSweeps:
-    """A room of 8 by 6 m with two posts, seen from `x` [m] beside its middle, by a sensor that is `turned` [rad]."""
-    bearing = turned + np.arange(360) * 2 * np.pi / 360
-    cos, sin = np.cos(bearing), np.sin(bearing)
-    with np.errstate(divide="ignore"):
-        ranges = np.minimum((np.sign(cos) * 4.0 - x) / cos, 3.0 / np.abs(sin))
-    for post_x, post_y in ((2.0, 1.0), (-1.5, -1.0)):
-        along = (post_x - x) * cos + post_y * sin
-        inside = 0.04 - (post_x - x) ** 2 - post_y**2 + along**2
-        hit = (inside > 0) & (along > 0)
-        ranges[hit] = np.minimum(ranges[hit], (along - np.sqrt(np.maximum(inside, 0.0)))[hit])
-    noise = np.random.default_rng(3).normal(0.0, 0.01, (count, 360))
-    return raw_sweeps(ranges + noise, angle_increment=np.float32(2 * np.pi / 360))
-
-
-def test_a_sensor_that_is_moved_on_the_way_is_told(tmp_path: Path, lidarcli: Run) -> None:
-    """Half of the sweeps are far from the background, and all of them together less than half."""
-    file = tmp_path / "bg.parquet"
-    write_log(tmp_path / "a.mcap", [standing(0.0)])
-    assert lidarcli("background", "build", tmp_path / "a.mcap", "-o", file).code == 0
-    both = np.concatenate([standing(0.0).ranges, standing(1.0).ranges])
-    write_log(tmp_path / "bumped.mcap", [raw_sweeps(both, angle_increment=np.float32(2 * np.pi / 360))])
-    ran = lidarcli("detect", tmp_path / "bumped.mcap", "--background", file, "-o", tmp_path / "out")
-    assert ran.code == 0
-    assert (
-        "60 of 120 sweeps of frame laser, from sweep 60 on, differ from bg.parquet in more than 40% of their ranges: "
-        "the sensor seems to have moved; compare what comes after it with a background of its own (--start, --end)"
-    ) in ran.err
-    ran = lidarcli("detect", tmp_path / "a.mcap", "--background", file, "-o", tmp_path / "out")
-    assert "seems to have moved" not in ran.err
-
-
 def test_a_background_of_another_place_is_told(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     other = empty_room()
     other.ranges[:, 20:] = 6.0
@@ -193,14 +138,6 @@ def test_a_background_of_another_place_is_told(scene: Path, tmp_path: Path, lida
     assert len(told[1]) == 1
     # A crowd is no other place.
     assert told[2:] == [[], []]
-
-
-def test_nothing_to_learn_from_writes_nothing(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    build = ("background", "build", scene / "empty.mcap", "-o", tmp_path / "b.parquet")
-    assert lidarcli(*build, "--topic", "/other").code == 4
-    ran = lidarcli(*build, "--start", "60")
-    assert (ran.code, ran.err.splitlines()[-1]) == (4, "lidarcli: no sweep to learn a background from")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_info_for_programs(scene: Path, lidarcli: Run) -> None:
@@ -241,29 +178,6 @@ def test_what_is_no_background_is_refused(scene: Path, logs: Path, lidarcli: Run
 
 
 OTHERWISE = "To learn from logs: lidarcli background build LOG... -o FILE"
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("empty.mcap -o b.parquet", f"No such command 'empty.mcap'. {OTHERWISE}"),
-        ("-o b.parquet empty.mcap", f"No such option '-o'. {OTHERWISE}"),
-        ("--files-from list -o b.parquet", f"No such option '--files-from'. {OTHERWISE}"),
-        ("-q --config none a.mcap b.mcap -o b.parquet", f"No such command 'a.mcap'. {OTHERWISE}"),
-        ("build.mcap -o b.parquet", "No such command 'build.mcap'. Did you mean 'background build'?"),
-        ("info empty.parquet --format json", "The command 'info' is gone: lidarcli info FILE"),
-        ("build -o b.parquet", "Missing argument 'LOG...'."),
-        ("subtract run.mcap -o out", "Missing option '--background'."),
-    ],
-)
-def test_background_alone_names_its_commands(
-    tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch, words: str, message: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    ran = lidarcli("background", *words.split())
-    assert (ran.code, ran.out) == (2, "")
-    assert ran.err.splitlines()[-1] == f"Error: {message}"
-    assert [*tmp_path.iterdir()] == []
 
 
 @pytest.mark.parametrize(
@@ -340,25 +254,6 @@ def test_another_frame_is_refused_unless_told(scene: Path, tmp_path: Path, lidar
     assert lidarcli(*subtract, "-o", tmp_path, "--any-frame").code == 0
 
 
-def test_views_that_do_not_overlap_are_refused(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    write_log(tmp_path / "left.mcap", [empty_room(beams=90, first=0.2)])
-    write_log(tmp_path / "right.mcap", [empty_room(beams=90, first=-1.8)])
-    write_log(tmp_path / "some.mcap", [empty_room(beams=90, first=-0.4)])
-    left = tmp_path / "left.parquet"
-    assert lidarcli("-q", "background", "build", tmp_path / "left.mcap", "-o", left).code == 0
-    ran = lidarcli("detect", tmp_path / "right.mcap", "--background", left, "-o", tmp_path)
-    assert ran.code == 2
-    assert ran.err == (
-        f"lidarcli: {tmp_path / 'right.mcap'}: the views of left.parquet (11.5 to 100.5 deg) and of frame laser "
-        "(-103.1 to -14.1 deg) do not overlap; build a background from a log of this sensor\n"
-    )
-    ran = lidarcli("detect", tmp_path / "some.mcap", "--background", left, "-o", tmp_path)
-    assert ran.code == 0
-    assert notes(ran.err)[1] == (
-        "no background for 660 of 1,780 ranges (37.1%) of frame laser: they look where it does not"
-    )
-
-
 def lap(folder: Path, name: str, shift: float = 0.0) -> Path:
     """A log of a robot that drives past things, with odometry; `shift` moves all of what it says."""
     scene = f"""
@@ -398,24 +293,3 @@ def test_a_moving_sensor_has_stations(tmp_path: Path, lidarcli: Run) -> None:
         "poses from /tf fit the sweeps: 90% of 30 steps",
         "compared with route.parquet: 0 appeared, 0 removed",
     ]
-
-
-def test_sweeps_without_a_station_are_counted(tmp_path: Path, lidarcli: Run) -> None:
-    route = tmp_path / "route.parquet"
-    assert lidarcli("-q", "background", "build", lap(tmp_path, "lap"), "-o", route).code == 0
-    away = lap(tmp_path, "away", 5.0)
-    ran = lidarcli("detect", away, "--background", route, "-o", tmp_path)
-    assert ran.code == 0
-    assert notes(ran.err)[-1] == (
-        "without a station: 40 of 40 sweeps of frame laser, not compared; the nearest is 3.00 m away "
-        "(--station-distance, --station-angle)"
-    )
-    swept = pq.read_table(tmp_path / "away.sweeps.parquet").to_pandas()
-    assert len(swept) == 40
-    assert swept.station.isna().all()
-    assert swept.objects.sum() == 0
-    assert (swept.noise_beams == swept.beams).all()
-    ran = lidarcli("detect", away, "--background", route, "-o", "-", "--pose", "none")
-    assert notes(ran.err)[-1].endswith("40 of 40 sweeps of frame laser, not compared; 40 of them have no pose")
-    ran = lidarcli("detect", away, "--background", route, "-o", "-", "--station-distance", "9", "--station-angle", "30")
-    assert not any("without a station" in note for note in notes(ran.err))

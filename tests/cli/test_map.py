@@ -18,12 +18,10 @@ from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps import CloudPoints, PlyWriter, read_map
 from lidarcli.pipeline.mapping import WRITERS
-from lidarcli.pipeline.reading.posing import PoseOptions
-from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLOUD
 from tests.cli.maps import COUNTED, DRIVE, FITS_NOTE, POSES_NOTE, Run, mapped, names, occupied, ply, still
 from tests.pose.pose_messages import accepted
-from tests.sweeping import START, STEP, raw_sweeps, round_room
+from tests.sweeping import START
 
 
 def test_yaml(lidarcli: Run, tmp_path: Path) -> None:
@@ -120,40 +118,6 @@ def test_batches_do_not_matter(tmp_path: Path, size: int) -> None:
     assert whole.equals(cut)
 
 
-def two_sensors(folder: Path) -> tuple[Path, Path]:
-    """A log of two topics of different frames, recorded by turns, and a path for both."""
-    path = folder / "two.mcap"
-    parts = []
-    for k in range(20):
-        for name, radius in (("/a", 3.0), ("/b", 3.01)):
-            block = raw_sweeps(
-                round_room(1, 90) * np.float32(radius / 4),
-                topic=name,
-                frame_ids=(f"frame{name[1:]}",),
-                stamp_ns=START + STEP * k + (name == "/b"),
-            )
-            parts.append(block)
-    write_log(path, parts)
-    lines = [f"{1_700_000_000 + k / 10:.9f} {0.1 * k:.3f} 0 0 0 0 0 1\n" for k in range(-1, 22)]
-    (folder / "two.tum").write_text("".join(lines))
-    return path, folder / "two.tum"
-
-
-def test_clouds_of_two_sensors_have_the_same_points_whatever_the_batches(tmp_path: Path) -> None:
-    """Topics take turns by batches, and with them the points."""
-    log, path = two_sensors(tmp_path)
-    found = []
-    for size in (768, 3):
-        out = tmp_path / f"{size}.parquet"
-        mapped([log], [out], ReadOptions(batch_size=size), poses=PoseOptions(file=str(path)))
-        order = [("topic", "ascending"), ("sweep", "ascending"), ("beam", "ascending")]
-        names = ["topic", "sweep", "beam", "x", "y"]
-        table = pq.read_table(out, columns=names)
-        found.append(table.set_column(0, "topic", table["topic"].cast("string")).sort_by(order))
-    assert found[0].equals(found[1])
-    assert len(found[0]) > 100
-
-
 def test_two_topics_of_one_frame_count_once(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     lines = [f"{1_700_000_000 + k} {0.25 * k} 0 0 0 0 0 1\n" for k in range(-1, 4)]
     (tmp_path / "p.tum").write_text("".join(lines))
@@ -171,21 +135,6 @@ def test_two_topics_of_one_frame_count_once(lidarcli: Run, logs: Path, tmp_path:
         "/front": len(topics),
         "/rear": len(topics),
     }
-
-
-def test_a_log_twice_counts_double(lidarcli: Run, tmp_path: Path) -> None:
-    """Twice the hits, twice the threshold: the same cells, by the same shares."""
-    once = lidarcli("map", DRIVE, "-o", tmp_path / "once.yaml", "--min-hits", 2)
-    twice = lidarcli("map", DRIVE, DRIVE, "-o", tmp_path / "twice.yaml", "--min-hits", 4)
-    assert (once.code, twice.code) == (0, 0)
-    assert (tmp_path / "once.pgm").read_bytes() == (tmp_path / "twice.pgm").read_bytes()
-    assert f"map of 150 sweeps in odom: {COUNTED[1].partition(': ')[2]}" in twice.err.splitlines()
-    assert (
-        "  note     2 logs are laid onto each other in the frame odom: odometry begins anew in each, so give poses of a "
-        "common map (--pose TOPIC, --poses FILE.tum)"
-    ) in twice.err.splitlines()
-    assert lidarcli("-q", "map", DRIVE, DRIVE, "-o", tmp_path / "loose.yaml").code == 0
-    assert occupied(tmp_path / "once.yaml") < occupied(tmp_path / "loose.yaml")
 
 
 class Broken(PlyWriter):
@@ -210,3 +159,11 @@ def test_a_cloud_that_cannot_be_written_ends_the_run(
     ran = lidarcli("map", log, log, *words)
     assert (ran.code, ran.out) == (5, "")
     assert names(tmp_path) == ["odd.mcap", "odd.tum"]
+
+
+def test_names_of_files(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
+    for name in ("häß 'x' \"y\"", "two\nlines", "a: b #c", "-o"):
+        out = tmp_path / f"{name}.yaml"
+        assert lidarcli("-q", "map", walk / "walk.mcap", "-o", out).code == 0
+        assert out.with_suffix(".pgm").exists()
+        assert read_map(out).occupied == 1086

@@ -12,10 +12,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.maps import read_map
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import RawSweeps
-from tests.cli.maps import COUNTED, DRIVE, Run, fields, names, occupied, ply, still
+from tests.cli.maps import COUNTED, DRIVE, Run, names, occupied
 from tests.places import ROOT
 from tests.sweeping import raw_sweeps
 
@@ -69,73 +67,6 @@ def test_a_damaged_log_is_mapped_as_far_as_it_can_be_read(lidarcli: Run, walk: P
     assert len(occupied(tmp_path / "m.yaml")) > 100
     metadata = pq.read_schema(tmp_path / "m.parquet").metadata
     assert json.loads(metadata[b"lidarcli.damage"])[0].startswith("cut.mcap: ")
-
-
-@pytest.mark.parametrize("kind", ["nothing", "zero"])
-@pytest.mark.parametrize("suffix", ["mcap", "yaml", "png", "ply"])
-def test_sweeps_that_see_nothing(lidarcli: Run, tmp_path: Path, kind: str, suffix: str) -> None:
-    """A map without a cell is a map that is there."""
-    ranges = np.full((5, 90 if kind == "nothing" else 0), np.nan, np.float32)
-    log, path = still(tmp_path, ranges)
-    out = tmp_path / f"m.{suffix}"
-    ran = lidarcli("map", log, "--poses", path, "-o", out)
-    counted = "map of 2 sweeps in world: 0.1 x 0.1 m, 0 cells of 0.05 m occupied, 0 free"
-    assert (ran.code, counted in ran.err.splitlines(), out.exists()) == (0, True, True)
-    if suffix == "yaml":
-        assert read_map(out).occupied == 0
-
-
-@pytest.mark.parametrize("beams", [1, 2])
-def test_sweeps_of_few_beams(lidarcli: Run, tmp_path: Path, beams: int) -> None:
-    log, path = still(tmp_path, np.full((5, beams), 2.02, np.float32), angle_min=0.0)
-    thresholds = ("--min-move", 0, "--min-hits", 1, "--occupied-ratio", 0)
-    ran = lidarcli("map", log, "--poses", path, "-o", tmp_path / "m.yaml", *thresholds)
-    assert ran.code == 0
-    ahead, behind = {*range(40, 45)}, {*range(-41, -36)}
-    assert {i for i, _ in occupied(tmp_path / "m.yaml")} == ahead | (behind if beams == 2 else set())
-
-
-@pytest.mark.parametrize("step", [np.nan, np.inf, -np.inf, 1e30, -1e30, 1e-45])
-def test_odd_times_of_beams_change_nothing(lidarcli: Run, tmp_path: Path, step: float) -> None:
-    blocks = raw_sweeps(np.full((9, 90), 3.0, np.float32))
-    for name, time in (("odd", step), ("none", 0.0)):
-        told = {"time_increment": np.full(9, time, np.float32), "scan_time": np.full(9, time, np.float32)}
-        values = {each: getattr(blocks, each) for each in fields()} | told
-        write_log(tmp_path / f"{name}.mcap", [RawSweeps(**values)])
-    lines = [f"{1_700_000_000 + k / 10:.3f} {0.3 * k:.3f} 0 0 0 0 0 1\n" for k in range(-1, 11)]
-    (tmp_path / "p.tum").write_text("".join(lines))
-    for name in ("odd", "none"):
-        words = ("-q", "map", tmp_path / f"{name}.mcap", "--poses", tmp_path / "p.tum")
-        assert lidarcli(*words, "-o", tmp_path / name / "m.yaml", "-o", tmp_path / name / "m.ply").code == 0
-    for name in ("m.pgm", "m.ply"):
-        assert (tmp_path / "odd" / name).read_bytes() == (tmp_path / "none" / name).read_bytes()
-
-
-def test_deskewing_sharpens(lidarcli: Run, tmp_path: Path) -> None:
-    """A sensor that goes 2 m/s and takes 0.1 s for a turn: without deskewing beams are up to 0.2 m off."""
-    beams, count = 360, 30
-    bearing = -np.pi + 2 * np.pi / beams * np.arange(beams)
-    lines = [f"{1_700_000_000 + k / 10:.3f} {0.2 * k:.3f} 0 0 0 0 0 1\n" for k in range(-1, count + 2)]
-    (tmp_path / "p.tum").write_text("".join(lines))
-    rows = []
-    for k in range(count):
-        x = 0.2 * (k + np.arange(beams) / (beams - 1) * 0.999)
-        with np.errstate(divide="ignore"):
-            # A wall at x = 9.52 before, and one at x = -3.02 behind.
-            distance = np.where(np.cos(bearing) > 0, 9.52 - x, -3.02 - x) / np.cos(bearing)
-        rows.append(np.where(distance < 15, distance, np.inf))
-    block = raw_sweeps(np.array(rows, np.float32), range_max=20.0)
-    told = {"time_increment": np.full(count, 0.0999 / (beams - 1), np.float32)}
-    write_log(tmp_path / "run.mcap", [RawSweeps(**{name: getattr(block, name) for name in fields()} | told)])
-    spread = {}
-    for name, options in {"sharp": (), "skewed": ("--no-deskew",)}.items():
-        out = tmp_path / f"{name}.ply"
-        words = ("-q", "map", tmp_path / "run.mcap", "--poses", tmp_path / "p.tum", "--pose-delay", 0, "-o", out)
-        assert lidarcli(*words, *options).code == 0
-        x = ply(out)[:, 0]
-        spread[name] = float(np.abs(x[x > 5] - 9.52).max())
-    assert spread["sharp"] < 0.005
-    assert spread["skewed"] > 0.05
 
 
 BEYOND = """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -16,61 +15,6 @@ from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.cli.maps import DRIVE, GHOST, Run, fields, near, occupied, ply
 from tests.sweeping import room_sweeps
-
-
-def points_of(path: Path) -> Any:
-    table = pq.read_table(path)
-    return table["sweep"].to_numpy(), np.column_stack([table["x"].to_numpy(), table["y"].to_numpy()])
-
-
-@pytest.mark.slow
-def test_start_end_every_range_min_move(lidarcli: Run, tmp_path: Path) -> None:
-    def sweeps(*options: object) -> tuple[list[int], Any]:
-        out = tmp_path / "m.parquet"
-        assert lidarcli("-q", "map", DRIVE, "-o", out, "--overwrite", *options).code == 0
-        index, points = points_of(out)
-        return sorted(set(index.tolist())), points
-
-    whole, points = sweeps()
-    assert (whole[0], len(whole)) == (0, 75)
-    every, _ = sweeps("--min-move", 0, "--start", 1, "--end", 3)
-    assert every == list(range(5, 15))
-    third, _ = sweeps("--min-move", 0, "--every", 3, "--end", 3)
-    assert third == [0, 3, 6, 9, 12]
-    coarse, _ = sweeps("--min-move", 1)
-    assert len(coarse) < len(whole)
-    _, close = sweeps("--range", "0.1", "3")
-    assert 0 < len(close) < len(points)
-
-
-@pytest.mark.slow
-def test_min_hits_and_ratio(lidarcli: Run, tmp_path: Path) -> None:
-    found = {}
-    for name, options in {
-        "default": (),
-        "two": ("--min-hits", 2),
-        "one": ("--min-hits", 1),
-        "nine": ("--min-hits", 9),
-        "share": ("--occupied-ratio", 0.8),
-        "any": ("--occupied-ratio", 0),
-        "all": ("--occupied-ratio", 1),
-    }.items():
-        assert lidarcli("-q", "map", DRIVE, "-o", tmp_path / f"{name}.yaml", *options).code == 0
-        found[name] = occupied(tmp_path / f"{name}.yaml")
-    assert found["two"] == found["default"]
-    assert found["nine"] < found["two"] < found["one"]
-    assert found["share"] < found["default"] < found["any"]
-    # More than all of them never hit.
-    assert found["all"] == set()
-    ran = lidarcli("map", DRIVE, "-o", tmp_path / "none.yaml", "--min-hits", 76)
-    assert (
-        "  note     no cell is occupied: 75 sweeps were used, and a cell has to be hit by 76 (--min-hits, --min-move)"
-        in ran.err.splitlines()
-    )
-    # Four hits by default where every sweep counts.
-    for name, options in {"a": ("--min-move", 0), "b": ("--min-move", 0, "--min-hits", 4)}.items():
-        assert lidarcli("-q", "map", DRIVE, "-o", tmp_path / f"{name}.yaml", *options).code == 0
-    assert (tmp_path / "a.pgm").read_bytes() == (tmp_path / "b.pgm").read_bytes()
 
 
 def test_free_no_return(lidarcli: Run, tmp_path: Path) -> None:

@@ -19,12 +19,10 @@ import lidarcli as package
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.differing import Difference
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.scene import Course, Entity, Odometry, Sensor, super_ellipse
-from lidarcli.simulation.writers import write_log
+from lidarcli.simulation.scene import Course, Entity, Sensor, super_ellipse
 from lidarcli.tabular.schemas import CHANGES
 from tests.diff.drawn import ODOMETRY, ROOM, SENSORS, closed, parked, write_run
 from tests.places import REAL_LOGS, needs_real_logs
-from tests.sweeping import room_sweeps
 
 Run = Callable[..., Any]
 
@@ -94,21 +92,6 @@ def test_what_was_taken_is_gone_and_new_the_other_way_round(monday: str, tmp_pat
     cos, sin = math.cos(0.7), math.sin(0.7)
     assert (new["x_b"], new["y_b"]) == pytest.approx((cos * dx + sin * dy, cos * dy - sin * dx), abs=0.05)
     assert found.figures["overlap"] == pytest.approx(back.figures["overlap"])
-
-
-@pytest.mark.slow
-def test_a_smaller_thing_in_the_place_of_a_larger_one(monday: str, tmp_path: Path) -> None:
-    """The larger one is gone, or new the other way round; nobody saw whether the smaller one stood inside it."""
-    box = BOXES[0]
-    scene = *without(SCENE, box), make.box(box.x, box.y, 0.25, 0.25, 0.3)
-    small = write_run(tmp_path / "t.mcap", scene, parked(0.3, -0.2, 0.7), seed=3)
-    found, back = package.diff(monday, small), package.diff(small, monday)
-    assert counts(found) == {"known": 4, "gone": 1, "uncertain": 1}
-    assert counts(back) == {"known": 4, "new": 1, "uncertain": 1}
-    ((gone,), (new,)) = rows(found, "gone"), rows(back, "new")
-    assert gone["length"] == new["length"] == pytest.approx(0.6, abs=0.05)
-    for each in (found, back):
-        assert [row["why"] for row in rows(each, "uncertain")] == ["ambiguous"]
 
 
 @pytest.mark.slow
@@ -240,19 +223,6 @@ def test_frames_that_are_turned(sensor: Sensor, turn: float, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_runs_that_drove_in_one_world(tmp_path: Path) -> None:
-    one = write_run(tmp_path / "a.mcap", SCENE, DRIVE, sweeps=120, odometry=ODOMETRY)
-    other = write_run(tmp_path / "b.mcap", without(SCENE, BOXES[3]), DRIVE, sweeps=120, seed=1, odometry=ODOMETRY)
-    found = package.diff(one, other)
-    assert found.lines[0].startswith("as they are, in the frame map; ")
-    assert counts(found) == {"known": 4, "gone": 1}
-    odometry = write_run(tmp_path / "c.mcap", without(SCENE, BOXES[3]), DRIVE, sweeps=120, seed=2, odometry=Odometry())
-    found = package.diff(one, odometry)
-    assert found.lines[0].startswith("aligned by structure: ")
-    assert counts(found) == {"known": 4, "gone": 1}
-
-
-@pytest.mark.slow
 def test_a_localisation_that_is_off_is_put_right_and_told(tmp_path: Path) -> None:
     """By the poses of the second run all of the room lies 0.25 m farther on."""
     shifted = (
@@ -296,19 +266,6 @@ def test_a_shelf_on_a_map(maps: Path) -> None:
     assert 0.9 < found.figures["precision"] < 1.0  # type: ignore[operator]
     same = package.diff(maps / "room.yaml", maps / "room.yaml")
     assert (counts(same), same.figures["f1"], same.figures["overlap"]) == ({}, 1.0, 1.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("resolution", [0.01, 0.15])
-def test_maps_of_other_cells(maps: Path, tmp_path: Path, resolution: float) -> None:
-    for name in ("room", "shelf"):
-        log = maps / f"{name}.mcap"
-        package.map(log, tmp_path / f"{name}.yaml", min_move=0.05, min_hits=1, resolution=resolution)
-    found = package.diff(tmp_path / "room.yaml", tmp_path / "shelf.yaml")
-    assert counts(found) == {"new": 1}
-    assert rows(found, "new")[0]["x_b"] == pytest.approx(-3.7, abs=0.3)
-    with pytest.raises(OptionError, match=rf"make the map with --resolution {resolution:g}$"):
-        package.diff(tmp_path / "room.yaml", maps / "room.yaml")
 
 
 @pytest.mark.slow
@@ -396,31 +353,6 @@ def test_outputs_and_checks(monday: str, tmp_path: Path, lidarcli: Run) -> None:
         ran = lidarcli(*bad)
         assert (ran.code, cause in ran.err) == (2, True), ran.err
     assert lidarcli("diff", monday, tmp_path / "none.mcap").code == 3
-
-
-def test_a_run_in_which_nothing_can_stand(monday: str, tmp_path: Path, lidarcli: Run) -> None:
-    for seconds, code in (("1", 1), ("3", 0)):
-        ran = lidarcli("diff", monday, monday, "--end", seconds, "--check", "gone == 0")
-        assert (ran.code, "is too short: a thing has to stand" in ran.err) == (code, bool(code))
-    table = tmp_path / "c.parquet"
-    assert package.diff(monday, monday, end=1, output=table).figures["known"] is None
-    assert lidarcli("report", table, "--check", "gone == 0").code == 1
-    assert package.report(table).figures["gone"] is None
-
-
-@pytest.mark.slow
-def test_outputs_appear_together_and_the_one_without_room_is_named(
-    tmp_path: Path, lidarcli: Run, undrawn: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*arguments: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    log, table, picture = tmp_path / "run.mcap", tmp_path / "a" / "d.csv", tmp_path / "b" / "d.png"
-    write_log(log, [room_sweeps(count=40)])
-    monkeypatch.setattr("lidarcli.reports.map_picture.draw_changes", full)
-    ran = lidarcli("-q", "diff", log, log, "-o", table, "-o", picture)
-    assert (ran.code, ran.err) == (5, f"lidarcli: cannot write {picture}: No space left on device\n")
-    assert [*table.parent.iterdir(), *picture.parent.iterdir()] == []
 
 
 def test_in_python(monday: str, tmp_path: Path) -> None:

@@ -125,20 +125,3 @@ def test_a_wall_behind_people_who_hide_it_most_of_the_time_is_found(hidden: floa
     assert np.isinf(found.r_e[~at_wall]).all()
     assert found.support[at_wall] == pytest.approx(1 - hidden, abs=0.08)
     assert found.r_near[at_wall] == pytest.approx(found.r_e[at_wall])
-
-
-@pytest.mark.parametrize("people", [(1.0, 4.0), (1.5, 3.0), (0.6, 8.0)])
-def test_people_before_nothing_are_no_surface(people: tuple[float, float]) -> None:
-    """They are there in 60 % of the sweeps, and each beam sees them at other ranges."""
-    rng = np.random.default_rng(7)
-    ranges = rng.uniform(*people, (400, BEAMS))
-    found = estimated_beams(np.where(rng.random(ranges.shape) < 0.6, ranges, np.nan))
-    assert np.isinf(found.r_e).all()
-    assert np.isnan(found.spread).all()
-    assert found.support == pytest.approx(0.4, abs=0.1)
-
-
-def test_ranges_beyond_all_sensors_do_not_reach_the_next_beam() -> None:
-    found = estimate(count_ranges(np.array([0, 1]), np.array([1e6, 0.001])), np.zeros(2, np.int64))
-    assert found.r_e[0] == pytest.approx(838.86, abs=0.01)
-    assert found.r_e[1] == pytest.approx(0.001)

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.formalism.background import Background, Grid, Shift, align, expected, lines, project, shift
-from lidarcli.formalism.learning import Learning
+from lidarcli.formalism.background import Grid, Shift, align, expected, lines, project, shift
 from lidarcli.simulation import scene as make
 from lidarcli.sweeps import Float64, SweepBatch
 from tests.going import SENSORS, Drive, seen_going
@@ -106,29 +105,3 @@ def test_a_sweep_on_the_way_is_laid_onto_its_station(rate: tuple[float, float, f
     assert got.way is start.way
     instant = align(batch, grid, known, station, replace(start, way=None))
     assert abs(instant.yaw[0]) + np.hypot(instant.x, instant.y)[0] > 0.02
-
-
-def learned(*sweeps: SweepBatch, size: int = 1) -> Background:
-    """The background that sweeps of one place teach."""
-    learning = Learning("/scan", "laser", Grid.of(parked(), 0), 0.25, 0.1)
-    for batch in sweeps:
-        for first in range(0, len(batch), size):
-            learning.add(batch.rows(np.arange(first, min(first + size, len(batch)))))
-    background = learning.background()
-    assert len(background) == 1
-    return background
-
-
-@pytest.mark.parametrize("begins", ["parked", "turning"])
-def test_a_background_by_sweeps_on_the_way_is_that_of_the_parked_sensor(begins: str) -> None:
-    sweeps = [going(rate) for rate in RATES]
-    if begins == "parked":
-        sweeps.insert(0, parked())
-    truth = parked().ranges[0]
-    right, wrong = learned(*sweeps), learned(*map(without_way, sweeps))
-    errors = [np.abs(each.r_e[0] - truth) for each in (right, wrong)]
-    assert np.nanmedian(errors[0]) < 0.004
-    assert np.nanmean(errors[0]) < 0.02
-    assert np.nanmean(errors[1]) > 0.06
-    assert np.nanmean(right.spread) < 0.3 * np.nanmean(wrong.spread)
-    assert np.nanmean(right.support) > 0.98 > 0.8 > np.nanmean(wrong.support)

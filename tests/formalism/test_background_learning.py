@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks.scenes.random import KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.formalism import learning as module
-from lidarcli.formalism.background import Background, Grid, Shift, align, expected, gather, lines, nearest, project, shift
+from lidarcli.formalism.background import Background, Grid, Shift, align, expected, gather, lines, project, shift
 from lidarcli.formalism.learning import Estimate
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 from tests.formalism.backgrounds import STEP, learned, learning, partial, simulated, with_poses
@@ -42,12 +42,6 @@ def test_the_batch_size_makes_no_difference(size: int, drive: SweepBatch) -> Non
     batch = room(60)
     assert equal(learned(batch, size), learned(batch))
     assert equal(learned(drive, size), learned(drive))
-
-
-def test_the_order_of_parked_sweeps_and_logs_makes_no_difference() -> None:
-    batch = room(60)
-    shuffled = batch.rows(np.random.default_rng(0).permutation(60))
-    assert equal(learned(shuffled), learned(batch))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -84,25 +78,6 @@ def test_people_in_every_direction_for_thirty_percent(kind: str, walking: bool) 
     with np.errstate(invalid="ignore"):
         near = np.abs(crowded - clean) <= 0.02
     assert np.mean(near | open_still) >= 0.99
-
-
-def test_stations_gather_what_is_near(drive: SweepBatch) -> None:
-    state = learning(drive, 7)
-    found = state.background()
-    assert found.poses.x == pytest.approx([0.0, 5 / 19, 10 / 19, 15 / 19])
-    assert found.sweeps.sum() == 39
-    assert state.unplaced == 1
-    assert state.left_out == 0
-
-
-def test_a_parked_sensor_has_not_moved_whatever_hides_the_scene() -> None:
-    """A crowd before a third of the beams in most sweeps: their support says so, and that is all."""
-    rng = np.random.default_rng(9)
-    ranges = 4.0 + 0.01 * rng.standard_normal((200, 90))
-    ranges[80:, :30] = rng.uniform(0.5, 3.5, (120, 30))
-    background = learned(partial(ranges))
-    assert np.flatnonzero(background.weak[0]).tolist() == list(range(30))
-    assert not background.seems_moved
 
 
 def test_a_sensor_that_moves_without_poses_seems_to_have_moved() -> None:
@@ -164,19 +139,6 @@ def test_gather_agrees_with_one_by_one(cut: int) -> None:
         station += some.tolist()
     assert station == expected_station
     assert places.x.tolist() == poses[opened, 0].tolist()
-
-
-def test_nearest_knows_tolerance_heading_and_which_side_is_up() -> None:
-    places = SweepPoses(np.array([0.0, 1.0]), np.zeros(2), np.array([0.0, np.pi]), np.array([False, False]))
-    poses = SweepPoses(
-        np.array([0.1, 0.9, 0.9, 0.1, np.nan, 0.5]),
-        np.zeros(6),
-        np.array([0.0, -np.pi + 0.01, 0.0, 0.0, 0.0, 0.0]),
-        np.array([False, False, False, True, False, False]),
-    )
-    station, away = nearest(poses, places, 0.2, 0.1)
-    assert station.tolist() == [0, 1, -1, -1, -1, -1]
-    assert away == pytest.approx([0.1, 0.1, 0.1, 0.1, np.inf, 0.5])
 
 
 # Seen from elsewhere.

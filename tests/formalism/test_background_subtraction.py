@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidarcli.formalism import Detection, sweep
-from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED, VISIBILITIES
-from lidarcli.formalism.subtraction import Difference, Subtraction, Tolerance, changes
+from lidarcli.formalism.subtraction import Tolerance
 from lidarcli.sweeps import TURN, SweepBatch
-from tests.formalism.backgrounds import WIDE, found_in, learned, partial, with_poses
+from tests.formalism.backgrounds import found_in, learned, partial, with_poses
 
 GONE = Tolerance(removed=True)
 
@@ -72,16 +71,6 @@ def test_a_thing_before_open_space_is_found() -> None:
     assert found.difference[0] == pytest.approx(2.5 - 12.0)
 
 
-@pytest.mark.parametrize("written", [0.0, -1.0, np.nan, np.inf])
-def test_a_greatest_range_that_is_none(written: float) -> None:
-    empty, now = np.full(60, np.inf), np.full(60, np.inf)
-    now[20:28] = 2.5
-    old, new = (replace(partial(ranges, np.inf), range_max=np.full(1, written, np.float32)) for ranges in (empty, now))
-    background = learned(old)
-    assert background.range_max == np.inf
-    assert spans(found_in(new, background)) == [(0, 20, 27)]
-
-
 @pytest.mark.parametrize("gone_to", [4.0, np.inf])
 def test_what_is_gone_is_built_from_the_background(gone_to: float) -> None:
     empty, now = flat(r=gone_to), flat(r=gone_to)
@@ -113,30 +102,6 @@ def test_lost_beams_are_not_gone() -> None:
     assert spans(of(now, flat(), replace(GONE, max_gap=3))) == []
 
 
-def test_depth_edges_may_jitter_by_a_beam() -> None:
-    empty = flat()
-    empty[20:30] = 2.0
-    for start, end in ((19, 30), (21, 30), (20, 31), (19, 31), (21, 29)):
-        now = flat()
-        now[start:end] = 2.0
-        assert spans(of(now, empty, GONE)) == []
-
-
-def test_a_thing_that_leans_on_the_wall_is_not_hidden_by_it() -> None:
-    empty, now = flat(), flat()
-    now[20:30] = np.linspace(3.3, 3.98, 10)
-    found = of(now, empty)
-    assert spans(found)[0][1] == 20
-    assert VISIBILITIES[found.visibility[0]] == "full"
-
-
-def test_a_threshold_in_metres() -> None:
-    now = flat()
-    now[20:30] = 3.6
-    assert spans(of(now, flat(), Tolerance(threshold=0.3))) == [(0, 20, 29)]
-    assert spans(of(now, flat(), Tolerance(threshold=0.5))) == []
-
-
 def test_noise_of_the_sweep_and_of_the_background_count() -> None:
     rng = np.random.default_rng(0)
     calm = learned(partial(np.stack([flat()] * 20)))
@@ -157,17 +122,6 @@ def test_a_door_that_was_open_or_shut() -> None:
     now = seen[1].copy()
     now[25:35] = 4.5
     assert spans(found_in(partial(now), background)) == [(0, 25, 34)]
-
-
-def test_what_nobody_knows_is_not_compared() -> None:
-    seen, now = flat(), flat(r=2.0)
-    seen[20:40] = np.nan
-    found = of(now, seen)
-    assert spans(found) == [(0, 0, 19), (0, 40, 59)]
-    background = learned(partial(seen))
-    batch = partial(now)
-    known = Subtraction(background).difference(batch, noise(batch)).known
-    assert known[0].tolist() == [True] * 20 + [False] * 20 + [True] * 20
 
 
 # Other bearings, other places.
@@ -285,31 +239,6 @@ def test_the_batch_size_makes_no_difference(size: int) -> None:
 
 
 # Two detections as one.
-
-
-def test_the_partition_of_every_sweep() -> None:
-    """Def. 4: a beam belongs to what appeared or to the noise, also where it passes through what is gone."""
-    rng = np.random.default_rng(7)
-    background = learned(partial(4.0 + 0.02 * rng.standard_normal((40, 60))))
-    ranges = 4.0 + 0.02 * rng.standard_normal((50, 60))
-    for row in range(50):
-        for factor in (0.5, 1.6):
-            at = rng.integers(0, 50)
-            ranges[row, at : at + rng.integers(2, 12)] *= factor
-    batch = partial(ranges)
-    sigma = noise(batch)
-    difference: Difference = Subtraction(background, GONE).difference(batch, sigma)
-    assert not (difference.appeared & difference.removed).any()
-    found = changes(batch, difference, WIDE, sigma, per_beam=True)
-    assert found.beam_object is not None
-    assert found.change is not None
-    assert {*found.change.tolist()} == {APPEARED, REMOVED}
-    there = found.change == APPEARED
-    per_sweep = np.bincount(found.row[there], found.beams[there], minlength=50)
-    assert np.array_equal(per_sweep, found.object_beams)
-    assert np.array_equal(np.bincount(found.row[there], minlength=50), found.objects)
-    assert np.array_equal((found.beam_object > 0).sum(axis=1), found.object_beams)
-    assert np.array_equal(found.object_beams + found.noise_beams, batch.beams)
 
 
 @pytest.mark.parametrize("depth", [0.3, 0.6, 1.0])

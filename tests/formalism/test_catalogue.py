@@ -60,14 +60,6 @@ def test_two_sides_are_certain_in_either_order() -> None:
     assert names(both, PALLET) == ["pallet", "pallet", None, None]
 
 
-def test_one_face_is_enough_to_be_possible() -> None:
-    one = seen(side_1=[1.2, 0.8, 1.0, 0.5])
-    assert possible(one, Catalogue((PALLET,)))[:, 0].tolist() == [True, True, False, False]
-    assert names(one, PALLET) == [None] * 4
-    exact = Thing("crate", length=1.2, width=0.8, tolerance=0.0)
-    assert names(seen(side_1=1.2, side_1_sd=0.001), exact) == [None]
-
-
 def test_what_is_hidden_contradicts_only_where_it_is_too_long() -> None:
     hidden = seen(side_1=[0.8] * 4, least_2=[0.1, 1.15, 1.3, 1.4])
     assert possible(hidden, Catalogue((PALLET,)))[:, 0].tolist() == [True, True, True, False]
@@ -104,24 +96,6 @@ def test_legs() -> None:
         [False, True],
         [True, True],
     ]
-
-
-def test_another_shape_contradicts() -> None:
-    size = {"across": [0.3], "across_sd": [0.002]}
-    exact = Thing("pole", "round", diameter=0.3, tolerance=0.002)
-    assert names(seen(**size, shape=like("round")), exact) == ["pole"]
-    assert names(seen(**size, shape=like("irregular", -3.5)), exact) == ["pole"]
-    assert names(seen(**size, shape=like("irregular", -5.0)), exact) == [None]
-    any_shape = Thing("pole", diameter=0.3, tolerance=0.002)
-    assert names(seen(**size, shape=like("irregular", -50.0)), any_shape) == ["pole"]
-
-
-def test_nothing_seen_and_nothing_known() -> None:
-    assert names(seen(moved=[False])) == [None]
-    assert names(seen(moved=[False]), PALLET, POLE, CHAIR, PERSON) == [None]
-    assert possible(seen(moved=[False]), Catalogue((PALLET, POLE, CHAIR))).all()
-    none = compare(seen(moved=np.empty(0, np.bool_)), Catalogue((PALLET,)))
-    assert none.ratio.shape == (0, 1)
 
 
 @pytest.mark.parametrize(

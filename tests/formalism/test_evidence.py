@@ -7,15 +7,13 @@ import math
 import numpy as np
 import pytest
 
-import lidarcli
 from lidarcli import formalism
-from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, Detection
-from lidarcli.formalism.matching.catalogue import KINDS, SEEN_AS, Catalogue, Evidence, Thing, evidence_of
+from lidarcli.formalism.detection import LEGGED, PRISMATIC, ROUND, Detection
+from lidarcli.formalism.matching.catalogue import KINDS, SEEN_AS, Evidence, evidence_of
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import cast, place
 from lidarcli.simulation.scene import Entity
 from lidarcli.sweeps import Float64
-from tests.formalism.backgrounds import learned
 
 BEAMS = 1440
 STEP = 2 * math.pi / BEAMS
@@ -69,15 +67,6 @@ def test_the_diameter_of_a_cylinder() -> None:
     assert evidence.shape[0].argmax() == KINDS.index("round")
 
 
-def test_an_irregular_thing_reaches_so_far_across() -> None:
-    """A wedge whose blunt edge points at the sensor has no right angle."""
-    wedge = make.wall([[1.9, 0.35], [1.8, 0.0], [1.9, -0.35], [1.9, 0.35]])
-    found, evidence = looked_at(ranges_of(wedge))
-    assert found.shape.tolist() == [IRREGULAR]
-    assert evidence.across == pytest.approx([0.7], abs=0.03)
-    assert 0.03 < evidence.across_sd[0] < 0.05
-
-
 def test_the_places_of_legs() -> None:
     """Legs of 6 cm at the corners of 0.5 x 0.4 m: their axes are 6 cm nearer."""
     chair = make.legged("chair", 1.5, 0.4, 0.5, 0.4, 0.06, yaw=0.5)
@@ -90,24 +79,6 @@ def test_the_places_of_legs() -> None:
     assert evidence.legs.tolist() == [2]
     assert evidence.span_1 == pytest.approx([0.3], abs=0.02)
     assert np.isnan(evidence.span_2[0])
-
-
-def test_what_has_gone_has_a_name_too() -> None:
-    """A box before and after: what a background finds removed is described like everything else."""
-    with_box, without = ranges_of(make.box(2.0, 0.3, 0.7, 0.4, 0.6)), ranges_of()
-    batch, later = (
-        formalism.sweep(np.tile(ranges, (3, 1)).astype(np.float32), angle_increment=STEP, range_max=12.0)
-        for ranges in (with_box, without)
-    )
-    background = learned(batch)
-    found = lidarcli.detect(
-        later,
-        background=[background],
-        removed=True,
-        catalogue=Catalogue((Thing("crate", "prismatic", length=0.7, width=0.4),)),
-    )
-    assert found["change"].to_pylist() == ["removed"] * 3
-    assert found["label"].to_pylist() == ["crate"] * 3
 
 
 @pytest.mark.slow

@@ -66,18 +66,6 @@ def test_a_track_that_measured_too_little_is_measured_by_its_hits() -> None:
     assert measured(right, np.zeros(1), seen)[0].length.tolist() == [0.8]
 
 
-def test_both_faces_of_a_thin_wall_are_one_thing_and_two_boxes_are_not() -> None:
-    faces = line(-0.6, -0.025, 0.6, -0.025), line(-0.6, 0.025, 0.6, 0.025)
-    pieces = standing((-0.3, 0.0, 0.5, 0.05), (0.3, 0.02, 0.4, 0.05))
-    things, _, kept = measured(pieces, np.zeros(2), ground(*faces))
-    assert kept.tolist() == [0]
-    assert (things.x[0], things.length[0]) == pytest.approx((0.0, 1.2), abs=0.06)
-    boxes = [line(x, -0.3, x + 0.4, -0.3) for x in (-0.45, 0.05)]
-    ends = [line(x, -0.3, x, 0.2) for x in (-0.45, 0.45)]
-    pair = standing((-0.25, -0.05, 0.5, 0.4), (0.25, -0.05, 0.5, 0.4))
-    assert measured(pair, np.full(2, 0.5 * math.pi), ground(*boxes, *ends))[2].tolist() == [0, 1]
-
-
 def side(things: Standing, more: tuple[float, float]) -> Side:
     count = len(things)
     return Side(things, np.zeros(count), np.tile(more, (count, 1)), np.ones(count))

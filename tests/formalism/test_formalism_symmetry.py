@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import pi
 from typing import NamedTuple
 
 import numpy as np
@@ -12,11 +11,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from lidarcli.formalism import PROFILES, Detection, Parameters, detect
-from lidarcli.sweeps import SweepBatch
 from tests.formalism.batches import PER_SWEEP, batch_of
 from tests.formalism.random_sweeps import random_sweep
 from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
-from tests.formalism.surroundings import PARAMETERS, simulated
+from tests.formalism.surroundings import PARAMETERS
 
 seeds = st.integers(0, 2**32 - 1)
 every_profile = pytest.mark.parametrize("profile", PROFILES)
@@ -121,27 +119,6 @@ def assert_rotation(sweep: Sweep, beams: int, parameters: Parameters) -> int:
 def test_rotating_a_turn_rotates_its_objects(profile: str, seed: int, beams: int, closing: str) -> None:
     sweep = random_sweep(np.random.default_rng(seed), closing, rough=True)
     assert_rotation(sweep, beams, PARAMETERS[profile])
-
-
-def turn_of(batch: SweepBatch, row: int, closing: str) -> Sweep:
-    """A simulated full turn on its exact increment, each bearing once or the first twice."""
-    ranges = batch.ranges[row, : 360 if batch.beams[row] == 361 else 720].astype(float)
-    ranges = np.where(batch.status[row, : len(ranges)] == 1, np.inf, ranges)
-    values = ranges.tolist()
-    step = 2 * pi / len(values)
-    if closing == FIRST_BEARING_TWICE:
-        values.append(values[0])
-    return Sweep(values, -pi, step, closing)
-
-
-@every_profile
-@pytest.mark.parametrize("closing", [EACH_BEARING_ONCE, FIRST_BEARING_TWICE])
-def test_rotating_a_simulated_turn_rotates_its_objects(profile: str, closing: str) -> None:
-    batch = simulated()
-    objects = 0
-    for row in np.flatnonzero(batch.beams < 1000).tolist():
-        objects += assert_rotation(turn_of(batch, row, closing), 1 + 37 * row % 300, PARAMETERS[profile])
-    assert objects > 100
 
 
 def mirrored(sweep: Sweep) -> Sweep:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from lidarcli.formalism import Detection, Parameters, detect, sweep
 from lidarcli.formalism.detect import noise
-from lidarcli.formalism.detection import MOST_INTENSITY, REMOVED, WALL, grouped_medians
+from lidarcli.formalism.detection import REMOVED, WALL, grouped_medians
 from lidarcli.formalism.subtraction import Difference, changes
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
@@ -49,14 +49,6 @@ def test_the_median_of_the_beams_of_an_object() -> None:
     assert found.intensity is not None
     assert found.intensity.dtype == np.float32
     np.testing.assert_array_equal(found.intensity, np.float32([3, 2, np.nan]))
-
-
-@pytest.mark.parametrize("value", [np.inf, -np.inf, 3e38, -2 * MOST_INTENSITY])
-def test_what_no_sensor_can_mean_is_none(value: float) -> None:
-    intensities = [9.0] * 20 + [value] * 5 + [9.0] * 20
-    found = detect(lit([4.0] * 20 + [2.0] * 5 + [4.0] * 20, intensities), PAPER)
-    assert found.intensity is not None
-    assert np.isnan(found.intensity).tolist() == [True]
 
 
 CHAIRS = """

@@ -60,31 +60,11 @@ def test_the_same_beams_say_nothing_new() -> None:
     assert other[1] == pytest.approx(math.hypot(0.02 * math.sqrt(0.01 + 0.99 * SHARED_SD_SHARE**2), LEAST_SIZE_SD))
 
 
-def test_a_look_that_is_far_off_counts_little() -> None:
-    sizes = np.array([1.2] * 9 + [0.4])
-    size, _ = tracks._mean(np.full(10, 5.0), np.full(10, 1 / 0.02**2), sizes)
-    assert size == pytest.approx(1.2, abs=0.001)
-
-
 def test_names_come_once_enough_was_seen_and_stay() -> None:
     nothing = looks([[1.2, np.nan]] * 5, [1] * 5)
     assert label_of(a_track(body()), nothing)[0] == -1
     label, score = label_of(a_track(body()), nothing, looks([[np.nan, 0.8]] * 5, [2] * 5), nothing)
     assert (label, score > 0.95) == (0, True)
-
-
-def test_sides_are_those_of_the_body_however_its_box_lies() -> None:
-    """A quarter turn makes the first axis of a box the second one of its body."""
-    seen = looks([[1.2, 0.8]] * 5, [1] * 5), looks([[0.8, 1.2]] * 5, [2] * 5, yaw=-math.pi / 2)
-    names = Naming(PALLET)
-    for one in seen:
-        names.take([one], np.full(5, 7), np.full(5, 0.1), {7: body()})
-    assert names._sizes[7].estimate()[:2, 0] == pytest.approx([1.2, 0.8])
-
-
-def test_what_never_moves_and_has_moved_is_something_else() -> None:
-    seen = looks([[1.2, 0.8]] * 5, [1] * 5)
-    assert label_of(a_track(body(), moved=True), seen) == (-1, pytest.approx(math.nan, nan_ok=True))
 
 
 def test_the_intensity_of_a_track_is_the_mean_of_its_sweeps() -> None:
@@ -98,18 +78,6 @@ def test_the_intensity_of_a_track_is_the_mean_of_its_sweeps() -> None:
     assert names._evidence([a_track(thing)]).intensity.tolist() == [pytest.approx(400.0)]
     names.forget([7])
     assert names._evidence([a_track(thing)]).intensity.tolist() == [pytest.approx(400.0)]
-
-
-def test_what_is_over_is_remembered_in_short() -> None:
-    names, thing = Naming(PALLET), body()
-    names.take([looks([[1.2, 0.8]] * 5, [1, 2, 3, 4, 5])], np.full(5, 7), np.zeros(5), {7: thing})
-    before = names._sizes[7].estimate()
-    names.forget([7, 8])
-    assert not names._sizes[7].looks
-    assert np.array_equal(names._sizes[7].estimate(), before, equal_nan=True)
-    track = a_track(thing)
-    names.name([track])
-    assert track.label == 0
 
 
 def test_who_walks_on_several_legs_has_two_and_no_sides() -> None:
@@ -131,14 +99,4 @@ def test_like_boxes_are_told_apart_by_a_sensor_that_drives() -> None:
         found += named(seed, driving=True)
     assert found.boxes == 60
     assert found.right >= 57
-    assert found.wrong == 0
-
-
-@pytest.mark.slow
-def test_like_boxes_are_not_told_apart_where_beams_are_too_far_apart() -> None:
-    """Parked, the beams are 3 to 6 cm apart: most boxes get no name, and none a wrong one."""
-    found = Named()
-    for seed in range(20):
-        found += named(seed, driving=False)
-    assert 5 <= found.right <= 25
     assert found.wrong == 0

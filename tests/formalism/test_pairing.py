@@ -33,12 +33,3 @@ def test_no_way_to_pair_gains_more(seed: int) -> None:
 
 def test_the_greedy_pair_gives_way() -> None:
     assert assign(np.array([[10.0, 9.0], [9.0, 1.0]])).tolist() == [1, 0]
-
-
-@pytest.mark.parametrize(("rows", "columns"), [(0, 3), (3, 0), (0, 0)])
-def test_nothing_to_pair(rows: int, columns: int) -> None:
-    assert assign(np.zeros((rows, columns))).tolist() == [-1] * rows
-
-
-def test_what_does_not_pay_stays_alone() -> None:
-    assert assign(np.array([[-1.0, 0.0], [-np.inf, -np.inf]])).tolist() == [-1, -1]

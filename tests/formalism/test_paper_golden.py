@@ -67,14 +67,6 @@ def test_an_object_across_the_seam_is_one_object() -> None:
     assert found.beam_object.tolist() == [[1, 0, 0, 0, 1, 1]]
 
 
-def test_a_difference_equal_to_the_threshold_is_no_discontinuity() -> None:
-    # |s| = 1 at every beam, so d_th = 1, and no |s| > d_th.
-    found = paper(Sweep([2, 1, 2, 1], -pi, pi / 2, EACH_BEARING_ONCE))
-    assert found.d_mean.tolist() == [1.0]
-    assert len(found) == 0
-    assert found.noise_beams.tolist() == [4]
-
-
 def test_partly_hidden_runs_and_the_edges_of_the_view_are_not_objects() -> None:
     # s = –, 0, -2, 0, -1, 0, 3, 0;  d_th = 6/7.
     # Runs: 0–1 ends at the view; 2–3 is nearer than 0–1 but hidden by 4–5; 4–5 is nearest; 6–7 ends at the view.
@@ -131,11 +123,3 @@ def test_overrides_of_the_literal_profile(overrides: dict[str, float], expected:
     assert spans(found) == expected
     assert found.d_mean[0] == pytest.approx(8 / 7, abs=1e-15)
     assert found.sweep_d_th[0] == overrides.get("threshold", found.d_mean[0])
-
-
-def test_a_jump_of_the_slope_never_reaches_the_only_threshold() -> None:
-    # Inside an object every |s| ≤ d_th. Two differences of one sign then differ by d_th at most, so with the paper's
-    # one threshold a jump of f' shows only where s changes its sign, and there it is an extremum already.
-    # s = –, -4, 0, 0.875, 0.875, 0, 3.25;  d_th = 9/6: at beam 2 f' jumps from 0 to 0.875 unnoticed.
-    found = paper(Sweep([6, 2, 2, 2.875, 3.75, 3.75, 7], 0.0, 0.125))
-    assert [kind for _, _, kind in vertices(found)] == ["start", "extremum", "end"]

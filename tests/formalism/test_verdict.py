@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot, pi
+from math import hypot
 
 import numpy as np
 import pytest
@@ -10,7 +10,6 @@ import pytest
 from lidarcli.formalism import Detection, Parameters, detect, features
 from lidarcli.formalism.detect import KINDS, START, contributions, reasons
 from tests.formalism.batches import batch_of
-from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
 from tests.formalism.test_robust_scenes import turn
 
 ALL = Parameters(min_thing=0.0)
@@ -33,18 +32,6 @@ def at(found: Detection, x: float, y: float) -> dict[str, float]:
 def wall(y: float, *spans: tuple[float, float]) -> list[Segment]:
     """Pieces of a wall along x."""
     return [(low, y, high, y) for low, high in spans]
-
-
-def test_lost_beams_do_not_break_a_wall() -> None:
-    segments = wall(2.0, (-1.9, 1.9))
-    whole = turn([*segments, *wall(6.0, (-20.0, 20.0))], beams=720)
-    ranges = np.array(whole.ranges)
-    bearings = -pi + np.arange(720) * pi / 360
-    for middle in (1.3, 1.6, 1.9):
-        ranges[np.abs(bearings - middle) < 0.06] = np.nan
-    found = detect(batch_of([Sweep(ranges.tolist(), -pi, pi / 360, EACH_BEARING_ONCE)]), ALL, explain=True)
-    piece = at(found, 0.2, 2.0)
-    assert piece["unbroken"] > 2.5
 
 
 def test_bulges_are_told_towards_the_sensor_and_away() -> None:
@@ -75,15 +62,3 @@ def test_what_each_kind_of_evidence_adds_is_all_there_is() -> None:
     lines = reasons(found.features, found.thing)
     assert all(line is not None and line.split(", ")[0].split()[0] in told for line in lines)
     assert reasons(found.features[:1], np.array([np.nan])) == [None]
-
-
-def test_beams_that_flicker_prove_nothing() -> None:
-    """A board before nothing: with every ninth beam lost its ends may be its own, or may not."""
-    board = turn(wall(2.0, (-0.5, 0.5)) + wall(-2.0, (-2.0, 2.0)), beams=720)
-    calm = detect(batch_of([board]), ALL)
-    ranges = np.array(board.ranges)
-    ranges[::9] = np.inf
-    wild = detect(batch_of([Sweep(ranges.tolist(), -pi, pi / 360, EACH_BEARING_ONCE)]), ALL, explain=True)
-    assert set(calm.visibility.tolist()) == {0}
-    assert set(wild.visibility.tolist()) == {3}
-    assert at(wild, 0.0, 2.0)["flicker"] > 0.05

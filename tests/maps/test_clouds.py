@@ -106,20 +106,6 @@ def test_pcd(sizes: tuple[int, ...]) -> None:
     assert np.frombuffer(data, "<f4").reshape(-1, 3).tolist() == expected.astype(np.float32).tolist()
 
 
-def test_far_from_the_origin_ply_is_exact_and_pcd_rounds_as_it_says() -> None:
-    far, near = some_points(500, offset=500_000.0), some_points(500, offset=16_000.0)
-    for points, most in ((far, 0.02), (near, 0.0005)):
-        exact, rounded = io.BytesIO(), io.BytesIO()
-        write(PlyWriter(exact), [points])
-        write(PcdWriter(rounded), [points])
-        exact.seek(0)
-        rounded.seek(0)
-        read = np.frombuffer(ply(exact)[1], "<f8").reshape(-1, 3)
-        assert read.tolist() == coordinates([points]).tolist()
-        errors = np.abs(np.frombuffer(pcd(rounded)[1], "<f4").reshape(-1, 3) - read).max()
-        assert most / 10 < errors <= most
-
-
 @pytest.mark.parametrize("writer", [PlyWriter, PcdWriter, ParquetWriter])
 def test_what_is_abandoned_is_not_whole(writer: type[CloudWriter]) -> None:
     left, whole = io.BytesIO(), io.BytesIO()
@@ -151,17 +137,6 @@ def test_parquet() -> None:
     assert table["set"].to_pylist() == [None, "O", "A", "S", None, None, None, None, None]
 
 
-def test_row_groups_are_written_as_points_come() -> None:
-    file = io.BytesIO()
-    writer = ParquetWriter(file)
-    for k in range(12):
-        writer.write(some_points(10_000, 10_000 * k))
-    assert len(file.getvalue()) > 500_000
-    writer.finish()
-    read = pq.ParquetFile(io.BytesIO(file.getvalue()))
-    assert [read.metadata.row_group(k).num_rows for k in range(3)] == [50_000, 50_000, 20_000]
-
-
 def kept_slowly(x: NDArray[np.float64], y: NDArray[np.float64], size: float) -> list[bool]:
     seen: set[tuple[float, float]] = set()
     kept = []
@@ -183,9 +158,3 @@ def test_the_first_in_each_cell_is_kept(size: float, batch: int) -> None:
     assert kept.tolist() == kept_slowly(x, y, size)
     assert grid.cells == kept.sum()
     assert not grid.keep(x, y).any()
-
-
-def test_what_has_no_cell_is_not_kept() -> None:
-    x = np.array([np.nan, np.inf, -np.inf, 1e300, 3e9, 0.0, 0.5])
-    assert VoxelFilter(1.0).keep(x, np.zeros(7)).tolist() == [False] * 5 + [True, False]
-    assert VoxelFilter(1e-300).keep(np.array([1e300]), np.zeros(1)).tolist() == [False]

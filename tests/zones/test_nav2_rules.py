@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.zones import collision_steps, times
+from lidarcli.formalism.zones import Inside, collision_steps, times
 from lidarcli.masks import Circle, Polygon
 from lidarcli.zone import Case, crossing_edges, inside
 from tests.zones.nav2_rules import counts_on_the_way, is_covered, is_in_circle, is_in_polygon
@@ -95,13 +95,18 @@ def test_approach_steps_are_those_of_nav2(turns: bool) -> None:
             points = points + random.uniform(0.01, 0.2, points.shape)
         corners = 1.5 if number % 4 == 0 else corners_of(random, side=2)
         shape = Circle(0.0, 0.0, corners) if isinstance(corners, float) else Polygon(corners)
-        told = collision_steps(shape, points[:, 0], points[:, 1], row, velocity, 2.0, 0.25)
+        told = collision_steps(shape, at(row, *points.T), velocity, 2.0, 0.25)
         for sweep in range(sweeps):
             mine = [(x, y) for x, y in points[row == sweep].tolist()]
             expected = counts_on_the_way(corners, mine, tuple(velocity[sweep].tolist()), 2.0, 0.25)  # type: ignore[arg-type]
             assert told[sweep].tolist() == expected
             met += sum(expected)
     assert met > 5_000
+
+
+def at(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> Inside:
+    """Points of these sweeps, each of the first beam."""
+    return Inside(row, np.zeros(len(row), int), x, y)
 
 
 def first(counts: np.ndarray, ahead: float, step: float) -> float:
@@ -112,7 +117,7 @@ def first(counts: np.ndarray, ahead: float, step: float) -> float:
 def test_a_wall_ahead_is_met_when_the_way_to_it_is_gone() -> None:
     wall = np.linspace(-0.3, 0.3, 7)
     counts = collision_steps(
-        Polygon(SQUARE), np.full(7, 1.3), wall, np.zeros(7, int), np.array([[0.5, 0.0, 0.0]]), 3.0, 0.1
+        Polygon(SQUARE), at(np.zeros(7, int), np.full(7, 1.3), wall), np.array([[0.5, 0.0, 0.0]]), 3.0, 0.1
     )
     # 0.8 m at 0.5 m/s; the robot has moved by a step more than the time that is told.
     assert first(counts, 3.0, 0.1) == pytest.approx(1.5, abs=0.1)
@@ -122,7 +127,7 @@ def test_a_wall_ahead_is_met_when_the_way_to_it_is_gone() -> None:
 def test_a_bar_that_turns_on_the_spot_meets_what_is_beside_it() -> None:
     bar = Polygon(((1.0, 0.05), (1.0, -0.05), (-1.0, -0.05), (-1.0, 0.05)))
     x, y = np.array([0.8 * math.cos(1.0)]), np.array([0.8 * math.sin(1.0)])
-    counts = collision_steps(bar, x, y, np.zeros(1, int), np.array([[0.0, 0.0, 0.5]]), 3.0, 0.05)
+    counts = collision_steps(bar, at(np.zeros(1, int), x, y), np.array([[0.0, 0.0, 0.5]]), 3.0, 0.05)
     # The edge is 0.05 m before the middle of the bar, at 0.8 m.
     assert first(counts, 3.0, 0.05) == pytest.approx((1.0 - math.asin(0.05 / 0.8)) / 0.5, abs=0.1)
 
@@ -130,7 +135,7 @@ def test_a_bar_that_turns_on_the_spot_meets_what_is_beside_it() -> None:
 def test_agents_come_to_a_robot_that_stands() -> None:
     x, y = np.array([2.5, 2.5]), np.array([0.0, 0.1])
     coming = np.array([[-1.0, 0.0], [1.0, 0.0]])
-    counts = collision_steps(Polygon(SQUARE), x, y, np.zeros(2, int), np.zeros((1, 3)), 3.0, 0.1, point_velocity=coming)
+    counts = collision_steps(Polygon(SQUARE), at(np.zeros(2, int), x, y), np.zeros((1, 3)), 3.0, 0.1, point_velocity=coming)
     assert first(counts, 3.0, 0.1) == pytest.approx(2.0, abs=0.11)
     assert counts.max() == 1
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lidarcli.display import Facts, counted, shown, span
 from lidarcli.formalism.mapping import rays
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
+from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
 
 Int8 = NDArray[np.int8]
 
@@ -25,8 +25,6 @@ SKIPPED, HIT, CLEAR = rays.USES
 """Uses of a beam: none, it ended in a cell, or it only passed cells."""
 TOLERANCE = 1
 """Greatest distance of an occupied cell from one of the other map, in cells, also across corners."""
-FARTHEST_CELLS = 40
-"""Greatest distance that is measured, in cells; a larger one counts as this."""
 SAME_RESOLUTION = 1e-6
 """Greatest difference between two sizes of cells that are the same, as a share."""
 
@@ -93,34 +91,14 @@ class Comparison:
     """Share of the true map's occupied cells that lie within `TOLERANCE` of an occupied cell of the map."""
     f1: float
     """Harmonic mean of precision and recall."""
-    mean_distance: float
-    """Mean distance from the occupied cells of the true map to the nearest ones of the map [m], cut at `farthest` cells."""
 
 
-def refuse_unlike(resolution: float, true: Occupancy) -> None:
-    """Refuse to compare cells of this side [m] with those of a true map (`UnlikeError`)."""
-    if abs(resolution - true.resolution) > SAME_RESOLUTION * true.resolution:
-        raise UnlikeError(f"cells of {resolution:g} m cannot be compared with cells of {true.resolution:g} m")
-
-
-def compare(found: Occupancy, true: Occupancy, farthest: int = FARTHEST_CELLS) -> Comparison:
-    """Compare the occupied cells of a map with those of a true one, cell by cell.
-
-    Parameters
-    ----------
-    farthest : greatest distance that is measured, in cells; what is farther away takes time with its square
-
-    Raises
-    ------
-    UnlikeError
-        Their cells differ in size.
-    """
-    refuse_unlike(found.resolution, true)
+def compare(found: Occupancy, true: Occupancy) -> Comparison:
+    """Compare the occupied cells of a map with those of a true one, cell by cell; `UnlikeError` if cells differ in size."""
+    if abs(found.resolution - true.resolution) > SAME_RESOLUTION * true.resolution:
+        raise UnlikeError(f"cells of {found.resolution:g} m cannot be compared with cells of {true.resolution:g} m")
     mine, theirs = _cells(found, true), _cells(true, true)
-    precise, _ = _nearest(mine, theirs, 2 * TOLERANCE)
-    there, away = _nearest(theirs, mine, farthest)
-    precision = float(np.mean(precise)) if len(mine) else float("nan")
-    recall = float(np.mean(there)) if len(theirs) else float("nan")
+    precision, recall = _share_near(mine, theirs), _share_near(theirs, mine)
     both = precision + recall
     return Comparison(
         cells=len(mine),
@@ -128,7 +106,6 @@ def compare(found: Occupancy, true: Occupancy, farthest: int = FARTHEST_CELLS) -
         precision=precision,
         recall=recall,
         f1=2.0 * precision * recall / both if both > 0 else (0.0 if both == 0 else float("nan")),
-        mean_distance=float(np.mean(away)) * true.resolution if len(theirs) else float("nan"),
     )
 
 
@@ -139,31 +116,17 @@ def _cells(grid: Occupancy, true: Occupancy) -> Int64:
     return np.column_stack([column + round(off_x), row + round(off_y)]).astype(np.int64)
 
 
-def _nearest(cells: Int64, others: Int64, farthest: int) -> tuple[Bool, Float64]:
-    """Return (N,) True where one of the others is within `TOLERANCE`, and the distance of the nearest [cells]."""
-    near = np.zeros(len(cells), np.bool_)
-    away = np.full(len(cells), float(farthest))
-    if not len(cells) or not len(others):
-        return near, away
-    low = np.minimum(cells.min(axis=0), others.min(axis=0)) - farthest
-    across = int(np.maximum(cells.max(axis=0), others.max(axis=0))[0] - low[0]) + farthest + 1
-    known: NDArray[np.int64] = np.sort((others[:, 1] - low[1]) * across + others[:, 0] - low[0])
-    key = (cells[:, 1] - low[1]) * across + cells[:, 0] - low[0]
-    left = np.arange(len(cells))
-    reach = np.arange(-farthest, farthest + 1)
-    dx, dy = (part.ravel() for part in np.meshgrid(reach, reach))
-    distance = np.hypot(dx, dy)
-    # The nearest offsets first, so that each cell is done once it has found one.
-    for at in np.argsort(distance, kind="stable").tolist():
-        if distance[at] >= farthest or not len(left):
-            break
-        wanted = key[left] + int(dy[at]) * across + int(dx[at])
-        found = known[np.minimum(np.searchsorted(known, wanted), len(known) - 1)] == wanted
-        hit = left[found]
-        away[hit] = distance[at]
-        near[hit] |= max(abs(int(dx[at])), abs(int(dy[at]))) <= TOLERANCE
-        left = left[~found]
-    return near, away
+def _share_near(cells: Int64, others: Int64) -> float:
+    """Return the share of the cells (N, 2) within `TOLERANCE` of one of the others (M, 2); NaN without cells."""
+    if not len(cells):
+        return float("nan")
+    both = np.concatenate([cells, others])
+    low = both.min(axis=0) - TOLERANCE
+    across = int(both[:, 0].max() - low[0]) + TOLERANCE + 1
+    key, known = ((each[:, 1] - low[1]) * across + each[:, 0] - low[0] for each in (cells, others))
+    steps = np.arange(-TOLERANCE, TOLERANCE + 1)
+    near = np.isin(key, np.add.outer(known, np.add.outer(steps * across, steps)))
+    return float(np.mean(near))
 
 
 BLOCK = 256
@@ -225,20 +188,12 @@ def placed(batch: SweepBatch, poses: SweepPoses, use: UInt8, ranges: Float32 | N
     where = np.ascontiguousarray(np.column_stack([poses.x, poses.y, poses.yaw, side]))
     way = np.zeros((len(batch), 3)) if poses.way is None else np.ascontiguousarray(poses.way)
     beams = np.ascontiguousarray(batch.beams, np.int32)
-    told = np.require(batch.ranges if ranges is None else ranges, np.float32, ["C", "A"])
+    ranges = np.require(batch.ranges if ranges is None else ranges, np.float32, ["C", "A"])
     use = np.require(use, np.uint8, ["C", "A"])
-    end = np.empty((2, *told.shape))
-    if told.size:
-        rays.place(
-            told,
-            use,
-            beams,
-            np.ascontiguousarray(batch.angle_min),
-            np.ascontiguousarray(batch.angle_increment),
-            where,
-            way,
-            end,
-        )
+    end = np.empty((2, *ranges.shape))
+    if ranges.size:
+        angles = np.ascontiguousarray(batch.angle_min), np.ascontiguousarray(batch.angle_increment)
+        rays.place(ranges, use, beams, *angles, where, way, end)
     return Beams(end, use, beams, where, way)
 
 
@@ -246,10 +201,7 @@ def placed(batch: SweepBatch, poses: SweepPoses, use: UInt8, ranges: Float32 | N
 class Counts:
     """Counts of hits and passes, a fold over sweeps; takes `CELL_BYTES` for each cell of the ground that was seen.
 
-    Parameters
-    ----------
-    resolution : side of a cell [m]
-    most_cells : greatest number of cells
+    `resolution`: side of a cell [m]; `most_cells`: greatest number of cells.
     """
 
     LAYERS: ClassVar[tuple[str, ...]] = ("hits", "passes", "_stamps")
@@ -270,30 +222,13 @@ class Counts:
     """Left, low, right, high of all cells so far [cells]."""
 
     def add(self, beams: Beams) -> None:
-        """Count the cells of some sweeps.
-
-        Raises
-        ------
-        TooLargeError
-            The sweeps reach farther than the map may; none of them is counted.
-        """
+        """Count the cells of some sweeps, or of none where they reach farther than the map may (`TooLargeError`)."""
         if not len(beams):
             return
         self._reach(*_bounds(beams, self.resolution))
-        rays.trace(
-            beams.end,
-            beams.use,
-            beams.beams,
-            beams.poses,
-            beams.way,
-            self.hits,
-            self.passes,
-            self._stamps,
-            self.sweeps + 1,
-            self.resolution,
-            self.column,
-            self.row,
-        )
+        sweeps = beams.end, beams.use, beams.beams, beams.poses, beams.way
+        layers = self.hits, self.passes, self._stamps
+        rays.trace(sweeps, layers, self.sweeps + 1, self.resolution, self.column, self.row)
         self.sweeps += len(beams)
 
     def close(self) -> None:
@@ -372,13 +307,7 @@ class Counts:
 
 
 def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
-    """Return the cells that the beams and the sensor may touch, and one around them: left, low, right, high.
-
-    Raises
-    ------
-    TooLargeError
-        They are farther away than cells can be told apart.
-    """
+    """Return left, low, right, high of the cells that beams and sensor may touch, and one around (`TooLargeError`)."""
     limits = []
     for axis in range(2):
         begin = beams.poses[:, axis]
@@ -396,6 +325,30 @@ def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
     return left, low_row, right, high_row
 
 
+def pieces(cell: Int64, width: int) -> NDArray[np.intp]:
+    """Return (N,) the number of the piece of each of N cells (ascending, row * width + column), from 0.
+
+    Cells that touch, also at a corner, are of one piece; pieces are numbered by their first cells.
+    """
+    piece = np.arange(len(cell))
+    pairs = []
+    for step in (1, width - 1, width, width + 1):
+        at = np.minimum(np.searchsorted(cell, cell + step), len(cell) - 1)
+        found = np.flatnonzero(cell[at] == cell + step)
+        pairs.append((found, at[found]))
+    one, other = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
+    while len(one):
+        least = np.minimum(piece[one], piece[other])
+        np.minimum.at(piece, piece[one], least)
+        np.minimum.at(piece, piece[other], least)
+        # Each takes the number of the cell whose number it has, until none changes.
+        while (piece[piece] != piece).any():
+            piece = piece[piece]
+        apart = piece[one] != piece[other]
+        one, other = one[apart], other[apart]
+    return np.unique(piece, return_inverse=True)[1]
+
+
 def _known(hits: NDArray[np.int32], passes: NDArray[np.int32], axis: int) -> slice:
     """Return the rows (axis 1) or columns (axis 0) from the first to the last known cell."""
     some = np.flatnonzero(hits.any(axis=axis) | passes.any(axis=axis))
@@ -407,9 +360,7 @@ def _known(hits: NDArray[np.int32], passes: NDArray[np.int32], axis: int) -> sli
 class MotionFilter:
     """Choice of the sweeps that count, a fold over the sweeps of a sensor in the order of the log.
 
-    Parameters
-    ----------
-    min_move : least distance from one sweep that counts to the next [m]; 0 if every sweep counts
+    `min_move`: least distance from one sweep that counts to the next [m]; 0 if every sweep counts.
     """
 
     min_move: float
@@ -424,27 +375,16 @@ class MotionFilter:
         self.unplaced += len(stamp_ns) - len(known)
         if self.min_move <= 0.0:
             return known
-        taken = []
-        places = zip(
-            known.tolist(),
-            poses.x[known].tolist(),
-            poses.y[known].tolist(),
-            poses.yaw[known].tolist(),
-            stamp_ns[known].tolist(),
-            strict=True,
-        )
-        for row, *here in places:
-            if self._is_new(*here):
-                self._last = (here[0], here[1], here[2], here[3])
-                taken.append(row)
-        return np.array(taken, np.int64)
-
-    def _is_new(self, x: float, y: float, yaw: float, stamp_ns: int) -> bool:
-        if self._last is None:
-            return True
-        turned = abs((yaw - self._last[2] + 0.5 * TURN) % TURN - 0.5 * TURN)
-        return (
-            math.hypot(x - self._last[0], y - self._last[1]) >= self.min_move
-            or turned >= MIN_TURN
-            or abs(stamp_ns - self._last[3]) >= PAUSE_NS
-        )
+        chosen = []
+        columns = (known, poses.x[known], poses.y[known], poses.yaw[known], stamp_ns[known])
+        for row, x, y, yaw, stamp in zip(*(column.tolist() for column in columns), strict=True):
+            last = self._last
+            if (
+                last is None
+                or math.hypot(x - last[0], y - last[1]) >= self.min_move
+                or abs((yaw - last[2] + 0.5 * TURN) % TURN - 0.5 * TURN) >= MIN_TURN
+                or abs(stamp - last[3]) >= PAUSE_NS
+            ):
+                self._last = x, y, yaw, stamp
+                chosen.append(row)
+        return np.array(chosen, np.int64)

@@ -12,14 +12,14 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL, Detection
 from lidarcli.formalism.mapping import rays
-from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Beams, Counts, MotionFilter
+from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Beams, Counts, MotionFilter, pieces
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
 
-# Long lines of a map, along which building goes on, without what stands by itself in free space.
+# Long lines of a map, along which building goes on. What stands by itself in free space is an island, and no part of a
+# line.
 
 OCCUPIED_SHARE, FREE_SHARE = 0.25, 0.15
 """An occupied cell was hit by more than the first share of the sweeps that saw it, a free one by less than the second."""
@@ -38,12 +38,8 @@ ISLAND_SIZE, ISLAND_RING, ISLAND_FREE = 1.5, 3, 0.6
 
 
 def lines(hits: Int32, passes: Int32, resolution: float) -> Int64:
-    """Return (N,) the cells on long lines, by their number in the map; cells of islands are left out.
-
-    Parameters
-    ----------
-    hits, passes : (H, W) number of sweeps that hit and passed each cell
-    resolution : side of a cell [m]
+    """Return (N,) the cells on long lines without islands, by their number in the map; (H, W) hits and passes, resolution
+    [m].
     """
     width = hits.shape[1]
     cell = _occupied(hits, passes)
@@ -141,7 +137,7 @@ def islands(hits: Int32, passes: Int32, resolution: float) -> Int64:
     cell = _occupied(hits, passes)
     if not len(cell):
         return cell
-    piece = _pieces(cell, width)
+    piece = pieces(cell, width)
     row, column = np.divmod(cell, width)
     count = int(piece.max()) + 1
     size = np.zeros(count)
@@ -163,27 +159,6 @@ def islands(hits: Int32, passes: Int32, resolution: float) -> Int64:
     free = (passed > 0) & (hits.reshape(-1)[place] < FREE_SHARE * (hits.reshape(-1)[place] + passed))
     share = np.bincount(of, free, minlength=count) / np.maximum(np.bincount(of, minlength=count), 1)
     return cell[mine[share[piece[mine]] > ISLAND_FREE]]
-
-
-def _pieces(cell: Int64, width: int) -> NDArray[np.intp]:
-    """Return (N,) the number of the piece of each cell, from 0; cells that touch, also at a corner, are of one piece."""
-    piece = np.arange(len(cell))
-    pairs = []
-    for step in (1, width - 1, width, width + 1):
-        at = np.minimum(np.searchsorted(cell, cell + step), len(cell) - 1)
-        found = np.flatnonzero(cell[at] == cell + step)
-        pairs.append((found, at[found]))
-    one, other = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
-    while len(one):
-        least = np.minimum(piece[one], piece[other])
-        np.minimum.at(piece, piece[one], least)
-        np.minimum.at(piece, piece[other], least)
-        # Each takes the number of the cell whose number it has, until none changes.
-        while (piece[piece] != piece).any():
-            piece = piece[piece]
-        apart = piece[one] != piece[other]
-        one, other = one[apart], other[apart]
-    return np.unique(piece, return_inverse=True)[1]
 
 
 CELL = 0.1
@@ -251,34 +226,22 @@ class _Ground(Counts):
     motion: MotionFilter = field(default_factory=lambda: MotionFilter(MAP_STEP))
     """Choice of the sweeps of the map."""
 
-    def take(self, seen: _Seen, rows: Int64, vote: Int64) -> None:
+    def take(self, sweeps: SweepsInWorld, rows: Int64, vote: Int64) -> None:
         """Take the votes of some sweeps."""
-        begin = seen.poses[rows, :2]
-        path = np.concatenate([begin, begin + seen.way[rows, :2]])
+        begin = sweeps.poses[rows, :2]
+        path = np.concatenate([begin, begin + sweeps.way[rows, :2]])
         left, low = np.floor((path.min(axis=0) - MARGIN) / self.resolution).astype(np.int64).tolist()
         right, high = np.ceil((path.max(axis=0) + MARGIN) / self.resolution).astype(np.int64).tolist()
         self._reach(left, low, right, high)
         building = round(BUILDING_VOTE * UNIT)
-        place = self.resolution, self.column, self.row
-        rays.cast(seen.ends, rows, vote, building, self.votes, *place)
-        x, y, yaw, side = seen.poses[rows].T
-        taken = rows[self.motion.take(SweepPoses(x, y, yaw, side < 0.0), seen.batch.stamp_ns[rows])]
-        if len(taken):
-            self.add(seen.beams(taken))
-
-    def tell(self, seen: _Seen, rows: Int64, found: Int64) -> None:
-        """Add what the bodies of some sweeps are told, as `rays.poll` does."""
-        place = self.resolution, self.column, self.row
-        rays.poll(seen.ends, rows, self.votes, self.line, *place, found)
-
-    def settle(self) -> None:
-        """Look at the map, once all sweeps have voted."""
-        self.close()
-        self.line.reshape(-1)[lines(self.hits, self.passes, self.resolution)] = 1
-        self.hits = self.passes = np.zeros((0, 0), np.int32)
+        rays.cast(sweeps.ends, rows, vote, building, self.votes, self.resolution, self.column, self.row)
+        x, y, yaw, side = sweeps.poses[rows].T
+        kept = rows[self.motion.take(SweepPoses(x, y, yaw, side < 0.0), sweeps.batch.stamp_ns[rows])]
+        if len(kept):
+            self.add(sweeps.beams(kept))
 
 
-class _Seen:
+class SweepsInWorld:
     """The sweeps of a batch in their worlds, (S,) as of `Places.add`."""
 
     def __init__(self, batch: SweepBatch, detection: Detection, worlds: Int64) -> None:
@@ -288,12 +251,12 @@ class _Seen:
         self.way: Float64 = np.zeros((len(batch), 3))
         """(S, 3) its way in x, y, yaw during the sweep."""
         self.poses[:, 3] = 1.0
-        at, told = (worlds >= 0) & (worlds % WORLDS == 0), batch.poses
-        if told is not None:
-            side = np.where(told.upside_down, -1.0, 1.0)
-            self.poses[at] = np.column_stack([told.x, told.y, told.yaw, side])[at]
-            if told.way is not None:
-                self.way[at] = told.way[at]
+        at, poses = (worlds >= 0) & (worlds % WORLDS == 0), batch.poses
+        if poses is not None:
+            side = np.where(poses.upside_down, -1.0, 1.0)
+            self.poses[at] = np.column_stack([poses.x, poses.y, poses.yaw, side])[at]
+            if poses.way is not None:
+                self.way[at] = poses.way[at]
         self.ends = rays.Ends(batch, detection, self.poses, self.way, FARTHEST, SURFACE_STEP)
 
     def beams(self, rows: Int64) -> Beams:
@@ -372,37 +335,33 @@ class Places:
         self._sensors: dict[str, _Sensor] = {}
 
     def add(self, batch: SweepBatch, detection: Detection) -> Int64:
-        """Take the votes of the next sweeps.
-
-        Parameters
-        ----------
-        batch : S sweeps
-        detection : what `detect` found in them, whatever its probability
-
-        Returns
-        -------
-        (S,) world of each sweep, which `read` asks for; -1 where the place of the sensor is not known.
+        """Take the votes of S sweeps; return (S,) their worlds, which `read` asks for, -1 where the sensor's place is not
+        known.
         """
         worlds = self._worlds(batch)
-        vote = np.rint(UNIT * np.clip(_log_odds(detection.thing), -MOST_VOTE, MOST_VOTE)).astype(np.int64)
-        seen = _Seen(batch, detection, worlds)
+        thing = np.clip(np.nan_to_num(detection.thing, nan=0.5), 1e-9, 1.0 - 1e-9)
+        vote = np.rint(UNIT * np.clip(np.log(thing / (1.0 - thing)), -MOST_VOTE, MOST_VOTE)).astype(np.int64)
+        sweeps = SweepsInWorld(batch, detection, worlds)
         for world, rows in _by_world(worlds):
             if world not in self._grounds:
                 self._grounds[world] = _Ground(CELL, MOST_CELLS)
-            self._grounds[world].take(seen, rows, vote)
+            self._grounds[world].take(sweeps, rows, vote)
         return worlds
 
     def settle(self) -> None:
         """Look at the maps, once all sweeps have voted; without this the maps say nothing."""
         for ground in self._grounds.values():
-            ground.settle()
+            ground.close()
+            ground.line.reshape(-1)[lines(ground.hits, ground.passes, ground.resolution)] = 1
+            ground.hits = ground.passes = np.zeros((0, 0), np.int32)
 
     def read(self, batch: SweepBatch, detection: Detection, worlds: Int64) -> ByPlace:
         """Return what the places of K bodies say by all sweeps so far; `worlds` (S,) as `add` returned them."""
         found = np.zeros((len(detection), 4), np.int64)
-        seen = _Seen(batch, detection, worlds)
+        sweeps = SweepsInWorld(batch, detection, worlds)
         for world, rows in _by_world(worlds):
-            self._grounds[world].tell(seen, rows, found)
+            ground = self._grounds[world]
+            rays.poll(sweeps.ends, rows, ground.votes, ground.line, ground.resolution, ground.column, ground.row, found)
         total, count, on_line, cells = found.T
         known = (cells > 0) & ~np.isnan(detection.thing)
         place = np.where(known, total / (UNIT * np.maximum(count, 1)), np.nan)
@@ -428,9 +387,3 @@ MOST_CELLS = math.ceil(2.0 * (REACH + FARTHEST + MARGIN) / CELL + 2.0) ** 2
 def _by_world(worlds: Int64) -> list[tuple[int, Int64]]:
     """Return the worlds of some sweeps, and the rows of each."""
     return [(world, np.flatnonzero(worlds == world)) for world in np.unique(worlds).tolist() if world >= 0]
-
-
-def _log_odds(share: NDArray[np.float64]) -> Float64:
-    """Return the log-odds of probabilities; 0 for NaN."""
-    share = np.clip(np.where(np.isnan(share), 0.5, share), 1e-9, 1.0 - 1e-9)
-    return np.log(share / (1.0 - share))

@@ -15,16 +15,14 @@ cpdef place(ranges, use, beams, angle_min, angle_increment, poses, way, end)
     sweeps=Py_ssize_t, width=Py_ssize_t, across=Py_ssize_t, sweep=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t,
     begin=Py_ssize_t, cell=Py_ssize_t, line=Py_ssize_t, along=Py_ssize_t, last=Py_ssize_t
 )
-cpdef trace(
-    end, use, beams, poses, way, hits, passes, stamps, int stamp, double resolution, Py_ssize_t column, Py_ssize_t row
-)
+cpdef trace(beams_of, layers, int stamp, double resolution, Py_ssize_t column, Py_ssize_t row)
 @cython.locals(
     column=Py_ssize_t, line=Py_ssize_t, step=Py_ssize_t, steps=Py_ssize_t, _=Py_ssize_t, slope=double
 )
 cdef void _pass(
-    int* passed, int* seen, int stamp, Py_ssize_t across, Py_ssize_t first, double x, double y, double to_x, double to_y
+    int* passed, int* stamped, int stamp, Py_ssize_t across, Py_ssize_t first, double x, double y, double to_x, double to_y
 ) noexcept nogil
-cdef void _count(int* passed, int* seen, int stamp, Py_ssize_t cell) noexcept nogil
+cdef void _count(int* passed, int* stamped, int stamp, Py_ssize_t cell) noexcept nogil
 
 
 cdef Py_ssize_t NO_BODY
@@ -66,7 +64,7 @@ cpdef cast(
 )
 @cython.locals(
     count=Py_ssize_t, number=Py_ssize_t, k=Py_ssize_t, across=Py_ssize_t, first=Py_ssize_t, last=Py_ssize_t,
-    cell=Py_ssize_t, body=Py_ssize_t, owner=Py_ssize_t, near=Py_ssize_t, beside=Py_ssize_t, total=cython.longlong
+    cell=Py_ssize_t, body=Py_ssize_t, owner=Py_ssize_t, near=Py_ssize_t, line_step=Py_ssize_t, total=cython.longlong
 )
 cpdef poll(
     Ends ends, rows, votes, line, double resolution, Py_ssize_t column, Py_ssize_t row, found

@@ -1,4 +1,4 @@
-"""Fig. 7: the ends of beams in the world, and the cells that they pass on their way.
+"""Fig. 7: the ends of beams in the world, the cells that they pass, and the votes of bodies on the cells that they cover.
 
 A cell counts once in a sweep: as hit where any beam ends in it, else as passed where any goes through it.
 """
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli import native, sweeps
-from lidarcli.formalism import detection
+from lidarcli.formalism import detection, segmentation
 
 NAN = float("nan")
 USES = 0, 1, 2
@@ -35,7 +35,7 @@ def place(ranges: Any, use: Any, beams: Any, angle_min: Any, angle_increment: An
     end : (2, S, B) float64 to write to, x and y [m]; NaN where a beam is skipped
     """
     rows, width = ranges.shape
-    r, says, counted = native.at_singles(ranges), native.at_bytes(use), native.at_ints(beams)
+    r, used_as, counted = native.at_singles(ranges), native.at_bytes(use), native.at_ints(beams)
     first, step = native.at_doubles(angle_min), native.at_doubles(angle_increment)
     pose, going, out = native.at_doubles(poses), native.at_doubles(way), native.at_doubles(end)
     lock = native.release()
@@ -44,7 +44,7 @@ def place(ranges: Any, use: Any, beams: Any, angle_min: Any, angle_increment: An
         for k in range(width):
             at = row * width + k
             out[at] = out[rows * width + at] = NAN
-            if says[at] == SKIPPED or r[at] != r[at]:
+            if used_as[at] == SKIPPED or r[at] != r[at]:
                 continue
             share = k / (1.0 * last)
             theta = pose[4 * row + 2] + share * going[3 * row + 2]
@@ -54,37 +54,24 @@ def place(ranges: Any, use: Any, beams: Any, angle_min: Any, angle_increment: An
     native.resume(lock)
 
 
-def trace(
-    end: Any,
-    use: Any,
-    beams: Any,
-    poses: Any,
-    way: Any,
-    hits: Any,
-    passes: Any,
-    stamps: Any,
-    stamp: int,
-    resolution: float,
-    column: int,
-    row: int,
-) -> None:
+def trace(beams_of: Any, layers: Any, stamp: int, resolution: float, column: int, row: int) -> None:
     """Count the cells that the beams of S sweeps hit and pass.
 
     Parameters
     ----------
-    end : (2, S, B) as in `place`; all ends and poses lie within the cells
-    use, beams, poses, way : as in `place`
-    hits, passes : (H, W) int32, to be added to
-    stamps : (H, W) int32, the last sweep that counted for each cell
+    beams_of : `end` (2, S, B), `use`, `beams`, `poses`, `way` as in `place`; all ends and poses lie within the cells
+    layers : (H, W) int32 each: hits and passes, to be added to, and the last sweep that counted for each cell
     stamp : of the first of these sweeps, greater than all before; each has the next one
     resolution : side of a cell [m]
     column, row : lower left corner of cell (0, 0), in cells from the origin of the world
     """
+    end, use, beams, poses, way = beams_of
+    hits, passes, stamps = layers
     _, sweeps, width = end.shape
     across = hits.shape[1]
-    ends, says, counted = native.at_doubles(end), native.at_bytes(use), native.at_ints(beams)
+    ends, used_as, counted = native.at_doubles(end), native.at_bytes(use), native.at_ints(beams)
     pose, going = native.at_doubles(poses), native.at_doubles(way)
-    hit, passed, seen = native.at_ints(hits), native.at_ints(passes), native.at_ints(stamps)
+    hit, passed, stamped = native.at_ints(hits), native.at_ints(passes), native.at_ints(stamps)
     cells = 1.0 / resolution
     # Places are measured in cells from a corner far outside, so that the cell of a place depends on nothing else.
     column, row = column + ORIGIN, row + ORIGIN
@@ -92,27 +79,27 @@ def trace(
     for sweep in range(sweeps):
         begin = sweep * width
         for k in range(begin, begin + width):
-            if says[k] == HIT and ends[k] == ends[k]:
+            if used_as[k] == HIT and ends[k] == ends[k]:
                 along, line = (int(ends[k] * cells + ORIGIN_CELLS), int(ends[sweeps * width + k] * cells + ORIGIN_CELLS))
                 cell = (line - row) * across + along - column
-                if seen[cell] != stamp + sweep:
-                    seen[cell] = stamp + sweep
+                if stamped[cell] != stamp + sweep:
+                    stamped[cell] = stamp + sweep
                     hit[cell] += 1
         last = max(counted[sweep] - 1, 1)
         for k in range(width):
             at = begin + k
-            if says[at] == SKIPPED or ends[at] != ends[at]:
+            if used_as[at] == SKIPPED or ends[at] != ends[at]:
                 continue
             share = k / (1.0 * last)
             x = (pose[4 * sweep] + share * going[3 * sweep]) * cells + ORIGIN_CELLS
             y = (pose[4 * sweep + 1] + share * going[3 * sweep + 1]) * cells + ORIGIN_CELLS
             to_x, to_y = ends[at] * cells + ORIGIN_CELLS, ends[sweeps * width + at] * cells + ORIGIN_CELLS
-            _pass(passed, seen, stamp + sweep, across, row * across + column, x, y, to_x, to_y)
+            _pass(passed, stamped, stamp + sweep, across, row * across + column, x, y, to_x, to_y)
     native.resume(lock)
 
 
 def _pass(
-    passed: Any, seen: Any, stamp: int, across: int, first: int, x: float, y: float, to_x: float, to_y: float
+    passed: Any, stamped: Any, stamp: int, across: int, first: int, x: float, y: float, to_x: float, to_y: float
 ) -> None:
     """Count the cells along a straight way without the last one, one in each column or row of its longer axis."""
     dx, dy = to_x - x, to_y - y
@@ -123,7 +110,7 @@ def _pass(
         step = 1 if steps > 0 else -1
         for _ in range(max(step * steps, 1)):
             line = int(y + (column + 0.5 - x) * slope)
-            _count(passed, seen, stamp, line * across + column - first)
+            _count(passed, stamped, stamp, line * across + column - first)
             column += step
     else:
         slope, steps = dx / dy, int(to_y)
@@ -131,20 +118,19 @@ def _pass(
         step = 1 if steps > 0 else -1
         for _ in range(max(step * steps, 1)):
             column = int(x + (line + 0.5 - y) * slope)
-            _count(passed, seen, stamp, line * across + column - first)
+            _count(passed, stamped, stamp, line * across + column - first)
             line += step
 
 
-def _count(passed: Any, seen: Any, stamp: int, cell: int) -> None:
+def _count(passed: Any, stamped: Any, stamp: int, cell: int) -> None:
     """Count a cell that was passed, unless this sweep has counted it already."""
-    if seen[cell] != stamp:
-        seen[cell] = stamp
+    if stamped[cell] != stamp:
+        stamped[cell] = stamp
         passed[cell] += 1
 
 
-# Votes on the cells of the ground: bodies give them their log-odds of being things, and a body is told by its cells.
-#
-# A body is in all cells that its beams end in. Beams next to each other that end in one cell are one vote.
+# Votes on the cells of the ground: bodies give them their log-odds of being things, and a body is told by its cells. A body
+# is in all cells that its beams end in. Beams next to each other that end in one cell are one vote.
 
 NO_BODY = -1
 """Body of a beam that is in none."""
@@ -158,51 +144,33 @@ class Ends:
     def __init__(
         self, batch: sweeps.SweepBatch, found: detection.Detection, poses: Any, way: Any, farthest: float, step: float
     ) -> None:
-        """
-        Parameters
-        ----------
-        batch : S sweeps
-        found : bodies in them
-        poses : (S, 4) x, y, yaw and side of the sensor at the first beam, as of `place`
-        way : (S, 3) way of the sensor in x, y, yaw until the last beam
-        farthest : greatest range of a beam that is of use [m]
-        step : greatest difference of the ranges of neighbours on one surface [m]
+        """`poses` (S, 4) and `way` (S, 3) as of `place`; beams of use end within `farthest` [m], and neighbours on one
+        surface have ranges that differ by less than `step` [m].
         """
         geometry = np.column_stack([batch.angle_min, batch.angle_increment])
         shared = bool((geometry == geometry[:1]).all())
         theta = batch.rows(np.arange(len(batch))[: 1 if shared else None]).bearings()
-        columns = (
-            (batch.ranges, np.float32),
-            (batch.beams, np.int32),
-            (np.searchsorted(found.row, np.arange(len(batch) + 1)), np.int64),
-            (found.beam_i, np.int32),
-            (found.beam_f, np.int32),
-            (np.cos(theta), np.float64),
-            (np.sin(theta), np.float64),
-            (batch.angle_min, np.float64),
-            (batch.angle_increment, np.float64),
-            (poses, np.float64),
-            (np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])]), np.float64),
-            (way, np.float64),
-            (way.any(axis=1), np.uint8),
-        )
-        self.owner: list[Any] = [np.require(values, kind, ["C", "A"]) for values, kind in columns]
+        self.owner: list[Any] = []
         self.width = batch.width
         self.farthest = farthest
         self.step = step
-        self.ranges = native.at_singles(self.owner[0])
-        self.beams = native.at_ints(self.owner[1])
-        self.offsets = native.at_longs(self.owner[2])
-        self.beam_i = native.at_ints(self.owner[3])
-        self.beam_f = native.at_ints(self.owner[4])
-        self.cos = native.at_doubles(self.owner[5])
-        self.sin = native.at_doubles(self.owner[6])
-        self.angle_min = native.at_doubles(self.owner[7])
-        self.angle_increment = native.at_doubles(self.owner[8])
-        self.poses = native.at_doubles(self.owner[9])
-        self.heading = native.at_doubles(self.owner[10])
-        self.way = native.at_doubles(self.owner[11])
-        self.going = native.at_bytes(self.owner[12])
+        self.ranges = native.at_singles(segmentation.kept(self.owner, batch.ranges, np.float32))
+        self.beams = native.at_ints(segmentation.kept(self.owner, batch.beams, np.int32))
+        self.offsets = native.at_longs(
+            segmentation.kept(self.owner, np.searchsorted(found.row, np.arange(len(batch) + 1)), np.int64)
+        )
+        self.beam_i = native.at_ints(segmentation.kept(self.owner, found.beam_i, np.int32))
+        self.beam_f = native.at_ints(segmentation.kept(self.owner, found.beam_f, np.int32))
+        self.cos = native.at_doubles(segmentation.kept(self.owner, np.cos(theta), np.float64))
+        self.sin = native.at_doubles(segmentation.kept(self.owner, np.sin(theta), np.float64))
+        self.angle_min = native.at_doubles(segmentation.kept(self.owner, batch.angle_min, np.float64))
+        self.angle_increment = native.at_doubles(segmentation.kept(self.owner, batch.angle_increment, np.float64))
+        self.poses = native.at_doubles(segmentation.kept(self.owner, poses, np.float64))
+        self.heading = native.at_doubles(
+            segmentation.kept(self.owner, np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])]), np.float64)
+        )
+        self.way = native.at_doubles(segmentation.kept(self.owner, way, np.float64))
+        self.going = native.at_bytes(segmentation.kept(self.owner, way.any(axis=1), np.uint8))
         self.directions = 0 if shared else self.width
         """From the directions of one sweep to those of the next."""
         self.body = native.integers(self.owner, self.width)
@@ -214,12 +182,8 @@ class Ends:
 
 
 def place_ends(ends: Ends, rows: Any, end: Any) -> None:
-    """Compute the ends of the beams of some sweeps.
-
-    Parameters
-    ----------
-    rows : (R,) int64 rows of the sweeps
-    end : (2, R, B) float64 to write to, x and y [m]; NaN where a beam is skipped
+    """Compute the ends of the beams of some sweeps, `end` (2, R, B) float64 [m], NaN where a beam is skipped; `rows` (R,)
+    int64.
     """
     index, out = native.at_longs(rows), native.at_doubles(end)
     _, count, width = end.shape
@@ -251,8 +215,8 @@ def cast(ends: Ends, rows: Any, vote: Any, building: int, votes: Any, resolution
     column, row : lower left corner of cell (0, 0), in cells from the origin of the world
     """
     across = votes.shape[1]
-    index, says = native.at_longs(rows), native.at_longs(vote)
-    given = native.at_longs(votes)
+    index, votes_of = native.at_longs(rows), native.at_longs(vote)
+    sums = native.at_longs(votes)
     cells = 1.0 / resolution
     first = (row + ORIGIN) * across + column + ORIGIN
     count = len(rows)
@@ -264,22 +228,19 @@ def cast(ends: Ends, rows: Any, vote: Any, building: int, votes: Any, resolution
             # Without a branch, as nobody can foresee which beam is the first in its cell.
             is_new = (cell != last) | (owner != body)
             last, body = cell, owner
-            given[cell] += is_new * ((says[owner] if owner >= 0 else building) * (1 << COUNT_BITS) + 1)
+            sums[cell] += is_new * ((votes_of[owner] if owner >= 0 else building) * (1 << COUNT_BITS) + 1)
     native.resume(lock)
 
 
 def poll(ends: Ends, rows: Any, votes: Any, line: Any, resolution: float, column: int, row: int, found: Any) -> None:
-    """Sum up what the cells of each body say, and those around them.
+    """Add what the cells of each body say, and those around them, to `found`.
 
-    Parameters
-    ----------
-    rows, votes, resolution, column, row : as of `cast`; no cell is at the edge
-    line : (H, W) uint8, 1 for a cell on a line of the map
-    found : (K, 4) int64 to be added to: sum of the votes, their number, number of cells on a line, and of all cells
+    As of `cast`, but no cell is at the edge; `line` (H, W) uint8 is 1 for a cell on a line of the map; `found` (K, 4)
+    int64: sum of the votes, their number, number of cells on a line, and of all cells.
     """
     across = votes.shape[1]
     index, out = native.at_longs(rows), native.at_longs(found)
-    given, on_line = native.at_longs(votes), native.at_bytes(line)
+    sums, on_line = native.at_longs(votes), native.at_bytes(line)
     cells = 1.0 / resolution
     first = (row + ORIGIN) * across + column + ORIGIN
     count = len(rows)
@@ -291,9 +252,9 @@ def poll(ends: Ends, rows: Any, votes: Any, line: Any, resolution: float, column
             if cell == last and owner == body:
                 continue
             last, body, total = cell, owner, 0
-            for beside in range(-1, 2):
-                near = cell + beside * across
-                total += given[near - 1] + given[near] + given[near + 1]
+            for line_step in range(-1, 2):
+                near = cell + line_step * across
+                total += sums[near - 1] + sums[near] + sums[near + 1]
             out[4 * body] += total >> COUNT_BITS
             out[4 * body + 1] += total & ((1 << COUNT_BITS) - 1)
             out[4 * body + 2] += on_line[cell]

@@ -88,15 +88,21 @@ class Standing:
     def __len__(self) -> int:
         return len(self.x)
 
+    def rows(self, index: Int64) -> Standing:
+        """Return some of the things."""
+        return Standing(**{name: getattr(self, name)[index] for name in Standing.__dataclass_fields__})
+
+    def at(self, x: Float64, y: Float64) -> Standing:
+        """Return the things at other places."""
+        return replace(self, x=x, y=y)
+
 
 def gains(known: Standing, run: Standing) -> Float64:
     """Return (T, N) the log-likelihood ratio of each pair being one thing, in its place or moved, and not two."""
-    return np.maximum(in_place(known, run), _moved(known, run))
-
-
-def in_place(known: Standing, run: Standing) -> Float64:
-    """Return (T, N) the log-likelihood ratio of each pair being one thing that was not moved."""
-    return alike(known, run) + near(_distance(known, run), area(known, run))
+    away, like = _distance(known, run), alike(known, run)
+    sized: Bool = np.isfinite(known.length + known.width)[:, None] & np.isfinite(run.length + run.width)
+    moved = np.where(sized, like + math.log(1.0 - STAYS) - NEARNESS * away, -np.inf)
+    return np.maximum(like + near(away, area(known, run)), moved)
 
 
 def near(distance: Float64, room: float) -> Float64:
@@ -119,10 +125,8 @@ def area(known: Standing, run: Standing) -> float:
 def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD, wrong: float = WRONG_SIZE) -> Float64:
     """Return (T, N) the log-likelihood ratio of being one thing by size, shape and label; 0 if these are unknown.
 
-    Parameters
-    ----------
-    size_sd : standard deviation between two sizes of the same thing, beside their own [m]
-    wrong : share of sizes that are wrong
+    `size_sd`: standard deviation between two sizes of one thing, beside their own [m]; `wrong`: share of sizes that are
+    wrong.
     """
     total = np.zeros((len(known), len(run)))
     for size in ("length", "width"):
@@ -137,20 +141,12 @@ def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD, wrong: f
 
 def coded(known: Standing, run: Standing) -> Float64:
     """Return (T, N) the log-likelihood ratio of being one thing by shape and label."""
-    return _codes(known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE) + _codes(known.label, run.label, SAME_LABEL, OTHER_LABEL)
-
-
-def _codes(known: Int32, run: Int32, same: float, other: float) -> Float64:
-    """Return (T, N) the log-likelihood ratio by two codes."""
-    there = (known >= 0)[:, None] & (run >= 0)
-    return np.where(there, np.where(known[:, None] == run, same, other), 0.0)
-
-
-def _moved(known: Standing, run: Standing) -> Float64:
-    """Return (T, N) the log-likelihood ratio of each pair being one thing that was moved; -inf without sizes."""
-    sized: Bool = np.isfinite(known.length + known.width)[:, None] & np.isfinite(run.length + run.width)
-    ratio = alike(known, run) + math.log(1.0 - STAYS) - NEARNESS * _distance(known, run)
-    return np.where(sized, ratio, -np.inf)
+    total = np.zeros((len(known), len(run)))
+    rules = ((known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE), (known.label, run.label, SAME_LABEL, OTHER_LABEL))
+    for one, other, same, unlike in rules:
+        there = (one >= 0)[:, None] & (other >= 0)
+        total += np.where(there, np.where(one[:, None] == other, same, unlike), 0.0)
+    return total
 
 
 def _distance(known: Standing, run: Standing) -> Float64:
@@ -159,23 +155,10 @@ def _distance(known: Standing, run: Standing) -> Float64:
     return result
 
 
-def placed_at(run: Standing, x: Float64, y: Float64) -> Standing:
-    """Return the things at other places."""
-    return replace(run, x=x, y=y)
-
-
 def assign(gain: Float64) -> Int64:
-    """Return the pairs with the greatest sum of gains, by shortest augmenting paths; none has a gain of 0 or less.
+    """Return (N,) the columns of the pairs with the greatest sum of gains, by shortest augmenting paths; -1 for none.
 
-    The choice among equal sums is always the same.
-
-    Parameters
-    ----------
-    gain : (N, M) gain of each pair of row and column, -inf for pairs that are ruled out
-
-    Returns
-    -------
-    (N,) column of each row, -1 for none
+    No pair has a gain of 0 or less; -inf rules one out. The choice among equal sums is always the same.
 
     >>> assign(np.array([[3.0, 2.0], [2.0, -1.0]])).tolist()
     [1, 0]
@@ -199,20 +182,20 @@ def _augment(cost: Float64, start: int, price: Float64, row_of: Int64, column_of
     distance = np.full(cost.shape[1], np.inf)
     before = np.full(cost.shape[1], start)
     done = np.zeros(cost.shape[1], np.bool_)
-    row, way = start, 0.0
+    row, total = start, 0.0
     while True:
         # By the prices, pairs that exist cost nothing along the path.
         level = 0.0 if row == start else cost[row, column_of[row]] - price[column_of[row]]
-        through = way + cost[row] - price - level
+        through = total + cost[row] - price - level
         shorter = ~done & (through < distance)
         distance[shorter], before[shorter] = through[shorter], row
         column = int(np.argmin(np.where(done, np.inf, distance)))
-        way = float(distance[column])
+        total = float(distance[column])
         done[column] = True
         if row_of[column] < 0:
             break
         row = int(row_of[column])
-    price[done] += distance[done] - way
+    price[done] += distance[done] - total
     while True:
         row = int(before[column])
         row_of[column] = row
@@ -222,19 +205,14 @@ def _augment(cost: Float64, start: int, price: Float64, row_of: Int64, column_of
 
 
 def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
-    """Return the motion from the coordinates of a run to those of the known things, and its probability; None without one.
-
-    Parameters
-    ----------
-    known, run : things of the runs so far, and of another run
-    """
+    """Return the motion from the coordinates of a run to those of the known things, and its probability; None for none."""
     if not len(known) or not len(run):
         return None, 0.0
-    known, run = (_rows(each, _chosen(each, MOST_ALIGNED)) for each in (known, run))
+    known, run = (each.rows(_largest(each, MOST_ALIGNED)) for each in (known, run))
     found: dict[bytes, tuple[float, Motion]] = {}
     for motion in [HERE, *proposals(known, run)]:
         refined = motion if motion == HERE else _refine(known, run, motion)
-        placed = placed_at(run, *refined.of(run.x, run.y))
+        placed = run.at(*refined.of(run.x, run.y))
         gain = gains(known, placed)
         pair = assign(gain.T - LEAST_GAIN)
         one = np.flatnonzero(pair >= 0)
@@ -256,7 +234,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
 
 def proposals(known: Standing, run: Standing) -> list[Motion]:
     """Return the proposals under which most things fall into place."""
-    ours, theirs = _chosen(known, MOST_THINGS), _chosen(run, MOST_THINGS)
+    ours, theirs = _largest(known, MOST_THINGS), _largest(run, MOST_THINGS)
     like = alike(known, run)[np.ix_(ours, theirs)]
     x0, y0, x1, y1 = known.x[ours], known.y[ours], run.x[theirs], run.y[theirs]
     a, b = (part.ravel() for part in np.nonzero(~np.eye(len(ours), dtype=bool)))
@@ -286,34 +264,26 @@ def proposals(known: Standing, run: Standing) -> list[Motion]:
     best: list[Motion] = []
     for k in np.argsort(-quality, kind="stable").tolist():
         motion = Motion(float(angle[k]), float(shift_x[k]), float(shift_y[k]))
-        if not any(_same(motion, other, x1, y1) for other in best):
+        x, y = motion.of(x1, y1)
+        places = (other.of(x1, y1) for other in best)
+        if not any(np.hypot(u - x, v - y).max() < IN_PLACE_SDS * RUN_PLACE_SD for u, v in places):
             best.append(motion)
         if len(best) == MOST_REFINED or quality[k] < LEAST_QUALITY * quality.max():
             break
     return best
 
 
-def _same(one: Motion, other: Motion, x: Float64, y: Float64) -> bool:
-    """Return whether two motions bring all things to the same places."""
-    (x0, y0), (x1, y1) = one.of(x, y), other.of(x, y)
-    return bool(np.hypot(x1 - x0, y1 - y0).max() < IN_PLACE_SDS * RUN_PLACE_SD)
-
-
-def _chosen(things: Standing, most: int) -> Int64:
+def _largest(things: Standing, most: int) -> Int64:
     """Return the indices of the largest things."""
     size = np.nan_to_num(things.length, nan=-1.0)
     return np.sort(np.argsort(-size, kind="stable")[:most]).astype(np.int64)
-
-
-def _rows(things: Standing, index: Int64) -> Standing:
-    return Standing(**{name: getattr(things, name)[index] for name in Standing.__dataclass_fields__})
 
 
 def _refine(known: Standing, run: Standing, motion: Motion) -> Motion:
     """Return the motion that fits best the things that fall into place."""
     like = alike(known, run)
     for _ in range(MOTION_REFINEMENTS):
-        placed = placed_at(run, *motion.of(run.x, run.y))
+        placed = run.at(*motion.of(run.x, run.y))
         away = _distance(known, placed)
         gain = np.where(away < IN_PLACE_SDS * RUN_PLACE_SD, like + near(away, area(known, placed)) - LEAST_GAIN, -np.inf)
         pair = assign(gain.T)
@@ -414,13 +384,13 @@ def fit(first: Nearest, second: Nearest, motion: Motion) -> Fit:
     free = np.count_nonzero(first.ground.state(*motion.of(*second.free.T)) == FREE)
     both_free = free / max(1, len(second.free)) * second.area
     common = both_free >= LEAST_COMMON * min(first.area, second.area)
-    for here, there, way in ((first, second, motion), (second, first, motion.inverse)):
-        x, y = way.of(*_some(there.ground.points).T)
+    for here, there, leads in ((first, second, motion), (second, first, motion.inverse)):
+        x, y = leads.of(*_some(there.ground.points).T)
         every = max(1, round(len(there.ground.points) / max(1, len(x))))
         _, away = here.of(x, y)
         near = away <= IN_PLACE
-        seen = near | (here.ground.state(x, y) != UNKNOWN)
-        both, placed = (every * int(np.count_nonzero(each)) for each in (seen, near))
+        known = near | (here.ground.state(x, y) != UNKNOWN)
+        both, placed = (every * int(np.count_nonzero(each)) for each in (known, near))
         shares.append(placed / both if both else 0.0)
         explained += placed
         against += both - placed
@@ -441,12 +411,12 @@ def settle(first: Nearest, second: Nearest) -> tuple[Fit, Fit | None]:
     here = fit(first, second, HERE)
     if not len(first.ground.points) or not len(second.ground.points):
         return here, None
-    better = _fitted(first, second, HERE)
+    better = fit(first, second, refine(first, second.ground.points, HERE))
     return here, better if better.lies and not _explains_as_much(here, better) else None
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class Alignment:
     """The best alignment, and what speaks against taking it."""
 
     best: Fit
@@ -463,19 +433,14 @@ class Found:
         return not self.slides and (self.rival is None or self.stays)
 
 
-def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Found:
-    """Return the alignment of a run with the first one that explains most.
-
-    Parameters
-    ----------
-    proposed : motions by the arrangement of things
-    """
+def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Alignment:
+    """Return the alignment of a run with the first one that explains most; things propose further motions."""
     nothing = Fit(HERE, 0.0, 0, 0, math.nan, False)
     if not len(first.ground.points) or not len(second.ground.points):
-        return Found(nothing)
-    here = _fitted(first, second, HERE)
-    candidates = _different([*proposed, *_tried(first, second)], second.ground)
-    fits = [here, *(_fitted(first, second, motion) for motion in candidates)]
+        return Alignment(nothing)
+    candidates = [HERE, *_different([*proposed, *_tried(first, second)], second.ground)]
+    fits = [fit(first, second, refine(first, second.ground.points, motion)) for motion in candidates]
+    here = fits[0]
     fits.sort(key=lambda each: -each.gain)
     whole = [each for each in fits if each.common] or [max(fits, key=lambda each: each.explained)]
     best = whole[0]
@@ -500,7 +465,7 @@ def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Found:
             each for each in rivals if abs(each.motion.turn) <= NEAR_HERE_TURN and each.against <= best.against + CLEARLY
         ]
         rivals, stays = (shifted, False) if shifted else (rivals, True)
-    return Found(best, rivals[0] if rivals else None, stays, best.lies and _slides(first, second, best.motion))
+    return Alignment(best, rivals[0] if rivals else None, stays, best.lies and _slides(first, second, best.motion))
 
 
 def _explains_as_much(one: Fit, best: Fit) -> bool:
@@ -538,11 +503,6 @@ def _different(motions: list[Motion], ground: Ground) -> list[Motion]:
         if len(kept) == MOST_CANDIDATES:
             break
     return kept
-
-
-def _fitted(first: Nearest, second: Nearest, motion: Motion) -> Fit:
-    """Return the fit of a motion, refined."""
-    return fit(first, second, refine(first, second.ground.points, motion))
 
 
 def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:

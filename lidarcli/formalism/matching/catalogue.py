@@ -159,19 +159,15 @@ class Comparison:
 
 
 def name(evidence: Evidence, catalogue: Catalogue) -> tuple[Int32, Float64]:
-    """Return the entry of each thing, and its probability.
+    """Return (M,) the entry of each thing, -1 for none, and (M,) its probability, NaN for none.
 
-    Parameters
-    ----------
-    evidence : measurements of M things
-    catalogue : entries, each as likely beforehand as "none of them"
-
-    Returns
-    -------
-    (M,) index of the entry, -1 for none; (M,) its probability, NaN for none
+    Each entry is as likely beforehand as "none of them".
     """
     compared = compare(evidence, catalogue)
-    probability = _probability(compared.ratio)
+    # Entries and "none of them" are equally likely beforehand.
+    top = np.maximum(compared.ratio.max(axis=1, initial=0.0), 0.0)[:, None]
+    weight = np.exp(compared.ratio - top)
+    probability = weight / (weight.sum(axis=1, keepdims=True) + np.exp(-top))
     good = (probability >= LEAST_PROBABILITY) & (compared.fit >= LEAST_FIT) & compared.certain
     # As probabilities sum to one, at most one entry is good.
     found = good.any(axis=1)
@@ -203,14 +199,6 @@ def compare(evidence: Evidence, catalogue: Catalogue) -> Comparison:
     return Comparison(ratio=ratio, fit=fit, certain=certain)
 
 
-def _probability(ratio: Float64) -> Float64:
-    """Return (M, E) the probability of each entry, with entries and "none of them" equally likely beforehand."""
-    top = np.maximum(ratio.max(axis=1, initial=0.0), 0.0)[:, None]
-    weight = np.exp(ratio - top)
-    result: Float64 = weight / (weight.sum(axis=1, keepdims=True) + np.exp(-top))
-    return result
-
-
 def _compare(evidence: Evidence, thing: Thing, shape: Float64) -> tuple[Float64, Float64, Bool]:
     """Return the columns of `Comparison` for one entry; `shape` is relative to the mean over the shapes."""
     if thing.legs or thing.spacing:
@@ -231,34 +219,26 @@ def _compare(evidence: Evidence, thing: Thing, shape: Float64) -> tuple[Float64,
     if not thing.moves:
         ratio = np.where(evidence.moved, -np.inf, ratio)
     if thing.intensity_min is not None or thing.intensity_max is not None:
-        known, within = _within_limits(evidence, thing)
+        low, high = thing.intensity_min, thing.intensity_max
+        known = ~np.isnan(evidence.intensity)
+        with np.errstate(invalid="ignore"):
+            within = known & (evidence.intensity >= (-np.inf if low is None else low))
+            within &= evidence.intensity <= (np.inf if high is None else high)
         ratio = np.where(within, ratio - np.log(INTENSITY_SHARE), np.where(known, -np.inf, ratio))
         certain = certain & known
     return ratio, fit, certain
-
-
-def _within_limits(evidence: Evidence, thing: Thing) -> tuple[Bool, Bool]:
-    """Return (M,) True where the intensity is known, and where it is within the limits of an entry."""
-    known = ~np.isnan(evidence.intensity)
-    with np.errstate(invalid="ignore"):
-        within = known.copy()
-        if thing.intensity_min is not None:
-            within &= evidence.intensity >= thing.intensity_min
-        if thing.intensity_max is not None:
-            within &= evidence.intensity <= thing.intensity_max
-    return known, within
 
 
 def _by_sides(evidence: Evidence, length: float, width: float, tolerance: float) -> tuple[Float64, Float64, Bool]:
     """Compare two sides, either of which may be the longer."""
     seen_1, seen_2 = np.isfinite(evidence.side_1), np.isfinite(evidence.side_2)
     sd_1, sd_2, least_sd = (np.hypot(sd, tolerance) for sd in (evidence.side_1_sd, evidence.side_2_sd, evidence.least_sd))
-    ways = []
+    orders = []
     for a, b in ((length, width), (width, length)):
-        one = either(seen_1, measured(evidence.side_1, sd_1, a, a), at_least(evidence.least_1, least_sd, a))
-        two = either(seen_2, measured(evidence.side_2, sd_2, b, b), at_least(evidence.least_2, least_sd, b))
-        ways.append(one.plus(two))
-    return *any_way(ways), seen_1 & seen_2
+        one = measured(evidence.side_1, sd_1, a, a).where(seen_1, at_least(evidence.least_1, least_sd, a))
+        two = measured(evidence.side_2, sd_2, b, b).where(seen_2, at_least(evidence.least_2, least_sd, b))
+        orders.append(one.plus(two))
+    return *any_of(orders), seen_1 & seen_2
 
 
 def _by_extent(evidence: Evidence, length: float, width: float, tolerance: float) -> tuple[Float64, Float64, Bool]:
@@ -268,7 +248,7 @@ def _by_extent(evidence: Evidence, length: float, width: float, tolerance: float
     across = measured(evidence.across, np.hypot(evidence.across_sd, tolerance), low, high)
     least = np.fmax(evidence.least_1, evidence.least_2)
     longer = at_least(least, np.hypot(evidence.least_sd, tolerance), high)
-    return *any_way([either(seen, across, longer)]), seen
+    return *any_of([across.where(seen, longer)]), seen
 
 
 def _by_legs(evidence: Evidence, thing: Thing) -> tuple[Float64, Float64, Bool]:
@@ -280,10 +260,10 @@ def _by_legs(evidence: Evidence, thing: Thing) -> tuple[Float64, Float64, Bool]:
         a, b = thing.spacing[0], thing.spacing[-1]
         one, other = (measured(evidence.span_1, sd, side, side) for side in (a, b))
         if two:
-            ratio, fit = any_way([one])
+            ratio, fit = any_of([one])
         else:
             along, across = (measured(evidence.span_2, sd, side, side) for side in (a, b))
-            ratio, fit = any_way([one.plus(across), other.plus(along)])
+            ratio, fit = any_of([one.plus(across), other.plus(along)])
         certain = seen & np.isfinite(evidence.span_1) & (two | np.isfinite(evidence.span_2))
     if thing.legs:
         hidden = (1.0 - ALL_LEGS_SEEN) / max(thing.legs - 1, 1)
@@ -309,6 +289,11 @@ class Fit:
         """Return the fit of both sizes together."""
         return Fit(self.ratio + other.ratio, self.chi + other.chi, self.freedom + other.freedom)
 
+    def where(self, known: Bool, other: Fit) -> Fit:
+        """Return this fit where `known` is True, elsewhere the other."""
+        pairs = ((self.ratio, other.ratio), (self.chi, other.chi), (self.freedom, other.freedom))
+        return Fit(*(np.where(known, mine, its) for mine, its in pairs))
+
     def likely(self) -> Float64:
         """Return the probability of no better a fit if the size is right, 0 to 1."""
         one = 2.0 * below(-np.sqrt(self.chi))
@@ -318,12 +303,9 @@ class Fit:
 
 
 def measured(value: Float64, sd: Float64, low: float, high: float) -> Fit:
-    """Return the fits of measured sizes to a size between `low` and `high`; NaN counts as not seen.
+    """Return the fits of measured sizes (M,) to a size from `low` to `high` [m]; NaN counts as not seen.
 
-    Parameters
-    ----------
-    value, sd : (M,) size and its standard deviation, tolerance included [m]
-    low, high : bounds [m], which are equal for a known size
+    `sd`: standard deviations, tolerance included [m]; the bounds are equal for a known size.
     """
     seen = np.isfinite(value)
     value, spread = np.where(seen, value, low), np.where(seen, np.hypot(sd, LEAST_FIT_SD), 1.0)
@@ -338,12 +320,9 @@ def measured(value: Float64, sd: Float64, low: float, high: float) -> Fit:
 
 
 def at_least(least: Float64, sd: Float64, size: float) -> Fit:
-    """Return the fits of least lengths to a size, which only a longer one contradicts; NaN counts as not seen.
+    """Return the fits of least lengths (M,) to a size [m], which only a longer one contradicts; NaN counts as not seen.
 
-    Parameters
-    ----------
-    least, sd : (M,) least length and its standard deviation, tolerance included [m]
-    size : size [m]
+    `sd`: standard deviations, tolerance included [m].
     """
     seen = np.isfinite(least)
     least, spread = np.where(seen, least, 0.0), np.where(seen, np.hypot(sd, LEAST_FIT_SD), 1.0)
@@ -354,19 +333,10 @@ def at_least(least: Float64, sd: Float64, size: float) -> Fit:
     return Fit(np.where(seen, ratio, 0.0), np.where(exceeds, off**2, 0.0), exceeds.astype(np.float64))
 
 
-def either(known: Bool, one: Fit, other: Fit) -> Fit:
-    """Return one fit where `known` is True, elsewhere the other."""
-    return Fit(
-        np.where(known, one.ratio, other.ratio),
-        np.where(known, one.chi, other.chi),
-        np.where(known, one.freedom, other.freedom),
-    )
-
-
-def any_way(ways: Sequence[Fit]) -> tuple[Float64, Float64]:
-    """Return the log-likelihood ratio of several equally likely ways, and the fit of the best, (M,) each."""
-    ratio: Float64 = np.logaddexp.reduce([way.ratio for way in ways]) - math.log(len(ways))
-    fit: Float64 = np.max([way.likely() for way in ways], axis=0)
+def any_of(fits: Sequence[Fit]) -> tuple[Float64, Float64]:
+    """Return the log-likelihood ratio of several equally likely fits, and the fit of the best, (M,) each."""
+    ratio: Float64 = np.logaddexp.reduce([each.ratio for each in fits]) - math.log(len(fits))
+    fit: Float64 = np.max([each.likely() for each in fits], axis=0)
     return ratio, fit
 
 
@@ -411,18 +381,7 @@ each plant is different."""
 
 
 def evidence_of(batch: SweepBatch, detection: Detection) -> Evidence:
-    """Return the evidence of each object of a batch, by its own sweep alone.
-
-    Parameters
-    ----------
-    batch : the sweeps
-    detection : result of `detect` for them, K objects
-
-    Returns
-    -------
-    Evidence
-        (K,) each; walls have none
-    """
+    """Return the evidence of each of K objects of a batch, by its own sweep alone; walls have none."""
     count = len(detection)
     shape = detection.shape
     likelihood = np.zeros((WALL + 1, 4))
@@ -522,15 +481,9 @@ def _legs(detection: Detection) -> tuple[Int32, Float64, Float64]:
 
 
 def rectangle(x: Float64, y: Float64) -> tuple[Float64, Float64, Float64]:
-    """Return the smallest rectangles around some places.
+    """Return the smallest rectangles around up to N places each, (R, N) [m], NaN where there are fewer.
 
-    Parameters
-    ----------
-    x, y : (R, N) of up to N places each [m], NaN where there are fewer
-
-    Returns
-    -------
-    (2, R) sides, along the first axis and across [m]; (R,) direction of that axis [rad]; (2, R) middle [m]
+    (2, R) sides, along the first axis and across [m]; (R,) direction of that axis [rad]; (2, R) middle [m].
     """
     there = np.isfinite(x)
     # The smallest one has a side through two of the places.
@@ -581,20 +534,13 @@ def _places(detection: Detection, rows: Int64) -> tuple[Float64, Float64]:
 
 
 def shape_likelihood(seen: Sequence[float]) -> list[float]:
-    """Return the log-likelihood of each shape by many sweeps of a thing, which are not independent of each other.
+    """Return the log-likelihood of prismatic, round, legged and irregular by many sweeps of a thing, which are not
+    independent.
 
     The shares of sweeps by shape differ from thing to thing (Dirichlet), and the sweeps of a thing follow its shares.
+    `seen` are the numbers of sweeps that took it for each of these shapes; fractions count too.
 
-    Parameters
-    ----------
-    seen : numbers of sweeps that took it for prismatic, round, legged and irregular; fractions count too
-
-    Returns
-    -------
-    Log-likelihoods of prismatic, round, legged and irregular
-
-    >>> [round(each, 2) for each in shape_likelihood([1, 0, 0, 5])]
-    [-9.49, -11.31, -8.34, -3.95]
+    >>> [round(each, 2) for each in shape_likelihood([1, 0, 0, 5])] [-9.49, -11.31, -8.34, -3.95]
     """
     result = []
     for shares, weight in zip(SEEN_AS, ALIKE, strict=True):

@@ -1,25 +1,26 @@
 """Differences between two runs (§3, matching): what is known, moved, new or gone, and what nobody can tell.
 
-What is one thing in both runs is found first (`pairs`). A thing without a partner is new or gone only where the other run
+What is one thing in both runs is found first. A thing without a partner is new or gone only where the other run
 saw its place free.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, LEAST_SCORE
-from lidarcli.formalism.mapping.grid import UNKNOWN
-from lidarcli.formalism.matching.alignment import LEAST_AREA, SIZE_RANGE, Standing, alike, coded, placed_at
+from lidarcli.formalism.mapping.grid import UNKNOWN, pieces
+from lidarcli.formalism.matching.alignment import LEAST_AREA, SIZE_RANGE, Standing, alike, coded
 from lidarcli.formalism.matching.catalogue import LARGEST_SIZE
 from lidarcli.formalism.matching.ground import HERE, SEEN_FREE, Ground, Motion, Nearest
-from lidarcli.sweeps import Bool, Float64, Int8, Int64, record
+from lidarcli.sweeps import Bool, Float64, Int64, record
 
-# Extents of standing things by what their run saw of the ground around them (§3, matching).
+# Extents of standing things by what their run saw of the ground around them.
 #
 # A track measures a thing sweep by sweep. Of one that is partly hidden, or seen from many places, all hits together tell
 # more. A side ends where free ground was seen beyond it; where nothing was seen there, it may go on.
@@ -135,33 +136,27 @@ def _turned(points: Float64, angle: Float64, sizes: Int64) -> tuple[Float64, Flo
 def unseen_ends(things: Standing, yaw: Float64, ground: Ground | None) -> Float64:
     """Return (N, 2) how far length and width of things may go on, at both ends together, until free ground [m].
 
-    Parameters
-    ----------
-    ground : what their own run saw, in their coordinates; without one nothing is known to go on
+    `ground` is what their own run saw, in their coordinates; without one nothing is known to go on.
     """
+    found = np.zeros((len(things), 2))
     if ground is None:
-        return np.zeros((len(things), 2))
-    found = [_unseen_ends(box_of(things, yaw, k), ground) for k in range(len(things))]
-    return np.array(found, np.float64).reshape(len(things), 2)
-
-
-def _unseen_ends(box: Float64, ground: Ground) -> tuple[float, float]:
+        return found
     step = 0.5 * ground.resolution
     past = np.arange(0.5, LARGEST_SIZE / step) * step
-    found = []
-    for axis in (0, 1):
+    for k, axis in itertools.product(range(len(things)), (0, 1)):
+        box = box_of(things, yaw, k)
         along, across = 0.5 * box[3 + axis], 0.5 * box[4 - axis]
         cos, sin = math.cos(box[2] + 0.5 * axis * math.pi), math.sin(box[2] + 0.5 * axis * math.pi)
         wide = max(across - EDGE_CELLS * ground.resolution, 0.0)
-        beside = np.linspace(-wide, wide, 2 * int(wide / step) + 1)
+        sideways = np.linspace(-wide, wide, 2 * int(wide / step) + 1)
         more = 0.0
         for side in (-1.0, 1.0):
-            u, v = np.repeat(side * (along + past), len(beside)), np.tile(beside, len(past))
+            u, v = np.repeat(side * (along + past), len(sideways)), np.tile(sideways, len(past))
             x, y = box[0] + cos * u - sin * v, box[1] + sin * u + cos * v
             free = (ground.passed(x, y) >= SEEN_FREE).reshape(len(past), -1).any(axis=1)
             more += float(past[int(np.argmax(free))]) if free.any() else LARGEST_SIZE
-        found.append(min(more, max(LARGEST_SIZE - 2.0 * along, 0.0)))
-    return found[0], found[1]
+        found[k, axis] = min(more, max(LARGEST_SIZE - 2.0 * along, 0.0))
+    return found
 
 
 def clusters(points: Float64, linked: float) -> list[Int64]:
@@ -172,24 +167,9 @@ def clusters(points: Float64, linked: float) -> list[Int64]:
     cell -= cell.min(axis=0) - 1
     across = int(cell[:, 0].max()) + 2
     keys, which = np.unique(cell[:, 1] * across + cell[:, 0], return_inverse=True)
-    group = np.arange(len(keys))
-    links = []
-    for step in (1, across - 1, across, across + 1):
-        at = np.minimum(np.searchsorted(keys, keys + step), len(keys) - 1)
-        joined = np.flatnonzero(keys[at] == keys + step)
-        links.append(np.column_stack([joined, at[joined]]))
-    pairs = np.concatenate(links)
-    while True:
-        least = np.minimum(group[pairs[:, 0]], group[pairs[:, 1]])
-        before = group.copy()
-        np.minimum.at(group, pairs[:, 0], least)
-        np.minimum.at(group, pairs[:, 1], least)
-        group = group[group]
-        if (group == before).all():
-            break
-    which = group[which]
-    order = np.argsort(which, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(which[order])) + 1)
+    cluster = pieces(keys, across)[which]
+    order = np.argsort(cluster, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(cluster[order])) + 1)
 
 
 # Probabilities of things of two runs being one, in its place or moved (§3, matching).
@@ -244,11 +224,10 @@ class Side:
         """(N,) True if hardly any of the place was seen free."""
         return self.free < ANY_FREE
 
-
-def some_free(a: Side, b: Side) -> Bool:
-    """Return (N, M) whether some of the place of either thing of each pair was seen free."""
-    one, other = a.free >= ANY_FREE, b.free >= ANY_FREE
-    return one[:, None] | other
+    @property
+    def some_free(self) -> Bool:
+        """(N,) True if some of the place was seen free."""
+        return self.free >= ANY_FREE
 
 
 def in_place(a: Side, b: Side) -> Bool:
@@ -285,7 +264,7 @@ def probabilities(a: Side, b: Side, near: Bool) -> Float64:
     like = alike(one, other)
     # What was seen through where the other one stands has to be as large.
     large = np.minimum(like, alike(one, other, STANDING_SIZE_SD, WRONG_VIEW))
-    stays = np.exp(np.where(some_free(a, b), large, like) - 0.5 * off**2) / REPLACED
+    stays = np.exp(np.where(a.some_free[:, None] | b.some_free, large, like) - 0.5 * off**2) / REPLACED
     sized = [np.isfinite(each.length) for each in (one, other)]
     named = (one.label >= 0)[:, None] & (one.label[:, None] == other.label)
     length, width = (np.fmax(np.nan_to_num(each.length), SAME_PLACE) for each in (one, other))
@@ -346,14 +325,10 @@ def _side(one: Sides, other: Sides) -> Float64:
 
 
 def _marginals(weight: Float64) -> Float64:
-    """Return (N, M) the probability of each pair, where every row and column is in one pair or in none.
+    """Return (N, M) the probability of each pair by its odds against none, where every row and column is in one pair or in
+    none.
 
-    Parameters
-    ----------
-    weight : (N, M) odds of each pair against none
-
-    >>> np.round(_marginals(np.array([[9.0, 0.0], [0.0, 1.0]])), 3).tolist()
-    [[0.9, 0.0], [0.0, 0.5]]
+    >>> np.round(_marginals(np.array([[9.0, 0.0], [0.0, 1.0]])), 3).tolist() [[0.9, 0.0], [0.0, 0.5]]
     """
     back = np.ones(weight.shape)
     for _ in range(ROUNDS):
@@ -407,35 +382,34 @@ class Run:
         if motion == HERE:
             return self
         ground = None if self.ground is None else self.ground.moved(motion)
-        things = placed_at(self.things, *motion.of(self.things.x, self.things.y))
+        things = self.things.at(*motion.of(self.things.x, self.things.y))
         sensors = np.column_stack(motion.of(self.sensors[:, 0], self.sensors[:, 1]))
         return Run(things, self.yaw + motion.angle, ground, sensors)
 
 
-@record
-class Changes:
-    """C things and pieces of structure, (C,) each; coordinates of the first run, those of the second are in its own."""
+class Change(NamedTuple):
+    """What became of a thing or piece of structure; coordinates of the first run, those of the second are in its own."""
 
-    kind: Int8
+    kind: int
     """Index into `CHANGE_KINDS`."""
-    status: Int8
+    status: int
     """Index into `CHANGE_STATUSES`."""
-    why: Int8
+    why: int
     """Index into `CHANGE_WHYS`, `CERTAIN` for none."""
-    score: Float64
+    score: float
     """Probability of the status."""
-    first: Int64
+    area: float
+    """[m²]; NaN where unknown."""
+    looks: tuple[int, int]
+    """Sweeps of both runs that could see the place; -1 where unknown."""
+    free: tuple[float, float]
+    """Share of it that both runs saw free; NaN where unknown."""
+    first: int = -1
     """Index of the thing of the first run; -1 for none."""
-    second: Int64
+    second: int = -1
     """Index of the thing of the second run; -1 for none."""
-    place: Float64
-    """(C, 5) x, y, yaw, length and width of a piece of structure [m, rad]; NaN for things."""
-    area: Float64
-    """Area [m²]; NaN where unknown."""
-    looks: Int64
-    """(C, 2) sweeps of both runs that could see the place; -1 where unknown."""
-    free: Float64
-    """(C, 2) share of it that both runs saw free; NaN where unknown."""
+    place: tuple[float, ...] = ()
+    """x, y, yaw, length and width of a piece of structure [m, rad]; empty for things."""
 
 
 class Compared:
@@ -450,51 +424,46 @@ class Compared:
         chance: float = 1.0,
         least: float = LEAST_SCORE,
     ) -> None:
-        """
-        Parameters
-        ----------
-        second : in its own coordinates
-        motion : from these to the coordinates of the first run
-        nearest : nearest points of the ground of both runs, each in its own coordinates
-        chance : probability that the motion is right
-        least : least score of a status
+        """`motion` leads from the coordinates of the second run to those of the first, and is right by `chance`.
+
+        `nearest` are the nearest points of both runs, each in its own coordinates; `least` is the least score of a status.
         """
         self._runs = first, second
         self._motions = HERE, motion
         self._nearest = nearest
         self._chance, self._least = chance, least
         things = second.things
-        self._things = first.things, placed_at(things, *motion.of(things.x, things.y))
+        self._things = first.things, things.at(*motion.of(things.x, things.y))
         self._yaw = first.yaw, second.yaw + motion.angle
         self._spots = [[self._spot(side, k) for k in range(len(self._things[side]))] for side in (0, 1)]
-        self._rows: list[tuple[Any, ...]] = []
+        self._changes: list[Change] = []
 
-    def changes(self) -> Changes:
+    def changes(self) -> list[Change]:
         """Return all changes, things first; `TooManyError` where there are too many to tell."""
         a, b = self._side(0), self._side(1)
         near = in_place(a, b)
         chance = probabilities(a, b, near)
-        taken: tuple[set[int], set[int]] = set(), set()
+        paired: tuple[set[int], set[int]] = set(), set()
         for at in np.argsort(-chance, axis=None, kind="stable").tolist():
             i, j = divmod(at, chance.shape[1])
             score = float(chance[i, j]) * self._chance
             if score < self._least:
                 break
-            if i in taken[0] or j in taken[1]:
+            if i in paired[0] or j in paired[1]:
                 continue
-            taken[0].add(i)
-            taken[1].add(j)
+            paired[0].add(i)
+            paired[1].add(j)
             self._add(KNOWN if near[i, j] else MOVED, CERTAIN, score, i, j)
-        other = near & some_free(a, b)
-        left = [sorted({*range(len(self._things[side]))} - taken[side]) for side in (0, 1)]
-        told = (
-            {i: self._alone(0, i, chance[i], near[i], other[i], taken[1]) for i in left[0]},
-            {j: self._alone(1, j, chance[:, j], near[:, j], other[:, j], taken[0]) for j in left[1]},
+        other = near & (a.some_free[:, None] | b.some_free)
+        left = [sorted({*range(len(self._things[side]))} - paired[side]) for side in (0, 1)]
+        alone = (
+            {i: self._alone(0, i, chance[i], near[i], other[i], paired[1]) for i in left[0]},
+            {j: self._alone(1, j, chance[:, j], near[:, j], other[:, j], paired[0]) for j in left[1]},
         )
-        self._add_rest(told, np.where(near, chance, -1.0))
+        self._add_rest(alone, np.where(near, chance, -1.0))
         for side in (0, 1):
             self._structure(side)
-        return self._done()
+        return self._changes
 
     def _side(self, side: int) -> Side:
         """Return the things of a run with what is known of their places."""
@@ -502,14 +471,12 @@ class Compared:
         more = unseen_ends(run.things, run.yaw, run.ground)
         return Side(self._things[side], self._yaw[side], more, np.array(free, np.float64))
 
-    def _add_rest(self, told: tuple[dict[int, Told], dict[int, Told]], near: Float64) -> None:
+    def _add_rest(self, alone: tuple[dict[int, UnpairedStatus], dict[int, UnpairedStatus]], near: Float64) -> None:
         """Add what is in no pair yet: what is known, and what else stands in its place and is not certain, is one thing.
 
-        Parameters
-        ----------
-        near : (N, M) probability of each pair in one place, -1 for others
+        `near`: (N, M) probability of each pair in one place, -1 for others.
         """
-        before, after = told
+        before, after = alone
         for at in np.argsort(-near, axis=None, kind="stable").tolist():
             i, j = divmod(at, near.shape[1])
             if near[i, j] < 0.0:
@@ -528,15 +495,11 @@ class Compared:
 
     def _spot(self, side: int, k: int) -> Spot:
         """Return where a thing was hit, in the coordinates of the first run, and what the other run saw there."""
-        box = self._box(side, k)
+        box = box_of(self._things[side], self._yaw[side], k)
         points = self._hit(side, box)
         if not len(points):
             points = _filled(box)
         return self._seen(1 - side, points)
-
-    def _box(self, side: int, k: int) -> Float64:
-        """Return x, y, yaw, length and width of a thing; sizes that are unknown are guessed."""
-        return box_of(self._things[side], self._yaw[side], k)
 
     def _hit(self, side: int, box: Float64) -> Float64:
         """Return (K, 2) the occupied points of a run in a box, in the coordinates of the first run."""
@@ -567,19 +530,15 @@ class Compared:
 
     # Things.
 
-    def _alone(self, side: int, k: int, chance: Float64, near: Bool, other: Bool, taken: set[int]) -> Told:
-        """Tell of a thing of one run that is certainly one with none of the other run.
+    def _alone(self, side: int, k: int, chance: Float64, near: Bool, other: Bool, paired: set[int]) -> UnpairedStatus:
+        """Return the status of a thing of one run that is certainly one with none of the other run.
 
-        Parameters
-        ----------
-        chance : (M,) probability of being one thing with each of the other run
-        near : (M,) whether these stand in its place
-        other : (M,) whether they do, and some of either place was seen free
-        taken : those that are certainly one with another thing
+        By its probability of being one thing with each of these (M,); `near` are those in its place, `other` those of which
+        some of either place was seen free, `taken` those that are certainly one with another thing.
         """
         spot = self._spots[side][k]
         there, alone = float(chance[near].sum()), max(0.0, 1.0 - float(chance.sum()))
-        ambiguous = Told(UNCERTAIN, AMBIGUOUS, max(float(chance.max(initial=0.0)), alone) * self._chance)
+        ambiguous = UnpairedStatus(UNCERTAIN, AMBIGUOUS, max(float(chance.max(initial=0.0)), alone) * self._chance)
         if there >= self._least:
             # It is in its place, whichever of several it is.
             status, score = KNOWN, there
@@ -590,30 +549,30 @@ class Compared:
             # It may be one that is found elsewhere, but nothing tells so.
             status, score = (GONE if side == 0 else NEW), (1.0 - there) * spot.certainty
         elif np.isnan(spot.free):
-            return Told(UNCERTAIN, NO_FREE_SPACE, 0.0)
+            return UnpairedStatus(UNCERTAIN, NO_FREE_SPACE, 0.0)
         elif near.any() and other[near].all():
             # Another one took its place.
             return ambiguous
-        elif spot.near >= FREE_SHARE and not self._is_covered(side, k, near, taken):
+        elif spot.near >= FREE_SHARE and not self._is_covered(side, k, near, paired):
             # The other run takes it for a part of the building, or saw something else of it.
             status, score = KNOWN, spot.near / (spot.near + spot.free)
         elif spot.passed >= FREE_SHARE:
-            return Told(UNCERTAIN, SHORT, 0.0)
+            return UnpairedStatus(UNCERTAIN, SHORT, 0.0)
         else:
-            return Told(UNCERTAIN, self._out_of_sight(side, spot), 0.0)
+            return UnpairedStatus(UNCERTAIN, self._out_of_sight(side, spot), 0.0)
         score *= self._chance
         if score >= self._least:
-            return Told(status, CERTAIN, score)
-        return Told(UNCERTAIN, SHORT if spot.is_free and not there else AMBIGUOUS, score)
+            return UnpairedStatus(status, CERTAIN, score)
+        return UnpairedStatus(UNCERTAIN, SHORT if spot.is_free and not there else AMBIGUOUS, score)
 
-    def _is_covered(self, side: int, k: int, near: Bool, taken: set[int]) -> bool:
+    def _is_covered(self, side: int, k: int, near: Bool, paired: set[int]) -> bool:
         """Tell whether a thing that has another partner stands in the place of this one in the other run."""
         other = self._things[1 - side]
-        mine = [j for j in sorted(taken) if not near[j]]
+        mine = [j for j in sorted(paired) if not near[j]]
         if not mine:
             return False
         points = np.column_stack([other.x[mine], other.y[mine]])
-        return bool(within(points, self._box(side, k), BESIDE).any())
+        return bool(within(points, box_of(self._things[side], self._yaw[side], k), BESIDE).any())
 
     def _out_of_sight(self, side: int, spot: Spot) -> int:
         """Tell why the other run did not see a place: what hides it was not there, or parts around it were seen."""
@@ -626,10 +585,10 @@ class Compared:
         (there_x,), (there_y,) = back.of(np.array([x]), np.array([y]))
         stations = run.sensors[:: max(1, len(run.sensors) // MOST_STATIONS)]
         for begin in stations:
-            way = np.array([there_x, there_y]) - begin
-            length = float(np.hypot(*way))
+            ahead = np.array([there_x, there_y]) - begin
+            length = float(np.hypot(*ahead))
             steps = np.arange(0.1, max(length, 0.2), 0.5 * run.ground.resolution) / max(length, 1e-9)
-            ray = begin + steps[:, None] * way
+            ray = begin + steps[:, None] * ahead
             index, away = nearest.of(ray[:, 0], ray[:, 1])
             hit = np.flatnonzero(away <= run.ground.resolution)
             if not len(hit):
@@ -643,8 +602,8 @@ class Compared:
                 return HIDDEN
         around = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
         ring_x, ring_y = there_x + AROUND * np.cos(around), there_y + AROUND * np.sin(around)
-        seen = run.ground.state(ring_x, ring_y) != UNKNOWN
-        return HIDDEN if seen.mean() >= 0.25 else OUT_OF_VIEW
+        known = run.ground.state(ring_x, ring_y) != UNKNOWN
+        return HIDDEN if known.mean() >= 0.25 else OUT_OF_VIEW
 
     def _add(self, status: int, why: int, score: float, i: int, j: int) -> None:
         """Keep a thing; sizes are those of the run that has seen it, of both the second one."""
@@ -654,19 +613,19 @@ class Compared:
         before = self._spots[1][j] if j >= 0 else None
         after = self._spots[0][i] if i >= 0 else None
         # What a run saw of a thing of its own is that thing.
-        looks = [
+        looks = (
             self._own_looks(0, i) if before is None else before.looks,
             self._own_looks(1, j) if after is None else after.looks,
-        ]
-        free = [math.nan if before is None else before.free, math.nan if after is None else after.free]
-        self._rows.append((THING, status, why, score, i, j, np.full(5, np.nan), area, looks, free))
+        )
+        free = math.nan if before is None else before.free, math.nan if after is None else after.free
+        self._changes.append(Change(THING, status, why, score, area, looks, free, i, j))
 
     def _own_looks(self, side: int, k: int) -> int:
         """Return the number of sweeps that could see a thing of their own run."""
         ground = self._runs[side].ground
         if ground is None:
             return -1
-        points = _filled(self._box(side, k))
+        points = _filled(box_of(self._things[side], self._yaw[side], k))
         x, y = self._motions[side].inverse.of(points[:, 0], points[:, 1])
         return int(ground.seen(x, y).max())
 
@@ -686,7 +645,7 @@ class Compared:
         for each in (0, 1):
             for k in range(len(self._things[each])):
                 if changed.any():
-                    changed[changed] &= ~within(points[changed], self._box(each, k), EXPLAINED)
+                    changed[changed] &= ~within(points[changed], box_of(self._things[each], self._yaw[each], k), EXPLAINED)
         at = np.flatnonzero(changed)
         looks = here.seen(*self._motions[side].inverse.of(points[at, 0], points[at, 1]))
         others = there.seen(x[at], y[at])
@@ -704,32 +663,14 @@ class Compared:
             certain = score >= self._least
             status = (NEW if side else GONE) if certain else UNCERTAIN
             pair = int(np.max(looks[cluster])), int(np.max(others[cluster]))
-            free = 0.0, 1.0
-            self._rows.append(
-                (
-                    STRUCTURE,
-                    status,
-                    CERTAIN if certain else SHORT,
-                    score,
-                    -1,
-                    -1,
-                    box,
-                    len(cluster) * here.resolution**2,
-                    pair if side == 0 else pair[::-1],
-                    free if side == 0 else free[::-1],
-                )
-            )
-
-    def _done(self) -> Changes:
-        columns = [*zip(*self._rows, strict=True)] or [()] * 10
-        kinds = (np.int8, np.int8, np.int8, np.float64, np.int64, np.int64, np.float64, np.float64, np.int64, np.float64)
-        shapes = (-1, -1, -1, -1, -1, -1, (-1, 5), -1, (-1, 2), (-1, 2))
-        return Changes(
-            *(np.array(column, kind).reshape(shape) for column, kind, shape in zip(columns, kinds, shapes, strict=True))
-        )
+            free, area = (0.0, 1.0), len(cluster) * here.resolution**2
+            if side:
+                pair, free = pair[::-1], free[::-1]
+            why = CERTAIN if certain else SHORT
+            self._changes.append(Change(STRUCTURE, status, why, score, area, pair, free, place=tuple(box.tolist())))
 
 
-class Told(NamedTuple):
+class UnpairedStatus(NamedTuple):
     """Status of a thing that is in no pair."""
 
     status: int

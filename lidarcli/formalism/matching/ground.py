@@ -148,8 +148,8 @@ class Ground:
 
         def read(x: Float64, y: Float64) -> _Layers:
             mine, before = self._at(x, y), older._at(x, y)
-            seen = mine[0] != UNKNOWN
-            cells, passes, looks = (np.where(seen, mine[k], before[k]) for k in range(3))
+            known = mine[0] != UNKNOWN
+            cells, passes, looks = (np.where(known, mine[k], before[k]) for k in range(3))
             return cells.astype(np.int8), passes, looks
 
         x, y = np.array(corners).T
@@ -176,10 +176,7 @@ def _laid(
 ) -> tuple[float, float, Int8, Int32, Int32]:
     """Return the lower left corner of cells that hold some places, and their layers as `read` tells them of their middles.
 
-    Raises
-    ------
-    TooLargeError
-        There are more than `MOST_CELLS`.
+    More than `MOST_CELLS` raise a `TooLargeError`.
     """
     left, low = math.floor(x.min() / side), math.floor(y.min() / side)
     height, width = math.ceil(y.max() / side) - low, math.ceil(x.max() / side) - left
@@ -315,8 +312,8 @@ class Nearest:
         flat = self._index.reshape(-1)
         flat[cell] = which + 1
         # What is within a mass of others is nearest to no other cell.
-        beside = np.all([flat[cell + step] > 0 for step in (1, -1, across, -across)], axis=0)
-        edge, cells = which[~beside], cell[~beside]
+        inner_cells = np.all([flat[cell + step] > 0 for step in (1, -1, across, -across)], axis=0)
+        edge, cells = which[~inner_cells], cell[~inner_cells]
         # The farthest first, so that nearer points take their place.
         for at in np.argsort(-distance, kind="stable").tolist():
             if 0 < distance[at] <= reach:

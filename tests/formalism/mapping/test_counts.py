@@ -28,7 +28,6 @@ from tests.formalism.mapping.seen import (
     beams_of,
     chosen,
     counted,
-    cut,
     poses_at,
     random_sweeps,
     told,
@@ -125,40 +124,6 @@ def test_no_more_ground_than_allowed() -> None:
     assert (hits, passes) == tuple(each + each for each in before)
 
 
-@pytest.mark.parametrize("most", [1_000, 40_000, 200_000, 300_000, 400_000])
-def test_whether_the_ground_is_too_large_does_not_depend_on_the_cut(most: int) -> None:
-    # 364 x 25 cells, in two pieces that lie apart.
-    pieces = beams_of([[7.0], [10.0]], poses_at((7.02, 0.02, 0.0), (6.02, 0.5, np.pi)), angle_min=0.0)
-    fits = []
-    for order, size in (([0, 1], 1), ([1, 0], 1), ([0, 1], 2)):
-        counts = Counts(RESOLUTION, most)
-        try:
-            for part in cut(chosen(pieces, np.array(order)), size):
-                counts.add(part)
-        except TooLargeError:
-            fits.append(False)
-        else:
-            fits.append(True)
-    assert fits in ([False] * 3, [True] * 3)
-    if most in (1_000, 400_000):
-        assert fits[0] == (most == 400_000)
-
-
-def test_a_point_on_the_edge_of_a_cell_is_in_the_same_one_whatever_came_before() -> None:
-    # 0.7 - 0.5 is a little less than 0.2: 3.999999999999999 cells of 5 cm, but 260 with 256 more.
-    edge = beams_of([[0.5]], poses_at((0.7, 0.02, np.pi)), angle_min=0.0)
-    assert edge.end[0, 0, 0] == 0.7 - 0.5 < 0.2
-    far = line_of(-3.02, 5.02)
-    alone = told(counted(edge)), told(counted(far))
-    for order in ((edge, far), (far, edge)):
-        counts = Counts(RESOLUTION, MOST)
-        for beams in order:
-            counts.add(beams)
-        hits, passes = told(counts)
-        assert hits == alone[0][0] + alone[1][0]
-        assert passes == alone[0][1] + alone[1][1]
-
-
 def test_what_is_occupied_free_and_unknown() -> None:
     counts = of_cells([[0, 1, 2, 3, 3, 3], [0, 0, 5, 0, 1, 0]], [[0, 0, 0, 3, 2, 1], [0, 1, 5, 0, 0, 9]], -4, 6)
     grid = counts.occupancy(2, 0.5, "odom")
@@ -171,41 +136,6 @@ def test_what_is_occupied_free_and_unknown() -> None:
     assert (grid.resolution, grid.frame_id) == (0.5, "odom")
     assert (grid.occupied, grid.free) == (3, 4)
     assert grid.cells.dtype == np.int8
-
-
-@pytest.mark.parametrize(
-    ("min_hits", "ratio", "occupied"),
-    [(1, 0.0, 5), (2, 0.0, 4), (3, 0.0, 3), (4, 0.0, 1), (1, 0.25, 4), (1, 0.5, 3), (1, 0.74, 3), (1, 1.0, 0)],
-)
-def test_hits_and_ratio(min_hits: int, ratio: float, occupied: int) -> None:
-    # Shares of hits: 1, 1, 3/4, 1/4 of 12, 1/2.
-    counts = of_cells([[1, 3, 9, 3, 2]], [[0, 0, 3, 9, 2]], 0, 0)
-    expected = [n >= min_hits and n / (n + m) > ratio for n, m in ((1, 0), (3, 0), (9, 3), (3, 9), (2, 2))]
-    assert counts.occupancy(min_hits, ratio, "map").occupied == sum(expected) == occupied
-
-
-@pytest.mark.parametrize("resolution", [0.05, 0.03, 0.1, 1 / 3])
-def test_the_origin_is_a_whole_number_of_cells(resolution: float) -> None:
-    for x, y in ((0.3, 0.15), (-7.7, 1234.5), (-0.001, -0.001)):
-        counts = counted(line_of(x, y), resolution=resolution)
-        grid = grid_of(counts)
-        for value in (grid.x, grid.y):
-            assert value / resolution == pytest.approx(round(value / resolution), abs=1e-6)
-            assert value == round(value, 9)
-        # The beam's own cells are where they belong.
-        row, column = np.nonzero(grid.cells == OCCUPIED)
-        assert grid.x + column[0] * resolution <= x + 1.0 + 1e-9 <= grid.x + (column[0] + 1) * resolution + 1e-8
-        assert grid.y + row[0] * resolution <= y + 1e-9 <= grid.y + (row[0] + 1) * resolution + 1e-8
-    assert counted(line_of(0.22, 0.22)).occupancy(1, 0.0, "map").x == 0.15
-
-
-def test_nothing_seen_is_an_empty_map() -> None:
-    for counts in (Counts(RESOLUTION, MOST), counted(beams_of([[np.nan]], poses_at((3.0, 4.0, 0.0))))):
-        grid = grid_of(counts)
-        # An image has to have some pixels: the margin.
-        assert grid.cells.tolist() == [[UNKNOWN] * 2] * 2
-        assert (grid.occupied, grid.free) == (0, 0)
-        assert grid.frame_id == "odom"
 
 
 def test_a_room_of_four_walls() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.mapping.grid import MIN_TURN, PAUSE_NS, MotionFilter
+from lidarcli.formalism.mapping.grid import PAUSE_NS, MotionFilter
 from lidarcli.sweeps import Int64, SweepPoses
 
 SECOND = 1_000_000_000
@@ -68,18 +68,6 @@ def test_it_agrees_with_one_by_one(seed: int, min_move: float) -> None:
     assert len(taken) == 400 - motion.unplaced if min_move == 0.0 else 20 < len(taken) < 300
 
 
-@pytest.mark.parametrize("size", [1, 7, 1000])
-def test_the_cut_into_batches_makes_no_difference(size: int) -> None:
-    poses, stamps = wander(11)
-    whole, parts = MotionFilter(0.1), MotionFilter(0.1)
-    taken: list[int] = []
-    for first in range(0, len(stamps), size):
-        rows = np.arange(first, min(first + size, len(stamps)))
-        taken += (rows[0] + parts.take(poses.rows(rows), stamps[rows])).tolist()
-    assert taken == whole.take(poses, stamps).tolist()
-    assert parts.unplaced == whole.unplaced
-
-
 def test_who_waits_counts_every_five_seconds() -> None:
     assert PAUSE_NS == 5 * SECOND
     motion = MotionFilter(0.1)
@@ -89,14 +77,3 @@ def test_who_waits_counts_every_five_seconds() -> None:
     back = MotionFilter(0.1)
     stamps = np.concatenate([every(3) + 60 * SECOND, every(3)])
     assert back.take(poses_of(np.zeros(6)), stamps).tolist() == [0, 3]
-
-
-def test_who_turns_sees_something_new() -> None:
-    assert pytest.approx(math.radians(10)) == MIN_TURN
-    motion = MotionFilter(1.0)
-    turns = np.radians([0.0, 6.0, 10.1, 15.0, 4.0, 0.0, -0.1, -1.0])
-    assert motion.take(poses_of(np.zeros(8), 0.0, turns), every(8)).tolist() == [0, 2, 5]
-    # Through the seam, and whole turns, are no turns.
-    seam = MotionFilter(1.0)
-    turns = np.radians([179.0, -179.0, 179.0 + 720.0, -172.0, -170.0])
-    assert seam.take(poses_of(np.zeros(5), 0.0, turns), every(5)).tolist() == [0, 4]

@@ -53,16 +53,6 @@ def with_shares(found: Detection, left: Any) -> Detection:
     return replace(found, thing=np.where(found.y > 0, left[found.row], 0.95))
 
 
-def test_sweeps_in_doubt_follow_the_others() -> None:
-    batch = parked(*BOXES)
-    shares = np.full(SWEEPS, 0.9)
-    shares[[7, 20, 21]] = 0.02
-    found = with_shares(detect(batch, EVERYTHING), shares)
-    one = told_of(batch, found).judged(found, 0.3)
-    assert (one.set == OBJECT).all()
-    assert (one.thing[found.y > 0] > 0.8).all()
-
-
 def test_what_is_mostly_taken_for_building_is_building_in_every_sweep() -> None:
     batch = parked(*BOXES)
     shares = np.full(SWEEPS, 0.1)
@@ -73,20 +63,6 @@ def test_what_is_mostly_taken_for_building_is_building_in_every_sweep() -> None:
     assert (one.set[left] == NOISE).all()
     assert (one.shape[left] == WALL).all()
     assert (one.set[~left] == OBJECT).all()
-
-
-def test_without_a_place_each_sweep_is_for_itself() -> None:
-    """Nobody tells where the sensor is, and it does not stand; or its poses could not be checked."""
-    batch = parked(*BOXES)
-    moved = replace(batch, ranges=batch.ranges + 0.2 * np.arange(SWEEPS, dtype=np.float32)[:, None])
-    found = detect(moved, EVERYTHING)
-    told = told_of(moved, found)
-    np.testing.assert_array_equal(np.isnan(told.thing), found.row > 0)
-    np.testing.assert_array_equal(told.judged(found, 0.0).thing[found.row > 0], found.thing[found.row > 0])
-    driven = simulated(scene_of(*BOXES, path=DRIVE), SWEEPS)
-    fits = replace(driven, fits=np.arange(SWEEPS) < 30, still=np.zeros(SWEEPS, np.bool_))
-    found = detect(fits, EVERYTHING)
-    np.testing.assert_array_equal(np.isnan(told_of(fits, found).thing), found.row >= 30)
 
 
 def test_a_sensor_that_stands_has_a_place_for_every_stop() -> None:
@@ -190,19 +166,6 @@ def test_a_long_wall_is_a_line_and_a_short_one_is_none() -> None:
     assert found[39:42, 20:50].all()
     assert not found[:38].any()
     assert not found[43:].any()
-
-
-def test_a_line_may_run_in_any_direction() -> None:
-    hits, passes = drawn()
-    steps = np.arange(0.0, 45.0, 0.5)
-    for angle in np.deg2rad([7.0, 45.0, 100.0, 151.0]):
-        at = (
-            np.rint(40 + np.sin(angle) * (steps - 20)).astype(int),
-            np.rint(40 + np.cos(angle) * (steps - 20)).astype(int),
-        )
-        here = hits.copy()
-        here[at] = 4
-        assert on_lines(here, passes)[at].mean() > 0.95
 
 
 def test_what_stands_by_itself_on_a_line_is_spared() -> None:

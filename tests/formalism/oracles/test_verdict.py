@@ -18,6 +18,12 @@ def bodies_of(state: State) -> list[tuple[int, list[int]]]:
     return [(k, [j for j in range(count) if state.features.body[j] == k]) for k in range(state.features.count)]
 
 
+def ends_of(state: State, k: int) -> tuple[int, int]:
+    """The first and the last segment of a body."""
+    begin, end = state.features.start[k], state.features.start[k + 1]
+    return state.features.member[begin], state.features.member[end - 1]
+
+
 def value(state: State, k: int, name: str) -> float:
     """A feature of a body."""
     return float(state.features.values[k * features.COUNT + features.NAMES.index(name)])
@@ -33,8 +39,8 @@ def test_bodies_are_what_may_be_a_thing() -> None:
             assert (state.features.body[j] >= 0) == bool(may)
         for k, members in bodies_of(state):
             assert len(members) == state.bodies.parts[members[0]]
-            assert state.features.head[k] in members
-            assert state.features.tail[k] in members
+            begin, end = state.features.start[k], state.features.start[k + 1]
+            assert sorted(state.features.member[begin:end]) == members
             found += 1
     assert found > 1500
 
@@ -43,7 +49,7 @@ def test_edges_tell_how_much_further_the_neighbours_are() -> None:
     for one in recordings():
         state = one.after["features.measure"]
         for k, _ in bodies_of(state):
-            head, tail = state.segments[state.features.head[k]], state.segments[state.features.tail[k]]
+            head, tail = (state.segments[j] for j in ends_of(state, k))
             edges = [EDGES[head.start_edge], EDGES[tail.end_edge]]
             jumps = []
             for edge, step in zip(edges, [-head.s_start, tail.s_end], strict=True):
