@@ -304,10 +304,7 @@ class PoseSources:
 
 
 def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:
-    """Return the topics of equally likely sources that may belong to several robots; else empty.
-
-    Odometry of one child frame is of one robot, however many topics tell it.
-    """
+    """Return the topics of equally likely sources that may belong to several robots; else empty."""
     told = {(track.topic, track.child if track.type == ODOMETRY else track.topic) for track in tracks}
     robots = {robot for _, robot in told}
     topics = tuple(sorted({topic for topic, _ in told}))
@@ -649,10 +646,7 @@ def _unknown(rotation: Float64) -> Bool:
 
 
 def _seen_from_above(rotation: Float64) -> Float64:
-    """Return (K, 3, 3) rotations from leaning frames (K, 4) to a level view: x ahead, y left, z up.
-
-    A frame that hangs head down keeps its own left, as its poses do.
-    """
+    """Return (K, 3, 3) rotations from leaning frames (K, 4) to a level view: x ahead, y left, z up."""
     matrices = _matrices(rotation)
     seen = planar(Motion(np.zeros((len(rotation), 3)), rotation))
     cos, sin = np.cos(seen.yaw)[:, None], np.sin(seen.yaw)[:, None]

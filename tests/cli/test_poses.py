@@ -70,13 +70,6 @@ def test_tum(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     assert "-0.000000 " not in out.read_text()
 
 
-def test_txt_is_tum_and_twice_the_same(lidarcli: Run, tmp_path: Path) -> None:
-    for name in ("a.tum", "b.txt", "c.TUM"):
-        assert lidarcli("-q", "poses", DRIVE, "-o", tmp_path / name).err == ""
-    texts = {(tmp_path / name).read_bytes() for name in names(tmp_path)}
-    assert len(texts) == 1
-
-
 def test_parquet(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     out = tmp_path / "run.parquet"
     assert lidarcli("-q", "poses", DRIVE, "-o", out).code == 0
@@ -95,22 +88,6 @@ def test_parquet(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     assert columns(out, "x", "y", "z", "qx", "qy", "qz", "qw") == pytest.approx(numbers, abs=5.1e-7)
     metadata = table.schema.metadata or {}
     assert json.loads(metadata[b"lidarcli.source"])["poses"] == {"laser": accepted("/tf", "odom")}
-
-
-def test_options_choose_sweeps_and_source(lidarcli: Run, tmp_path: Path) -> None:
-    out = tmp_path / "some.parquet"
-    options = ("--pose", "/odom", "--start", 1, "--end", 3, "--every", 2)
-    ran = lidarcli("poses", DRIVE, "-o", out, *options)
-    assert ran.code == 0
-    assert "  note     5 poses" in ran.err.splitlines()
-    assert pq.read_table(out)["sweep"].to_pylist() == [6, 8, 10, 12, 14]
-    late = tmp_path / "late.tum"
-    assert lidarcli("-q", "poses", DRIVE, "-o", late, "--pose-delay", "0.2").code == 0
-    assert lidarcli("-q", "poses", DRIVE, "-o", tmp_path / "in_time.tum").code == 0
-    (stamps, moved), (_, numbers) = lines_of(late), lines_of(tmp_path / "in_time.tum")
-    # The stamps are those of the sweeps, the places those of the next one; after the last pose 0.1 s are held.
-    assert (len(moved), stamps[0]) == (149, START)
-    assert moved == pytest.approx(numbers[1:], abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -134,54 +111,6 @@ def test_and_back(lidarcli: Run, tables: Path, tmp_path: Path, source: Path, opt
     metadata = pq.read_schema(tmp_path / "back" / "drive.sweeps.parquet").metadata
     assert json.loads(metadata[b"lidarcli.parameters"])["poses"] == "run.tum"
     assert json.loads(metadata[b"lidarcli.source"])["poses"] == {"laser": accepted("run.tum", "world")}
-
-
-@pytest.mark.parametrize("command", ["info", "map", "poses", "track", pytest.param("plot", marks=pytest.mark.slow)])
-def test_every_command_takes_a_path(lidarcli: Run, tmp_path: Path, command: str) -> None:
-    path = tmp_path / "run.tum"
-    assert lidarcli("-q", "poses", DRIVE, "-o", path).code == 0
-    output = {"map": "m.ply", "poses": "p.txt", "track": "tables", "plot": "p.png"}
-    words: tuple[object, ...] = ("-o", tmp_path / output[command]) if command in output else ()
-    words += ("--view", "map") if command == "plot" else ()
-    ran = lidarcli(command, DRIVE, "--poses", path, *words)
-    assert ran.code == 0
-    assert "run.tum (world > laser)" in ran.out + ran.err
-    ran = lidarcli(command, DRIVE, "--poses", path, "--pose", "/odom", *words)
-    assert (ran.code, ran.out, ran.err) == (
-        2,
-        "",
-        f"lidarcli: --pose /odom and --poses {path} exclude each other: leave one out\n",
-    )
-    (tmp_path / "bad.tum").write_text("nothing\n")
-    ran = lidarcli(command, DRIVE, "--poses", tmp_path / "bad.tum", *words, *(["--overwrite"] if words else []))
-    assert ran.code == 3
-    assert ran.err == (
-        f"lidarcli: {DRIVE}: {tmp_path / 'bad.tum'}: line 1: 'nothing' is no pose; lines are timestamp x y z qx qy qz qw\n"
-    )
-
-
-@pytest.mark.parametrize(
-    "words", [("--poses", "/nowhere.tum"), ("--pose", "/odom"), ("--pose-delay", 0.1), ("--no-deskew",)]
-)
-def test_a_picture_that_needs_no_poses_takes_none(lidarcli: Run, tmp_path: Path, words: tuple[object, ...]) -> None:
-    ran = lidarcli("plot", DRIVE, *words, "-o", tmp_path / "p.png")
-    assert (ran.code, (tmp_path / "p.png").exists()) == (2, False)
-    assert "are for --view map, --background and --zones" in ran.err
-
-
-def test_info_with_a_path(lidarcli: Run, tmp_path: Path) -> None:
-    path = tmp_path / "run.tum"
-    assert lidarcli("-q", "poses", DRIVE, "-o", path).code == 0
-    ran = lidarcli("info", DRIVE, "--poses", path)
-    assert "    pose      run.tum (world > laser)\n" in ran.out
-    (found,) = json.loads(lidarcli("info", DRIVE, "--poses", path, "--format", "json").out)
-    (source,) = found["pose_sources"]
-    assert (source["topic"], source["type"], source["poses"], source["rate"]) == ("run.tum", "tum", 150, 5.0)
-    assert source["frames"] == [{"parent": "world", "child": ""}]
-    ran = lidarcli("info", DRIVE, "--pose", "/odom")
-    assert "    pose      /odom and /tf_static (odom > base_link > laser)\n" in ran.out
-    ran = lidarcli("info", DRIVE, "--pose", "none")
-    assert (ran.code, [line for line in ran.out.splitlines() if line.startswith("    pose ")]) == (0, [])
 
 
 def test_evo_reads_it(lidarcli: Run, tmp_path: Path) -> None:
@@ -272,24 +201,6 @@ def test_a_damaged_log(lidarcli: Run, tmp_path: Path) -> None:
     assert 10 < len((tmp_path / "run.tum").read_text().splitlines()) < 150
 
 
-@pytest.mark.parametrize(
-    ("name", "code", "cause"),
-    [
-        ("run.xyz", 2, "lidarcli: {}: the suffix of a trajectory has to be one of .tum, .txt, .parquet\n"),
-        ("run", 2, "lidarcli: {}: the suffix of a trajectory has to be one of .tum, .txt, .parquet\n"),
-        ("there.tum", 5, "lidarcli: {} exists; use --overwrite to replace it, or -o to write elsewhere\n"),
-        ("file/run.tum", 5, "lidarcli: cannot write below {}: it is not a folder\n"),
-    ],
-)
-def test_what_cannot_be_written(lidarcli: Run, tmp_path: Path, name: str, code: int, cause: str) -> None:
-    (tmp_path / "there.tum").write_text("mine")
-    (tmp_path / "file").touch()
-    ran = lidarcli("poses", DRIVE, "-o", tmp_path / name)
-    shown = tmp_path / "file" if name.startswith("file/") else tmp_path / name
-    assert (ran.code, ran.out, ran.err) == (code, "", cause.format(shown))
-    assert (names(tmp_path), (tmp_path / "there.tum").read_text()) == (["file", "there.tum"], "mine")
-
-
 def test_what_is_read_is_not_written(lidarcli: Run, tmp_path: Path) -> None:
     path = tmp_path / "in.tum"
     path.write_text("1700000000 0 0 0 0 0 0 1\n")
@@ -302,13 +213,6 @@ def test_what_is_read_is_not_written(lidarcli: Run, tmp_path: Path) -> None:
         )
     assert lidarcli("-q", "poses", DRIVE, "-o", tmp_path / "log.tum", "--overwrite").code == 0
     assert len((tmp_path / "log.tum").read_text().splitlines()) == 150
-
-
-def test_one_log(lidarcli: Run, tmp_path: Path) -> None:
-    ran = lidarcli("poses", DRIVE, SAMPLES / "room.mcap", "-o", tmp_path / "a.tum")
-    assert (ran.code, names(tmp_path)) == (2, [])
-    ran = lidarcli("poses", SAMPLES, "-o", tmp_path / "a.tum")
-    assert (ran.code, names(tmp_path), len(ran.err.splitlines())) == (2, [], 1)
 
 
 @pytest.mark.parametrize("far", [-400.0, 400.0])

@@ -180,16 +180,6 @@ def test_odd_logs_do_not_raise() -> None:
     assert unplaced(standing) == 11
 
 
-def test_a_clock_that_is_set_back_keeps_the_track_sorted() -> None:
-    batch, _ = simulated(building(sweeps=30))
-    stamps = batch.stamp_ns.copy()
-    stamps[20:] -= 5 * SECOND_NS
-    track = matched(replace(batch, stamp_ns=stamps))
-    assert (np.diff(track.stamp_ns) > 0).all()
-    assert track.jumps_back == 1
-    assert np.isfinite(track.motion.position).all()
-
-
 def test_after_a_gap_in_another_place_the_map_begins_anew() -> None:
     batch, _ = simulated(building(sweeps=40))
     there, _ = simulated(replace(load_scene(SAMPLES / "corridor.toml"), sensor=SENSOR, sweeps=40))
@@ -205,13 +195,3 @@ def test_after_a_gap_in_another_place_the_map_begins_anew() -> None:
     assert unplaced(matching) == 9
     gone = track.motion.position[len(before.stamp_ns)] - before.motion.position[-1]
     assert np.hypot(*gone[:2]) == 0.0
-
-
-def test_a_path_that_is_not_known_for_long_has_a_gap() -> None:
-    batch, _ = simulated(building(sweeps=60))
-    batch.ranges[10:15] = np.nan
-    batch.ranges[30:41] = np.nan
-    matching = MatchedPath()
-    matching.add(batch)
-    assert unplaced(matching) == 16
-    assert matching.gaps.tolist() == [batch.stamp_ns[[29, 41]].tolist()]

@@ -265,10 +265,7 @@ def _differ(one: Tracklet, other: Tracklet) -> bool:
 
 
 def _join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
-    """Join slim tracklets that stand at a steady distance: they are the legs of one thing.
-
-    Legs that walk belong to persons (`association`).
-    """
+    """Join slim tracklets that stand at a steady distance: they are the legs of one thing."""
     legs = [tracklets[number] for number in sorted(sightings.spans) if _is_leg(tracklets[number])]
     place = np.array([complex(*leg.place(still=True)) for leg in legs])
     apart = np.abs(place - place[:, None])

@@ -104,10 +104,7 @@ def update_motion_evidence(targets: Targets, b: int, sides: EdgeMeasurement, is_
 
 
 def _motion_odds(targets: Targets, a: int, z: float, sign: float, var: float, lasting: float) -> float:
-    """Return the log-odds by which a moving target explains a measurement of c + sign h better than its static model.
-
-    `lasting`: variance of the place of the static model that all of its sightings share [m²].
-    """
+    """Return the log-odds by which a moving target explains a measurement of c + sign h better than its static model."""
     off, s = kalman.residual(targets, a, z, sign, var)
     static_off, static_s = kalman.static_residual(targets, a, z, sign, var)
     static_s += lasting
@@ -115,11 +112,7 @@ def _motion_odds(targets: Targets, a: int, z: float, sign: float, var: float, la
 
 
 def _axis_odds(targets: Targets, a: int, sides: EdgeMeasurement, low: int) -> float:
-    """Return the log-odds for motion of the two sides of an axis.
-
-    Edges that may be those of returns alone count together or not at all: if only one of them moves, more of the target has
-    come into view.
-    """
+    """Return the log-odds for motion of the two sides of an axis."""
     low_var, high_var = sides.var[low], sides.var[low + 1]
     of_low, of_high = 0.0, 0.0
     if low_var >= 0.0:

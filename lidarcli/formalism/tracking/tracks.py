@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from lidarcli.formalism.tracking.results import (
     Tracks,
     Trajectories,
 )
-from lidarcli.sweeps import Float64, Int64, SweepBatch, UInt8, record
+from lidarcli.sweeps import Float64, Int64, SweepBatch, UInt8
 
 LEG_SHARE = 0.25
 """Share of the sightings of a tracklet in which a leg beside it has to be seen."""
@@ -389,35 +389,32 @@ class Sweeps:
 
     def __init__(self) -> None:
         self.count = 0
-        self._index = np.empty(0, np.int64)
-        self._stamp = np.empty(0, np.int64)
-        self._seconds = np.empty(0)
-        self._posed = np.empty(0, np.uint8)
+        self._rows = np.empty(
+            0, [("index", np.int64), ("stamp_ns", np.int64), ("seconds", np.float64), ("posed", np.uint8)]
+        )
 
     def add(self, index: Int64, stamp_ns: Int64, seconds: Float64, posed: bool) -> None:
         """Add the next sweeps; `posed`: True where places are those of the world."""
         stop = self.count + len(index)
-        if stop > len(self._index):
-            room = max(len(self._index) * 5 // 4, stop)
-            for name in ("_index", "_stamp", "_seconds", "_posed"):
-                old = getattr(self, name)
-                more = np.empty(room, old.dtype)
-                more[: self.count] = old[: self.count]
-                setattr(self, name, more)
-        at = slice(self.count, stop)
-        self._index[at], self._stamp[at], self._seconds[at], self._posed[at] = index, stamp_ns, seconds, posed
+        if stop > len(self._rows):
+            more = np.empty(max(len(self._rows) * 5 // 4, stop), self._rows.dtype)
+            more[: self.count] = self._rows[: self.count]
+            self._rows = more
+        new = self._rows[self.count : stop]
+        new["index"], new["stamp_ns"], new["seconds"], new["posed"] = index, stamp_ns, seconds, posed
         self.count = stop
 
     def rows(self, track: Int64, sweeps: Int64, path: Float64, codes: UInt8) -> Trajectories:
         """Return rows for (N,) tracks in sweeps by number, with (N, 9) of the path and (N,) bytes as of `PARTS_MASK`."""
         parts = (codes & PARTS_MASK).astype(np.int32)
         sd = np.sqrt(path[:, [4, 6, 7, 8]])
+        row = self._rows[sweeps]
         return Trajectories(
             track=track,
-            sweep=self._index[sweeps],
-            stamp_ns=self._stamp[sweeps],
-            seconds=self._seconds[sweeps],
-            frame=self._posed[sweeps],
+            sweep=row["index"].copy(),
+            stamp_ns=row["stamp_ns"].copy(),
+            seconds=row["seconds"].copy(),
+            frame=row["posed"].copy(),
             x=path[:, 0],
             y=path[:, 1],
             vx=path[:, 2],
@@ -484,33 +481,22 @@ SIZES = 3
 """Number of sizes: sides along both axes, and the extent across the line of sight."""
 
 
-@record
-class SizeMeasurements:
-    """Measurements of K objects by single sweeps."""
+SIZE_MEASUREMENT = np.dtype(
+    [
+        ("size", np.float64, (SIZES,)),
+        ("sd", np.float64, (SIZES,)),
+        ("yaw", np.float64),
+        ("blur", np.float64),
+        ("intensity", np.float64),
+        ("edges", np.int64),
+    ]
+)
+"""Of an object in one sweep: sides along both axes of the box and the extent across the line of sight [m], NaN where
+not seen; their standard deviations [m]; direction of the first axis in the world [rad]; standard deviation of the
+distance of two legs at that range [m]; median intensity, NaN without; first and last beam as one number."""
 
-    size: Float64
-    """(K, SIZES) sides along both axes of the box, and extent across the line of sight [m]; NaN where not seen."""
-    sd: Float64
-    """(K, SIZES) standard deviations of the sizes [m]."""
-    yaw: Float64
-    """(K,) direction of the first axis in the world [rad]."""
-    blur: Float64
-    """(K,) standard deviation of the distance of two legs at that range [m]."""
-    intensity: Float64
-    """(K,) median intensity of the returns; NaN without intensities."""
-    edges: Int64
-    """(K,) first and last beam, as one number."""
-
-    def rows(self, part: slice) -> SizeMeasurements:
-        """Return the measurements of some of the objects."""
-        return SizeMeasurements(*(getattr(self, each.name)[part] for each in fields(self)))
-
-    @staticmethod
-    def joined(parts: list[SizeMeasurements]) -> SizeMeasurements:
-        """Return the measurements of several parts as one; there is at least one part."""
-        return SizeMeasurements(
-            *(np.concatenate([getattr(one, each.name) for one in parts]) for each in fields(SizeMeasurements))
-        )
+SizeMeasurements: TypeAlias = NDArray[np.void]
+"""(K,) `SIZE_MEASUREMENT`."""
 
 
 @dataclass(slots=True)
@@ -524,7 +510,7 @@ class _SizeEstimate:
     """(3, SIZES) number of sightings, sum of weights [1/m²] and weighted sum of sizes, by the beams at the edges."""
     sightings: int = 0
     blur: float = 0.0
-    """Mean of `SizeMeasurements.blur`."""
+    """Mean of the measured blur."""
     lit: int = 0
     """Number of sightings with an intensity."""
     intensity: float = math.nan
@@ -534,13 +520,13 @@ class _SizeEstimate:
 
     def take(self, measured: SizeMeasurements, at: Int64, turned: Any) -> None:
         """Add sightings; `turned` is True where the first axis of a sighting is the second one of the tracklet."""
-        size, sd = measured.size[at], measured.sd[at]
+        size, sd = measured["size"][at], measured["sd"][at]
         for values in (size, sd):
             values[turned, :2] = values[turned, 1::-1]
         seen = np.isfinite(size)
         weight = np.where(seen, 1.0 / np.square(np.where(seen, sd, 1.0)), 0.0)
         sums = np.stack([seen.astype(float), weight, weight * np.where(seen, size, 0.0)], axis=1)
-        each, inverse = np.unique(measured.edges[at], return_inverse=True)
+        each, inverse = np.unique(measured["edges"][at], return_inverse=True)
         total = np.zeros((len(each), 3, SIZES))
         np.add.at(total, inverse, sums)
         for edges, more in zip(each.tolist(), total, strict=True):
@@ -549,8 +535,8 @@ class _SizeEstimate:
             elif len(self.looks) < MOST_LOOKS and more[0].any():
                 self.looks[edges] = more
         self.sightings += len(at)
-        self.blur += float((measured.blur[at] - self.blur).sum()) / self.sightings
-        lit = measured.intensity[at]
+        self.blur += float((measured["blur"][at] - self.blur).sum()) / self.sightings
+        lit = measured["intensity"][at]
         lit = lit[~np.isnan(lit)]
         if len(lit):
             before = self.intensity if self.lit else 0.0
@@ -601,14 +587,13 @@ class Naming:
     def measure(self, batch: SweepBatch, detection: Detection, poses: Float64) -> SizeMeasurements:
         """Measure the K objects of a batch; `poses`: (K, 4) x, y, yaw and side of the sensor at each of them."""
         seen = evidence_of(batch, detection)
-        return SizeMeasurements(
-            size=np.column_stack([seen.side_1, seen.side_2, seen.across]),
-            sd=np.column_stack([seen.side_1_sd, seen.side_2_sd, seen.across_sd]),
-            yaw=poses[:, 2] + poses[:, 3] * detection.box_yaw,
-            blur=seen.span_sd,
-            intensity=seen.intensity,
-            edges=(detection.beam_i.astype(np.int64) << 32) + detection.beam_f,
-        )
+        found = np.empty(len(detection), SIZE_MEASUREMENT)
+        found["size"] = np.column_stack([seen.side_1, seen.side_2, seen.across])
+        found["sd"] = np.column_stack([seen.side_1_sd, seen.side_2_sd, seen.across_sd])
+        found["yaw"] = poses[:, 2] + poses[:, 3] * detection.box_yaw
+        found["blur"], found["intensity"] = seen.span_sd, seen.intensity
+        found["edges"] = (detection.beam_i.astype(np.int64) << 32) + detection.beam_f
+        return found
 
     def take(self, pieces: list[SizeMeasurements], number: Int64, axes: Float64, known: dict[int, Tracklet]) -> None:
         """Add the measurements of a window.
@@ -622,7 +607,7 @@ class Naming:
         """
         if not pieces:
             return
-        measured = SizeMeasurements.joined(pieces)
+        measured = np.concatenate(pieces)
         order = np.argsort(number, kind="stable")
         tracklets, begins = np.unique(number[order], return_index=True)
         for tracklet, at in zip(tracklets.tolist(), np.split(order, begins[1:]), strict=True):
@@ -635,8 +620,8 @@ class Naming:
                 continue
             sizes = self._sizes.get(tracklet)
             if sizes is None or sizes.kind != known[tracklet].kind:
-                sizes = self._sizes[tracklet] = _SizeEstimate(known[tracklet].kind, float(measured.yaw[rows[0]]))
-            off = measured.yaw[rows] - (axes[rows] if is_box else sizes.yaw)
+                sizes = self._sizes[tracklet] = _SizeEstimate(known[tracklet].kind, float(measured["yaw"][rows[0]]))
+            off = measured["yaw"][rows] - (axes[rows] if is_box else sizes.yaw)
             sizes.take(measured, rows, np.abs(np.sin(off)) > np.abs(np.cos(off)))
 
     def name(self, tracks: list[Track]) -> None:

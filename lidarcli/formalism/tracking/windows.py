@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from lidarcli.formalism.tracking.tracks import (
     row_shape,
     standing,
 )
-from lidarcli.sweeps import Bool, Float64, Int32, Int64, UInt8
+from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 
 EVERYTHING = slice(None)
 MOST_PLACED = 0.5
@@ -90,33 +90,23 @@ class Window:
         return float(np.concatenate(self.placed).mean()) > MOST_PLACED
 
 
-@dataclass(slots=True)
-class WindowResult:
-    """Results for the objects (K,) of a window."""
+RESULT = np.dtype(
+    [
+        ("track", np.int64),
+        ("vx", np.float64),
+        ("vy", np.float64),
+        ("moving", np.bool_),
+        ("agent", np.bool_),
+        ("label", np.int32),
+        ("label_score", np.float64),
+        ("shape", np.uint8),
+    ]
+)
+"""What a window tells of an object."""
+NO_TRACK = (0, np.nan, np.nan, False, False, -1, np.nan, UNKNOWN)
 
-    track: Int64
-    vx: Float64
-    vy: Float64
-    moving: Bool
-    agent: Bool
-    label: Int32
-    label_score: Float64
-    shape: UInt8
-
-    def rows(self, part: slice | NDArray[np.intp]) -> WindowResult:
-        """Return the results for some of the objects."""
-        return WindowResult(*(getattr(self, each.name)[part] for each in fields(self)))
-
-    @staticmethod
-    def joined(parts: list[WindowResult]) -> WindowResult:
-        """Return the results of several parts as one."""
-        kinds = (np.int64, np.float64, np.float64, np.bool_, np.bool_, np.int32, np.float64, np.uint8)
-        if not parts:
-            nothing: list[Any] = [np.empty(0, kind) for kind in kinds]
-            return WindowResult(*nothing)
-        if len(parts) == 1:
-            return parts[0]
-        return WindowResult(*(np.concatenate([getattr(one, each.name) for one in parts]) for each in fields(WindowResult)))
+WindowResult: TypeAlias = NDArray[np.void]
+"""(K,) `RESULT` of the objects of a window."""
 
 
 class TrackRegistry:
@@ -391,41 +381,22 @@ class WindowSightings:
 
 
 def _rows(sightings: WindowSightings, at: Int64, found: Bool) -> WindowResult:
-    """Return the results for the objects of a window.
-
-    Parameters
-    ----------
-    seen : the sightings
-    at, found : sightings of the objects that have one, and (K,) which these are (`WindowSightings.find`)
-    """
-    label_of = sightings.of_owner(lambda tracklet: -1 if tracklet.track is None else tracklet.track.label, -1, np.int32)
-    score_of = sightings.of_owner(
-        lambda tracklet: np.nan if tracklet.track is None else tracklet.track.label_score, np.nan, np.float64
-    )
-    shape = sightings.of_owner(lambda tracklet: tracklet.row_shape, UNKNOWN, np.uint8)
-
-    def column(values: NDArray[Any], empty: Any) -> NDArray[Any]:
-        out = np.full(len(found), empty, values.dtype)
-        out[found] = values[at]
-        return out
-
-    return WindowResult(
-        track=column(sightings.track, 0),
-        vx=column(sightings.vx, np.nan),
-        vy=column(sightings.vy, np.nan),
-        moving=column(sightings.moving, False),
-        agent=column(sightings.agent, False),
-        label=column(label_of, -1),
-        label_score=column(score_of, np.nan),
-        shape=column(shape, UNKNOWN),
-    )
+    """Return the results for the objects of a window, by the sightings `at` of those that are `found`."""
+    rows = np.full(len(found), np.array(NO_TRACK, RESULT))
+    known = np.empty(len(at), RESULT)
+    for name in ("track", "vx", "vy", "moving", "agent"):
+        known[name] = getattr(sightings, name)[at]
+    known["label"] = sightings.of_owner(lambda one: -1 if one.track is None else one.track.label, -1, np.int32)[at]
+    known["label_score"] = sightings.of_owner(
+        lambda one: np.nan if one.track is None else one.track.label_score, np.nan, np.float64
+    )[at]
+    known["shape"] = sightings.of_owner(lambda one: one.row_shape, UNKNOWN, np.uint8)[at]
+    rows[found] = known
+    return rows
 
 
 def _smooth(sightings: WindowSightings, tracklets: dict[int, Tracklet]) -> list[Path]:
-    """Fill in the velocities of everything that moves, and the sightings from which on it is an agent.
-
-    Return the paths of what moves.
-    """
+    """Fill in the velocities of everything that moves, and the sightings from which on it is an agent."""
     moving = [(track, at) for track, at in sightings.by_track(ahead=True) if _moves(sightings, track, at)]
     if not moving:
         return []
@@ -451,10 +422,7 @@ def _moves(sightings: WindowSightings, track: Track, at: Int64) -> bool:
 
 
 def _departure(sightings: WindowSightings, track: Track, at: Int64) -> int:
-    """Return the first sweep after which a track is hardly seen where it was before; -1 if it always came back.
-
-    `at`: its sightings, in the order of the log.
-    """
+    """Return the first sweep after which a track is hardly seen where it was before; -1 if it always came back."""
     if len(at) < STAYED_SIGHTINGS:
         return int(sightings.sweep[at[0]])
     # What is slim may be a leg of a thing, and then another one.
@@ -543,13 +511,7 @@ def _smooth_track(
 
 
 def _leaves(path: Float64, size: float) -> int:
-    """Return the index of the last sweep in which a tracklet is where it was first.
-
-    Parameters
-    ----------
-    path : (S, 9) as `smoothing.Smoother.smooth` fills it in
-    size : size of the tracklet [m]
-    """
+    """Return the index of the last sweep in which a tracklet is where it was first."""
     way = np.hypot(path[:, 0] - path[0, 0], path[:, 1] - path[0, 1])
     var = 0.5 * (path[:, 4] + path[:, 6])
     return int(np.flatnonzero(way <= size + LEFT_SDS * np.sqrt(var + var[0]))[-1])

@@ -83,8 +83,6 @@ class PoseOptions:
 
     def __post_init__(self) -> None:
         """Refuse options that exclude each other."""
-        if self.source is not None and self.file is not None:
-            raise OptionError(f"--pose {self.source} and --poses {self.file} exclude each other: leave one out")
         if self.delay is None:
             return
         if not abs(self.delay) <= MOST_DELAY:

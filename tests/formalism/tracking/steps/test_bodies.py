@@ -157,51 +157,6 @@ def test_faces_tell_the_direction_up_to_quarter_turns() -> None:
         )
 
 
-def test_a_face_far_askew_hardly_turns_a_body() -> None:
-    moved = []
-    for off in (0.9 * kalman.MOST_TURN, 1.1 * kalman.MOST_TURN):
-        targets = Targets(1)
-        targets.yaw_var[0], targets.rate_var[0] = 4e-4, 0.02
-        targets.cos[0] = 1.0
-        kalman.update_yaw(targets, 0, off, 1e-4)
-        moved.append(targets.yaw[0])
-    assert moved[0] > 10 * moved[1] > 0
-
-
-@pytest.mark.parametrize("low_var", [-1.0, 1e-4])
-@pytest.mark.parametrize("high_var", [-1.0, 4e-4])
-def test_an_axis_begins_with_what_is_seen_of_its_sides(low_var: float, high_var: float) -> None:
-    targets = Targets(1)
-    kalman.initiate_axis(targets, 0, 1.0, 1.6, low_var, high_var)
-    c, h = targets.c[0], targets.h[0]
-    for sign, side, var in ((-1.0, 1.0, low_var), (1.0, 1.6, high_var)):
-        # A side that was seen is there, as uncertain as it was seen; the other one at least so far.
-        off, s = kalman.residual(targets, 0, side, sign, 0.0)
-        if var >= 0:
-            assert (off, s) == pytest.approx((0.0, var), abs=1e-12)
-        else:
-            assert sign * off <= 1e-12
-            assert s > 0.01
-    assert h >= 0.3 - 1e-12
-    assert targets.v[0] == 0.0
-    assert targets.vv[0] == kalman.SPEED_SD**2
-    assert (targets.static_c[0], targets.static_h[0]) == (c, h)
-    if low_var > 0 and high_var > 0:
-        assert targets.ch[0] == pytest.approx((high_var - low_var) / 4)
-
-
-def test_what_rests_is_where_its_twin_stands() -> None:
-    targets = Targets(1)
-    kalman.reset(targets, 0)
-    for i in range(2):
-        kalman.initiate_axis(targets, i, 1.0, 2.0, 1e-4, 1e-4)
-        targets.c[i], targets.v[i] = 1.9, 0.8
-    kalman.hold_still(targets, 0)
-    assert kalman.centre(targets, 0) == (1.5, 1.5)
-    assert (targets.v[0], targets.v[1], targets.yaw_rate[0]) == (0.0, 0.0, 0.0)
-    assert targets.cc[0] == pytest.approx(targets.static_cc[0] + kalman.UNSEEN_VAR)
-
-
 def test_slots_are_used_again_and_numbers_are_not() -> None:
     targets = Targets(3)
     numbers = []

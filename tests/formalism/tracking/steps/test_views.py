@@ -60,18 +60,6 @@ def at(meas: Measurements, x: float, y: float) -> int:
 
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("drive", DRIVES)
-def test_columns_that_stand_are_where_they_stand(drive: str, sensor: str, hangs: bool) -> None:
-    meas, _ = detections(DRIVES[drive], sensor, hangs)
-    for x, y in PLACES[: 3 if sensor == "part of a turn" else 4]:
-        k = at(meas, x, y)
-        assert math.hypot(meas.centre_x[k] - x, meas.centre_y[k] - y) < 0.02
-        for p in range(meas.begin[k], meas.begin[k + 1]):
-            away = math.hypot(meas.point_x[p] - x, meas.point_y[p] - y)
-            assert away == pytest.approx(RADIUS, abs=0.02)
-
-
-@pytest.mark.parametrize("sensor", SENSORS)
-@pytest.mark.parametrize("drive", DRIVES)
 def test_a_place_of_the_world_lies_where_the_beams_found_it(drive: str, sensor: str, hangs: bool) -> None:
     meas, batch = detections(DRIVES[drive], sensor, hangs)
     bearings = batch.bearings()[0]
@@ -85,31 +73,6 @@ def test_a_place_of_the_world_lies_where_the_beams_found_it(drive: str, sensor: 
         assert 0.0 < math.hypot(ahead, left) - meas.near[k] < RADIUS
         # Afterwards the sensor stands at its start again.
         assert (meas.x, meas.y) == DRIVES[drive].start[:2]
-
-
-def test_taking_a_stand() -> None:
-    meas, _ = detections(DRIVES["both"], "full turn", False)
-    measurement.place_sensor(meas, 0.5)
-    half = 0.05 * (719 / 720)
-    assert (meas.x, meas.y) == pytest.approx((-0.1 + 0.8 * half, 0.1 + 0.6 * half), abs=1e-6)
-    yaw = -0.2 - math.radians(90) * half
-    assert (meas.cos, meas.sin) == pytest.approx((math.cos(yaw), math.sin(yaw)), abs=1e-6)
-    meas.moves = False
-    measurement.place_sensor(meas, 0.0)
-    assert meas.x == pytest.approx(-0.1 + 0.8 * half, abs=1e-6)
-
-
-def test_a_sensor_that_stays_takes_one_stand_alone() -> None:
-    still = Drive((0.3, 0.2, 0.4), (0.0, 0.0, 0.0))
-    meas, batch = detections(still, "full turn", False)
-    assert not meas.moves
-    assert batch.duration is not None
-    for x, y in PLACES:
-        k = at(meas, x, y)
-        assert 0.0 < meas.share[k] < 1.0
-        ahead, left = measurement.to_sensor(meas, x, y)
-        turned = measurement.to_world(meas, ahead, left)
-        assert turned == pytest.approx((x, y), abs=1e-12)
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
