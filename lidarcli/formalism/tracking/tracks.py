@@ -523,9 +523,9 @@ class _SizeEstimate:
         size, sd = measured["size"][at], measured["sd"][at]
         for values in (size, sd):
             values[turned, :2] = values[turned, 1::-1]
-        seen = np.isfinite(size)
-        weight = np.where(seen, 1.0 / np.square(np.where(seen, sd, 1.0)), 0.0)
-        sums = np.stack([seen.astype(float), weight, weight * np.where(seen, size, 0.0)], axis=1)
+        known = np.isfinite(size)
+        weight = np.where(known, 1.0 / np.square(np.where(known, sd, 1.0)), 0.0)
+        sums = np.stack([known.astype(float), weight, weight * np.where(known, size, 0.0)], axis=1)
         each, inverse = np.unique(measured["edges"][at], return_inverse=True)
         total = np.zeros((len(each), 3, SIZES))
         np.add.at(total, inverse, sums)
@@ -586,12 +586,12 @@ class Naming:
 
     def measure(self, batch: SweepBatch, detection: Detection, poses: Float64) -> SizeMeasurements:
         """Measure the K objects of a batch; `poses`: (K, 4) x, y, yaw and side of the sensor at each of them."""
-        seen = evidence_of(batch, detection)
+        evidence = evidence_of(batch, detection)
         found = np.empty(len(detection), SIZE_MEASUREMENT)
-        found["size"] = np.column_stack([seen.side_1, seen.side_2, seen.across])
-        found["sd"] = np.column_stack([seen.side_1_sd, seen.side_2_sd, seen.across_sd])
+        found["size"] = np.column_stack([evidence.side_1, evidence.side_2, evidence.across])
+        found["sd"] = np.column_stack([evidence.side_1_sd, evidence.side_2_sd, evidence.across_sd])
         found["yaw"] = poses[:, 2] + poses[:, 3] * detection.box_yaw
-        found["blur"], found["intensity"] = seen.span_sd, seen.intensity
+        found["blur"], found["intensity"] = evidence.span_sd, evidence.intensity
         found["edges"] = (detection.beam_i.astype(np.int64) << 32) + detection.beam_f
         return found
 

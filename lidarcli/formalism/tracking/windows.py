@@ -433,10 +433,10 @@ def _departure(sightings: WindowSightings, track: Track, at: Int64) -> int:
     at = at[np.arange(count) * len(at) // count]
     time, now = sightings.time[at], np.arange(1, count)
     apart = np.abs(sightings.place[at] - sightings.place[at][:, None])
-    way = grouping.STANDING_LEGS_APART if is_slim else LEAST_WAY
+    distance = grouping.STANDING_LEGS_APART if is_slim else LEAST_WAY
     first = np.searchsorted(time, time[now - 1] - STAYED_SECONDS)
     stop = np.searchsorted(time, time[now] + STAYED_SECONDS, side="right")
-    left = np.flatnonzero(_share_again(apart <= way, first, now, stop) <= STAYED_SHARE)
+    left = np.flatnonzero(_share_again(apart <= distance, first, now, stop) <= STAYED_SHARE)
     if len(left) <= (LEAST_TRAVEL * count if is_thing else 0):
         steps = _share_again(apart <= LEAST_WAY, 0 * now, now, 0 * now + count) <= STEP_SHARE
         left = np.flatnonzero(steps & (np.minimum(now, count - now) >= STEP_SIGHTINGS * count))
@@ -512,9 +512,9 @@ def _smooth_track(
 
 def _leaves(path: Float64, size: float) -> int:
     """Return the index of the last sweep in which a tracklet is where it was first."""
-    way = np.hypot(path[:, 0] - path[0, 0], path[:, 1] - path[0, 1])
+    distance = np.hypot(path[:, 0] - path[0, 0], path[:, 1] - path[0, 1])
     var = 0.5 * (path[:, 4] + path[:, 6])
-    return int(np.flatnonzero(way <= size + LEFT_SDS * np.sqrt(var + var[0]))[-1])
+    return int(np.flatnonzero(distance <= size + LEFT_SDS * np.sqrt(var + var[0]))[-1])
 
 
 def _half_extent(tracklet: Tracklet, axis: int) -> float:
