@@ -11,12 +11,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.pose.tracks import read_trajectory
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import POSES
 from tests.places import SAMPLES
 from tests.pose.pose_messages import accepted
-from tests.sweeping import START, STEP, raw_sweeps, room_sweeps, round_room
+from tests.sweeping import START, STEP, raw_sweeps, round_room
 
 Run = Callable[..., Any]
 DRIVE = SAMPLES / "drive.db3"
@@ -172,26 +171,6 @@ def test_stamps_that_jump_back(lidarcli: Run, tmp_path: Path) -> None:
     assert pq.read_table(tmp_path / "out.parquet")["sweep"].to_pylist() == list(range(7))
 
 
-def test_without_poses(lidarcli: Run, tmp_path: Path) -> None:
-    blind, log = tmp_path / "blind.mcap", tmp_path / "a.tum"
-    write_log(blind, [raw_sweeps(np.full((20, 360), np.inf))])
-    for source, options, cause in (
-        (blind, (), "no path of frame laser: the sweeps of /scan cannot be matched"),
-        (DRIVE, ("--pose", "none"), "nothing in the log tells where the sensor was"),
-    ):
-        for name in ("a.tum", "a.parquet"):
-            ran = lidarcli("poses", source, "-o", tmp_path / name, *options)
-            assert (ran.code, ran.out, len(ran.err.splitlines())) == (3, "", 1)
-            assert ran.err.startswith(f"lidarcli: {source}: no poses: ")
-            assert cause in ran.err
-    assert names(tmp_path) == ["blind.mcap"]
-    # The path of a log that tells none is matched from its sweeps; this sensor stands.
-    assert lidarcli("-q", "poses", SAMPLES / "room.mcap", "-o", log).code == 0
-    stamps, numbers = lines_of(log)
-    assert len(stamps) == 100
-    assert np.abs(numbers[:, :2]).max() < 0.02
-
-
 def test_a_damaged_log(lidarcli: Run, tmp_path: Path) -> None:
     log = tmp_path / "cut.db3"
     log.write_bytes(DRIVE.read_bytes()[: DRIVE.stat().st_size * 3 // 4])
@@ -239,31 +218,3 @@ def test_a_path_of_another_time(lidarcli: Run, logs: Path, tmp_path: Path, far: 
     assert (ran.code, ran.out, len(ran.err.splitlines())) == (3, "", 1)
     assert "without a pose: 20 of 20 sweeps of frame laser" in ran.err
     assert not (tmp_path / "out.tum").exists()
-
-
-def test_sweeps_outside_of_a_path_are_left_out(lidarcli: Run, tmp_path: Path) -> None:
-    log, path, out = tmp_path / "run.mcap", tmp_path / "in.tum", tmp_path / "out.tum"
-    write_log(log, [room_sweeps()])
-    path.write_text("1700000000.5 0 0 0 0 0 0 1\n1700000000.7 1 0 0 0 0 0 1\n1700000000.9 2 0 0 0 0 0 1\n")
-    ran = lidarcli("poses", log, "--poses", path, "-o", out)
-    assert ran.code == 0
-    # 0.1 s before and after are held.
-    assert "  note     7 poses" in ran.err.splitlines()
-    stamps, numbers = lines_of(out)
-    assert ((stamps - START) // STEP).tolist() == list(range(4, 11))
-    assert numbers[:, 0].tolist() == [0, 0, 0.5, 1, 1.5, 2, 2]
-    back = read_trajectory(out)
-    assert np.array_equal(back.stamp_ns, stamps)
-
-
-def test_two_topics_of_one_frame_are_one_sensor(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    lines = [f"{1_700_000_000 + k} {0.25 * k} 0 0 0 0 0 1\n" for k in range(-1, 6)]
-    (tmp_path / "in.tum").write_text("".join(lines))
-    words = ("poses", logs / "two.mcap", "--poses", tmp_path / "in.tum", "-o")
-    ran = lidarcli(*words, tmp_path / "out.tum")
-    assert ran.code == 0
-    assert "is of the same frame as" in ran.err
-    only = next(line for line in ran.err.splitlines() if "left out (--topic" in line).split()[1]
-    first = "/rear" if only == "/front" else "/front"
-    assert lidarcli(*words, tmp_path / "first.tum", "--topic", first).code == 0
-    assert (tmp_path / "out.tum").read_bytes() == (tmp_path / "first.tum").read_bytes()

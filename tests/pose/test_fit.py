@@ -80,12 +80,6 @@ def test_a_delay_is_found(delay: float) -> None:
     assert fit.share > 0.98
 
 
-def test_a_delay_at_the_bound_may_be_a_greater_one() -> None:
-    fit = judged(partial(late, delay=0.9))
-    assert fit.verdict == "rejected"
-    assert fit.delay == 0.0
-
-
 @pytest.mark.parametrize("mount", [(0.2, 0.05, 0.0), (0.0, 0.0, 0.5 * np.pi), (-0.15, 0.1, np.pi), (0.3, 0.0, -0.4)])
 def test_a_mount_is_found(mount: tuple[float, float, float]) -> None:
     fit = judged(round_about, poses_after(TRUE, np.array(mount)))
@@ -146,17 +140,6 @@ def test_too_little_is_unchecked() -> None:
         assert (fit.delay, fit.mount) == (0.0, (0.0, 0.0, 0.0))
 
 
-def test_steps_between_pieces_of_the_path_do_not_count() -> None:
-    """After the matching was lost nobody knows how one piece lies to the next."""
-    lost = TRUE.copy()
-    lost[100:] = poses_after(np.tile([3.0, -2.0, 1.0], (100, 1)), TRUE[100:])
-    pieces = np.where(np.arange(COUNT) < 100, 1.0, 2.0)
-    whole, cut = judged(round_about, lost), judged(round_about, lost, pieces)
-    assert cut.share == 1.0
-    assert cut.pairs < whole.pairs
-    assert whole.share < 1.0
-
-
 # --- steps --------------------------------------------------------------------------------------------------
 
 
@@ -202,14 +185,6 @@ def test_parts_between_jumps_are_joined() -> None:
     found = poses_after(moves[part], told)
     np.testing.assert_allclose(found[:, :2], TRUE[:, :2], atol=1e-9)
     np.testing.assert_allclose(np.cos(found[:, 2] - TRUE[:, 2]), 1.0)
-
-
-def test_what_cannot_be_joined_is_not_known() -> None:
-    cuts = ((int(STAMPS[99]), int(STAMPS[100])),)
-    pieces = np.where(np.arange(COUNT) < 100, 1.0, 2.0)
-    _, moves, lost = joined(STAMPS, TRUE, pieces, TRUE, cuts)
-    assert lost
-    assert np.isnan(moves).all(axis=1).tolist() == [False, True]
 
 
 def test_poses_that_go_back_and_forth_are_of_two_publishers() -> None:

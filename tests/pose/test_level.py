@@ -61,12 +61,6 @@ def test_heights_count_from_the_robot() -> None:
     assert found.words("lidar") == "above base_link, level by /tf_static"
 
 
-def test_the_floor_goes_before_the_robot() -> None:
-    found = levels(fixed("base_footprint", "base_link", at((0, 0, 0.2))), fixed("base_link", "lidar", at((0, 0, 0.5))))
-    assert seen(found.of("lidar", STAMP), (1.0, 0.0, 0.0)) == pytest.approx([1.0, 0.0, 0.7])
-    assert found.words("lidar") == "above base_footprint, level by /tf_static"
-
-
 @pytest.mark.parametrize("pitch", [-0.4, 0.3])
 @pytest.mark.parametrize("yaw", [0.0, 2.0])
 @pytest.mark.parametrize("roll", [0.2, np.pi - 0.1])
@@ -115,15 +109,6 @@ def test_points_in_the_world_are_seen_from_the_robot() -> None:
     assert level.frame_id == "base_link"
     assert seen(level, (5.0, 1.0, 0.8), 0) == pytest.approx([3.0, 0.0, 0.5])
     assert seen(level, (5.0, 1.0, 0.8), 1) == pytest.approx([1.0, 0.0, 0.5])
-
-
-def test_a_mount_holds_before_and_after_it_is_told() -> None:
-    mount = [tf(second * SECOND, "base_link", "lidar", at((0, 0, 0.8), turn(PITCH, 0.3))) for second in (3, 4)]
-    found = levels(*mount)
-    level = found.of("lidar", np.array([0, 3 * SECOND, 9 * SECOND]))
-    assert level is not None
-    assert level.offset[:, 2].tolist() == [0.8] * 3
-    assert np.ptp(level.rotation, axis=0).max() == 0.0
 
 
 def test_nothing_is_known() -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidarcli.pose.tracks import Motion, compose, interpolate, inverse, planar, rotate, tilt
+from lidarcli.pose.tracks import Motion, compose, interpolate, inverse, planar, rotate
 from lidarcli.sweeps import Float64
 
 
@@ -27,13 +27,6 @@ def about(axis: tuple[float, float, float], angle: float) -> Float64:
 def matrix(rotation: Float64) -> Float64:
     """The (3, 3) matrix of a quaternion, column by column."""
     return np.column_stack([rotate(rotation, np.eye(3)[[k]])[0] for k in range(3)])
-
-
-def test_rotation_about_each_axis() -> None:
-    quarter = np.pi / 2
-    np.testing.assert_allclose(matrix(about((0, 0, 1), quarter)), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
-    np.testing.assert_allclose(matrix(about((1, 0, 0), quarter)), [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15)
-    np.testing.assert_allclose(matrix(about((0, 1, 0), quarter)), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-15)
 
 
 def test_the_inverse_undoes() -> None:
@@ -72,13 +65,6 @@ def test_no_extrapolation() -> None:
     assert not poses.upside_down.any()
 
 
-def test_the_first_and_the_last_pose_hold_as_long_as_they_may() -> None:
-    stamps = np.array([10, 20])
-    at = np.array([4, 5, 9, 15, 21, 25, 26])
-    poses = planar(interpolate(at, stamps, flat((1, 1, 0), (2, 2, 0)), hold_ns=5))
-    np.testing.assert_array_equal(poses.x, [np.nan, 1, 1, 1.5, 2, 2, np.nan])
-
-
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(0, 1))
 def test_yaw_is_linear_along_the_shorter_way(first: float, second: float, share: float) -> None:
     turn = (second - first + np.pi) % (2 * np.pi) - np.pi
@@ -104,9 +90,3 @@ def test_a_sensor_upside_down(axis: tuple[float, float, float], angle: float, ya
     assert (x[0], y[0]) == pytest.approx((1.0 + point[0], 2.0 + point[1]))
     line = rotate(about(axis, angle), np.array([[np.cos(0.4), np.sin(0.4), 0.0]]))[0]
     assert abs(np.sin(turned[0] - np.arctan2(line[1], line[0]))) < 1e-12
-
-
-def test_tilt() -> None:
-    motion = Motion(np.zeros((2, 3)), np.concatenate([about((1, 0, 0), 0.3), about((0, 1, 0), np.pi - 0.2)]))
-    assert tilt(motion) == pytest.approx(0.3)
-    assert tilt(Motion(np.full((1, 3), np.nan), np.full((1, 4), np.nan))) == 0.0

@@ -12,7 +12,7 @@ import pytest
 from lidarcli.foxglove import SCAN, classes
 from lidarcli.logs.base import Message
 from lidarcli.pose.fit import contradictions, way_findings
-from lidarcli.pose.sources import FrameTree, PoseChain, PoseSources, TreeLevels
+from lidarcli.pose.sources import FrameTree, PoseChain, PoseSources
 from lidarcli.pose.tracks import Track, Tracks, planar
 from tests.pose.pose_messages import SECOND, Pose, message, numbers, odometry, tf
 
@@ -70,30 +70,6 @@ def test_odometry_of_the_namespace_comes_first() -> None:
     assert chain.world == "robot2/odom"
 
 
-def test_an_enclosing_namespace_tells_what_the_nearer_one_does_not() -> None:
-    mapped = [tf(time, "map", "odom", (0, 5, 0), "/tf") for time in TIMES]
-    chain = way_of([*robot("/robot2", 0.7, 1.0), *mapped], "/robot2/scan", scans=["/robot2/scan"])
-    assert chain is not None
-    assert chain.world == "map"
-    assert planar(chain.at(AT)).y.tolist() == [5.0] * 3
-    # What both tell, the nearer one tells.
-    elsewhere = [tf(time, "map", "base_link", (9, 9, 0), "/tf") for time in TIMES]
-    chain = way_of([*robot("/robot2", 0.7, 1.0), *elsewhere], "/robot2/scan", scans=["/robot2/scan"])
-    assert chain is not None
-    assert chain.world == "odom"
-
-
-def test_points_of_clouds_are_levelled_by_their_own_robot() -> None:
-    heights = [
-        tf(0, "base_link", "laser", (0, 0, height, 0, 0, 0, 1), f"/robot{number}/tf_static")
-        for number, height in ((1, 0.3), (2, 1.5))
-    ]
-    levels = TreeLevels(tracks_of(heights), "/robot2/points", ["/robot1/points", "/robot2/points"])
-    found = levels.of("laser", np.zeros(1, np.int64))
-    assert found is not None
-    assert found.offset[0].tolist() == [0.0, 0.0, 1.5]
-
-
 # --- sweeps that tell their own pose ------------------------------------------------------------------------
 
 
@@ -135,16 +111,6 @@ def test_the_pose_of_a_sweep_is_a_link(encoding: str) -> None:
     other = PoseSources(links, None, ["/lidar"]).chain("base_link", "/scan")
     assert other is not None
     assert other.frames == "odom > base_link"
-
-
-@pytest.mark.parametrize("encoding", ["json", "protobuf"])
-def test_poses_that_vary_are_a_path(encoding: str) -> None:
-    # It begins where the frame does.
-    sweeps = [scan(time, "map", (time, 0.0, 0.0), encoding) for time in TIMES]
-    chain = PoseSources(tracks_of(sweeps), None, ["/lidar"]).chain("map", "/lidar")
-    assert chain is not None
-    assert (chain.world, chain.topics) == ("map", ("/lidar",))
-    assert planar(chain.at(AT)).x.tolist() == [0.0, 50.0, 100.0]
 
 
 # --- contradictions -----------------------------------------------------------------------------------------

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import lidarcli
-from lidarcli.cli import run
-from lidarcli.logs.base import LASERSCAN, Damage, Message, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, Message, ReadReport, Topic
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
@@ -201,20 +197,6 @@ def test_clocks_that_differ_are_not_mixed() -> None:
     assert notes[1] == "without a pose: 40 of 40 sweeps of frame laser, whose stamps are outside the span of /odom"
 
 
-def test_between_topics_that_are_alike_the_user_chooses() -> None:
-    messages = [
-        pose_stamped(START + k * SECOND, "map", (0, 0, 0), topic)
-        for k in range(6)
-        for topic in ("/robot_1", "/robot_2", "/mocap_pose")
-    ]
-    poses, notes = posed(messages)
-    assert poses is None
-    assert notes == [
-        "no pose for frame laser: /robot_1, /robot_2 are alike, and nothing tells which is that of the sensor "
-        "(--pose TOPIC); also available: /mocap_pose"
-    ]
-
-
 def test_a_leaning_sensor_and_a_clock_that_jumps_are_noted() -> None:
     lean = np.deg2rad(30)
     tilted = (0, 0, 0, np.sin(lean / 2), 0, 0, np.cos(lean / 2))
@@ -259,18 +241,6 @@ def test_poses_that_could_not_be_checked_do_not_fit_unless_they_are_named() -> N
         assert batch.rows(np.arange(2)).fits is not None
 
 
-def test_an_upside_down_sensor() -> None:
-    over = (0, 0, 0, 1, 0, 0, 0)
-    messages = [tf(START + k * 5 * SECOND, "map", "laser", over) for k in range(2)]
-    poses, notes = posed(messages)
-    assert poses is not None
-    assert poses.upside_down.all()
-    assert notes == ["poses from /tf (map > laser)"]
-    row = np.array([0])
-    x, y, yaw = poses.to_world(row, np.array([1.0]), np.array([2.0]), np.array([0.3]))
-    assert (x[0], y[0], yaw[0]) == pytest.approx((1.0, -2.0, -0.3))
-
-
 def test_bad_poses_are_noted_and_do_not_end_the_run() -> None:
     messages = [odometry(START + k * SECOND, "odom", "laser", (k, 0, 0)) for k in range(6)]
     messages.append(Message("/odom", ODOMETRY, "cdr", START, b"\0\1\0\0"))
@@ -281,14 +251,6 @@ def test_bad_poses_are_noted_and_do_not_end_the_run() -> None:
         "1 of /odom left out: shorter than its type",
         "1 of /pose left out: its pose is not finite",
     ]
-
-
-def test_damage_met_in_the_first_pass_is_kept_once() -> None:
-    log = PosesLog([odometry(START, "odom", "laser", (0, 0, 0))], damage="torn")
-    posing, report = posing_of(log), ReadReport()
-    assert posing.together(report).damage == [Damage("byte 7", "torn")]
-    report.add_damage("byte 7", "torn, as the sweeps show")
-    assert posing.together(report).damage == report.damage == [Damage("byte 7", "torn, as the sweeps show")]
 
 
 def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
@@ -325,36 +287,6 @@ def test_a_log_that_is_cut_off_says_so_once(tmp_path: Path, name: str) -> None:
 
 
 # --- the commands -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("topic", "words"),
-    [
-        ("/amcl", "no topic /amcl with poses in this log (it has /odom, /tf, /tf_static)"),
-        ("/scan", "topic /scan is sensor_msgs/msg/LaserScan, which holds no pose"),
-    ],
-)
-def test_a_topic_that_is_not_there(tmp_path: Path, capfd: pytest.CaptureFixture[str], topic: str, words: str) -> None:
-    log = str(SAMPLES / "drive.db3")
-    assert run(["detect", log, "-o", str(tmp_path), "--pose", topic]) == 4
-    assert capfd.readouterr().err == f"lidarcli: {log}: {words}\n"
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_pipe_has_no_poses(tmp_path: Path) -> None:
-    scene, poses = drive()
-    write_log(tmp_path / "run.mcap", scanned(scene), poses=poses)
-    with (tmp_path / "run.mcap").open("rb") as file:
-        done = subprocess.run(
-            [sys.executable, "-m", "lidarcli", "detect", "-", "-o", str(tmp_path)],
-            stdin=file,
-            capture_output=True,
-            text=True,
-            check=True,
-            env={**os.environ, "LC_ALL": "C.UTF-8"},
-        )
-    assert "  note     poses, if there are any, are not used: a pipe is read only once" in done.stderr
-    assert pq.read_table(tmp_path / "stdin.sweeps.parquet")["pose_x"].null_count == 12
 
 
 def test_a_mount_that_is_missing_is_named() -> None:

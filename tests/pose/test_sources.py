@@ -60,32 +60,6 @@ def test_a_chain_with_a_static_mount() -> None:
     assert np.isnan(planar(chain.at(np.array([-41, 141]))).x).all()
 
 
-def test_every_link_is_interpolated_on_its_own() -> None:
-    slow = [tf(stamp, "map", "odom", (0, stamp, 0), "/tf") for stamp in (0, 40, 80)]
-    chain = sources([*slow, *moving("odom", "laser")]).chain("laser")
-    assert chain is not None
-    assert chain.span_ns == (0, 80)
-    poses = planar(chain.at(np.array([10, 33, 80, 81, 120, 121])))
-    np.testing.assert_allclose(poses.x[:5], [10, 33, 80, 81, 100])
-    np.testing.assert_allclose(poses.y[:5], [10, 33, 80, 80, 80])
-    assert np.isnan(poses.x[5])
-
-
-def test_a_tree_that_ends_at_the_robot_says_nothing() -> None:
-    joint = moving("base_link", "laser")
-    assert taken(joint) is None
-    # Nor does one in which nothing moves, unless its root is named as a fixed frame.
-    assert taken(static("stand", "laser")) is None
-    assert taken(static("map", "laser", (1, 2, 0))) == ("/tf_static", "map")
-    assert taken(moving("odom", "base_link")) is None
-    assert taken([*moving("map", "red_pose"), *moving("odom", "odom")]) is None
-
-
-def test_a_ring_of_frames_does_no_harm() -> None:
-    ring = [*moving("a", "b"), *moving("b", "c"), *moving("c", "a"), *moving("a", "laser")]
-    assert taken(ring) in (None, ("/tf", "c"), ("/tf", "b"), ("/tf", "a"))
-
-
 def test_the_order_of_sources() -> None:
     pose = placed("map", "/robot/pose")
     amcl = placed("map", "/amcl_pose", covariance=True)
@@ -153,14 +127,6 @@ def test_of_topics_that_are_alike_none_is_taken_unasked(messages: list[Message])
         assert chain is not None
         assert chain.topics == (topic,)
         assert sources(messages, topic).alike("laser") == ()
-
-
-@pytest.mark.parametrize("frame", ["robot_2/laser", "/robot_2/laser", "/robot_2/base/laser"])
-def test_the_name_of_the_frame_decides_between_topics_that_are_alike(frame: str) -> None:
-    poses = [*placed("map", "/robot_1/base/pose"), *placed("map", "/robot_2/base/pose")]
-    assert taken(poses, frame) == ("/robot_2/base/pose", "map")
-    odometry = [*driven("odom", "robot_1/base/link", "/one"), *driven("odom", "robot_2/base/link", "/two")]
-    assert taken(odometry, frame) == ("/two", "odom")
 
 
 def test_a_mount_or_the_tree_decides_between_topics_that_are_alike() -> None:

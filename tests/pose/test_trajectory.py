@@ -78,43 +78,11 @@ def test_stamps_are_exact(tmp_path: Path, text: str, stamp: int) -> None:
     assert stamps(read(tmp_path, f"{text} {HERE}\n")) == [stamp]
 
 
-def test_stamps_at_the_ends_of_time(tmp_path: Path) -> None:
-    """Sorted, and between them there is a way."""
-    track = read(tmp_path, "4611686018 2 0 0 0 0 0 1\n-4611686018 0 0 0 0 0 0 1\n")
-    assert stamps(track) == [-4_611_686_018 * S, 4_611_686_018 * S]
-    assert (track.jumps_back, track.hold_ns) == (1, 100_000_000)
-    found = track.at(np.array([0, 2_305_843_009 * S, 4_611_686_018 * S], np.int64))
-    assert found.position[:, 0] == pytest.approx([1.0, 1.5, 2.0])
-
-
-class Unmultiplied(Decimal):
-    """A number that is too large to calculate with: that would take time."""
-
-    def __mul__(self, other: object) -> Decimal:
-        raise AssertionError("multiplied")
-
-
-def test_a_large_exponent_takes_no_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracks, "Decimal", Unmultiplied)
-    with pytest.raises(UnreadableError, match="line 1: '1e200000 "):
-        read(tmp_path, f"1e200000 {HERE}\n")
-    with pytest.raises(AssertionError, match="multiplied"):
-        read(tmp_path, f"1e9 {HERE}\n")
-
-
 def test_a_file_that_is_none(tmp_path: Path) -> None:
     for path, cause in ((tmp_path / "none.tum", "No such file or directory"), (tmp_path, "Is a directory")):
         with pytest.raises(UnreadableError) as caught:
             read_trajectory(path)
         assert str(caught.value) == f"{path}: {cause}"
-
-
-def test_too_many_poses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracks, "MAX_POSES", 3)
-    lines = [f"{k} {HERE}\n" for k in range(4)]
-    assert len(read(tmp_path, "".join(lines[:3])).stamp_ns) >= 2
-    with pytest.raises(UnreadableError, match=r": more than 3 poses$"):
-        read(tmp_path, "".join(lines))
 
 
 numbers = st.floats(-1e6, 1e6)

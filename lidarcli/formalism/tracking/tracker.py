@@ -228,11 +228,11 @@ class Tracker:
                 first, last = int(offsets[begin]), int(offsets[row])
                 window.numbers.append(numbers[first:last])
                 window.sweeps.append(detection.row[first:last] + (before - begin))
-                window.index.append(batch.sweep[begin:row])
-                window.stamps.append(batch.stamp_ns[begin:row])
-                register.sweeps.add(batch.sweep[begin:row], batch.stamp_ns[begin:row], times[begin:row], tracker.moves)
-                window.frames.append(frames[begin:row])
-                window.placed.append(placed[begin:row])
+                window.count += row - begin
+                some = slice(begin, row)
+                register.sweeps.add(
+                    batch.sweep[some], batch.stamp_ns[some], times[some], tracker.moves, frames[some], placed[some]
+                )
                 if sizes is not None:
                     window.sizes.append(sizes[first:last])
                 if tracker.sweeps - window.begin == WINDOW:

@@ -185,50 +185,42 @@ class Track:
         tracklet.track = self
 
 
+KINDS = {"Int32": np.int32, "Int64": np.int64, "Float64": np.float64, "UInt8": np.uint8, "Bool": np.bool_}
+
+
 def tracks_of(tracks: list[Track]) -> Tracks:
     """Return the rows of the tracks table, by number."""
     rows = [_row(track) for track in tracks]
-
-    def column(name: str, kind: type) -> NDArray[Any]:
-        return np.array([row[name] for row in rows], kind)
-
-    return Tracks(
-        frame=np.array([track.frame for track in tracks], np.int32),
-        track=np.array([track.number for track in tracks], np.int64),
-        set=np.array([AGENT if track.is_agent else OBJECT for track in tracks], np.uint8),
-        shape=column("shape", np.uint8),
-        label=np.array([track.label for track in tracks], np.int32),
-        label_score=np.array([track.label_score for track in tracks], np.float64),
-        first_sweep=np.array([track.first[0] for track in tracks], np.int64),
-        last_sweep=np.array([track.last[0] for track in tracks], np.int64),
-        first_stamp_ns=np.array([track.first[1] for track in tracks], np.int64),
-        last_stamp_ns=np.array([track.last[1] for track in tracks], np.int64),
-        duration=np.array([(track.last[1] - track.first[1]) / 1e9 for track in tracks], np.float64),
-        sweeps=np.array([track.sweeps for track in tracks], np.int64),
-        hidden=np.array([track.hidden for track in tracks], np.float64),
-        x=column("x", float),
-        y=column("y", float),
-        yaw=column("yaw", float),
-        length=column("length", float),
-        width=column("width", float),
-        length_sd=column("length_sd", float),
-        width_sd=column("width_sd", float),
-        distance=np.array([track.distance for track in tracks], np.float64),
-        speed_mean=np.array([_mean_speed(track) for track in tracks], np.float64),
-        speed_max=np.array([track.speed_max for track in tracks], np.float64),
-        moved=np.array([track.is_agent for track in tracks], np.bool_),
-        moved_at_ns=np.array([track.onset_ns for track in tracks], np.int64),
-        end=column("end", np.uint8),
-    )
-
-
-def _mean_speed(track: Track) -> float:
-    lasts = (track.last[1] - track.first[1]) / 1e9
-    return track.distance / lasts if lasts > 0.0 else 0.0
+    columns = {each.name: KINDS[str(each.type)] for each in fields(Tracks)}
+    return Tracks(**{name: np.array([row[name] for row in rows], kind) for name, kind in columns.items()})
 
 
 def _row(track: Track) -> dict[str, float]:
-    """Return what the parts of a track tell of it."""
+    """Return the row of a track."""
+    lasts = (track.last[1] - track.first[1]) / 1e9
+    return _outline(track) | {
+        "frame": track.frame,
+        "track": track.number,
+        "set": AGENT if track.is_agent else OBJECT,
+        "label": track.label,
+        "label_score": track.label_score,
+        "first_sweep": track.first[0],
+        "last_sweep": track.last[0],
+        "first_stamp_ns": track.first[1],
+        "last_stamp_ns": track.last[1],
+        "duration": lasts,
+        "sweeps": track.sweeps,
+        "hidden": track.hidden,
+        "distance": track.distance,
+        "speed_mean": track.distance / lasts if lasts > 0.0 else 0.0,
+        "speed_max": track.speed_max,
+        "moved": track.is_agent,
+        "moved_at_ns": track.onset_ns,
+    }
+
+
+def _outline(track: Track) -> dict[str, float]:
+    """Return place, size, shape and end of a track, by its parts."""
     tracklet = main_part(track)
     last = max(track.parts, key=lambda part: (part.last_sweep, -part.number))
     shape, end = _shape(track, tracklet), last.end if last.has_ended else END_OF_LOG
@@ -256,7 +248,7 @@ def _row(track: Track) -> dict[str, float]:
 
 def place_of(track: Track) -> tuple[float, float, float, float, float]:
     """Return where a track stands, x and y [m], and the covariance of that, xx, xy and yy [m²]."""
-    row, tracklet = _row(track), main_part(track)
+    row, tracklet = _outline(track), main_part(track)
     c, s = math.cos(tracklet.yaw), math.sin(tracklet.yaw)
     along, across = tracklet.static_cc
     return (row["x"], row["y"], c * c * along + s * s * across, c * s * (along - across), s * s * along + c * c * across)
@@ -384,25 +376,42 @@ class Path:
         track.path_stop = self.begin + len(self.codes)
 
 
+SWEEP = np.dtype(
+    [
+        ("index", np.int64),
+        ("stamp_ns", np.int64),
+        ("seconds", np.float64),
+        ("posed", np.uint8),
+        ("frame", np.int32),
+        ("placed", np.bool_),
+    ]
+)
+"""Of a sweep: its index in the log; stamp [ns]; time since the first sweep [s]; 1 where places are those of the world;
+its frame; True where the place of the sensor is known, because it has a pose or stands."""
+
+
 class Sweeps:
-    """Index, stamp and time of all sweeps of a topic so far, by number."""
+    """(N,) `SWEEP` of all sweeps of a sensor so far, by number."""
 
     def __init__(self) -> None:
         self.count = 0
-        self._rows = np.empty(
-            0, [("index", np.int64), ("stamp_ns", np.int64), ("seconds", np.float64), ("posed", np.uint8)]
-        )
+        self._rows = np.empty(0, SWEEP)
 
-    def add(self, index: Int64, stamp_ns: Int64, seconds: Float64, posed: bool) -> None:
-        """Add the next sweeps; `posed`: True where places are those of the world."""
-        stop = self.count + len(index)
+    def add(self, *columns: Any) -> None:
+        """Add the next sweeps, by the columns of `SWEEP`."""
+        stop = self.count + len(columns[0])
         if stop > len(self._rows):
-            more = np.empty(max(len(self._rows) * 5 // 4, stop), self._rows.dtype)
+            more = np.empty(max(len(self._rows) * 5 // 4, stop), SWEEP)
             more[: self.count] = self._rows[: self.count]
             self._rows = more
-        new = self._rows[self.count : stop]
-        new["index"], new["stamp_ns"], new["seconds"], new["posed"] = index, stamp_ns, seconds, posed
+        new = self.of(self.count, stop)
+        for name, values in zip(SWEEP.names or (), columns, strict=True):
+            new[name] = values
         self.count = stop
+
+    def of(self, begin: int, stop: int) -> NDArray[np.void]:
+        """Return the sweeps of some numbers."""
+        return self._rows[begin:stop]
 
     def rows(self, track: Int64, sweeps: Int64, path: Float64, codes: UInt8) -> Trajectories:
         """Return rows for (N,) tracks in sweeps by number, with (N, 9) of the path and (N,) bytes as of `PARTS_MASK`."""

@@ -68,26 +68,10 @@ class Window:
     """(K,) number of the tracklet of each object, 0 for none."""
     sweeps: list[Int64] = field(default_factory=list)
     """(K,) number of sweeps of the topic before that of each object."""
-    index: list[Int64] = field(default_factory=list)
-    """(S,) index of each sweep in the log."""
-    stamps: list[Int64] = field(default_factory=list)
-    """(S,) stamp of each sweep [ns]."""
-    frames: list[Int64] = field(default_factory=list)
-    """(S,) frame of each sweep."""
     sizes: list[SizeMeasurements] = field(default_factory=list)
     """Measured sizes of each object, where tracks are named."""
-    placed: list[Bool] = field(default_factory=list)
-    """(S,) True where the place of the sensor is known, because it has a pose or stands."""
-
-    @property
-    def count(self) -> int:
-        """Number of sweeps."""
-        return sum(map(len, self.index))
-
-    @property
-    def is_placed(self) -> bool:
-        """True if the place of the sensor is known in most sweeps."""
-        return float(np.concatenate(self.placed).mean()) > MOST_PLACED
+    count: int = 0
+    """Number of its sweeps so far."""
 
 
 RESULT = np.dtype(
@@ -143,8 +127,9 @@ class TrackRegistry:
     def settle(self, window: Window, log: dict[str, NDArray[Any]], count: int) -> WindowResult:
         """Return the results of a window, by its sightings and those of the next one: the first `count` of the log."""
         stop = window.begin + window.count
+        is_placed = float(self.sweeps.of(window.begin, stop)["placed"].mean()) > MOST_PLACED
         sightings = WindowSightings(log, count, self.tracklets, stop)
-        grouping.join(sightings, self.tracklets, window.is_placed)
+        grouping.join(sightings, self.tracklets, is_placed)
         self._number(sightings)
         self._extend_trajectories(sightings, _smooth(sightings, self.tracklets))
         at, found = sightings.find(window)
@@ -152,7 +137,7 @@ class TrackRegistry:
         if self.naming is not None:
             self._name(self.naming, window, sightings, at, found)
         settled = _rows(sightings, at, found)
-        self._forget(sightings, stop, window.is_placed)
+        self._forget(sightings, stop, is_placed)
         return settled
 
     def _number(self, sightings: WindowSightings) -> None:
@@ -190,7 +175,8 @@ class TrackRegistry:
 
     def _update_statistics(self, window: Window, sightings: WindowSightings) -> None:
         """Add the sightings of a window to the sums of the tracks."""
-        index, stamps, frames = (np.concatenate(values) for values in (window.index, window.stamps, window.frames))
+        rows = self.sweeps.of(window.begin, window.begin + window.count)
+        index, stamps, frames = rows["index"], rows["stamp_ns"], rows["frame"]
         for track, at in sightings.by_track():
             # The first of several parts in one sweep stands for all.
             firsts = at[starts(sightings.sweep[at])]

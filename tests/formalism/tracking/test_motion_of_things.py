@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import Parameters, detect
-from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, ROUND
-from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.results import END_OF_LOG, FREE, LEFT_VIEW
+from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, ROUND
+from lidarcli.formalism.tracking.results import END_OF_LOG, FREE
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import Waypoint, plan_route
 from lidarcli.simulation.scene import Course, Entity, Motion, super_ellipse
@@ -74,14 +73,6 @@ def test_past_a_driving_sensor_nothing_moves(thing: str, seed: int) -> None:
     assert (told.tracks.moved_at_ns == 0).all()
 
 
-def test_the_size_of_a_box_is_known_once_all_of_it_was_seen() -> None:
-    told = follow(simulated(scene_of(STANDING["box"], path=ROUND_TRIP), 400))
-    assert told.tracks.length[0] == pytest.approx(0.7, abs=0.04)
-    assert told.tracks.width[0] == pytest.approx(0.4, abs=0.04)
-    assert np.cos(2 * (told.tracks.yaw[0] - 0.5)) > 0.99
-    assert told.tracks.shape[0] == PRISMATIC
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_everything_around_a_sensor_that_stands_stands(seed: int) -> None:
     # Legs of a chair that are thick enough to be seen from there.
@@ -93,18 +84,6 @@ def test_everything_around_a_sensor_that_stands_stands(seed: int) -> None:
     assert len(told.tracks) <= 2 * len(things)
     for thing in things:
         assert len(told.near(thing.x, thing.y)) >= 1
-
-
-@pytest.mark.parametrize(("yaw", "seed"), [(0.3, 0), (0.3, 4), (-0.8, 1)])
-def test_chairs_that_a_sensor_drives_by_are_no_agents(yaw: float, seed: int) -> None:
-    chairs = [
-        make.legged("chair", x, y, 0.45, 0.45, 0.03, yaw + turned)
-        for x, y, turned in ((-0.3, 0.2, 0.0), (0.9, 0.1, -0.8), (0.3, -0.7, 0.5))
-    ]
-    person = make.person(0.0, 0.0, motion=on_route((-4.0, 1.0, 0.5), (1.5, 1.0, 0.5), (4.2, -1.0, 3.0)))
-    fine = replace(SENSOR, beams=1440, angle_increment=TURN / 1440)
-    told = follow(simulated(scene_of(*chairs, person, path=ROUND_TRIP, sensor=fine), 200, seed))
-    assert len(np.unique(rows_of(told, main_agent(told))["sweep"])) > 190
 
 
 @pytest.mark.parametrize("speed", [0.3, 0.8, 1.4])
@@ -186,11 +165,6 @@ def partial() -> SweepBatch:
     return simulated(scene_of(going(2.0, -0.5, 0.0, 0.8), sensor=sensor), 400)
 
 
-def test_what_goes_out_of_the_view_has_left_it() -> None:
-    told = follow(partial())
-    assert told.tracks.end[main_agent(told) - 1] == LEFT_VIEW
-
-
 def test_a_person_on_two_legs_is_one_track() -> None:
     walker = make.person(-3.0, 2.0, motion=on_route((-3.0, 2.0, 0.0), (3.0, 1.5, 0.0)))
     told = follow(simulated(scene_of(walker), 75))
@@ -235,10 +209,3 @@ def test_a_pillar_is_round_and_as_wide_as_it_is() -> None:
     assert told.tracks.shape.tolist() == [ROUND]
     assert told.tracks.length[0] == pytest.approx(0.4, abs=0.04)
     assert (told.tracks.x[0], told.tracks.y[0]) == (pytest.approx(1.5, abs=0.03), pytest.approx(0.5, abs=0.03))
-
-
-def test_with_less_significance_motion_is_told_earlier() -> None:
-    log = simulated(scene_of(going(-2.5, 2.0, 0.12, 0.0)), 200)
-    sure, hasty = (follow(log, track=TrackParameters(share)) for share in (1e-12, 0.1))
-    assert (sure.columns["set"] == AGENT).sum() <= (hasty.columns["set"] == AGENT).sum()
-    assert len(hasty.agents) == 1

@@ -155,21 +155,3 @@ def test_faces_tell_the_direction_up_to_quarter_turns() -> None:
         assert (targets.yaw_var[0], targets.yaw_cov[0], targets.rate_var[0]) == pytest.approx(
             (left[0, 0], left[0, 1], left[1, 1])
         )
-
-
-def test_slots_are_used_again_and_numbers_are_not() -> None:
-    targets = Targets(3)
-    numbers = []
-    for _ in range(3):
-        b = kalman.allocate(targets)
-        kalman.reset(targets, b)
-        numbers.append((b, targets.number[b]))
-    assert numbers == [(0, 1), (1, 2), (2, 3)]
-    targets.state[1] = kalman.EMPTY
-    assert kalman.allocate(targets) == 1
-    kalman.reset(targets, 1)
-    assert targets.number[1] == 4
-    larger = Targets(6)
-    larger.grow(targets)
-    assert [larger.number[b] for b in range(3)] == [1, 4, 3]
-    assert kalman.allocate(larger) == 3

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.formalism.tracking import kalman, measurement, track_evidence
-from lidarcli.formalism.tracking.kalman import Targets
+from lidarcli.formalism.tracking import measurement
 from lidarcli.formalism.tracking.measurement import Measurements, RangeHistory
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import TURN
@@ -105,32 +104,3 @@ def test_the_latest_sweeps_are_kept_some_time_apart() -> None:
     assert [measurement.was_passed(grown, m, 2.0, 0.0, 0.1) for m in range(measurement.SWEEPS_KEPT)] == [
         True
     ] * measurement.SWEEPS_KEPT
-
-
-def body_at(x: float, y: float, sightings: int) -> Targets:
-    """A disc that was seen so often."""
-    targets = Targets(2)
-    b = kalman.allocate(targets)
-    kalman.reset(targets, b)
-    targets.kind[b] = kalman.DISC
-    for i, place in enumerate((x, y)):
-        kalman.initiate_axis(targets, i, place - 0.2, place + 0.2, 1e-4, 1e-4)
-    targets.existence[b] = track_evidence.EXISTENCE_AT_FIRST
-    targets.measurement[b] = -1
-    for _ in range(sightings):
-        track_evidence.record_hit(targets, b)
-        targets.sightings[b] += 1
-    return targets
-
-
-@pytest.mark.parametrize("moved", [0, 1])
-def test_in_the_shadow_a_body_is_kept_as_long_as_there_is_patience(moved: int) -> None:
-    meas, scans = sweep_of(np.full(BEAMS, 1.0))
-    targets = body_at(2.0, 0.0, 20)
-    targets.moved[0], likely = moved, targets.existence[0]
-    patience = track_evidence.PATIENCE_MOVING if moved else track_evidence.PATIENCE_STILL
-    track_evidence.record_miss(targets, 0, meas, scans, patience - 0.1)
-    assert targets.state[0] == kalman.LIVE
-    assert targets.existence[0] == likely
-    track_evidence.record_miss(targets, 0, meas, scans, patience + 0.1)
-    assert (targets.state[0], targets.end[0]) == (kalman.ENDED, track_evidence.LOST)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.tracking import smoothing
-from lidarcli.formalism.tracking.results import BOX
 from lidarcli.formalism.tracking.smoothing import KEPT, STATE, Smoother
 
 Array = np.ndarray[Any, Any]
@@ -197,27 +196,3 @@ def test_one_leg_swings_beside_its_person() -> None:
     person, _ = smooth(seen._replace(legs=np.ones(80, np.uint8)), np.full(KEPT, np.nan), 80)
     thing, _ = smooth(seen, np.full(KEPT, np.nan), 80)
     assert np.abs(person[10:70, 2] - 1.0).max() < 0.25 < np.abs(thing[10:70, 2] - 1.0).max()
-
-
-def test_sides_along_the_axes_of_a_body_are_a_place_in_the_world() -> None:
-    yaw = 0.6
-    c, s = math.cos(yaw), math.sin(yaw)
-    sighted: dict[str, Any] = {
-        "centred": np.zeros(1, np.int64),
-        "cos": np.array([c]),
-        "sin": np.array([s]),
-        "half_1": np.array([0.1]),
-        "half_2": np.array([0.1]),
-        "z": np.array([[1.0, 1.8, 0.3, 0.4]]),
-        "var": np.array([[0.02, 0.02, 0.01, -1.0]]),
-    }
-    smoother = Smoother(1, 1)
-    # Early sightings did not know how large it is: what is known in the end counts.
-    smoother.locate(0, sighted, np.zeros(1, np.int64), np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, False)
-    along, across, turn = 1.4, 0.55, np.array([[c, -s], [s, c]])
-    assert (smoother.place[0], smoother.place[1]) == pytest.approx((c * along - s * across, s * along + c * across))
-    noise, size = (turn @ np.diag(values) @ turn.T for values in ([0.01, 0.012], [0.0, 0.002]))
-    assert [smoother.noise[k] for k in range(3)] == pytest.approx(noise[[0, 0, 1], [0, 1, 1]])
-    assert [smoother.common[k] for k in range(3)] == pytest.approx(size[[0, 0, 1], [0, 1, 1]])
-    smoother.locate(0, sighted, np.zeros(1, np.int64), np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, True)
-    assert smoother.noise[0] == pytest.approx(noise[0, 0] + smoothing.PART_VAR)
