@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidarcli.foxglove import SCAN
-from lidarcli.logs.slicing import Levelled
+from lidarcli.logs.clouds import Levelled
 from lidarcli.pose.tracks import (
     ODOMETRY,
     TRANSFORMS,

@@ -13,7 +13,7 @@ import pytest
 from lidarcli import __version__, choices
 from lidarcli.formalism.detection import SHAPES, VISIBILITIES
 from lidarcli.formalism.tracking.results import ENDS
-from lidarcli.overlays import files, objects
+from lidarcli.overlays import objects, viewers
 from lidarcli.overlays.markers import Kind
 from lidarcli.pipeline import mapping
 from lidarcli.pipeline.inputs import catalogue
@@ -89,7 +89,7 @@ def test_files_and_defaults_are_those_of_the_code() -> None:
     assert f"`--resolution` metres ({choices.MAP_RESOLUTION})" in page("map")
     assert f"`--occupied-ratio` ({choices.OCCUPIED_RATIO})" in page("map")
     assert f"{objects.HEIGHT} m high" in page("overlay")
-    for name in (files.OBJECTS, files.MAP, *files.SUFFIXES):
+    for name in (viewers.OBJECTS, viewers.MAP, *viewers.SUFFIXES):
         assert f"`{name}`" in page("overlay") or f"`{name}/" in page("overlay")
     assert {*dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \|", page("overlay"), re.MULTILINE))} == {
         kind.value[1].decode() for kind in Kind

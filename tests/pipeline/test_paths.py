@@ -20,8 +20,8 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects.following import TrackOptions
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
+from lidarcli.pipeline.objects.tracking import TrackOptions
 from lidarcli.pipeline.reading import path_check
 from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.pose.tracks import planar

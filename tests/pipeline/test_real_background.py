@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 import lidarcli
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading.posing import NO_POSES
 from lidarcli.sweeps import Float64

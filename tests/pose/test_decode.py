@@ -13,8 +13,8 @@ from lidarcli.pose import tracks
 from lidarcli.pose.tracks import PoseRows
 from lidarcli.ros import cursor
 from lidarcli.simulation.generate import SimulatedPoses
-from lidarcli.simulation.messages import JSON, PROTOBUF
 from lidarcli.simulation.scene import Odometry
+from lidarcli.simulation.writers import JSON, PROTOBUF
 from tests.pose.pose_messages import ODOMETRY, OLD_TF, POSE, TF, WITH_COVARIANCE, Maker, numbers
 
 MAKERS = {"cdr": Maker("cdr"), "cdr, big endian": Maker("cdr", big_endian=True), "ros1": Maker("ros1")}

@@ -16,7 +16,7 @@ from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.path_check import CheckedPath
 from lidarcli.pipeline.reading.posing import NO_POSES, PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules, normalise
