@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
@@ -81,7 +80,7 @@ def read_path(source: Source, options: PathOptions, progress: Progress | None = 
         Nothing tells where the sensor was.
     """
     with read_log(source, options, Need.ALL) as reading:
-        return _read(source, reading, _Written(True, options.poses.source == MATCH), options, progress)
+        return _read(source, reading, options, progress)
 
 
 def write_path(source: Source, path: Place, options: PathOptions, progress: Progress | None = None) -> PathSummary:
@@ -96,10 +95,8 @@ def write_path(source: Source, path: Place, options: PathOptions, progress: Prog
     """
     is_table = path.suffix.lower() == PARQUET
     with read_log(source, options, Need.ALL) as reading, NewFiles([path], options.overwrite) as new:
-        written = _Written(is_table, options.poses.source == MATCH)
         with writing(path, nameless=True), new.part(path).open("wb") as out:
-            lines = None if is_table else out
-            summary = _read(source, reading, written, options, progress, lines)
+            summary = _read(source, reading, options, progress, None if is_table else out)
             if is_table:
                 table = restamped(summary.table, options.stamps)
                 sink = ParquetSink(out, table.schema.remove_metadata())
@@ -115,90 +112,67 @@ def write_path(source: Source, path: Place, options: PathOptions, progress: Prog
 
 
 def _read(
-    source: Source,
-    reading: Reading,
-    written: _Written,
-    options: PathOptions,
-    progress: Progress | None,
-    lines: IO[bytes] | None = None,
+    source: Source, reading: Reading, options: PathOptions, progress: Progress | None, lines: IO[bytes] | None = None
 ) -> PathSummary:
     """Read the poses as rows, and write them as lines where there is a stream for these."""
-    rows: list[pa.RecordBatch] = []
+    writer = PoseWriter(source.name, options.poses.source == MATCH, lines)
     for batch in reading.batches(progress):
-        for part in written.take(batch, reading):
-            rows.append(part.rows(source.name))
-            if lines is not None:
-                lines.write(part.lines())
+        writer.add(batch, reading)
     found = reading.close()
-    written.conclude(found)
+    writer.conclude(found)
     parameters = reading_as_dict(options.read, options.opening, options.poses)
     metadata = table_metadata(parameters, reading.describe(source), found.damage)
-    table = pa.Table.from_batches(rows, POSES).unify_dictionaries().replace_schema_metadata(metadata)
+    table = pa.Table.from_batches(writer.rows, POSES).unify_dictionaries().replace_schema_metadata(metadata)
     return PathSummary(**{name: getattr(found, name) for name in RunSummary.__dataclass_fields__}, table=table)
 
 
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """Known poses of some sweeps of one sensor."""
+class PoseWriter:
+    """Collects known poses as rows, and writes them as lines of TUM text where there is a stream for these."""
 
-    batch: SweepBatch
-    frame: str
-    world: str
-    motion: Motion
-
-    def lines(self) -> bytes:
-        """Return the poses as TUM text."""
-        from lidarcli.pose.tracks import trajectory_lines
-
-        return trajectory_lines(self.batch.stamp_ns, self.motion).encode()
-
-    def rows(self, log: str) -> pa.RecordBatch:
-        """Return the poses as rows of the poses table."""
-        from lidarcli.pose.tracks import planar, upright
-
-        count = len(self.batch)
-        position, rotation = self.motion.position, upright(self.motion.rotation)
-        columns: dict[str, Any] = {
-            "log": constant(log, count),
-            "topic": constant(self.batch.topic, count),
-            "frame_id": constant(self.frame, count),
-            "world": constant(self.world, count),
-            "sweep": plain(self.batch.sweep),
-            "stamp": plain(self.batch.stamp_ns, STAMP),
-            "yaw": floats(planar(self.motion).yaw),
-        }
-        columns |= {name: floats(position[:, axis].copy()) for axis, name in enumerate("xyz")}
-        columns |= {f"q{name}": floats(rotation[:, axis].copy()) for axis, name in enumerate("xyzw")}
-        return pa.RecordBatch.from_arrays([columns[name] for name in POSES.names], schema=POSES)
-
-
-class _Written:
-    """Poses that have been written, by sensor."""
-
-    def __init__(self, is_table: bool, is_matched: bool) -> None:
-        """`is_table`: the output has room for several sensors; `is_matched`: the poses were matched from the sweeps."""
-        self._is_matched = is_matched
-        self._is_table = is_table
+    def __init__(self, log: str, is_matched: bool, lines: IO[bytes] | None) -> None:
+        """`is_matched`: the poses were matched from the sweeps; `lines` have room for one sensor."""
+        self.rows: list[pa.RecordBatch] = []
+        self._log, self._is_matched, self._lines = log, is_matched, lines
         self._last: dict[tuple[str, str, str], int] = {}
         self._count = 0
         self._left_out = 0
         self._twice: dict[str, str] = {}
         """Topic that is left out → topic of the same frame."""
 
-    def take(self, batch: SweepBatch, reading: Reading) -> Iterator[_Part]:
-        """Yield the poses of a batch that are to be written."""
+    def add(self, batch: SweepBatch, reading: Reading) -> None:
+        """Add the poses of a batch."""
+        from lidarcli.pose.tracks import Motion, trajectory_lines
+
         for frame, rows, motion, world in reading.motions(batch):
             mine = batch.rows(rows)
             kept = np.flatnonzero(~np.isnan(motion.position).any(axis=1))
             if not len(kept):
                 continue
-            key = batch.topic, frame, world
-            if not self._is_table:
-                kept = self._later(key, mine, kept)
-            else:
-                self._last.setdefault(key, 0)
+            if self._lines is not None:
+                kept = self._later((batch.topic, frame, world), mine, kept)
             self._count += len(kept)
-            yield _Part(mine.rows(kept), frame, world, type(motion)(motion.position[kept], motion.rotation[kept]))
+            mine, motion = mine.rows(kept), Motion(motion.position[kept], motion.rotation[kept])
+            self.rows.append(self._rows_of(mine, frame, world, motion))
+            if self._lines is not None:
+                self._lines.write(trajectory_lines(mine.stamp_ns, motion).encode())
+
+    def _rows_of(self, batch: SweepBatch, frame: str, world: str, motion: Motion) -> pa.RecordBatch:
+        from lidarcli.pose.tracks import planar, upright
+
+        count = len(batch)
+        rotation = upright(motion.rotation)
+        columns: dict[str, Any] = {
+            "log": constant(self._log, count),
+            "topic": constant(batch.topic, count),
+            "frame_id": constant(frame, count),
+            "world": constant(world, count),
+            "sweep": plain(batch.sweep),
+            "stamp": plain(batch.stamp_ns, STAMP),
+            "yaw": floats(planar(motion).yaw),
+        }
+        columns |= {name: floats(motion.position[:, axis].copy()) for axis, name in enumerate("xyz")}
+        columns |= {f"q{name}": floats(rotation[:, axis].copy()) for axis, name in enumerate("xyzw")}
+        return pa.RecordBatch.from_arrays([columns[name] for name in POSES.names], schema=POSES)
 
     def conclude(self, summary: RunSummary) -> None:
         """Refuse a path without a pose, and add notes on the number of poses."""

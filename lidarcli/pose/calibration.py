@@ -103,17 +103,17 @@ def surfaces(bearing: Float64, ranges: Float64) -> tuple[Float64, Float64, Int64
     points = ranges[:, None] * np.column_stack([np.cos(bearing), np.sin(bearing)])
     step = abs(float(bearing[1] - bearing[0])) if beams > 1 else 0.0
     with np.errstate(invalid="ignore", divide="ignore"):
-        beside = np.clip(np.ceil(HALF_CHORD / (ranges * step)), 1, MOST_BESIDE)
-    known = np.flatnonzero(np.isfinite(beside))
-    beside = beside[known].astype(np.int64)
-    inside = (known >= beside) & (known + beside < beams)
-    known, beside = known[inside], beside[inside]
-    here, chord = points[known], points[known + beside] - points[known - beside]
+        offset = np.clip(np.ceil(HALF_CHORD / (ranges * step)), 1, MOST_BESIDE)
+    known = np.flatnonzero(np.isfinite(offset))
+    offset = offset[known].astype(np.int64)
+    inside = (known >= offset) & (known + offset < beams)
+    known, offset = known[inside], offset[inside]
+    here, chord = points[known], points[known + offset] - points[known - offset]
     length = np.hypot(*chord.T)
     with np.errstate(invalid="ignore", divide="ignore"):
         normal = np.column_stack([-chord[:, 1], chord[:, 0]]) / length[:, None]
         normal *= -np.sign((normal * here).sum(1))[:, None]
-        off = np.abs((normal * (here - points[known - beside])).sum(1))
+        off = np.abs((normal * (here - points[known - offset])).sum(1))
         good = (length < MOST_CHORD) & (off < MOST_OFF) & (length > 0.0)
     return here[good], normal[good], known[good]
 
@@ -245,14 +245,14 @@ def _sums(
     left = off - (np.bincount(which, weight * off) / total)[which]
     arm = points - poses[slot, :2]
     # Where all that is in a cell turns, its normal turns with it, and nothing comes apart.
-    beside = nx * points[:, 1] - ny * points[:, 0]
-    beside -= (np.bincount(which, weight * beside) / total)[which]
+    lever = nx * points[:, 1] - ny * points[:, 0]
+    lever -= (np.bincount(which, weight * lever) / total)[which]
     slopes = np.empty((len(free), len(off)))
     for number, change in enumerate(changes):
         mine = change[slot]
         moved = nx * (mine[:, 0] - mine[:, 2] * arm[:, 1]) + ny * (mine[:, 1] + mine[:, 2] * arm[:, 0])
         turned_by = (np.bincount(which, weight * mine[:, 2]) / total)[which]
-        slopes[number] = moved - (np.bincount(which, weight * moved) / total)[which] + turned_by * beside
+        slopes[number] = moved - (np.bincount(which, weight * moved) / total)[which] + turned_by * lever
     pull = weight * left * slopes
     part = np.empty(len(stretch), np.int64)
     part[np.argsort(outlines.stamp_ns, kind="stable")] = np.arange(len(stretch)) * CLUSTERS // len(stretch)
@@ -376,8 +376,8 @@ def _seen_through(points: Float64, other: Float64) -> float:
     # Things at the edge of a step may be seen in the next one.
     nearest = np.minimum(nearest, np.minimum(np.roll(nearest, 1), np.roll(nearest, -1)))
     step, reach = polar(other)
-    seen = np.isfinite(nearest[step])
-    return float((reach[seen] < nearest[step[seen]] - SEEN_OFF).sum() / max(len(other), 1))
+    covered = np.isfinite(nearest[step])
+    return float((reach[covered] < nearest[step[covered]] - SEEN_OFF).sum() / max(len(other), 1))
 
 
 def _widened(cells: Bool) -> Bool:

@@ -49,7 +49,7 @@ LEAST_TOLD, MOST_OFF, CLEARLY_BETTER = 0.6, 3.0, 0.05
 LEAST_DELAY, SHARPER = 0.03, 0.7
 """Least delay of poses that fit also without one [s], and the greatest cost with it as a share of that without."""
 ACCEPTED = 0.8
-"""Share of agreeing pairs from which poses are accepted as they are told."""
+"""Share of agreeing pairs from which poses are accepted as they are."""
 CORRECTED, GAIN = 0.5, 0.1
 """Share from which they are accepted with a delay and a mount, and by how much these must better it."""
 RATIOS = 0.8, 1.25
@@ -92,7 +92,7 @@ class PoseFit:
     jumps: tuple[float, ...] = ()
     """Length of each jump [m]."""
     ratio: float = float("nan")
-    """Told lengths as a share of the matched ones."""
+    """Given lengths as a share of the matched ones."""
     turn_ratio: float = float("nan")
     moves: bool = False
     """True where nothing could be checked, though the given path goes some way."""
@@ -140,7 +140,7 @@ class Jumps:
 
 
 def jumps_of(chain: PoseChain) -> Jumps:
-    """Find the jumps in the moving poses that make a way, of which the first kind that jumps counts."""
+    """Find the jumps in the moving poses of a chain, of which the first kind that jumps counts."""
     for step in chain.steps:
         track = step.track
         if track.static or len(track.stamp_ns) < 2:
@@ -179,7 +179,7 @@ def judge_poses(
     ----------
     stamp_ns : (S,) header stamps, increasing
     matched : (S, 3) x, y, yaw of the matched path, NaN where a sweep has no pose
-    given_at : gives the given poses of the sensor (K, 3) at stamps (K,), NaN where none is told
+    given_at : gives the given poses of the sensor (K, 3) at stamps (K,), NaN where there is none
     pieces : (S,) number of the piece of the matched path; steps from one to another are not known
     jumps : jumps of the given poses
 
@@ -350,7 +350,7 @@ def _corrected(
 
 
 def mount_between(step: Steps, given: Steps) -> tuple[float, float, float]:
-    """Find where a sensor that makes `step` is mounted on what makes `told`: robust hand-eye calibration in the plane."""
+    """Find where a sensor that makes `step` is mounted on what makes `given`: robust hand-eye calibration in the plane."""
     straight = (np.abs(step[:, 2]) < 0.1) & (np.hypot(*step[:, :2].T) > 0.1) & (np.hypot(*given[:, :2].T) > 0.1)
     yaws = [0.0]
     if np.count_nonzero(straight) >= 5:
@@ -378,7 +378,7 @@ def mount_between(step: Steps, given: Steps) -> tuple[float, float, float]:
 
 
 def _ratios(step: Steps, given: Steps) -> tuple[float, float]:
-    """Return told lengths and told turns as a share of those seen, by medians; NaN where there are too few."""
+    """Return given lengths and turns as a share of the matched ones, by medians; NaN where there are too few."""
     length, far = np.hypot(step[:, 0], step[:, 1]), np.hypot(given[:, 0], given[:, 1])
     long, turns = ((length > LONG_STEP) & np.isfinite(far), (np.abs(step[:, 2]) > LARGE_TURN) & np.isfinite(far))
     ratio = float(np.median(far[long] / length[long])) if np.count_nonzero(long) > LEAST_LONG else float("nan")
@@ -387,7 +387,7 @@ def _ratios(step: Steps, given: Steps) -> tuple[float, float]:
 
 
 def _is_scaled(step: Steps, given: Steps) -> bool:
-    """Tell whether given steps are those seen but for one factor, as those in other units are."""
+    """Return whether given steps are the matched ones but for one factor, as those in other units are."""
     length, far = np.hypot(step[:, 0], step[:, 1]), np.hypot(given[:, 0], given[:, 1])
     long = (length > LONG_STEP) & np.isfinite(far)
     if np.count_nonzero(long) <= LEAST_LONG:
@@ -429,7 +429,7 @@ def joined(
             continue
         i, j = before[-1:], second + behind[:1]
         here = poses_after(poses_after(moves[-1], given[i]), steps_between(matched[i], matched[j]))
-        # The motion that takes the told pose after the jump there.
+        # The motion that takes the given pose after the jump there.
         back = steps_between(given[j], np.zeros((1, 3)))
         moves.append(poses_after(here, back))
     found = np.vstack(moves)
@@ -437,7 +437,7 @@ def joined(
 
 
 def stands(matched: Float64, slides: Float64) -> bool:
-    """Tell from the matched path whether the sensor never moves.
+    """Return whether the sensor never moves, by the matched path.
 
     Parameters
     ----------
@@ -455,7 +455,7 @@ def stands(matched: Float64, slides: Float64) -> bool:
 
 
 def still_at(stamp_ns: Int64, matched: Float64, slides: Float64) -> Bool:
-    """Tell at which sweeps (S,) the sensor stands; empty where too few sweeps have a pose.
+    """Return at which sweeps (S,) the sensor stands; empty where too few sweeps have a pose.
 
     Parameters are as of `stands`, with the stamps of the sweeps (S,) [ns], increasing.
     """
@@ -562,7 +562,7 @@ class MatchedPath:
 
         Parameters
         ----------
-        given : (S, 4) x, y, yaw of poses told for the sensor, NaN for none, and the part of the given path they belong to;
+        given : (S, 4) x, y, yaw of given poses of the sensor, NaN for none, and the part of the given path they belong to;
             the search begins with the steps between them
         """
         if not len(sweeps):
@@ -876,7 +876,7 @@ def contradictions(links: Sequence[Track]) -> Iterator[Finding]:
 
 
 def _differ(first: Track, second: Track) -> bool:
-    """Tell whether two tracks of one frame in another one tell different places of it at any time."""
+    """Return whether two tracks of one frame in another one differ in its place at any time."""
     stamp_ns = first.stamp_ns if second.static else second.stamp_ns
     step = steps_between(*(_planar(each.at(stamp_ns)) for each in (first, second)))
     with np.errstate(invalid="ignore"):

@@ -43,10 +43,10 @@ _FARTHEST_NS = np.iinfo(np.int64).max - 2_000_000_000
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Correction:
-    """Difference between the poses that are told and those that fit the sweeps."""
+    """Difference between given poses and those that fit the sweeps."""
 
     delay_ns: int = 0
-    """The pose of a time is the one that is told this much later [ns]."""
+    """The pose of a time is the given one this much later [ns]."""
     mount: Motion | None = None
     """Pose of the sensor in the frame that the poses tell of (N = 1); None where that is the sensor's own."""
     gaps: Int64 = field(default_factory=lambda: np.zeros((0, 2), np.int64))
@@ -84,7 +84,7 @@ def later(stamp_ns: Int64, delay_ns: int | Int64) -> Int64:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PoseChain:
-    """A way to the pose of one sensor frame in the world."""
+    """A chain of transforms from one sensor frame to the world."""
 
     topics: tuple[str, ...]
     """The topic that decides, then those that help."""
@@ -95,7 +95,7 @@ class PoseChain:
     steps: tuple[Step, ...]
     """Steps from the sensor to the world."""
     correction: Correction | None = None
-    """Correction that makes the told poses fit the sweeps."""
+    """Correction that makes the given poses fit the sweeps."""
     assumption: str = ""
     """Assumption in words; empty without one."""
 
@@ -135,7 +135,7 @@ class PoseChain:
             return here
         at_ns = np.clip(at_ns, -_FARTHEST_NS, _FARTHEST_NS)
         chain = _between(here, planar(self.at(at_ns + lasts_ns)))
-        # Where poses are told once in a sweep, the last one is that at its start: then it goes on as it came.
+        # Where there is one pose per sweep, the last one is that at its start: then it goes on as it came.
         if (span := self.span_ns) is not None and (late := at_ns + lasts_ns > span[1]).any():
             chain[late] = _between(planar(self.at(at_ns - lasts_ns)), here)[late]
         chain[np.isnan(chain).any(axis=1)] = 0.0
@@ -143,7 +143,7 @@ class PoseChain:
 
 
 def _between(start: SweepPoses, end: SweepPoses) -> Float64:
-    """Return (S, 3) the way from one pose to another in x, y [m] and, by the shorter arc, in yaw [rad]."""
+    """Return (S, 3) the motion from one pose to another in x, y [m] and, by the shorter arc, in yaw [rad]."""
     turn = (end.yaw - start.yaw + np.pi) % TURN - np.pi
     return np.column_stack([end.x - start.x, end.y - start.y, turn])
 
@@ -198,7 +198,7 @@ class PoseSources:
         return tuple(dict.fromkeys(track.topic for track in self.tracks))
 
     def chain(self, frame_id: str, topic: str = "") -> PoseChain | None:
-        """Return the chosen way for the sensor frame of a topic; None where no source tells."""
+        """Return the chosen chain for the sensor frame of a topic; None without a source."""
         return self._choice(frame_id, topic)[0]
 
     def alternatives(self, frame_id: str, topic: str = "") -> tuple[str, ...]:
@@ -217,10 +217,10 @@ class PoseSources:
             if self._wanted is None:
                 chosen, alike = self._unasked(frame, topic)
             else:
-                chosen = next(iter(self._told(frame, topic, self._wanted)), None)
+                chosen = next(iter(self._of_topic(frame, topic, self._wanted)), None)
             used = {*chosen.topics} if chosen else {*alike}
-            near = (told for told in self.topics if nearness(told, topic, self._scans) is not None)
-            others = tuple(told for told in near if told not in used and self._told(frame, topic, told))
+            near = (name for name in self.topics if nearness(name, topic, self._scans) is not None)
+            others = tuple(name for name in near if name not in used and self._of_topic(frame, topic, name))
             self._ways[key] = chosen, others, alike
         return self._ways[key]
 
@@ -232,7 +232,7 @@ class PoseSources:
         return self._trees[topic]
 
     def _unasked(self, frame: str, topic: str) -> tuple[PoseChain | None, tuple[str, ...]]:
-        """Return the way chosen without being asked; none, and the topics, where several are alike."""
+        """Return the chain to take unasked; none, and the topics, where several are alike."""
         if (chain := self._by_tree(frame, topic, self._tree(topic))) is not None:
             return chain, ()
         found = []
@@ -254,9 +254,9 @@ class PoseSources:
             return mine[0][1], ()
         return None, alike
 
-    def _told(self, frame: str, topic: str, told: str) -> list[PoseChain]:
-        """Return the way by one topic of poses, whatever its name; none if it leads to no fixed frame."""
-        name = told.strip("/")
+    def _of_topic(self, frame: str, topic: str, wanted: str) -> list[PoseChain]:
+        """Return the chain by one topic of poses, whatever its name; none if it leads to no fixed frame."""
+        name = wanted.strip("/")
         mine = [track for track in self.tracks if track.topic.strip("/") == name]
         if any(track.is_link for track in mine):
             if all(track.static for track in mine):
@@ -266,15 +266,15 @@ class PoseSources:
                 for one in self.tracks
                 if one.is_link and (one.static or one.type == SCAN or one.topic.strip("/") == name)
             ]
-            # What mounts the sensor is beside these poses, or else beside its sweeps.
-            trees = (FrameTree(links, near, self._scans) for near in (told, topic))
+            # What mounts the sensor is in the namespace of these poses, or else of its sweeps.
+            trees = (FrameTree(links, near, self._scans) for near in (wanted, topic))
             chains = (self._by_tree(frame, topic, tree) for tree in trees)
             return [chain for chain in chains if chain is not None][:1]
         mine.sort(key=lambda track: (frame_name(track.child) != frame, -track.messages))
         return [self._by_track(frame, topic, track) for track in mine[:1]]
 
     def _world(self, last: Step, topic: str) -> str:
-        """Return the name of the fixed frame to which the last step of a way leads."""
+        """Return the name of the fixed frame to which the last step of a chain leads."""
         space = namespace(last.track.topic)
         alone = all(is_within(scan, space) for scan in self._scans)
         if alone or not is_within(topic, space) or last.target.startswith(f"{space}/"):
@@ -304,13 +304,10 @@ class PoseSources:
 
 
 def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:
-    """Return the topics of equally likely sources that may belong to several robots; else empty.
-
-    Odometry of one child frame is of one robot, however many topics tell it.
-    """
-    told = {(track.topic, track.child if track.type == ODOMETRY else track.topic) for track in tracks}
-    robots = {robot for _, robot in told}
-    topics = tuple(sorted({topic for topic, _ in told}))
+    """Return the topics of equally likely sources that may belong to several robots; else empty."""
+    publishers = {(track.topic, track.child if track.type == ODOMETRY else track.topic) for track in tracks}
+    robots = {robot for _, robot in publishers}
+    topics = tuple(sorted({topic for topic, _ in publishers}))
     return topics if len(robots) > 1 and len(topics) > 1 else ()
 
 
@@ -349,7 +346,7 @@ BASES = ("base_footprint", "base_link", "base")
 
 
 class Step(NamedTuple):
-    """A link on the way from a frame to another one."""
+    """A link of a chain from a frame to another one."""
 
     track: Track
     down: bool
@@ -389,12 +386,12 @@ def is_within(topic: str, space: str) -> bool:
     return not space or f"{namespace(topic)}/".startswith(f"{space}/")
 
 
-def nearness(told: str, topic: str, scans: Collection[str] = ()) -> int | None:
+def nearness(poses: str, topic: str, scans: Collection[str] = ()) -> int | None:
     """Return how near the namespace of a topic of poses is to that of some sweeps: 0 if it does not enclose them.
 
     None where these poses are of other sensors: their namespace has sweeps of its own, of those of the log (`scans`).
     """
-    space = namespace(told)
+    space = namespace(poses)
     if is_within(topic, space):
         return len(space)
     return None if topic and any(is_within(scan, space) for scan in scans) else 0
@@ -410,12 +407,12 @@ class FrameTree:
         self._own = f"/{topic.strip('/')}"
         self._near: dict[str, dict[str, Step]] = {}
         self._parent: dict[str, Track] = {}
-        told: dict[str, int] = {}
+        nearest: dict[str, int] = {}
         near = [(at, link) for link in links if (at := nearness(link.topic, topic, scans)) is not None]
         for at, track in sorted(near, key=lambda one: (-one[0], not one[1].static, -one[1].messages)):
             if track.parent == track.child or not track.parent or not track.child:
                 continue
-            if told.setdefault(track.child, at) != at:
+            if nearest.setdefault(track.child, at) != at:
                 continue
             # Of two links that join the same frames the better one has come first.
             self._near.setdefault(track.child, {}).setdefault(track.parent, Step(track, down=False))
@@ -432,12 +429,12 @@ class FrameTree:
         return self._own if frame in self._near.get(self._own, {}) else frame
 
     def path(self, start: str, target: str, avoid: Collection[str] = ()) -> tuple[Step, ...] | None:
-        """Return the shortest way between two frames, empty if they are one; None if there is none."""
+        """Return the shortest chain between two frames, empty if they are one; None if there is none."""
         reached = self._reached(start, avoid)
         return _way(reached, target) if target in reached else None
 
     def to_world(self, start: str) -> tuple[Step, ...] | None:
-        """Return the way to the best fixed frame: `WORLDS` in their order, else the root of the tree; None without one.
+        """Return the chain to the best fixed frame: `WORLDS` in their order, else the root of the tree; None without one.
 
         The root counts only if something on the way to it moves and it is not the robot itself (base_link): a tree that
         ends at the robot says nothing of the world.
@@ -448,19 +445,19 @@ class FrameTree:
         if (world := _named(reached, WORLDS)) is not None:
             return _way(reached, world)
         climbed: list[Step] = []
-        seen = {start}
+        climbed_frames = {start}
         frame = start
-        while (link := self._parent.get(frame)) is not None and link.parent not in seen:
+        while (link := self._parent.get(frame)) is not None and link.parent not in climbed_frames:
             climbed.append(Step(link, down=False))
             frame = link.parent
-            seen.add(frame)
+            climbed_frames.add(frame)
         moves = any(not step.track.static for step in climbed)
         return tuple(climbed) if moves and not _last(frame).startswith("base") else None
 
     def to_base(self, start: str) -> tuple[Step, ...]:
-        """Return the way to the robot itself: to the best of `BASES`, else to the last frame that is fixed to `start`.
+        """Return the chain to the robot itself: to the best of `BASES`, else to the last frame that is fixed to `start`.
 
-        From a fixed frame without one of these it is the way to what moves there, unless several do.
+        From a fixed frame without one of these it leads to what moves there, unless several do.
         """
         in_world = _last(start) in WORLDS
         # Beyond a fixed frame there are other robots.
@@ -555,9 +552,9 @@ class _Level:
         if self.world is not None:
             world = along(self.world, stamp_ns)
             robot = compose(world, inverse(base))
-            told = ~_unknown(world.rotation)
-            leaning = np.where(told[:, None], world.rotation, leaning)
-            height = np.where(told, world.position[:, 2] - robot.position[:, 2], height)
+            known = ~_unknown(world.rotation)
+            leaning = np.where(known[:, None], world.rotation, leaning)
+            height = np.where(known, world.position[:, 2] - robot.position[:, 2], height)
         level = _seen_from_above(leaning)
         offset = np.einsum("kij,kj->ki", level, points.position)
         offset[:, 2] += height
@@ -623,8 +620,8 @@ class TreeLevels:
         for count in range(len(base) + 1):
             world = self._tree.to_world(base[count - 1].target if count else frame)
             pose = along(base[count:], stamp_ns, held=True)
-            if world is not None and not _unknown((told := along(world, stamp_ns)).rotation).any():
-                pose = told
+            if world is not None and not _unknown((known := along(world, stamp_ns)).rotation).any():
+                pose = known
             if abs(_upward(pose)) >= UPRIGHT:
                 return count
         return 0
@@ -649,14 +646,11 @@ def _unknown(rotation: Float64) -> Bool:
 
 
 def _seen_from_above(rotation: Float64) -> Float64:
-    """Return (K, 3, 3) rotations from leaning frames (K, 4) to a level view: x ahead, y left, z up.
-
-    A frame that hangs head down keeps its own left, as its poses do.
-    """
+    """Return (K, 3, 3) rotations from leaning frames (K, 4) to a level view: x ahead, y left, z up."""
     matrices = _matrices(rotation)
-    seen = planar(Motion(np.zeros((len(rotation), 3)), rotation))
-    cos, sin = np.cos(seen.yaw)[:, None], np.sin(seen.yaw)[:, None]
-    side = np.where(seen.upside_down, -1.0, 1.0)[:, None]
+    above = planar(Motion(np.zeros((len(rotation), 3)), rotation))
+    cos, sin = np.cos(above.yaw)[:, None], np.sin(above.yaw)[:, None]
+    side = np.where(above.upside_down, -1.0, 1.0)[:, None]
     ahead, left = matrices[:, 0], matrices[:, 1]
     return np.stack([cos * ahead + sin * left, side * (cos * left - sin * ahead), matrices[:, 2]], axis=1)
 

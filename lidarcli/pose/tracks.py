@@ -179,7 +179,7 @@ class Track:
     stretched: float = 0.0
     """Largest deviation of the length of a quaternion from 1, before it was made 1."""
     differs: bool = False
-    """True for a static one that was told with other numbers, too."""
+    """True for a static one that was sent with other numbers, too."""
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -190,7 +190,7 @@ class Track:
     def seems_w_first(self) -> bool:
         """True if its quaternions seem to be written w first: a turning robot then only rolls.
 
-        What goes straight ahead has 1 0 0 0 then, always; a sensor that hangs head down turns a little on its way.
+        What goes straight ahead has 1 0 0 0 then, always; a sensor that hangs head down turns a little as it goes.
         """
         x, y, z, w = np.abs(self.motion.rotation).T
         rolls = max(y.max(), z.max()) < FLAT and (np.ptp(x) > ROLLS or max(y.max(), z.max(), w.max()) == 0.0)
@@ -741,8 +741,8 @@ _OF_SCAN = [
 def _json(kind: str, data: bytes) -> _Pose:
     try:
         if kind == SCAN:
-            told = {name: json.loads(found[1]) for name, one in _OF_SCAN if (found := one.search(data))}
-            fields = {"pose": {"position": {}, "orientation": {}}} | told
+            named = {name: json.loads(found[1]) for name, one in _OF_SCAN if (found := one.search(data))}
+            fields = {"pose": {"position": {}, "orientation": {}}} | named
         else:
             fields = json.loads(data)
     except (ValueError, RecursionError):

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from lidarcli.formalism.detection import LEGGED, ROUND
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
-from lidarcli.formalism.tracking import tracks
-from lidarcli.formalism.tracking.results import BOX, DISC
-from lidarcli.formalism.tracking.tracks import LEAST_SIZE_SD, SHARED_SD_SHARE, Naming, SizeMeasurements, Track, Tracklet
+from lidarcli.formalism.tracking.results import BOX
+from lidarcli.formalism.tracking.tracks import SIZE_MEASUREMENT, Naming, SizeMeasurements, Track, Tracklet
 from tests.formalism.three_boxes import Named, named
 
 PALLET = Catalogue((Thing("pallet", "prismatic", length=1.2, width=0.8, moves=False),))
@@ -21,15 +18,11 @@ PALLET = Catalogue((Thing("pallet", "prismatic", length=1.2, width=0.8, moves=Fa
 
 def looks(sizes: Any, edges: Any, sd: float = 0.02, yaw: float = 0.0) -> SizeMeasurements:
     """Sightings of both sides."""
-    size = np.column_stack([np.atleast_2d(sizes), np.full(len(edges), np.nan)])
-    return SizeMeasurements(
-        size=size,
-        sd=np.where(np.isfinite(size), sd, np.nan),
-        yaw=np.full(len(size), yaw),
-        blur=np.full(len(size), 0.03),
-        intensity=np.full(len(size), np.nan),
-        edges=np.asarray(edges, np.int64),
-    )
+    found = np.zeros(len(edges), SIZE_MEASUREMENT)
+    found["size"] = np.column_stack([np.atleast_2d(sizes), np.full(len(edges), np.nan)])
+    found["sd"] = np.where(np.isfinite(found["size"]), sd, np.nan)
+    found["yaw"], found["blur"], found["intensity"], found["edges"] = yaw, 0.03, np.nan, edges
+    return found
 
 
 def body(**known: Any) -> Tracklet:
@@ -40,7 +33,7 @@ def label_of(track: Track, *seen: SizeMeasurements) -> tuple[int, float]:
     """The label of a track of one body after some windows."""
     names = Naming(PALLET)
     for one in seen:
-        number, axes = np.full(len(one.yaw), 7), np.zeros(len(one.yaw))
+        number, axes = np.full(len(one), 7), np.zeros(len(one))
         names.take([one], number, axes, {7: track.parts[0]})
         names.name([track])
     return track.label, track.label_score
@@ -52,14 +45,6 @@ def a_track(thing: Tracklet, **known: Any) -> Track:
     return track
 
 
-def test_the_same_beams_say_nothing_new() -> None:
-    """A thousand sweeps by the same beams know a side as well as one; by other beams they know it better."""
-    same = tracks._mean(np.array([1000.0]), np.array([1 / 0.02**2]), np.array([1.2]))
-    assert same == pytest.approx((1.2, math.hypot(0.02, LEAST_SIZE_SD)))
-    other = tracks._mean(np.full(100, 5.0), np.full(100, 1 / 0.02**2), np.full(100, 1.2))
-    assert other[1] == pytest.approx(math.hypot(0.02 * math.sqrt(0.01 + 0.99 * SHARED_SD_SHARE**2), LEAST_SIZE_SD))
-
-
 def test_names_come_once_enough_was_seen_and_stay() -> None:
     nothing = looks([[1.2, np.nan]] * 5, [1] * 5)
     assert label_of(a_track(body()), nothing)[0] == -1
@@ -67,28 +52,9 @@ def test_names_come_once_enough_was_seen_and_stay() -> None:
     assert (label, score > 0.95) == (0, True)
 
 
-def test_the_intensity_of_a_track_is_the_mean_of_its_sweeps() -> None:
-    """Of those in which it is known, however they come in windows; it outlives the looks."""
-    names, thing = Naming(PALLET), body()
-    assert np.isnan(names._evidence([a_track(thing)]).intensity).all()
-    parts = [[math.nan, math.nan], [100.0, math.nan, 400.0], [700.0]]
-    for told in parts:
-        seen = replace(looks([[1.2, 0.8]] * len(told), range(len(told))), intensity=np.array(told))
-        names.take([seen], np.full(len(told), 7), np.zeros(len(told)), {7: thing})
-    assert names._evidence([a_track(thing)]).intensity.tolist() == [pytest.approx(400.0)]
-    names.forget([7])
-    assert names._evidence([a_track(thing)]).intensity.tolist() == [pytest.approx(400.0)]
-
-
-def test_who_walks_on_several_legs_has_two_and_no_sides() -> None:
-    """How far apart they are changes with every step."""
-    names, leg = Naming(PALLET), body(kind=DISC, shape_votes=(2.0, 20.0, 0.0, 1.0))
-    names.take([looks([[0.1, 0.1]], [1])], np.array([7]), np.array([math.nan]), {7: leg})
-    evidence = names._evidence([a_track(leg, several=True, moved=True), a_track(leg, moved=True)])
-    assert evidence.legs.tolist() == [2, 0]
-    assert evidence.shape.argmax(axis=1).tolist() == [LEGGED, ROUND]
-    assert np.isnan(evidence.side_1).tolist() == [True, False]
-    assert np.isnan(evidence.span_1).all()
+def test_what_never_moves_and_has_moved_is_something_else() -> None:
+    seen = looks([[1.2, 0.8]] * 5, [1] * 5)
+    assert label_of(a_track(body(), moved=True), seen) == (-1, pytest.approx(math.nan, nan_ok=True))
 
 
 @pytest.mark.slow

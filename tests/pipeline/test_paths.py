@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,41 +13,23 @@ import pyarrow.parquet as pq
 import pytest
 
 import lidarcli
-from benchmarks.scenes.moving import moving_scene
 from lidarcli.cli import run
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.objects.tracking import TrackOptions
 from lidarcli.pipeline.reading import path_check
-from lidarcli.pipeline.reading.path_check import check_paths
-from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.pose.tracks import planar
-from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulation.scene import Odometry, Scene, Sensor, load_scene
+from lidarcli.simulation.scene import Odometry, Scene, load_scene
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import TURN, Float64, RawSweeps
-from tests.going import in_the_world
-from tests.pipeline.drawn import (
-    SENSOR,
-    SWEEPS,
-    away,
-    checked,
-    round_about,
-    scene_of,
-    stamps,
-    standing,
-    straight,
-    sweeps_of,
-    told,
-    write,
-)
+from tests.pipeline.drawn import SENSOR, SWEEPS, away, checked, round_about, scene_of, stamps, sweeps_of, told, write
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 from tests.pose.pose_messages import SECOND
 
@@ -110,13 +91,6 @@ def test_delays_of_the_sample_drive_are_found(late: float, drive: Scene, tmp_pat
     assert path.fit.mount == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
 
 
-@pytest.mark.parametrize("late", [-0.13, 0.2])
-def test_delays_of_odometry_that_drifts_are_found(late: float, drive: Scene, tmp_path: Path) -> None:
-    (path,) = checked(written(tmp_path / "run.mcap", drive, late)).values()
-    assert path.fit is not None
-    assert path.fit.delay == pytest.approx(late, abs=0.02)
-
-
 def test_poses_that_fit_are_left_alone(drive: Scene, tmp_path: Path) -> None:
     log = written(tmp_path / "right.mcap", drive, 0.0)
     alone, as_told = lidarcli.track(log), lidarcli.track(log, pose_delay=0.0)
@@ -124,36 +98,6 @@ def test_poses_that_fit_are_left_alone(drive: Scene, tmp_path: Path) -> None:
     assert facts(alone.objects)["pose_delay"] == {"/scan": 0.0}
     assert alone.objects.equals(as_told.objects)
     assert alone.tracks.equals(as_told.tracks)
-
-
-def test_at_a_constant_speed_there_is_no_delay(tmp_path: Path) -> None:
-    line = scene_of(straight, odometry=Odometry())
-    (path,) = checked(written(tmp_path / "run.mcap", line, LATE, sweeps=SWEEPS)).values()
-    assert path.fit is not None
-    assert (path.verdict, path.fit.delay) == ("accepted", 0.0)
-
-
-def test_track_is_that_at_the_delay(late: Path) -> None:
-    (path,) = checked(late).values()
-    assert path.fit is not None
-    alone, by_delay = lidarcli.track(late), lidarcli.track(late, pose_delay=path.fit.delay)
-    for name in ("track", "set", "moving"):
-        assert alone.objects[name].equals(by_delay.objects[name])
-    # The mount that fits best is a few millimetres off.
-    for name in ("world_x", "world_y"):
-        here, there = (table.objects[name].to_numpy(zero_copy_only=False) for table in (alone, by_delay))
-        np.testing.assert_allclose(here, there, atol=0.01)
-    assert lidarcli.detect(late)["world_x"].equals(alone.objects["world_x"])
-
-
-def test_what_stands_is_no_agent_though_poses_are_late(tmp_path: Path) -> None:
-    scene = moving_scene("room", 704, Sensor(rate=10.0, noise=0.01), driving=True)
-    still = tuple(one for one in scene.entities if one.motion.still)
-    assert 2 <= len(still) < len(scene.entities)
-    log = written(tmp_path / "run.mcap", replace(scene, entities=still, odometry=Odometry()), 0.3, sweeps=scene.sweeps)
-    as_told, alone = lidarcli.track(log, pose_delay=0.0), lidarcli.track(log)
-    assert "A" in as_told.tracks["set"].to_pylist()
-    assert "A" not in alone.tracks["set"].to_pylist()
 
 
 def test_a_delay_that_is_given_is_kept(late: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -173,41 +117,7 @@ def test_a_delay_that_is_given_is_kept(late: Path, tmp_path: Path, capfd: pytest
             assert poses["pose_delay"]["/scan"] == pytest.approx(found, abs=0.011)
 
 
-def test_the_start_and_the_end_do_not_change_it(late: Path) -> None:
-    whole = facts(lidarcli.track(late).objects)
-    assert whole["pose_delay"]["/scan"] == pytest.approx(LATE, abs=0.011)
-    assert facts(lidarcli.track(late, start=4.0, end=8.0, every=3).objects) == whole
-
-
-def test_poses_past_the_end_of_those_of_the_log_are_unknown(late: Path) -> None:
-    parts = [batch.poses for batch in lidarcli.read(late)]
-    x = np.concatenate([part.x for part in parts if part is not None])
-    # The last pose holds for 0.1 s.
-    assert np.isnan(x).tolist() == [False] * 148 + [True] * 2
-
-
 # --- topics and limits --------------------------------------------------------------------------------------
-
-
-@pytest.mark.filterwarnings("ignore:.* repeats .*:UserWarning")
-def test_every_topic_has_its_own(tmp_path: Path) -> None:
-    log = written(tmp_path / "three.mcap", scene_of(odometry=Odometry()), LATE, 0.0, -0.2, sweeps=100)
-    found = checked(log)
-    delays = {"/scan": LATE, "/other0": 0.0, "/other1": -0.2}
-    assert found.keys() == {(topic, "laser") for topic in delays}
-    for topic, delay in delays.items():
-        fit = found[topic, "laser"].fit
-        assert fit is not None
-        assert fit.delay == pytest.approx(delay, abs=0.011)
-    (alone,) = checked(log, topics={"/other1"}).items()
-    assert (alone[0], alone[1].fit) == (("/other1", "laser"), found["/other1", "laser"].fit)
-    assert facts(lidarcli.track(log).objects)["pose_delay"] == pytest.approx(delays, abs=0.011)
-
-
-def test_only_the_first_topics_are_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    log = written(tmp_path / "two.mcap", scene_of(odometry=Odometry()), LATE, LATE, sweeps=60)
-    monkeypatch.setattr(path_check, "MOST_MATCHED", 1)
-    assert len(checked(log)) == 1
 
 
 def test_who_needs_no_path_reads_once(late: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -240,34 +150,6 @@ class Counted:
             for row in range(len(block)):
                 self.sweeps += 1
                 yield block.rows(slice(row, row + 1))
-
-
-@pytest.mark.parametrize(("enough", "way", "least", "most"), [(40, 1.0, 40, 80), (40, 3.0, 75, 110), (40, 100.0, 150, 150)])
-def test_no_more_is_read_than_it_takes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, enough: int, way: float, least: int, most: int
-) -> None:
-    """So many sweeps and so long a way, or the end of the log; a sensor goes 0.4 m a second."""
-    log = Counted(written(tmp_path / "run.mcap", scene_of(odometry=Odometry()), 0.0))
-    monkeypatch.setattr(path_check, "ENOUGH", enough)
-    monkeypatch.setattr(path_check, "ENOUGH_WAY", way)
-    monkeypatch.setattr("lidarcli.logs.piles.WINDOW", 10)
-    monkeypatch.setattr(path_check, "ReadOptions", partial(ReadOptions, batch_size=10))
-    with log.log:
-        poses = find_poses(log.log)
-        assert poses is not None
-        found = check_paths(log, poses.sources, TopicChoice(None, log.topics()), RangeRules())  # type: ignore[arg-type]
-    assert {path.verdict for path in found.values()} == {"accepted"}
-    assert least <= log.sweeps <= most
-
-
-def test_of_a_sensor_that_stands_some_sweeps_are_matched(tmp_path: Path) -> None:
-    still = replace(scene_of(standing), sweeps=1000)
-    log = tmp_path / "run.mcap"
-    write_log(log, (part for part in sweeps_of(still)))
-    (path,) = checked(log).values()
-    assert path.verdict == "none"
-    assert path.still.all()
-    assert path_check.PERIOD <= len(path.stamp_ns) < 1000
 
 
 @pytest.mark.parametrize("size", [64])
@@ -391,36 +273,6 @@ def test_the_order_of_the_beams_is_learned(tmp_path: Path, order: str, header: f
     # Headers that tell nothing leave 0.9 of the time from sweep to sweep.
     assert path.timing.duration == pytest.approx(0.0 if header else 0.09)
     assert away(path_of(log), round_about).max() < (1e-6 if poses else 0.08)
-
-
-@pytest.mark.parametrize("order", ["forward", "reverse", "once"])
-def test_a_sensor_that_stands_leaves_the_order_to_the_headers(tmp_path: Path, order: str) -> None:
-    (path,) = checked(taken(tmp_path / "run.mcap", order, standing, TAKES)).values()
-    assert (path.timing.order, path.timing.duration) == ("auto", 0.0)
-    assert "beam_order" not in path.facts()
-
-
-@pytest.mark.parametrize("order", ["forward", "reverse", "once"])
-def test_an_order_that_is_given_is_kept(tmp_path: Path, order: str) -> None:
-    log = taken(tmp_path / "run.mcap", "reverse", round_about, TAKES)
-    (path,) = checked(log, order=order).values()
-    assert path.timing.order == order
-    table = lidarcli.detect(log, beam_order=order, pose="match")
-    assert facts(table)["beam_order"] == {"/scan": order}
-    assert json.loads(table.schema.metadata[b"lidarcli.parameters"])["beam_order"] == order
-
-
-def test_walls_are_sharp_by_the_order_that_was_learned(tmp_path: Path) -> None:
-    log = taken(tmp_path / "run.mcap", "reverse", round_about, TAKES, poses=True)
-    off = {}
-    for order in ("auto", "forward", "reverse"):
-        (batch,) = lidarcli.read(log, beam_order=order)
-        points = np.vstack([in_the_world(batch, row) for row in range(0, SWEEPS, 10)])
-        from_wall = np.abs(np.abs(points) - [4.0, 3.0]).min(axis=1)
-        # A tenth of the points are of the two cylinders.
-        off[order] = float(np.quantile(from_wall, 0.8))
-    assert off["auto"] == off["reverse"] < 0.02
-    assert off["forward"] > 0.04
 
 
 # --- recordings ---------------------------------------------------------------------------------------------

@@ -10,15 +10,12 @@ from lidarcli.pose.calibration import (
     cells_filled,
     joined_outlines,
     mounted,
-    mounted_points,
     overlap,
     places_beside,
-    scaled_path,
     settle,
     stretches_of,
     surfaces,
 )
-from lidarcli.pose.fit import steps_between
 from lidarcli.simulation.generate import cast, place
 from lidarcli.sweeps import Float64
 from tests.pipeline.drawn import ROOM, round_about
@@ -48,13 +45,6 @@ def test_surfaces_face_the_sensor() -> None:
     assert len(beams) > 30
     assert points[:, 0] == pytest.approx(2.0)
     assert normals == pytest.approx(np.tile([-1.0, 0.0], (len(beams), 1)), abs=1e-9)
-
-
-def test_a_step_in_range_is_no_surface() -> None:
-    ranges = np.where(BEARING < 0.0, 2.0, 4.0)
-    beams = surfaces(BEARING, ranges)[2]
-    assert not {88, 89, 90} & set(beams.tolist())
-    assert {85, 93} <= set(beams.tolist())
 
 
 @pytest.mark.slow
@@ -90,13 +80,6 @@ def test_on_a_straight_way_the_deviations_of_a_place_are_large() -> None:
     assert found.deviations[:2].min() > 0.05
 
 
-def test_a_path_is_scaled_step_by_step() -> None:
-    scaled = scaled_path(BASE, 0.1, -0.05)
-    step, other = steps_between(BASE[:-1], BASE[1:]), steps_between(scaled[:-1], scaled[1:])
-    assert other == pytest.approx(step * [1.1, 1.1, 0.95])
-    assert scaled_path(BASE, 0.0, 0.0)[:, :2] == pytest.approx(BASE[:, :2])
-
-
 def test_stretches_end_after_a_turn_or_a_way() -> None:
     chain = np.column_stack([np.arange(10.0), np.zeros(10), np.zeros(10)])
     expected = [0, 0, 0, 1, 1, 2, 2, 2, 3, 3]
@@ -116,8 +99,3 @@ def test_one_sensor_is_laid_on_another() -> None:
     assert alike.against < 0.02
     assert alike.width > np.pi
     assert overlap(first.points, second.points, true + np.array([1.0, 0.0, 0.0])).against > 0.1
-
-
-def test_points_are_where_their_sensor_is_mounted() -> None:
-    points = mounted_points(np.array([[1.0, 0.0], [0.0, 2.0]]), np.array([0.5, -0.5, 0.5 * np.pi]))
-    assert points == pytest.approx(np.array([[0.5, 0.5], [-1.5, -0.5]]))

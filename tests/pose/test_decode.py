@@ -57,21 +57,6 @@ def test_every_type_in_every_serialisation(kind: str, maker: Maker) -> None:
     assert flattened(decoded(kind, maker.encoding, data)) == sorted(expected)
 
 
-@pytest.mark.parametrize("maker", MAKERS.values(), ids=MAKERS)
-def test_many_links_in_one_message(maker: Maker) -> None:
-    links = [(k, f"parent{k}", f"child{k * 7}", (float(k), 2.0 * k, 0.1 * k)) for k in range(13)]
-    rows = decoded(TF, maker.encoding, [maker.transforms(*links), maker.transforms(*links[::-1])])
-    told = [(parent, child, stamp, numbers(pose)) for stamp, parent, child, pose in links]
-    assert flattened(rows) == sorted((index, *link) for index in range(2) for link in told)
-
-
-def test_messages_alike_are_read_together() -> None:
-    data = [MAKERS["cdr"].odometry(k, "odom", "base_link", (k, 0.0, 0.0)) for k in range(500)]
-    (rows,) = decoded(ODOMETRY, "cdr", data)
-    np.testing.assert_array_equal(rows.numbers[:, 0], np.arange(500))
-    np.testing.assert_array_equal(rows.stamp_ns, np.arange(500))
-
-
 def test_stamps_before_1970_in_ros2_and_after_2038_in_ros1() -> None:
     (rows,) = decoded(POSE, "cdr", [MAKERS["cdr"].pose(-1_000_000_000, "map", (0.0, 0.0, 0.0))])
     assert rows.stamp_ns.tolist() == [-1_000_000_000]
@@ -143,29 +128,6 @@ def test_foxglove(encoding: object) -> None:
         assert (read.parent, read.child, refused) == ("odom", child, Counter())
         np.testing.assert_array_equal(read.stamp_ns, rows.stamp_ns)
         np.testing.assert_allclose(read.numbers, [numbers(tuple(pose)) for pose in rows.poses], atol=1e-15)
-
-
-@pytest.mark.parametrize("kind", ["foxglove.PoseInFrame", "foxglove.LaserScan"])
-@pytest.mark.parametrize(
-    "stamp",
-    [
-        '"2023-11-14T22:13:20.5Z"',
-        '{"sec": 1700000000, "nsec": 500000000}',
-        '{"seconds": 1700000000, "nanos": 5e8}',
-        "1700000000.5",
-    ],
-)
-def test_stamps_in_json_are_those_of_scans(kind: str, stamp: str) -> None:
-    data = f'{{"timestamp": {stamp}, "frame_id": "map", "pose": {{"position": {{"x": 2}}, "orientation": {{"w": 1}}}}}}'
-    (read,) = tracks.decode_foxglove(kind, "json", [data.encode()], Counter())
-    assert (read.stamp_ns.tolist(), read.numbers[:, 0].tolist()) == ([1_700_000_000_500_000_000], [2.0])
-
-
-@pytest.mark.parametrize("name", ["frame_id", "frameId"])
-def test_frames_of_scans_in_json(name: str) -> None:
-    data = f'{{"{name}": "map", "ranges": [1.0], "pose": {{"position": {{"x": 2}}, "orientation": {{"w": 1}}}}}}'
-    (read,) = tracks.decode_foxglove("foxglove.LaserScan", "json", [data.encode()], Counter())
-    assert (read.parent, read.stamp_ns.tolist()) == ("map", [0])
 
 
 def test_foxglove_messages_that_are_none() -> None:

@@ -17,7 +17,6 @@ from lidarcli.pose.fit import (
     jumps_of,
     poses_after,
     stands,
-    steps_between,
     still_at,
     wrapped,
 )
@@ -81,12 +80,6 @@ def test_a_delay_is_found(delay: float) -> None:
     assert fit.share > 0.98
 
 
-def test_a_delay_at_the_bound_may_be_a_greater_one() -> None:
-    fit = judged(partial(late, delay=0.9))
-    assert fit.verdict == "rejected"
-    assert fit.delay == 0.0
-
-
 @pytest.mark.parametrize("mount", [(0.2, 0.05, 0.0), (0.0, 0.0, 0.5 * np.pi), (-0.15, 0.1, np.pi), (0.3, 0.0, -0.4)])
 def test_a_mount_is_found(mount: tuple[float, float, float]) -> None:
     fit = judged(round_about, poses_after(TRUE, np.array(mount)))
@@ -120,11 +113,6 @@ def test_poses_in_other_units_are_rejected_with_their_ratio(
     assert fit.turn_ratio == pytest.approx(turn_ratio, rel=0.1, abs=0.05)
 
 
-def test_at_a_constant_speed_no_delay_can_be_told() -> None:
-    fit = judged(lambda seconds: straight(seconds - 0.25), straight(SECONDS))
-    assert (fit.verdict, fit.delay, fit.share) == ("accepted", 0.0, 1.0)
-
-
 def test_stretches_that_fit_are_told() -> None:
     def half(seconds: Float64) -> Float64:
         poses = round_about(seconds)
@@ -152,40 +140,7 @@ def test_too_little_is_unchecked() -> None:
         assert (fit.delay, fit.mount) == (0.0, (0.0, 0.0, 0.0))
 
 
-def test_a_standing_sensor_that_is_told_to_move_is_rejected() -> None:
-    fit = judged(lambda seconds: np.outer(seconds, [0.2, 0.0, 0.0]), np.zeros((COUNT, 3)))
-    assert (fit.verdict, fit.share) == ("rejected", 0.0)
-
-
-def test_steps_between_pieces_of_the_path_do_not_count() -> None:
-    """After the matching was lost nobody knows how one piece lies to the next."""
-    lost = TRUE.copy()
-    lost[100:] = poses_after(np.tile([3.0, -2.0, 1.0], (100, 1)), TRUE[100:])
-    pieces = np.where(np.arange(COUNT) < 100, 1.0, 2.0)
-    whole, cut = judged(round_about, lost), judged(round_about, lost, pieces)
-    assert cut.share == 1.0
-    assert cut.pairs < whole.pairs
-    assert whole.share < 1.0
-
-
-def test_a_long_log_is_judged_by_some_pairs() -> None:
-    count = 3000
-    seconds = np.arange(count) * 0.1
-    fit = judge_poses(stamps(count), round_about(seconds), lambda at: round_about((at - STAMPS[0]) / SECOND_NS))
-    assert (fit.verdict, fit.share, fit.pairs) == ("accepted", 1.0, MOST_PAIRS)
-
-
 # --- steps --------------------------------------------------------------------------------------------------
-
-
-def test_steps_lead_from_pose_to_pose() -> None:
-    steps = steps_between(TRUE[:-1], TRUE[1:])
-    after = poses_after(TRUE[:-1], steps)
-    np.testing.assert_allclose(after[:, :2], TRUE[1:, :2], atol=1e-12)
-    np.testing.assert_allclose(np.cos(after[:, 2] - TRUE[1:, 2]), 1.0)
-    assert steps_between(np.array([[1.0, 2.0, 0.5 * np.pi]]), np.array([[1.0, 5.0, np.pi]]))[0] == pytest.approx(
-        [3.0, 0.0, 0.5 * np.pi]
-    )
 
 
 # --- jumps --------------------------------------------------------------------------------------------------
@@ -232,23 +187,6 @@ def test_parts_between_jumps_are_joined() -> None:
     np.testing.assert_allclose(np.cos(found[:, 2] - TRUE[:, 2]), 1.0)
 
 
-def test_what_cannot_be_joined_is_not_known() -> None:
-    cuts = ((int(STAMPS[99]), int(STAMPS[100])),)
-    pieces = np.where(np.arange(COUNT) < 100, 1.0, 2.0)
-    _, moves, lost = joined(STAMPS, TRUE, pieces, TRUE, cuts)
-    assert lost
-    assert np.isnan(moves).all(axis=1).tolist() == [False, True]
-
-
-def test_parts_beside_all_sweeps_need_not_be_joined() -> None:
-    """Jumps before the first sweep and after the last one leave all poses of the sweeps as they are."""
-    first, last = int(STAMPS[0]), int(STAMPS[-1])
-    cuts = ((first - 2, first - 1), (last + 1, last + 2))
-    _, moves, lost = joined(STAMPS, TRUE, np.ones(COUNT), TRUE, cuts)
-    assert not lost
-    assert moves.tolist() == [[0.0, 0.0, 0.0]] * 3
-
-
 def test_poses_that_go_back_and_forth_are_of_two_publishers() -> None:
     """Each is near those of its own publisher, however slowly both drift apart."""
     for publishers in (2, 3):
@@ -261,22 +199,6 @@ def test_poses_that_go_back_and_forth_are_of_two_publishers() -> None:
     assert jumps_in(spike) == ([], 0.0)
     assert jumps_in(TRUE + np.random.default_rng(5).normal(0.0, [0.1, 0.1, 0.0], TRUE.shape))[1] < 0.2
     assert jumps_in(np.abs(np.outer(np.arange(COUNT) % 40 - 20, [0.15, 0.0, 0.0]))) == ([], 0.0)
-
-
-def test_two_publishers_are_found_though_the_sensor_stands() -> None:
-    still = np.zeros((COUNT, 3))
-    apart = still + np.outer(np.arange(COUNT) % 2, [0.4, 0.0, 0.0])
-    messages = [odometry(int(stamp), "odom", "laser", tuple(pose)) for stamp, pose in zip(STAMPS, apart, strict=True)]
-    chain = sources(messages).chain("laser")
-    assert chain is not None
-    # Sweeps between those of the two tell no step.
-    fit = judge_poses(STAMPS, still, lambda at: still[: len(at)], jumps=jumps_of(chain))
-    assert (fit.verdict, fit.pairs, fit.jumps) == ("rejected", 0, pytest.approx((0.4,)))
-    unchecked = judge_poses(STAMPS, still, lambda at: still[: len(at)])
-    assert (unchecked.verdict, unchecked.moves) == ("unchecked", False)
-    # Of sweeps 10 s apart no pair tells a step, but the path goes on.
-    late = STAMPS[:5] + np.arange(5) * 10 * SECOND_NS
-    assert judge_poses(late, TRUE[:5], lambda at: np.outer(np.arange(len(at)), [1.0, 0.0, 0.0])).moves
 
 
 # --- standing -----------------------------------------------------------------------------------------------
@@ -296,15 +218,6 @@ def test_who_stands() -> None:
     turning = np.column_stack([np.zeros((COUNT, 2)), 0.1 * SECONDS])
     assert not stands(turning, fixed)
     assert not still_at(STAMPS, turning, fixed).any()
-
-
-def test_nobody_knows_who_stands_where_walls_do_not_tell() -> None:
-    parked = np.zeros((COUNT, 3))
-    assert not stands(parked, np.ones(COUNT))
-    assert not stands(parked[:0], np.zeros(0))
-    unplaced = np.where(np.arange(COUNT)[:, None] % 5 < 2, np.nan, parked)
-    assert not stands(unplaced, np.zeros(COUNT))
-    assert len(still_at(STAMPS, unplaced, np.zeros(COUNT))) == 0
 
 
 def test_who_stops_stands_then() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import cos, pi, sin
+from math import cos, sin
 
 import numpy as np
 import pytest
@@ -42,12 +42,6 @@ def test_the_way_from_the_first_beam_to_the_last(seconds: float) -> None:
     np.testing.assert_allclose(chain, np.tile([seconds, -0.5 * seconds, seconds], (40, 1)), atol=1e-9)
 
 
-def test_each_sweep_has_its_own_time() -> None:
-    seconds = np.resize([0.0, 0.1, -0.05, 0.02], 40)
-    chain = ways(lasting(seconds.tolist()), along())
-    np.testing.assert_allclose(chain, np.outer(seconds, [1.0, -0.5, 1.0]), atol=1e-9)
-
-
 def test_turns_go_the_short_way() -> None:
     messages = [
         odometry(START + k * TENTH, "odom", "laser", (0.0, 0.0, float(np.angle(np.exp(1j * (3.0 + 0.3 * k))))))
@@ -55,17 +49,6 @@ def test_turns_go_the_short_way() -> None:
     ]
     chain = ways(lasting(0.1), messages)
     np.testing.assert_allclose(chain[:, 2], 0.3, atol=1e-9)
-
-
-def test_a_way_of_the_sensor_and_not_of_the_robot() -> None:
-    # The laser is 1 m ahead of a robot that turns on the spot.
-    messages = [tf(START + k * TENTH, "odom", "base_link", (0.0, 0.0, 0.1 * k)) for k in range(60)]
-    messages.append(tf(0, "base_link", "laser", (1.0, 0.0, 0.0), "/tf_static"))
-    chain = ways(lasting(0.1), messages)
-    heading = 0.1 * np.arange(41)
-    np.testing.assert_allclose(chain[:, 0], np.diff(np.cos(heading)), atol=1e-9)
-    np.testing.assert_allclose(chain[:, 1], np.diff(np.sin(heading)), atol=1e-9)
-    np.testing.assert_allclose(chain[:, 2], 0.1, atol=1e-9)
 
 
 def test_the_way_of_a_sensor_head_down() -> None:
@@ -87,15 +70,6 @@ def test_the_way_of_a_sensor_head_down() -> None:
     np.testing.assert_allclose(own[:, 2], -0.1, atol=1e-9)
 
 
-def test_nobody_goes_where_sweeps_take_no_time_or_nobody_asks() -> None:
-    log, batch = PosesLog(along()), batch_of()
-    for found in (posing_of(log).attach(batch), posing_of(log, PoseOptions(deskew=False)).attach(lasting(0.1))):
-        assert found.poses is not None
-        assert found.poses.way is None
-    still = ways(lasting(0.0), along())
-    assert not still.any()
-
-
 @pytest.mark.parametrize("size", [1, 7])
 def test_the_batch_size_does_not_matter(size: int) -> None:
     batch, log = lasting(0.1), PosesLog(along())
@@ -109,50 +83,8 @@ def test_the_batch_size_does_not_matter(size: int) -> None:
     assert np.array_equal(np.concatenate(parts), whole)
 
 
-def test_without_a_pose_there_is_no_way() -> None:
-    # Poses from the tenth sweep on.
-    poses = posing_of(PosesLog(along(10))).attach(lasting(0.1)).poses
-    assert poses is not None
-    assert poses.way is not None
-    # The first one holds for a while before its stamp.
-    assert np.isnan(poses.x).tolist() == [True] * 9 + [False] * 31
-    assert not poses.way[:9].any()
-    np.testing.assert_allclose(poses.way[10:, 0], 0.1, atol=1e-9)
-
-
 @pytest.mark.parametrize("seconds", [0.1, 0.05])
 def test_after_its_last_pose_a_sensor_goes_on_as_before(seconds: float) -> None:
     # A pose for each sweep, as many robots tell them: where the last sweep ends nobody says.
     chain = ways(lasting(seconds), along(0, 40))
     np.testing.assert_allclose(chain, np.tile([seconds, -0.5 * seconds, seconds], (40, 1)), atol=1e-9)
-
-
-def test_of_a_log_of_one_pose_nobody_goes() -> None:
-    poses = posing_of(PosesLog([odometry(START, "odom", "laser", (1.0, 2.0, 3.0))])).attach(lasting(0.1)).poses
-    assert poses is None or poses.way is None or not poses.way.any()
-
-
-def test_stamps_at_the_ends_of_time() -> None:
-    batch = lasting(0.5)
-    largest = np.iinfo(np.int64).max
-    batch.stamp_ns[:3] = (largest, -largest, largest - 10)
-    chain = ways(batch, along())
-    assert not chain[:3].any()
-    np.testing.assert_allclose(chain[3:, 0], 0.5, atol=1e-9)
-
-
-def test_the_way_is_that_at_the_delay() -> None:
-    # It goes ever faster: 0.4 s later it is faster by as much.
-    messages = [odometry(START + k * TENTH, "odom", "laser", (0.5 * (0.1 * k) ** 2, 0.0, 0.0)) for k in range(70)]
-    as_told, delayed = ways(lasting(0.1), messages), ways(lasting(0.1), messages, PoseOptions(delay=0.4))
-    np.testing.assert_allclose(delayed[:, 0] - as_told[:, 0], 0.04, atol=1e-9)
-
-
-def test_two_sensors_of_which_one_is_placed() -> None:
-    batch = replace(lasting(0.1, 4), frame_ids=("laser", "other"), frame=np.array([0, 1, 1, 0], np.int32))
-    poses = posing_of(PosesLog([tf(START + k * TENTH, "map", "laser", (0.1 * k, 0.0, pi)) for k in range(9)]))
-    found = poses.attach(batch).poses
-    assert found is not None
-    assert found.way is not None
-    np.testing.assert_allclose(found.way[:, 0], [0.1, 0.0, 0.0, 0.1], atol=1e-9)
-    assert np.isnan(found.x).tolist() == [False, True, True, False]

@@ -159,37 +159,6 @@ def test_sweeps_that_say_nothing_have_no_pose() -> None:
     assert away.max() < 0.1
 
 
-def test_odd_logs_do_not_raise() -> None:
-    batch, _ = simulated(building(sweeps=12))
-    empty = MatchedPath()
-    empty.add(batch.rows(np.arange(0)))
-    assert empty.track("/scan", "laser") is None
-    blind = MatchedPath()
-    blind.add(replace(batch, ranges=np.full_like(batch.ranges, np.nan)))
-    assert blind.track("/scan", "laser") is None
-    assert unplaced(blind) == 12
-    for beams in (0, 1, 2, 3):
-        narrow = MatchedPath()
-        narrow.add(replace(batch, beams=np.full(12, beams, np.int32), ranges=batch.ranges[:, :beams]))
-        assert narrow.track("/scan", "laser") is None
-    standing = MatchedPath()
-    standing.add(replace(batch, stamp_ns=np.full(12, START_NS)))
-    track = standing.track("/scan", "laser")
-    assert track is not None
-    assert track.stamp_ns.tolist() == [START_NS]
-    assert unplaced(standing) == 11
-
-
-def test_a_clock_that_is_set_back_keeps_the_track_sorted() -> None:
-    batch, _ = simulated(building(sweeps=30))
-    stamps = batch.stamp_ns.copy()
-    stamps[20:] -= 5 * SECOND_NS
-    track = matched(replace(batch, stamp_ns=stamps))
-    assert (np.diff(track.stamp_ns) > 0).all()
-    assert track.jumps_back == 1
-    assert np.isfinite(track.motion.position).all()
-
-
 def test_after_a_gap_in_another_place_the_map_begins_anew() -> None:
     batch, _ = simulated(building(sweeps=40))
     there, _ = simulated(replace(load_scene(SAMPLES / "corridor.toml"), sensor=SENSOR, sweeps=40))
@@ -205,13 +174,3 @@ def test_after_a_gap_in_another_place_the_map_begins_anew() -> None:
     assert unplaced(matching) == 9
     gone = track.motion.position[len(before.stamp_ns)] - before.motion.position[-1]
     assert np.hypot(*gone[:2]) == 0.0
-
-
-def test_a_path_that_is_not_known_for_long_has_a_gap() -> None:
-    batch, _ = simulated(building(sweeps=60))
-    batch.ranges[10:15] = np.nan
-    batch.ranges[30:41] = np.nan
-    matching = MatchedPath()
-    matching.add(batch)
-    assert unplaced(matching) == 16
-    assert matching.gaps.tolist() == [batch.stamp_ns[[29, 41]].tolist()]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidarcli.pose.tracks import Motion, compose, interpolate, inverse, multiply, planar, rotate, tilt
+from lidarcli.pose.tracks import Motion, compose, interpolate, inverse, planar, rotate
 from lidarcli.sweeps import Float64
 
 
@@ -27,23 +27,6 @@ def about(axis: tuple[float, float, float], angle: float) -> Float64:
 def matrix(rotation: Float64) -> Float64:
     """The (3, 3) matrix of a quaternion, column by column."""
     return np.column_stack([rotate(rotation, np.eye(3)[[k]])[0] for k in range(3)])
-
-
-def test_rotation_about_each_axis() -> None:
-    quarter = np.pi / 2
-    np.testing.assert_allclose(matrix(about((0, 0, 1), quarter)), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
-    np.testing.assert_allclose(matrix(about((1, 0, 0), quarter)), [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15)
-    np.testing.assert_allclose(matrix(about((0, 1, 0), quarter)), [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-15)
-
-
-def test_a_product_turns_by_the_second_first() -> None:
-    first, second = about((1, 2, 3), 0.7), about((-2, 0.5, 1), 1.9)
-    np.testing.assert_allclose(matrix(multiply(first, second)), matrix(first) @ matrix(second), atol=1e-14)
-
-
-def test_composition_in_the_plane() -> None:
-    poses = planar(compose(flat((1.0, 2.0, np.pi / 2)), flat((3.0, 1.0, 0.25))))
-    assert (poses.x[0], poses.y[0], poses.yaw[0]) == pytest.approx((0.0, 5.0, np.pi / 2 + 0.25))
 
 
 def test_the_inverse_undoes() -> None:
@@ -82,39 +65,6 @@ def test_no_extrapolation() -> None:
     assert not poses.upside_down.any()
 
 
-def test_the_first_and_the_last_pose_hold_as_long_as_they_may() -> None:
-    stamps = np.array([10, 20])
-    at = np.array([4, 5, 9, 15, 21, 25, 26])
-    poses = planar(interpolate(at, stamps, flat((1, 1, 0), (2, 2, 0)), hold_ns=5))
-    np.testing.assert_array_equal(poses.x, [np.nan, 1, 1, 1.5, 2, 2, np.nan])
-
-
-def test_a_stamp_at_the_end_of_its_type_is_far_from_all() -> None:
-    ends = np.array([np.iinfo(np.int64).min, np.iinfo(np.int64).max])
-    poses = planar(interpolate(ends, np.array([-10, 10]), flat((1, 1, 0), (2, 2, 0)), hold_ns=5))
-    assert np.isnan(poses.x).all()
-    poses = planar(interpolate(ends, ends[1:] - np.array([3, 2]), flat((1, 1, 0), (2, 2, 0)), hold_ns=5))
-    np.testing.assert_array_equal(poses.x, [np.nan, 2])
-
-
-def test_a_single_pose_holds_at_its_stamp_alone() -> None:
-    poses = planar(interpolate(np.array([4, 5, 6]), np.array([5]), flat((1, 2, 0.5))))
-    np.testing.assert_array_equal(np.isnan(poses.x), [True, False, True])
-    assert poses.yaw[1] == pytest.approx(0.5)
-
-
-def test_no_poses_at_all() -> None:
-    empty = Motion(np.empty((0, 3)), np.empty((0, 4)))
-    assert np.isnan(interpolate(np.array([1, 2]), np.empty(0, np.int64), empty).position).all()
-
-
-def test_nanoseconds_of_today_are_told_apart() -> None:
-    start = 1_700_000_000_000_000_000
-    stamps = np.array([start, start + 8], np.int64)
-    poses = planar(interpolate(start + np.arange(9), stamps, flat((0, 0, 0), (8, 0, 0))))
-    np.testing.assert_allclose(poses.x, np.arange(9))
-
-
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(0, 1))
 def test_yaw_is_linear_along_the_shorter_way(first: float, second: float, share: float) -> None:
     turn = (second - first + np.pi) % (2 * np.pi) - np.pi
@@ -140,19 +90,3 @@ def test_a_sensor_upside_down(axis: tuple[float, float, float], angle: float, ya
     assert (x[0], y[0]) == pytest.approx((1.0 + point[0], 2.0 + point[1]))
     line = rotate(about(axis, angle), np.array([[np.cos(0.4), np.sin(0.4), 0.0]]))[0]
     assert abs(np.sin(turned[0] - np.arctan2(line[1], line[0]))) < 1e-12
-
-
-def test_to_world_turns_and_moves() -> None:
-    poses = planar(flat((10, 0, 0), (1, 2, np.pi / 2)))
-    x, y, yaw = poses.to_world(
-        np.array([1, 0, 1]), np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 2.0]), np.array([0.3, -0.3, 1.2])
-    )
-    np.testing.assert_allclose(x, [1, 11, -1])
-    np.testing.assert_allclose(y, [3, 0, 2])
-    np.testing.assert_allclose(yaw, [0.3 + np.pi / 2 - np.pi, -0.3, 1.2 - np.pi / 2])
-
-
-def test_tilt() -> None:
-    motion = Motion(np.zeros((2, 3)), np.concatenate([about((1, 0, 0), 0.3), about((0, 1, 0), np.pi - 0.2)]))
-    assert tilt(motion) == pytest.approx(0.3)
-    assert tilt(Motion(np.full((1, 3), np.nan), np.full((1, 4), np.nan))) == 0.0

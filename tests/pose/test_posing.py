@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import lidarcli
-from lidarcli.cli import run
-from lidarcli.logs.base import LASERSCAN, Damage, Message, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, Message, ReadReport, Topic
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
@@ -32,7 +26,7 @@ from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps, SweepBatch, SweepPoses
 from tests.fake_log import FakeLog
 from tests.places import SAMPLES
-from tests.pose.pose_messages import ODOMETRY, POSE, SECOND, TF, accepted, odometry, pose_stamped, tf
+from tests.pose.pose_messages import ODOMETRY, SECOND, odometry, pose_stamped, tf
 from tests.sweeping import START, raw_sweeps
 
 
@@ -53,30 +47,6 @@ def poses_of(path: Path, pose: str | None = None) -> np.ndarray[tuple[int, int],
     parts = [batch.poses for batch in lidarcli.read(path, pose=pose)]
     assert all(part is not None for part in parts)
     return np.concatenate([np.column_stack([p.x, p.y, p.yaw]) for p in parts if p is not None])
-
-
-@pytest.mark.parametrize("pose", [None, "/odom"])
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        ("run.mcap", {"encoding": "cdr"}),
-        ("run.mcap", {"encoding": "ros1", "compression": "lz4"}),
-        ("run.mcap", {"encoding": "json"}),
-        ("run.mcap", {"encoding": "protobuf"}),
-        ("run.bag", {"compression": "bz2"}),
-        ("run.db3", {}),
-        ("run", {"compression": "zstd"}),
-        ("run", {"compression": "zstd-message"}),
-        ("run", {"container": "ros2-mcap"}),
-    ],
-)
-def test_every_container(tmp_path: Path, name: str, options: dict[str, str], pose: str | None) -> None:
-    scene, poses = drive()
-    write_log(tmp_path / name, scanned(scene), poses=poses, **options)
-    expected = poses.poses.copy()
-    found = poses_of(tmp_path / name, pose)
-    np.testing.assert_allclose(found[:, :2], expected[:, :2], atol=1e-12)
-    np.testing.assert_allclose(np.cos(found[:, 2] - expected[:, 2]), 1)
 
 
 def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
@@ -227,36 +197,6 @@ def test_clocks_that_differ_are_not_mixed() -> None:
     assert notes[1] == "without a pose: 40 of 40 sweeps of frame laser, whose stamps are outside the span of /odom"
 
 
-def test_links_that_are_never_known_together() -> None:
-    messages = [tf(START + k * SECOND, "map", "odom", (0, 0, 0)) for k in range(2)]
-    messages += [tf(START + k * SECOND, "odom", "laser", (0, 0, 0)) for k in range(2, 4)]
-    _, notes = posed(messages)
-    assert notes[1] == (
-        "without a pose: 40 of 40 sweeps of frame laser; the links map > odom > laser are never known at the same time"
-    )
-
-
-def test_a_frame_that_nothing_places() -> None:
-    poses, notes = posed([tf(START, "map", "other", (0, 0, 0)), pose_stamped(START, "map", (0, 0, 0), "/red_pose")])
-    # A sensor whose place nobody tells is taken as standing.
-    assert poses is None
-    assert notes == ["no pose for frame laser: nothing leads from it to a fixed frame; --pose may name /red_pose"]
-
-
-def test_between_topics_that_are_alike_the_user_chooses() -> None:
-    messages = [
-        pose_stamped(START + k * SECOND, "map", (0, 0, 0), topic)
-        for k in range(6)
-        for topic in ("/robot_1", "/robot_2", "/mocap_pose")
-    ]
-    poses, notes = posed(messages)
-    assert poses is None
-    assert notes == [
-        "no pose for frame laser: /robot_1, /robot_2 are alike, and nothing tells which is that of the sensor "
-        "(--pose TOPIC); also available: /mocap_pose"
-    ]
-
-
 def test_a_leaning_sensor_and_a_clock_that_jumps_are_noted() -> None:
     lean = np.deg2rad(30)
     tilted = (0, 0, 0, np.sin(lean / 2), 0, 0, np.cos(lean / 2))
@@ -287,19 +227,6 @@ def test_quaternions_that_are_written_w_first_are_noted() -> None:
     assert told == [[], [note], [], [note], []]
 
 
-def test_no_verdict_is_told_of_a_topic_that_is_not_used() -> None:
-    messages = [tf(START + k * SECOND, "map", "laser", (k, 0, 0, 0, 0, 0, 1)) for k in range(6)]
-    posing = posing_of(PosesLog(messages))
-    posing.paths = {
-        (topic, "laser"): CheckedPath("unchecked", notes=(f"poses of {topic}",)) for topic in ("/scan", "/stable_scan")
-    }
-    posing.attach(batch_of())
-    posing.leave_out({"/scan"})
-    assert posing.path_notes() == ["poses of /stable_scan"]
-    assert posing.notes()[-1] == "poses of /stable_scan"
-    assert posing.described()["laser"]["pose_verdict"] == {"/stable_scan": "unchecked"}
-
-
 def test_poses_that_could_not_be_checked_do_not_fit_unless_they_are_named() -> None:
     messages = [tf(START + k * SECOND, "map", "laser", (k, 0, 0, 0, 0, 0, 1)) for k in range(6)]
     posing = posing_of(PosesLog(messages))
@@ -314,18 +241,6 @@ def test_poses_that_could_not_be_checked_do_not_fit_unless_they_are_named() -> N
         assert batch.rows(np.arange(2)).fits is not None
 
 
-def test_an_upside_down_sensor() -> None:
-    over = (0, 0, 0, 1, 0, 0, 0)
-    messages = [tf(START + k * 5 * SECOND, "map", "laser", over) for k in range(2)]
-    poses, notes = posed(messages)
-    assert poses is not None
-    assert poses.upside_down.all()
-    assert notes == ["poses from /tf (map > laser)"]
-    row = np.array([0])
-    x, y, yaw = poses.to_world(row, np.array([1.0]), np.array([2.0]), np.array([0.3]))
-    assert (x[0], y[0], yaw[0]) == pytest.approx((1.0, -2.0, -0.3))
-
-
 def test_bad_poses_are_noted_and_do_not_end_the_run() -> None:
     messages = [odometry(START + k * SECOND, "odom", "laser", (k, 0, 0)) for k in range(6)]
     messages.append(Message("/odom", ODOMETRY, "cdr", START, b"\0\1\0\0"))
@@ -336,14 +251,6 @@ def test_bad_poses_are_noted_and_do_not_end_the_run() -> None:
         "1 of /odom left out: shorter than its type",
         "1 of /pose left out: its pose is not finite",
     ]
-
-
-def test_damage_met_in_the_first_pass_is_kept_once() -> None:
-    log = PosesLog([odometry(START, "odom", "laser", (0, 0, 0))], damage="torn")
-    posing, report = posing_of(log), ReadReport()
-    assert posing.together(report).damage == [Damage("byte 7", "torn")]
-    report.add_damage("byte 7", "torn, as the sweeps show")
-    assert posing.together(report).damage == report.damage == [Damage("byte 7", "torn, as the sweeps show")]
 
 
 def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
@@ -380,113 +287,6 @@ def test_a_log_that_is_cut_off_says_so_once(tmp_path: Path, name: str) -> None:
 
 
 # --- the commands -----------------------------------------------------------------------------------------
-
-
-def test_a_topic_that_is_asked_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    log = str(SAMPLES / "drive.db3")
-    assert run(["detect", log, "-o", str(tmp_path), "--pose", "odom"]) == 0
-    said = capfd.readouterr().err
-    assert "note     poses from /odom and /tf_static (odom > base_link > laser); also available: /tf" in said
-    assert "note     poses from /odom fit the sweeps: 100% of 147 steps" in said
-    metadata = pq.read_schema(tmp_path / "drive.sweeps.parquet").metadata
-    assert json.loads(metadata[b"lidarcli.parameters"])["pose"] == "odom"
-    assert json.loads(metadata[b"lidarcli.source"])["poses"] == {"laser": accepted("/odom", "odom")}
-
-
-def test_no_poses_on_request(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert run(["detect", str(SAMPLES / "drive.db3"), "-o", str(tmp_path), "--pose", "none"]) == 0
-    assert "note" not in capfd.readouterr().err
-    table = pq.read_table(tmp_path / "drive.sweeps.parquet")
-    assert table["pose_x"].null_count == table.num_rows
-    assert "poses" not in json.loads(table.schema.metadata[b"lidarcli.source"])
-
-
-@pytest.mark.parametrize(
-    ("topic", "words"),
-    [
-        ("/amcl", "no topic /amcl with poses in this log (it has /odom, /tf, /tf_static)"),
-        ("/scan", "topic /scan is sensor_msgs/msg/LaserScan, which holds no pose"),
-    ],
-)
-def test_a_topic_that_is_not_there(tmp_path: Path, capfd: pytest.CaptureFixture[str], topic: str, words: str) -> None:
-    log = str(SAMPLES / "drive.db3")
-    assert run(["detect", log, "-o", str(tmp_path), "--pose", topic]) == 4
-    assert capfd.readouterr().err == f"lidarcli: {log}: {words}\n"
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_pipe_has_no_poses(tmp_path: Path) -> None:
-    scene, poses = drive()
-    write_log(tmp_path / "run.mcap", scanned(scene), poses=poses)
-    with (tmp_path / "run.mcap").open("rb") as file:
-        done = subprocess.run(
-            [sys.executable, "-m", "lidarcli", "detect", "-", "-o", str(tmp_path)],
-            stdin=file,
-            capture_output=True,
-            text=True,
-            check=True,
-            env={**os.environ, "LC_ALL": "C.UTF-8"},
-        )
-    assert "  note     poses, if there are any, are not used: a pipe is read only once" in done.stderr
-    assert pq.read_table(tmp_path / "stdin.sweeps.parquet")["pose_x"].null_count == 12
-
-
-def test_detect_in_python_takes_the_topic() -> None:
-    path = SAMPLES / "drive.db3"
-    by_tree, by_odometry = lidarcli.detect(path), lidarcli.detect(path, pose="/odom")
-    np.testing.assert_allclose(by_tree["world_x"].to_numpy(), by_odometry["world_x"].to_numpy(), atol=1e-12)
-    without = lidarcli.detect(path, pose="none")
-    assert without["world_x"].null_count == without.num_rows == by_tree.num_rows
-
-
-def test_info_lists_the_sources() -> None:
-    info = inspect_log(Source(str(SAMPLES / "drive.db3"), "drive"))
-    assert info.pose_topics == ("/odom", "/tf", "/tf_static")
-    told = {source.topic: source for source in info.pose_sources}
-    assert {topic: (one.type, one.poses, one.frames) for topic, one in told.items()} == {
-        "/odom": (ODOMETRY, 150, (("odom", "base_link"),)),
-        "/tf": (TF, 150, (("odom", "base_link"),)),
-        "/tf_static": (TF, 1, (("base_link", "laser"),)),
-    }
-    assert told["/odom"].rate == pytest.approx(5)
-    assert told["/odom"].span == pytest.approx(29.8)
-    assert told["/tf_static"].rate is None
-    (scan,) = info.scans
-    assert scan.pose == "/tf and /tf_static (odom > base_link > laser)"
-
-
-def test_info_says_between_which_topics_to_choose(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Scanned(PosesLog):
-        def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-            yield raw_sweeps(np.full((3, 8), 2.0, np.float32), frame_ids=("laser",))
-
-    messages = [pose_stamped(START, "map", (0, 0, 0), topic) for topic in ("/robot_1", "/robot_2")]
-    log = nullcontext(Scanned(messages))
-    monkeypatch.setattr("lidarcli.pipeline.inspecting.open_source", lambda source, csv: log)
-    info = inspect_log(Source("run.fake", "run"))
-    assert info.scans[0].pose == ""
-    assert info.notes == (
-        "no pose for frame laser: /robot_1, /robot_2 are alike, and nothing tells which is that of the sensor "
-        "(--pose TOPIC)",
-    )
-    assert info.exit_code == 0
-
-
-def test_info_as_json(capfd: pytest.CaptureFixture[str]) -> None:
-    assert run(["info", str(SAMPLES / "drive.db3"), "--format", "json"]) == 0
-    (info,) = json.loads(capfd.readouterr().out)
-    assert info["pose_sources"][0] == {
-        "topic": "/tf_static",
-        "type": TF,
-        "poses": 1,
-        "rate": None,
-        "start_ns": START,
-        "end_ns": START,
-        "span": 0.0,
-        "frames": [{"parent": "base_link", "child": "laser"}],
-    }
-    assert info["scans"][0]["pose"] == "/tf and /tf_static (odom > base_link > laser)"
-    assert POSE not in {topic["type"] for topic in info["topics"]}
 
 
 def test_a_mount_that_is_missing_is_named() -> None:

@@ -60,70 +60,6 @@ def test_a_chain_with_a_static_mount() -> None:
     assert np.isnan(planar(chain.at(np.array([-41, 141]))).x).all()
 
 
-def test_every_link_is_interpolated_on_its_own() -> None:
-    slow = [tf(stamp, "map", "odom", (0, stamp, 0), "/tf") for stamp in (0, 40, 80)]
-    chain = sources([*slow, *moving("odom", "laser")]).chain("laser")
-    assert chain is not None
-    assert chain.span_ns == (0, 80)
-    poses = planar(chain.at(np.array([10, 33, 80, 81, 120, 121])))
-    np.testing.assert_allclose(poses.x[:5], [10, 33, 80, 81, 100])
-    np.testing.assert_allclose(poses.y[:5], [10, 33, 80, 80, 80])
-    assert np.isnan(poses.x[5])
-
-
-@pytest.mark.parametrize(
-    ("links", "world"),
-    [
-        ([("earth", "map"), ("map", "odom"), ("odom", "laser")], "map"),
-        ([("world", "odom"), ("odom", "laser")], "odom"),
-        ([("origin", "world"), ("world", "laser")], "world"),
-        ([("odom_combined", "base_footprint"), ("base_footprint", "laser")], "odom_combined"),
-        ([("/robot_0/odom", "/robot_0/base"), ("/robot_0/base", "laser")], "robot_0/odom"),
-    ],
-)
-def test_which_frame_is_the_world(links: list[tuple[str, str]], world: str) -> None:
-    messages = [one for link in links for one in moving(*link)]
-    assert taken(messages) == ("/tf", world)
-
-
-def test_a_tree_that_ends_at_the_robot_says_nothing() -> None:
-    joint = moving("base_link", "laser")
-    assert taken(joint) is None
-    # Nor does one in which nothing moves, unless its root is named as a fixed frame.
-    assert taken(static("stand", "laser")) is None
-    assert taken(static("map", "laser", (1, 2, 0))) == ("/tf_static", "map")
-    assert taken(moving("odom", "base_link")) is None
-    assert taken([*moving("map", "red_pose"), *moving("odom", "odom")]) is None
-
-
-def test_a_ring_of_frames_does_no_harm() -> None:
-    ring = [*moving("a", "b"), *moving("b", "c"), *moving("c", "a"), *moving("a", "laser")]
-    assert taken(ring) in (None, ("/tf", "c"), ("/tf", "b"), ("/tf", "a"))
-
-
-@pytest.mark.slow
-def test_a_very_long_chain() -> None:
-    chain = [one for k in range(3000) for one in static(f"f{k}", f"f{k + 1}", (0.001, 0, 0))]
-    chain = sources([*chain, *moving("map", "f0")]).chain("f3000")
-    assert chain is not None
-    np.testing.assert_allclose(planar(chain.at(AT)).x, AT + 3.0)
-
-
-def test_a_tree_told_upside_down() -> None:
-    # Some nodes tell the odometry frame as a child of the robot.
-    chain = sources([*moving("base_link", "odom"), *static("base_link", "laser", (0, 2, 0))]).chain("laser")
-    assert chain is not None
-    np.testing.assert_allclose(planar(chain.at(AT)).x, -AT)
-    np.testing.assert_allclose(planar(chain.at(AT)).y, 2)
-
-
-def test_a_static_link_counts_before_a_moving_one() -> None:
-    both = [*moving("map", "laser"), *static("map", "laser", (7, 0, 0))]
-    chain = sources(both).chain("laser")
-    assert chain is not None
-    assert planar(chain.at(AT)).x.tolist() == [7] * 4
-
-
 def test_the_order_of_sources() -> None:
     pose = placed("map", "/robot/pose")
     amcl = placed("map", "/amcl_pose", covariance=True)
@@ -168,13 +104,6 @@ def test_odometry_without_a_mount_is_that_of_the_sensor() -> None:
     assert own.assumption == ""
 
 
-def test_of_several_odometries_the_mounted_one_then_odom_then_the_fullest() -> None:
-    mount = static("base_link", "laser")
-    assert taken([*driven("odom", "other"), *driven("odom", "base_link", "/wheel"), *mount]) == ("/wheel", "odom")
-    assert taken([*driven("w", "b", "/fused"), *driven("o", "b", "/x/odom")]) == ("/x/odom", "o")
-    assert taken([*driven("w", "b", "/fused")[:3], *driven("o", "b", "/wheel")]) == ("/wheel", "o")
-
-
 @pytest.mark.parametrize(
     "messages",
     [
@@ -200,14 +129,6 @@ def test_of_topics_that_are_alike_none_is_taken_unasked(messages: list[Message])
         assert sources(messages, topic).alike("laser") == ()
 
 
-@pytest.mark.parametrize("frame", ["robot_2/laser", "/robot_2/laser", "/robot_2/base/laser"])
-def test_the_name_of_the_frame_decides_between_topics_that_are_alike(frame: str) -> None:
-    poses = [*placed("map", "/robot_1/base/pose"), *placed("map", "/robot_2/base/pose")]
-    assert taken(poses, frame) == ("/robot_2/base/pose", "map")
-    odometry = [*driven("odom", "robot_1/base/link", "/one"), *driven("odom", "robot_2/base/link", "/two")]
-    assert taken(odometry, frame) == ("/two", "odom")
-
-
 def test_a_mount_or_the_tree_decides_between_topics_that_are_alike() -> None:
     mount = static("b/base", "laser")
     both = [*driven("odom", "a/base", "/a/odom"), *driven("odom", "b/base", "/b/odom")]
@@ -228,15 +149,6 @@ def test_poses_of_something_else_must_be_asked_for(topic: str) -> None:
     assert taken(messages, wanted=topic.strip("/")) == (topic, "map")
 
 
-@pytest.mark.parametrize("topic", ["/ego_pose", "/pose", "/vrpn/car_1/pose", "/slam/tracked_pose", "robot_pose"])
-def test_poses_of_the_robot_are_taken(topic: str) -> None:
-    assert taken(placed("map", topic)) == (topic, "map")
-
-
-def test_ego_comes_before_an_unnamed_pose() -> None:
-    assert taken([*placed("map", "/vrpn/red/pose"), *placed("map", "/ego_pose")]) == ("/ego_pose", "map")
-
-
 def test_a_topic_of_links_may_be_asked_for() -> None:
     mount = static("base", "laser", (3, 0, 0))
     messages = [*moving("map", "base", "/a/tf"), *moving("map", "base", "/b/tf", speed=2.0), *mount]
@@ -246,11 +158,3 @@ def test_a_topic_of_links_may_be_asked_for() -> None:
         assert chain.topics == (topic, "/tf_static")
         np.testing.assert_allclose(planar(chain.at(AT)).x, 3 + speed * AT)
     assert taken(messages, wanted="/tf_static") is None
-
-
-def test_a_sweep_without_a_frame_name() -> None:
-    assert taken(moving("odom", "base_link"), frame="") is None
-    chain = sources(driven("odom", "base_link")).chain("")
-    assert chain is not None
-    assert chain.assumption.startswith("the sensor without a frame name is taken to be at base_link")
-    assert chain.frames == "odom"

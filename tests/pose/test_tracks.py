@@ -8,7 +8,7 @@ import pytest
 from lidarcli.logs.base import Message
 from lidarcli.pose import tracks
 from lidarcli.pose.tracks import HOLD_NS, Track, Tracks, planar
-from tests.pose.pose_messages import CDR, POSE, SECOND, TF, message, odometry, pose_stamped, tf
+from tests.pose.pose_messages import POSE, SECOND, TF, message, odometry, pose_stamped, tf
 
 
 def gathered(messages: list[Message]) -> list[Track]:
@@ -47,13 +47,6 @@ def test_any_order_gives_the_same_track(monkeypatch: pytest.MonkeyPatch) -> None
     assert track.record_ns == (1000, 1049)
 
 
-def test_of_one_stamp_the_last_pose_counts() -> None:
-    (track,) = gathered([pose_stamped(stamp, "map", (x, 0, 0)) for stamp, x in ((1, 1), (2, 2), (2, 3), (1, 4))])
-    assert track.messages == 4
-    assert track.stamp_ns.tolist() == [1, 2]
-    assert track.motion.position[:, 0].tolist() == [4, 3]
-
-
 @pytest.mark.parametrize("together", [2, 3, 1000])
 def test_of_a_run_of_equal_poses_the_ends_are_kept(together: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tracks, "TOGETHER", together)
@@ -69,12 +62,6 @@ def test_of_a_run_of_equal_poses_the_ends_are_kept(together: int, monkeypatch: p
 def test_a_static_link_holds_for_ever_and_as_last_told() -> None:
     (track,) = gathered([tf(9, "base", "laser", (x, 0, 0), "/tf_static") for x in (1, 2)])
     assert planar(track.at(np.array([-5, 10**18]))).x.tolist() == [2, 2]
-
-
-def test_the_record_time_stands_in_for_a_missing_stamp() -> None:
-    data = CDR.pose(0, "map", (1.0, 2.0, 0.0))
-    (track,) = gathered([message("/pose", POSE, data, record_ns=77)])
-    assert track.stamp_ns.tolist() == [77]
 
 
 def test_rate_and_jumps_back() -> None:
@@ -111,19 +98,6 @@ def test_unusable_poses_are_counted() -> None:
         ("/pose", "shorter than its type"): 1,
         ("/tf", tracks.ENCODING): 1,
     }
-
-
-def test_quaternions_are_normalised() -> None:
-    (track,) = gathered([pose_stamped(1, "map", (0, 0, 0, 0, 0, 3, 3))])
-    assert planar(track.motion).yaw[0] == pytest.approx(np.pi / 2)
-
-
-def test_no_more_pairs_of_frames_than_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracks, "MAX_TRACKS", 3)
-    found = Tracks()
-    found.add(tf(stamp, "odom", f"frame{k}", (k, 0, 0)) for stamp in range(2) for k in range(5))
-    assert [track.child for track in found.finish()] == ["frame0", "frame1", "frame2"]
-    assert found.left_out == 4
 
 
 def test_no_more_poses_than_allowed(monkeypatch: pytest.MonkeyPatch) -> None:

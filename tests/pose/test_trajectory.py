@@ -78,128 +78,11 @@ def test_stamps_are_exact(tmp_path: Path, text: str, stamp: int) -> None:
     assert stamps(read(tmp_path, f"{text} {HERE}\n")) == [stamp]
 
 
-def test_stamps_may_be_in_any_order(tmp_path: Path) -> None:
-    lines = [f"{stamp} {x} 0 0 0 0 0 1\n" for x, stamp in enumerate((5, 3, 4, 3, 9, 5))]
-    track = read(tmp_path, "".join(lines))
-    # Of several poses at one stamp the last one counts.
-    assert (stamps(track), places(track)) == ([3 * S, 4 * S, 5 * S, 9 * S], [3.0, 2.0, 5.0, 4.0])
-    assert track.jumps_back == 3
-
-
-def test_negative_stamps_are_in_order(tmp_path: Path) -> None:
-    track = read(tmp_path, f"-1.5 {HERE}\n-3.25 {HERE}\n2 {HERE}\n")
-    assert stamps(track) == [-3_250_000_000, -1_500_000_000, 2 * S]
-
-
-def test_stamps_at_the_ends_of_time(tmp_path: Path) -> None:
-    """Sorted, and between them there is a way."""
-    track = read(tmp_path, "4611686018 2 0 0 0 0 0 1\n-4611686018 0 0 0 0 0 0 1\n")
-    assert stamps(track) == [-4_611_686_018 * S, 4_611_686_018 * S]
-    assert (track.jumps_back, track.hold_ns) == (1, 100_000_000)
-    found = track.at(np.array([0, 2_305_843_009 * S, 4_611_686_018 * S], np.int64))
-    assert found.position[:, 0] == pytest.approx([1.0, 1.5, 2.0])
-
-
-def test_a_first_stamp_does_not_jump_back(tmp_path: Path) -> None:
-    assert read(tmp_path, f"-4611686018.4 {HERE}\n").jumps_back == 0
-
-
-@pytest.mark.parametrize(
-    ("text", "cause"),
-    [
-        ("nothing\n", "line 1: 'nothing' is no pose; lines are timestamp x y z qx qy qz qw"),
-        (f"# head\n\n1 {HERE}\n2 0 0 0 0 0 0\n", "line 4: '2 0 0 0 0 0 0' is no pose; "),
-        (f"1 {HERE} 5\n", "line 1: '1 0 0 0 0 0 0 1 5' is no pose; "),
-        ("1 0 0 x 0 0 0 1\n", "line 1: '1 0 0 x 0 0 0 1' is no pose; "),
-        (f"nan {HERE}\n", "line 1: 'nan 0 0 0 0 0 0 1' is no pose; "),
-        (f"-inf {HERE}\n", "line 1: "),
-        (f"sNaN {HERE}\n", "line 1: "),
-        (f"1e400 {HERE}\n", "line 1: "),
-        (f"4611686018.427387905 {HERE}\n", "line 1: "),
-        (f"-4611686018.427387905 {HERE}\n", "line 1: "),
-        (f"1700000000000000000 {HERE}\n", "line 1: "),
-        (f"0x10 {HERE}\n", "line 1: "),
-        (f"1 {HERE}\r\n{HERE}\r\n", "line 2: '0 0 0 0 0 0 1' is no pose; "),
-        (f"1 {HERE}\0\n", "line 1: '1 0 0 0 0 0 0 1\0' is no pose; "),
-        ("1 nan 0 0 0 0 0 1\n", "1 of 1 poses cannot be used: its pose is not finite"),
-        (f"1 {HERE}\n2 0 inf 0 0 0 0 1\n3 0 1e400 0 0 0 0 1\n", "2 of 3 poses cannot be used: its pose is not finite"),
-        ("1 0 0 0 0 0 0 nan\n", "1 of 1 poses cannot be used: its pose is not finite"),
-        ("1 0 0 0 0 0 0 0\n", "1 of 1 poses cannot be used: its quaternion is zero"),
-        (f"1 {HERE}\n2 0 0 0 0 1e-300 0 0\n", "1 of 2 poses cannot be used: its quaternion is zero"),
-        ("", "holds no pose; lines are timestamp x y z qx qy qz qw"),
-        ("\n\n# 1 0 0 0 0 0 0 1\n", "holds no pose; "),
-        (b"\xef\xbb\xbf", "holds no pose; "),
-        (b"\x89PNG\r\n\x1a\n" + bytes(99), "line 1: "),
-        ((f"1 {HERE}\n" * 3).encode("utf-16"), "line 1: "),
-        ("x" * 5_000_000, f"line 1: '{'x' * 57}...' is no pose; "),
-        ("1 " * 3_000_000, f"line 1: '{('1 ' * 30)[:57]}...' is no pose; "),
-        (bytes(5_000_000), "line 1: "),
-    ],
-)
-def test_what_is_none(tmp_path: Path, text: str | bytes, cause: str) -> None:
-    with pytest.raises(UnreadableError) as caught:
-        read(tmp_path, text)
-    message = str(caught.value)
-    assert message.startswith(f"{tmp_path / 'run.tum'}: {cause}")
-    assert "\n" not in message
-    assert len(message) < len(str(tmp_path)) + 200
-
-
-@pytest.mark.parametrize("exponent", ["1e999999", "1e999999999999999", "-1e99999999"])
-def test_a_stamp_that_no_decimal_holds(tmp_path: Path, exponent: str) -> None:
-    with pytest.raises(UnreadableError, match=f"line 1: '{exponent} "):
-        read(tmp_path, f"{exponent} {HERE}\n")
-
-
-class Unmultiplied(Decimal):
-    """A number that is too large to calculate with: that would take time."""
-
-    def __mul__(self, other: object) -> Decimal:
-        raise AssertionError("multiplied")
-
-
-def test_a_large_exponent_takes_no_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracks, "Decimal", Unmultiplied)
-    with pytest.raises(UnreadableError, match="line 1: '1e200000 "):
-        read(tmp_path, f"1e200000 {HERE}\n")
-    with pytest.raises(AssertionError, match="multiplied"):
-        read(tmp_path, f"1e9 {HERE}\n")
-
-
-@pytest.mark.parametrize("rest", ["more words", f"7 {HERE}"])
-def test_a_long_comment(tmp_path: Path, rest: str) -> None:
-    comment = f"# {'x' * (tracks.LONGEST_LINE - 2)}{rest}"
-    track = read(tmp_path, f"{comment}\n1 {HERE}\n")
-    assert stamps(track) == [S]
-
-
-def test_lines_are_counted_as_editors_do(tmp_path: Path) -> None:
-    with pytest.raises(UnreadableError, match="line 2: 'x' is no pose"):
-        read(tmp_path, f"1 {HERE}{' ' * 3000}\nx\n")
-
-
 def test_a_file_that_is_none(tmp_path: Path) -> None:
     for path, cause in ((tmp_path / "none.tum", "No such file or directory"), (tmp_path, "Is a directory")):
         with pytest.raises(UnreadableError) as caught:
             read_trajectory(path)
         assert str(caught.value) == f"{path}: {cause}"
-
-
-def test_too_many_poses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracks, "MAX_POSES", 3)
-    lines = [f"{k} {HERE}\n" for k in range(4)]
-    assert len(read(tmp_path, "".join(lines[:3])).stamp_ns) >= 2
-    with pytest.raises(UnreadableError, match=r": more than 3 poses$"):
-        read(tmp_path, "".join(lines))
-
-
-def test_poses_between_stamps(tmp_path: Path) -> None:
-    track = read(tmp_path, "1 0 0 0 0 0 0 1\n3 4 2 0 0 0 1 0\n")
-    at = np.array([1_000_000_000, 1_500_000_000, 3_000_000_000, 3_050_000_000, 4_000_000_000, 0], np.int64)
-    motion = track.at(at)
-    assert motion.position[:4, 0].tolist() == [0.0, 1.0, 4.0, 4.0]
-    assert np.isnan(motion.position[4:]).all()
-    assert motion.rotation[1] == pytest.approx([0, 0, np.sin(np.pi / 8), np.cos(np.pi / 8)])
 
 
 numbers = st.floats(-1e6, 1e6)
@@ -225,15 +108,6 @@ def test_what_is_written_is_read(
     assert np.abs(motion.position - position).max() < 1e-6
     same = np.abs(np.sum(motion.rotation * rotation, axis=1))
     assert same == pytest.approx(np.ones(len(rows)), abs=1e-8)
-
-
-def test_unknown_poses_are_left_out() -> None:
-    position = np.array([[1.0, -0.0, 0.0], [np.nan] * 3, [-1e-9, 2.0, 0.0]])
-    rotation = np.array([[0, 0, 0, 1.0], [np.nan] * 4, [0, 0, 0.6, -0.8]])
-    assert trajectory_lines(np.array([-1, 5, 10**9 + 7], np.int64), Motion(position, rotation)) == (
-        "-0.000000001 1.000000 0.000000 0.000000 0.000000000 0.000000000 0.000000000 1.000000000\n"
-        "1.000000007 0.000000 2.000000 0.000000 0.000000000 0.000000000 -0.600000000 0.800000000\n"
-    )
 
 
 @pytest.mark.parametrize(

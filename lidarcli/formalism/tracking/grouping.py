@@ -53,7 +53,7 @@ def join(sightings: Any, tracklets: dict[int, Tracklet], is_placed: bool) -> Non
 
     Parameters
     ----------
-    seen : sightings of the window and the next one (`windows.WindowSightings`)
+    sightings : sightings of the window and the next one (`windows.WindowSightings`)
     tracklets : tracklets that were seen often enough, by number
     is_placed : True if the place of the sensor is known: then legs beside a person are given to that person
     """
@@ -265,10 +265,7 @@ def _differ(one: Tracklet, other: Tracklet) -> bool:
 
 
 def _join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
-    """Join slim tracklets that stand at a steady distance: they are the legs of one thing.
-
-    Legs that walk belong to persons (`association`).
-    """
+    """Join slim tracklets that stand at a steady distance: they are the legs of one thing."""
     legs = [tracklets[number] for number in sorted(sightings.spans) if _is_leg(tracklets[number])]
     place = np.array([complex(*leg.place(still=True)) for leg in legs])
     apart = np.abs(place - place[:, None])
@@ -388,7 +385,7 @@ def assign_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
 
     Parameters
     ----------
-    seen : the sightings (`windows.WindowSightings`), of which `owner` changes
+    sightings : the sightings (`windows.WindowSightings`), of which `owner` changes
     tracklets : tracklets that were seen often enough, by number
     """
     legs = _leg_trajectories(sightings, tracklets)
@@ -525,8 +522,8 @@ def _goes_beside(leg: LegTrajectory, person: LegTrajectory) -> bool:
 
 def _is_beside(time: Float64, person: LegTrajectory) -> Bool:
     """Return (N,) whether times are between the first and the last sweep of a person, or shortly before or after."""
-    beside: Bool = (time >= person.time[0] - PATH_MARGIN) & (time <= person.time[-1] + PATH_MARGIN)
-    return beside
+    inside: Bool = (time >= person.time[0] - PATH_MARGIN) & (time <= person.time[-1] + PATH_MARGIN)
+    return inside
 
 
 def _away(time: Float64, place: Places, person: LegTrajectory) -> Float64:

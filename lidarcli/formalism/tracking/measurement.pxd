@@ -106,7 +106,7 @@ cdef void store_sweep(RangeHistory history, Measurements meas, Scans scans, doub
 @cython.locals(at=Py_ssize_t)
 cdef bint was_hit(RangeHistory history, Py_ssize_t m, double x, double y) noexcept nogil
 @cython.locals(position=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t)
-cdef bint was_passed(RangeHistory history, Py_ssize_t m, double x, double y, double beside) noexcept nogil
+cdef bint was_passed(RangeHistory history, Py_ssize_t m, double x, double y, double margin) noexcept nogil
 
 
 cdef class EdgeMeasurement:

@@ -298,9 +298,9 @@ def _add_points(meas: Measurements, detections: Detections, scans: Scans, at: in
     if last < first:
         last += meas.bearings
     cos, sin = math.cos(detections.found.box_yaw[at]), math.sin(detections.found.box_yaw[at])
-    beside = BOX_MARGIN + 4.0 * meas.sigma
-    half_length = 0.5 * detections.found.box_length[at] + beside
-    half_width = 0.5 * detections.found.box_width[at] + beside
+    margin = BOX_MARGIN + 4.0 * meas.sigma
+    half_length = 0.5 * detections.found.box_length[at] + margin
+    half_width = 0.5 * detections.found.box_width[at] + margin
     begin = meas.row * scans.width
     directions = scans.direction[meas.row] * scans.width
     meas.face_first[f] = n
@@ -491,10 +491,10 @@ def was_hit(history: RangeHistory, m: int, x: float, y: float) -> bool:
     return abs(history.r[m * history.beams + at] - r) < HIT_MARGIN + 2.0 * history.sigma[m]
 
 
-def was_passed(history: RangeHistory, m: int, x: float, y: float, beside: float) -> bool:
+def was_passed(history: RangeHistory, m: int, x: float, y: float, margin: float) -> bool:
     """Return whether all four beams around a point of the world passed it, in a stored sweep.
 
-    `beside`: least distance by which they end behind it [m]; noise and the spacing of beams come on top.
+    `margin`: least distance by which they end behind it [m]; noise and the spacing of beams come on top.
     """
     dx, dy = x - history.x[m], y - history.y[m]
     ahead = history.cos[m] * dx + history.sin[m] * dy
@@ -506,7 +506,7 @@ def was_passed(history: RangeHistory, m: int, x: float, y: float, beside: float)
     if history.step[m] < LEAST_STEP:
         return False
     position = int(angle / history.step[m])
-    need = r + beside + 3.5 * history.sigma[m] + r * history.step[m]
+    need = r + margin + 3.5 * history.sigma[m] + r * history.step[m]
     for k in range(position - 1, position + 3):
         at = (k + history.period[m]) % history.period[m] if history.period[m] > 0 else k
         if at < 0 or at >= history.bearings[m] or history.r[m * history.beams + at] < need:

@@ -33,7 +33,7 @@ cdef bint was_free(Measurements meas, Py_ssize_t k, RangeHistory history, double
 
 @cython.locals(first=Py_ssize_t, last=Py_ssize_t, position=Py_ssize_t)
 cdef (double, double, double) passing(
-    Measurements meas, Scans scans, double x, double y, double near, double beside
+    Measurements meas, Scans scans, double x, double y, double half_depth, double half_width
 ) noexcept nogil
 cdef (double, double, double) passing_target(
     Measurements meas, Scans scans, Targets targets, Py_ssize_t b, double x, double y
@@ -42,7 +42,7 @@ cdef void record_hit(Targets targets, Py_ssize_t b) noexcept nogil
 cdef bint _is_alone(Targets targets, Py_ssize_t number) noexcept nogil
 @cython.locals(still=bint, astray=bint)
 cdef void record_miss(Targets targets, Py_ssize_t b, Measurements meas, Scans scans, double time) noexcept nogil
-cdef Py_ssize_t covering_target(Targets targets, Py_ssize_t b, double x, double y, double beside) noexcept nogil
+cdef Py_ssize_t covering_target(Targets targets, Py_ssize_t b, double x, double y, double margin) noexcept nogil
 cdef void terminate(Targets targets, Py_ssize_t b, Py_ssize_t why) noexcept nogil
 
 

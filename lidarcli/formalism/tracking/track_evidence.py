@@ -104,10 +104,7 @@ def update_motion_evidence(targets: Targets, b: int, sides: EdgeMeasurement, is_
 
 
 def _motion_odds(targets: Targets, a: int, z: float, sign: float, var: float, lasting: float) -> float:
-    """Return the log-odds by which a moving target explains a measurement of c + sign h better than its static model.
-
-    `lasting`: variance of the place of the static model that all of its sightings share [m²].
-    """
+    """Return the log-odds by which a moving target explains a measurement of c + sign h better than its static model."""
     off, s = kalman.residual(targets, a, z, sign, var)
     static_off, static_s = kalman.static_residual(targets, a, z, sign, var)
     static_s += lasting
@@ -115,11 +112,7 @@ def _motion_odds(targets: Targets, a: int, z: float, sign: float, var: float, la
 
 
 def _axis_odds(targets: Targets, a: int, sides: EdgeMeasurement, low: int) -> float:
-    """Return the log-odds for motion of the two sides of an axis.
-
-    Edges that may be those of returns alone count together or not at all: if only one of them moves, more of the target has
-    come into view.
-    """
+    """Return the log-odds for motion of the two sides of an axis."""
     low_var, high_var = sides.var[low], sides.var[low + 1]
     of_low, of_high = 0.0, 0.0
     if low_var >= 0.0:
@@ -218,13 +211,15 @@ def was_free(meas: Measurements, k: int, history: RangeHistory, time: float) -> 
     return False
 
 
-def passing(meas: Measurements, scans: Scans, x: float, y: float, near: float, beside: float) -> tuple[float, float, float]:
+def passing(
+    meas: Measurements, scans: Scans, x: float, y: float, half_depth: float, half_width: float
+) -> tuple[float, float, float]:
     """Return the shares of the beams at the core of a place that pass it, end at it, and are outside of the view.
 
     Parameters
     ----------
     x, y : centre of the place in the world [m]
-    near, beside : half extents towards the sensor and to the side [m]
+    half_depth, half_width : half extents towards the sensor and to the side [m]
     """
     ahead, left = measurement.to_sensor(meas, x, y)
     r = math.sqrt(ahead * ahead + left * left)
@@ -233,7 +228,7 @@ def passing(meas: Measurements, scans: Scans, x: float, y: float, near: float, b
     history = math.atan2(left, ahead) - meas.first
     history -= measurement.TURN * math.floor(history / measurement.TURN)
     middle = history / meas.step
-    core = 0.5 * math.atan2(beside, max(r, 0.01)) / meas.step
+    core = 0.5 * math.atan2(half_width, max(r, 0.01)) / meas.step
     # A bearing just before the first one counts as before it, not as nearly a turn behind it.
     if meas.period == 0 and history > 0.5 * (measurement.TURN + (meas.bearings - 1) * meas.step):
         middle -= measurement.TURN / meas.step
@@ -251,9 +246,9 @@ def passing(meas: Measurements, scans: Scans, x: float, y: float, near: float, b
             unseen += 1.0
             continue
         distance = measurement.range_at(meas, scans, position)
-        if distance > r + near + margin:
+        if distance > r + half_depth + margin:
             passes += 1.0
-        elif distance >= r - near - margin:
+        elif distance >= r - half_depth - margin:
             hits += 1.0
     return passes / number, hits / number, unseen / number
 
@@ -267,8 +262,8 @@ def passing_target(
     if r <= 0.0:
         return 0.0, 1.0, 0.0
     dx, dy = dx / r, dy / r
-    near, beside = kalman.half_extent(targets, b, dx, dy), kalman.half_extent(targets, b, -dy, dx)
-    return passing(meas, scans, x, y, near, beside)
+    half_depth, half_width = kalman.half_extent(targets, b, dx, dy), kalman.half_extent(targets, b, -dy, dx)
+    return passing(meas, scans, x, y, half_depth, half_width)
 
 
 def record_hit(targets: Targets, b: int) -> None:
@@ -316,14 +311,14 @@ def record_miss(targets: Targets, b: int, meas: Measurements, scans: Scans, time
             terminate(targets, b, LEFT_VIEW if unseen > 0.5 else LOST)
 
 
-def covering_target(targets: Targets, b: int, x: float, y: float, beside: float) -> int:
+def covering_target(targets: Targets, b: int, x: float, y: float, margin: float) -> int:
     """Return an older target that is measured now and covers the centre x, y of another, within a margin [m], else -1."""
     for other in range(targets.slots_used):
         if targets.state[other] != kalman.LIVE or targets.measurement[other] < 0 or other == b:
             continue
         if targets.kind[other] == kalman.PERSON:
             continue
-        if targets.number[other] < targets.number[b] and kalman.outside(targets, other, x, y) < beside:
+        if targets.number[other] < targets.number[b] and kalman.outside(targets, other, x, y) < margin:
             return other
     return -1
 

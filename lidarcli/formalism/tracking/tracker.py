@@ -24,7 +24,7 @@ from lidarcli.formalism.tracking.measurement import Detections, Measurements, Ra
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
 from lidarcli.formalism.tracking.sweep_tracker import SweepTracker
 from lidarcli.formalism.tracking.tracks import Naming, Track, standing, tracks_of
-from lidarcli.formalism.tracking.windows import TrackRegistry, Window, WindowResult
+from lidarcli.formalism.tracking.windows import RESULT, TrackRegistry, Window, WindowResult
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch
 
 WINDOW = 256
@@ -106,15 +106,15 @@ class _SensorTracker:
 
     def take(self, count: int) -> WindowResult:
         """Return the results for the next objects."""
-        parts: list[WindowResult] = []
+        parts = [np.empty(0, RESULT)]
         while count > 0:
             piece = self.results.popleft()
-            if len(piece.track) > count:
-                self.results.appendleft(piece.rows(slice(count, None)))
-                piece = piece.rows(slice(0, count))
+            if len(piece) > count:
+                self.results.appendleft(piece[count:])
+                piece = piece[:count]
             parts.append(piece)
-            count -= len(piece.track)
-        return WindowResult.joined(parts)
+            count -= len(piece)
+        return np.concatenate(parts)
 
 
 class Tracker:
@@ -228,13 +228,13 @@ class Tracker:
                 first, last = int(offsets[begin]), int(offsets[row])
                 window.numbers.append(numbers[first:last])
                 window.sweeps.append(detection.row[first:last] + (before - begin))
-                window.index.append(batch.sweep[begin:row])
-                window.stamps.append(batch.stamp_ns[begin:row])
-                register.sweeps.add(batch.sweep[begin:row], batch.stamp_ns[begin:row], times[begin:row], tracker.moves)
-                window.frames.append(frames[begin:row])
-                window.placed.append(placed[begin:row])
+                window.count += row - begin
+                some = slice(begin, row)
+                register.sweeps.add(
+                    batch.sweep[some], batch.stamp_ns[some], times[some], tracker.moves, frames[some], placed[some]
+                )
                 if sizes is not None:
-                    window.sizes.append(sizes.rows(slice(first, last)))
+                    window.sizes.append(sizes[first:last])
                 if tracker.sweeps - window.begin == WINDOW:
                     self._close()
         self._sweeps += len(batch)
@@ -276,20 +276,21 @@ class Tracker:
         """Return the results for the objects of a batch."""
         which = np.minimum(self._frames(one.batch), MOST_SENSORS - 1)[one.detection.row]
         counts = np.bincount(which, minlength=1).tolist()
-        found = WindowResult.joined([self._sensors[index].take(count) for index, count in enumerate(counts) if count])
+        parts = [self._sensors[index].take(count) for index, count in enumerate(counts) if count]
+        found = np.concatenate(parts) if parts else np.empty(0, RESULT)
         if len(which) in counts:
             return found
-        return found.rows(np.argsort(np.argsort(which, kind="stable")))
+        return found[np.argsort(np.argsort(which, kind="stable"))]
 
 
 def _tracked_batch(one: _PendingBatch, settled: WindowResult, by_memory: bool) -> TrackedBatch:
     """Return the results for a batch; by memory, objects have the shapes of their tracks."""
     found, sweeps = one.detection, len(one.batch)
-    known = settled.track > 0
+    known = settled["track"] > 0
     kind, shape = found.set.copy(), found.shape.copy()
     if by_memory:
-        shape[known & (shape != LEGGED)] = settled.shape[known & (shape != LEGGED)]
-    kind[known & settled.agent & (kind == OBJECT)] = AGENT
+        shape[known & (shape != LEGGED)] = settled["shape"][known & (shape != LEGGED)]
+    kind[known & settled["agent"] & (kind == OBJECT)] = AGENT
     agent, thing_at = kind == AGENT, kind == OBJECT
     if found.change is not None:
         # An object that was removed is not in the sweep.
@@ -298,17 +299,17 @@ def _tracked_batch(one: _PendingBatch, settled: WindowResult, by_memory: bool) -
     agent_beams = _count(found.row[agent], found.beams[agent], sweeps)
     object_beams = _count(found.row[thing_at], found.beams[thing_at], sweeps)
     return TrackedBatch(
-        track=settled.track,
-        vx=settled.vx,
-        vy=settled.vy,
-        moving=np.where(known, settled.moving, -1).astype(np.int8),
+        track=settled["track"].copy(),
+        vx=settled["vx"].copy(),
+        vy=settled["vy"].copy(),
+        moving=np.where(known, settled["moving"], -1).astype(np.int8),
         set=kind,
         shape=shape,
         thing=found.thing,
         order=order,
         object=_numbers(found.row, order),
-        label=settled.label,
-        label_score=settled.label_score,
+        label=settled["label"].copy(),
+        label_score=settled["label_score"].copy(),
         objects=_count(found.row[thing_at], None, sweeps),
         agents=_count(found.row[agent], None, sweeps),
         object_beams=object_beams,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from lidarcli.formalism.tracking.results import (
     Tracks,
     Trajectories,
 )
-from lidarcli.sweeps import Float64, Int64, SweepBatch, UInt8, record
+from lidarcli.sweeps import Float64, Int64, SweepBatch, UInt8
 
 LEG_SHARE = 0.25
 """Share of the sightings of a tracklet in which a leg beside it has to be seen."""
@@ -185,50 +185,42 @@ class Track:
         tracklet.track = self
 
 
+KINDS = {"Int32": np.int32, "Int64": np.int64, "Float64": np.float64, "UInt8": np.uint8, "Bool": np.bool_}
+
+
 def tracks_of(tracks: list[Track]) -> Tracks:
     """Return the rows of the tracks table, by number."""
     rows = [_row(track) for track in tracks]
-
-    def column(name: str, kind: type) -> NDArray[Any]:
-        return np.array([row[name] for row in rows], kind)
-
-    return Tracks(
-        frame=np.array([track.frame for track in tracks], np.int32),
-        track=np.array([track.number for track in tracks], np.int64),
-        set=np.array([AGENT if track.is_agent else OBJECT for track in tracks], np.uint8),
-        shape=column("shape", np.uint8),
-        label=np.array([track.label for track in tracks], np.int32),
-        label_score=np.array([track.label_score for track in tracks], np.float64),
-        first_sweep=np.array([track.first[0] for track in tracks], np.int64),
-        last_sweep=np.array([track.last[0] for track in tracks], np.int64),
-        first_stamp_ns=np.array([track.first[1] for track in tracks], np.int64),
-        last_stamp_ns=np.array([track.last[1] for track in tracks], np.int64),
-        duration=np.array([(track.last[1] - track.first[1]) / 1e9 for track in tracks], np.float64),
-        sweeps=np.array([track.sweeps for track in tracks], np.int64),
-        hidden=np.array([track.hidden for track in tracks], np.float64),
-        x=column("x", float),
-        y=column("y", float),
-        yaw=column("yaw", float),
-        length=column("length", float),
-        width=column("width", float),
-        length_sd=column("length_sd", float),
-        width_sd=column("width_sd", float),
-        distance=np.array([track.distance for track in tracks], np.float64),
-        speed_mean=np.array([_mean_speed(track) for track in tracks], np.float64),
-        speed_max=np.array([track.speed_max for track in tracks], np.float64),
-        moved=np.array([track.is_agent for track in tracks], np.bool_),
-        moved_at_ns=np.array([track.onset_ns for track in tracks], np.int64),
-        end=column("end", np.uint8),
-    )
-
-
-def _mean_speed(track: Track) -> float:
-    lasts = (track.last[1] - track.first[1]) / 1e9
-    return track.distance / lasts if lasts > 0.0 else 0.0
+    columns = {each.name: KINDS[str(each.type)] for each in fields(Tracks)}
+    return Tracks(**{name: np.array([row[name] for row in rows], kind) for name, kind in columns.items()})
 
 
 def _row(track: Track) -> dict[str, float]:
-    """Return what the parts of a track tell of it."""
+    """Return the row of a track."""
+    lasts = (track.last[1] - track.first[1]) / 1e9
+    return _outline(track) | {
+        "frame": track.frame,
+        "track": track.number,
+        "set": AGENT if track.is_agent else OBJECT,
+        "label": track.label,
+        "label_score": track.label_score,
+        "first_sweep": track.first[0],
+        "last_sweep": track.last[0],
+        "first_stamp_ns": track.first[1],
+        "last_stamp_ns": track.last[1],
+        "duration": lasts,
+        "sweeps": track.sweeps,
+        "hidden": track.hidden,
+        "distance": track.distance,
+        "speed_mean": track.distance / lasts if lasts > 0.0 else 0.0,
+        "speed_max": track.speed_max,
+        "moved": track.is_agent,
+        "moved_at_ns": track.onset_ns,
+    }
+
+
+def _outline(track: Track) -> dict[str, float]:
+    """Return place, size, shape and end of a track, by its parts."""
     tracklet = main_part(track)
     last = max(track.parts, key=lambda part: (part.last_sweep, -part.number))
     shape, end = _shape(track, tracklet), last.end if last.has_ended else END_OF_LOG
@@ -256,7 +248,7 @@ def _row(track: Track) -> dict[str, float]:
 
 def place_of(track: Track) -> tuple[float, float, float, float, float]:
     """Return where a track stands, x and y [m], and the covariance of that, xx, xy and yy [m²]."""
-    row, tracklet = _row(track), main_part(track)
+    row, tracklet = _outline(track), main_part(track)
     c, s = math.cos(tracklet.yaw), math.sin(tracklet.yaw)
     along, across = tracklet.static_cc
     return (row["x"], row["y"], c * c * along + s * s * across, c * s * (along - across), s * s * along + c * c * across)
@@ -384,40 +376,54 @@ class Path:
         track.path_stop = self.begin + len(self.codes)
 
 
+SWEEP = np.dtype(
+    [
+        ("index", np.int64),
+        ("stamp_ns", np.int64),
+        ("seconds", np.float64),
+        ("posed", np.uint8),
+        ("frame", np.int32),
+        ("placed", np.bool_),
+    ]
+)
+"""Of a sweep: its index in the log; stamp [ns]; time since the first sweep [s]; 1 where places are those of the world;
+its frame; True where the place of the sensor is known, because it has a pose or stands."""
+
+
 class Sweeps:
-    """Index, stamp and time of all sweeps of a topic so far, by number."""
+    """(N,) `SWEEP` of all sweeps of a sensor so far, by number."""
 
     def __init__(self) -> None:
         self.count = 0
-        self._index = np.empty(0, np.int64)
-        self._stamp = np.empty(0, np.int64)
-        self._seconds = np.empty(0)
-        self._posed = np.empty(0, np.uint8)
+        self._rows = np.empty(0, SWEEP)
 
-    def add(self, index: Int64, stamp_ns: Int64, seconds: Float64, posed: bool) -> None:
-        """Add the next sweeps; `posed`: True where places are those of the world."""
-        stop = self.count + len(index)
-        if stop > len(self._index):
-            room = max(len(self._index) * 5 // 4, stop)
-            for name in ("_index", "_stamp", "_seconds", "_posed"):
-                old = getattr(self, name)
-                more = np.empty(room, old.dtype)
-                more[: self.count] = old[: self.count]
-                setattr(self, name, more)
-        at = slice(self.count, stop)
-        self._index[at], self._stamp[at], self._seconds[at], self._posed[at] = index, stamp_ns, seconds, posed
+    def add(self, *columns: Any) -> None:
+        """Add the next sweeps, by the columns of `SWEEP`."""
+        stop = self.count + len(columns[0])
+        if stop > len(self._rows):
+            more = np.empty(max(len(self._rows) * 5 // 4, stop), SWEEP)
+            more[: self.count] = self._rows[: self.count]
+            self._rows = more
+        new = self.of(self.count, stop)
+        for name, values in zip(SWEEP.names or (), columns, strict=True):
+            new[name] = values
         self.count = stop
+
+    def of(self, begin: int, stop: int) -> NDArray[np.void]:
+        """Return the sweeps of some numbers."""
+        return self._rows[begin:stop]
 
     def rows(self, track: Int64, sweeps: Int64, path: Float64, codes: UInt8) -> Trajectories:
         """Return rows for (N,) tracks in sweeps by number, with (N, 9) of the path and (N,) bytes as of `PARTS_MASK`."""
         parts = (codes & PARTS_MASK).astype(np.int32)
         sd = np.sqrt(path[:, [4, 6, 7, 8]])
+        row = self._rows[sweeps]
         return Trajectories(
             track=track,
-            sweep=self._index[sweeps],
-            stamp_ns=self._stamp[sweeps],
-            seconds=self._seconds[sweeps],
-            frame=self._posed[sweeps],
+            sweep=row["index"].copy(),
+            stamp_ns=row["stamp_ns"].copy(),
+            seconds=row["seconds"].copy(),
+            frame=row["posed"].copy(),
             x=path[:, 0],
             y=path[:, 1],
             vx=path[:, 2],
@@ -484,33 +490,22 @@ SIZES = 3
 """Number of sizes: sides along both axes, and the extent across the line of sight."""
 
 
-@record
-class SizeMeasurements:
-    """Measurements of K objects by single sweeps."""
+SIZE_MEASUREMENT = np.dtype(
+    [
+        ("size", np.float64, (SIZES,)),
+        ("sd", np.float64, (SIZES,)),
+        ("yaw", np.float64),
+        ("blur", np.float64),
+        ("intensity", np.float64),
+        ("edges", np.int64),
+    ]
+)
+"""Of an object in one sweep: sides along both axes of the box and the extent across the line of sight [m], NaN where
+not seen; their standard deviations [m]; direction of the first axis in the world [rad]; standard deviation of the
+distance of two legs at that range [m]; median intensity, NaN without; first and last beam as one number."""
 
-    size: Float64
-    """(K, SIZES) sides along both axes of the box, and extent across the line of sight [m]; NaN where not seen."""
-    sd: Float64
-    """(K, SIZES) standard deviations of the sizes [m]."""
-    yaw: Float64
-    """(K,) direction of the first axis in the world [rad]."""
-    blur: Float64
-    """(K,) standard deviation of the distance of two legs at that range [m]."""
-    intensity: Float64
-    """(K,) median intensity of the returns; NaN without intensities."""
-    edges: Int64
-    """(K,) first and last beam, as one number."""
-
-    def rows(self, part: slice) -> SizeMeasurements:
-        """Return the measurements of some of the objects."""
-        return SizeMeasurements(*(getattr(self, each.name)[part] for each in fields(self)))
-
-    @staticmethod
-    def joined(parts: list[SizeMeasurements]) -> SizeMeasurements:
-        """Return the measurements of several parts as one; there is at least one part."""
-        return SizeMeasurements(
-            *(np.concatenate([getattr(one, each.name) for one in parts]) for each in fields(SizeMeasurements))
-        )
+SizeMeasurements: TypeAlias = NDArray[np.void]
+"""(K,) `SIZE_MEASUREMENT`."""
 
 
 @dataclass(slots=True)
@@ -524,7 +519,7 @@ class _SizeEstimate:
     """(3, SIZES) number of sightings, sum of weights [1/m²] and weighted sum of sizes, by the beams at the edges."""
     sightings: int = 0
     blur: float = 0.0
-    """Mean of `SizeMeasurements.blur`."""
+    """Mean of the measured blur."""
     lit: int = 0
     """Number of sightings with an intensity."""
     intensity: float = math.nan
@@ -534,13 +529,13 @@ class _SizeEstimate:
 
     def take(self, measured: SizeMeasurements, at: Int64, turned: Any) -> None:
         """Add sightings; `turned` is True where the first axis of a sighting is the second one of the tracklet."""
-        size, sd = measured.size[at], measured.sd[at]
+        size, sd = measured["size"][at], measured["sd"][at]
         for values in (size, sd):
             values[turned, :2] = values[turned, 1::-1]
-        seen = np.isfinite(size)
-        weight = np.where(seen, 1.0 / np.square(np.where(seen, sd, 1.0)), 0.0)
-        sums = np.stack([seen.astype(float), weight, weight * np.where(seen, size, 0.0)], axis=1)
-        each, inverse = np.unique(measured.edges[at], return_inverse=True)
+        known = np.isfinite(size)
+        weight = np.where(known, 1.0 / np.square(np.where(known, sd, 1.0)), 0.0)
+        sums = np.stack([known.astype(float), weight, weight * np.where(known, size, 0.0)], axis=1)
+        each, inverse = np.unique(measured["edges"][at], return_inverse=True)
         total = np.zeros((len(each), 3, SIZES))
         np.add.at(total, inverse, sums)
         for edges, more in zip(each.tolist(), total, strict=True):
@@ -549,8 +544,8 @@ class _SizeEstimate:
             elif len(self.looks) < MOST_LOOKS and more[0].any():
                 self.looks[edges] = more
         self.sightings += len(at)
-        self.blur += float((measured.blur[at] - self.blur).sum()) / self.sightings
-        lit = measured.intensity[at]
+        self.blur += float((measured["blur"][at] - self.blur).sum()) / self.sightings
+        lit = measured["intensity"][at]
         lit = lit[~np.isnan(lit)]
         if len(lit):
             before = self.intensity if self.lit else 0.0
@@ -600,15 +595,14 @@ class Naming:
 
     def measure(self, batch: SweepBatch, detection: Detection, poses: Float64) -> SizeMeasurements:
         """Measure the K objects of a batch; `poses`: (K, 4) x, y, yaw and side of the sensor at each of them."""
-        seen = evidence_of(batch, detection)
-        return SizeMeasurements(
-            size=np.column_stack([seen.side_1, seen.side_2, seen.across]),
-            sd=np.column_stack([seen.side_1_sd, seen.side_2_sd, seen.across_sd]),
-            yaw=poses[:, 2] + poses[:, 3] * detection.box_yaw,
-            blur=seen.span_sd,
-            intensity=seen.intensity,
-            edges=(detection.beam_i.astype(np.int64) << 32) + detection.beam_f,
-        )
+        evidence = evidence_of(batch, detection)
+        found = np.empty(len(detection), SIZE_MEASUREMENT)
+        found["size"] = np.column_stack([evidence.side_1, evidence.side_2, evidence.across])
+        found["sd"] = np.column_stack([evidence.side_1_sd, evidence.side_2_sd, evidence.across_sd])
+        found["yaw"] = poses[:, 2] + poses[:, 3] * detection.box_yaw
+        found["blur"], found["intensity"] = evidence.span_sd, evidence.intensity
+        found["edges"] = (detection.beam_i.astype(np.int64) << 32) + detection.beam_f
+        return found
 
     def take(self, pieces: list[SizeMeasurements], number: Int64, axes: Float64, known: dict[int, Tracklet]) -> None:
         """Add the measurements of a window.
@@ -622,7 +616,7 @@ class Naming:
         """
         if not pieces:
             return
-        measured = SizeMeasurements.joined(pieces)
+        measured = np.concatenate(pieces)
         order = np.argsort(number, kind="stable")
         tracklets, begins = np.unique(number[order], return_index=True)
         for tracklet, at in zip(tracklets.tolist(), np.split(order, begins[1:]), strict=True):
@@ -635,8 +629,8 @@ class Naming:
                 continue
             sizes = self._sizes.get(tracklet)
             if sizes is None or sizes.kind != known[tracklet].kind:
-                sizes = self._sizes[tracklet] = _SizeEstimate(known[tracklet].kind, float(measured.yaw[rows[0]]))
-            off = measured.yaw[rows] - (axes[rows] if is_box else sizes.yaw)
+                sizes = self._sizes[tracklet] = _SizeEstimate(known[tracklet].kind, float(measured["yaw"][rows[0]]))
+            off = measured["yaw"][rows] - (axes[rows] if is_box else sizes.yaw)
             sizes.take(measured, rows, np.abs(np.sin(off)) > np.abs(np.cos(off)))
 
     def name(self, tracks: list[Track]) -> None:

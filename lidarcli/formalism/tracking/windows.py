@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from lidarcli.formalism.tracking.tracks import (
     row_shape,
     standing,
 )
-from lidarcli.sweeps import Bool, Float64, Int32, Int64, UInt8
+from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 
 EVERYTHING = slice(None)
 MOST_PLACED = 0.5
@@ -68,55 +68,29 @@ class Window:
     """(K,) number of the tracklet of each object, 0 for none."""
     sweeps: list[Int64] = field(default_factory=list)
     """(K,) number of sweeps of the topic before that of each object."""
-    index: list[Int64] = field(default_factory=list)
-    """(S,) index of each sweep in the log."""
-    stamps: list[Int64] = field(default_factory=list)
-    """(S,) stamp of each sweep [ns]."""
-    frames: list[Int64] = field(default_factory=list)
-    """(S,) frame of each sweep."""
     sizes: list[SizeMeasurements] = field(default_factory=list)
     """Measured sizes of each object, where tracks are named."""
-    placed: list[Bool] = field(default_factory=list)
-    """(S,) True where the place of the sensor is known, because it has a pose or stands."""
-
-    @property
-    def count(self) -> int:
-        """Number of sweeps."""
-        return sum(map(len, self.index))
-
-    @property
-    def is_placed(self) -> bool:
-        """True if the place of the sensor is known in most sweeps."""
-        return float(np.concatenate(self.placed).mean()) > MOST_PLACED
+    count: int = 0
+    """Number of its sweeps so far."""
 
 
-@dataclass(slots=True)
-class WindowResult:
-    """Results for the objects (K,) of a window."""
+RESULT = np.dtype(
+    [
+        ("track", np.int64),
+        ("vx", np.float64),
+        ("vy", np.float64),
+        ("moving", np.bool_),
+        ("agent", np.bool_),
+        ("label", np.int32),
+        ("label_score", np.float64),
+        ("shape", np.uint8),
+    ]
+)
+"""What a window tells of an object."""
+NO_TRACK = (0, np.nan, np.nan, False, False, -1, np.nan, UNKNOWN)
 
-    track: Int64
-    vx: Float64
-    vy: Float64
-    moving: Bool
-    agent: Bool
-    label: Int32
-    label_score: Float64
-    shape: UInt8
-
-    def rows(self, part: slice | NDArray[np.intp]) -> WindowResult:
-        """Return the results for some of the objects."""
-        return WindowResult(*(getattr(self, each.name)[part] for each in fields(self)))
-
-    @staticmethod
-    def joined(parts: list[WindowResult]) -> WindowResult:
-        """Return the results of several parts as one."""
-        kinds = (np.int64, np.float64, np.float64, np.bool_, np.bool_, np.int32, np.float64, np.uint8)
-        if not parts:
-            nothing: list[Any] = [np.empty(0, kind) for kind in kinds]
-            return WindowResult(*nothing)
-        if len(parts) == 1:
-            return parts[0]
-        return WindowResult(*(np.concatenate([getattr(one, each.name) for one in parts]) for each in fields(WindowResult)))
+WindowResult: TypeAlias = NDArray[np.void]
+"""(K,) `RESULT` of the objects of a window."""
 
 
 class TrackRegistry:
@@ -153,8 +127,9 @@ class TrackRegistry:
     def settle(self, window: Window, log: dict[str, NDArray[Any]], count: int) -> WindowResult:
         """Return the results of a window, by its sightings and those of the next one: the first `count` of the log."""
         stop = window.begin + window.count
+        is_placed = float(self.sweeps.of(window.begin, stop)["placed"].mean()) > MOST_PLACED
         sightings = WindowSightings(log, count, self.tracklets, stop)
-        grouping.join(sightings, self.tracklets, window.is_placed)
+        grouping.join(sightings, self.tracklets, is_placed)
         self._number(sightings)
         self._extend_trajectories(sightings, _smooth(sightings, self.tracklets))
         at, found = sightings.find(window)
@@ -162,7 +137,7 @@ class TrackRegistry:
         if self.naming is not None:
             self._name(self.naming, window, sightings, at, found)
         settled = _rows(sightings, at, found)
-        self._forget(sightings, stop, window.is_placed)
+        self._forget(sightings, stop, is_placed)
         return settled
 
     def _number(self, sightings: WindowSightings) -> None:
@@ -200,7 +175,8 @@ class TrackRegistry:
 
     def _update_statistics(self, window: Window, sightings: WindowSightings) -> None:
         """Add the sightings of a window to the sums of the tracks."""
-        index, stamps, frames = (np.concatenate(values) for values in (window.index, window.stamps, window.frames))
+        rows = self.sweeps.of(window.begin, window.begin + window.count)
+        index, stamps, frames = rows["index"], rows["stamp_ns"], rows["frame"]
         for track, at in sightings.by_track():
             # The first of several parts in one sweep stands for all.
             firsts = at[starts(sightings.sweep[at])]
@@ -391,41 +367,22 @@ class WindowSightings:
 
 
 def _rows(sightings: WindowSightings, at: Int64, found: Bool) -> WindowResult:
-    """Return the results for the objects of a window.
-
-    Parameters
-    ----------
-    seen : the sightings
-    at, found : sightings of the objects that have one, and (K,) which these are (`WindowSightings.find`)
-    """
-    label_of = sightings.of_owner(lambda tracklet: -1 if tracklet.track is None else tracklet.track.label, -1, np.int32)
-    score_of = sightings.of_owner(
-        lambda tracklet: np.nan if tracklet.track is None else tracklet.track.label_score, np.nan, np.float64
-    )
-    shape = sightings.of_owner(lambda tracklet: tracklet.row_shape, UNKNOWN, np.uint8)
-
-    def column(values: NDArray[Any], empty: Any) -> NDArray[Any]:
-        out = np.full(len(found), empty, values.dtype)
-        out[found] = values[at]
-        return out
-
-    return WindowResult(
-        track=column(sightings.track, 0),
-        vx=column(sightings.vx, np.nan),
-        vy=column(sightings.vy, np.nan),
-        moving=column(sightings.moving, False),
-        agent=column(sightings.agent, False),
-        label=column(label_of, -1),
-        label_score=column(score_of, np.nan),
-        shape=column(shape, UNKNOWN),
-    )
+    """Return the results for the objects of a window, by the sightings `at` of those that are `found`."""
+    rows = np.full(len(found), np.array(NO_TRACK, RESULT))
+    known = np.empty(len(at), RESULT)
+    for name in ("track", "vx", "vy", "moving", "agent"):
+        known[name] = getattr(sightings, name)[at]
+    known["label"] = sightings.of_owner(lambda one: -1 if one.track is None else one.track.label, -1, np.int32)[at]
+    known["label_score"] = sightings.of_owner(
+        lambda one: np.nan if one.track is None else one.track.label_score, np.nan, np.float64
+    )[at]
+    known["shape"] = sightings.of_owner(lambda one: one.row_shape, UNKNOWN, np.uint8)[at]
+    rows[found] = known
+    return rows
 
 
 def _smooth(sightings: WindowSightings, tracklets: dict[int, Tracklet]) -> list[Path]:
-    """Fill in the velocities of everything that moves, and the sightings from which on it is an agent.
-
-    Return the paths of what moves.
-    """
+    """Fill in the velocities of everything that moves, and the sightings from which on it is an agent."""
     moving = [(track, at) for track, at in sightings.by_track(ahead=True) if _moves(sightings, track, at)]
     if not moving:
         return []
@@ -451,10 +408,7 @@ def _moves(sightings: WindowSightings, track: Track, at: Int64) -> bool:
 
 
 def _departure(sightings: WindowSightings, track: Track, at: Int64) -> int:
-    """Return the first sweep after which a track is hardly seen where it was before; -1 if it always came back.
-
-    `at`: its sightings, in the order of the log.
-    """
+    """Return the first sweep after which a track is hardly seen where it was before; -1 if it always came back."""
     if len(at) < STAYED_SIGHTINGS:
         return int(sightings.sweep[at[0]])
     # What is slim may be a leg of a thing, and then another one.
@@ -465,10 +419,10 @@ def _departure(sightings: WindowSightings, track: Track, at: Int64) -> int:
     at = at[np.arange(count) * len(at) // count]
     time, now = sightings.time[at], np.arange(1, count)
     apart = np.abs(sightings.place[at] - sightings.place[at][:, None])
-    way = grouping.STANDING_LEGS_APART if is_slim else LEAST_WAY
+    distance = grouping.STANDING_LEGS_APART if is_slim else LEAST_WAY
     first = np.searchsorted(time, time[now - 1] - STAYED_SECONDS)
     stop = np.searchsorted(time, time[now] + STAYED_SECONDS, side="right")
-    left = np.flatnonzero(_share_again(apart <= way, first, now, stop) <= STAYED_SHARE)
+    left = np.flatnonzero(_share_again(apart <= distance, first, now, stop) <= STAYED_SHARE)
     if len(left) <= (LEAST_TRAVEL * count if is_thing else 0):
         steps = _share_again(apart <= LEAST_WAY, 0 * now, now, 0 * now + count) <= STEP_SHARE
         left = np.flatnonzero(steps & (np.minimum(now, count - now) >= STEP_SIGHTINGS * count))
@@ -543,16 +497,10 @@ def _smooth_track(
 
 
 def _leaves(path: Float64, size: float) -> int:
-    """Return the index of the last sweep in which a tracklet is where it was first.
-
-    Parameters
-    ----------
-    path : (S, 9) as `smoothing.Smoother.smooth` fills it in
-    size : size of the tracklet [m]
-    """
-    way = np.hypot(path[:, 0] - path[0, 0], path[:, 1] - path[0, 1])
+    """Return the index of the last sweep in which a tracklet is where it was first."""
+    distance = np.hypot(path[:, 0] - path[0, 0], path[:, 1] - path[0, 1])
     var = 0.5 * (path[:, 4] + path[:, 6])
-    return int(np.flatnonzero(way <= size + LEFT_SDS * np.sqrt(var + var[0]))[-1])
+    return int(np.flatnonzero(distance <= size + LEFT_SDS * np.sqrt(var + var[0]))[-1])
 
 
 def _half_extent(tracklet: Tracklet, axis: int) -> float:

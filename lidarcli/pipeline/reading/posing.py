@@ -47,7 +47,7 @@ _ODOMETRY = "odom"
 
 
 def of_one_run(world: str) -> bool:
-    """Tell whether a world frame begins anew in every run: that of odometry, or of a path that was matched.
+    """Return whether a world frame begins anew in every run: that of odometry, or of a path that was matched.
 
     >>> [of_one_run(name) for name in ("odom", "robot_0/odom", "match", "map")]
     [True, True, True, False]
@@ -59,7 +59,7 @@ class Need(Enum):
     """Sensors whose path a command needs."""
 
     TOLD = "told"
-    """None but those that the log tells."""
+    """None but those whose path the log has."""
     MOVING = "moving"
     """Those of moving sensors as well."""
     ALL = "all"
@@ -73,7 +73,7 @@ class PoseOptions:
     source: str | None = None
     """Topic of the poses; `none` for no poses; `match` for poses matched from the sweeps; None: the best of the log."""
     file: str | None = None
-    """Trajectory of the sensor (TUM), instead of what the log tells."""
+    """Trajectory of the sensor (TUM), instead of the poses of the log."""
     delay: float | None = None
     """Time after its header stamp at which the pose of a sweep is taken [s]; None: what fits the sweeps."""
     order: str = BEAM_ORDERS[0]
@@ -83,8 +83,6 @@ class PoseOptions:
 
     def __post_init__(self) -> None:
         """Refuse options that exclude each other."""
-        if self.source is not None and self.file is not None:
-            raise OptionError(f"--pose {self.source} and --poses {self.file} exclude each other: leave one out")
         if self.delay is None:
             return
         if not abs(self.delay) <= MOST_DELAY:
@@ -97,12 +95,12 @@ class PoseOptions:
     def as_dict(self) -> dict[str, Any]:
         """Return the options that are not the default, as plain values, for the tables' metadata."""
         asked = {"pose": self.source, "poses": self.file and Path(self.file).name}
-        told: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
+        given: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
         if self.delay:
-            told["pose_delay"] = self.delay
+            given["pose_delay"] = self.delay
         if self.order != BEAM_ORDERS[0]:
-            told["beam_order"] = self.order
-        return told if self.deskew else told | {"deskew": False}
+            given["beam_order"] = self.order
+        return given if self.deskew else given | {"deskew": False}
 
 
 NO_POSES = PoseOptions(NONE)
@@ -161,11 +159,11 @@ def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | Non
     # Most logs have no poses and should not wait for this import.
     from lidarcli.pose.sources import PoseSources
 
-    told = read_pose_messages(log)
-    if not there and not told.tracks:
+    read = read_pose_messages(log)
+    if not there and not read.tracks:
         return None
     scans = [topic.name for topic in listed if topic.is_scan]
-    return FoundPoses(PoseSources(told.tracks, wanted, scans), told.notes, told.report)
+    return FoundPoses(PoseSources(read.tracks, wanted, scans), read.notes, read.report)
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,14 +247,14 @@ class PoseAttacher:
     file: str = ""
     """Name of the file of the poses, if they are from one."""
     delay: float = 0.0
-    """The pose of a sweep is told at its header stamp and this much later [s], as the user says."""
+    """The pose of a sweep is that at its header stamp and this much later [s], as the user says."""
     order: str = AUTO
     """Order in which the beams are sent, of `BEAM_ORDERS`."""
     deskew: bool = True
-    """True where batches also tell the way of the sensor during a sweep."""
+    """True where batches also have the motion of the sensor during a sweep."""
     levelled: Collection[str] = ()
     """Topics of point clouds, whose sweeps are level however their sensor leans."""
-    seen: dict[tuple[str, str], FrameStats] = field(default_factory=dict)
+    stats: dict[tuple[str, str], FrameStats] = field(default_factory=dict)
     """Frame and namespace of sweeps → their counts."""
     paths: Mapping[tuple[str, str], CheckedPath] = field(default_factory=dict)
     """Topic and frame → what a first pass over its sweeps tells of its path."""
@@ -310,9 +308,9 @@ class PoseAttacher:
         if self.found is None:
             return report
         both = self.found.together(report)
-        seen = list(self.seen.values())
-        if self.file and seen and all(frame.without == frame.sweeps for frame in seen):
-            first, last = min(frame.first_ns for frame in seen), max(frame.last_ns for frame in seen)
+        stats = list(self.stats.values())
+        if self.file and stats and all(frame.without == frame.sweeps for frame in stats):
+            first, last = min(frame.first_ns for frame in stats), max(frame.last_ns for frame in stats)
             both.add_damage(
                 f"--poses {self.file}",
                 f"none of its poses is from the time of the sweeps, {moment(first)} to {moment(last)}: "
@@ -335,8 +333,8 @@ class PoseAttacher:
         fits, absent = np.ones(len(batch), bool), np.zeros(len(batch), bool)
         for frame, rows, mine in batch.by_frame():
             path = self.paths.get((batch.topic, frame))
-            seen = self.seen.setdefault((frame, namespace(batch.topic)), FrameStats(batch.topic))
-            seen.add(mine.stamp_ns, mine.record_ns)
+            stats = self.stats.setdefault((frame, namespace(batch.topic)), FrameStats(batch.topic))
+            stats.add(mine.stamp_ns, mine.record_ns)
             if path is not None and len(path.still):
                 knows, still[rows] = True, path.stood(mine.stamp_ns)
             if (chain := self._way(batch.topic, frame)) is None:
@@ -351,9 +349,9 @@ class PoseAttacher:
             _put(poses, rows, chain.going(here, at_ns, lasts_ns))
             if poses.reverse is not None and lasts_ns is not None:
                 poses.reverse[rows] = first_ns > 0
-            seen.without += int(np.count_nonzero(np.isnan(here.x)))
+            stats.without += int(np.count_nonzero(np.isnan(here.x)))
             if batch.topic not in self.levelled:
-                seen.tilt = max(seen.tilt, tilt(motion))
+                stats.tilt = max(stats.tilt, tilt(motion))
         poses = replace(poses, absent=absent) if absent.any() else poses
         return replace(batch, poses=poses if some else None, still=still if knows else None, fits=fits if some else None)
 
@@ -395,8 +393,8 @@ class PoseAttacher:
             unused = "no poses in this log: --pose-delay changes nothing" if self.delay else ""
             return [line for line in (self.missed or unused,) if line] + self.path_notes()
         lines: list[str] = []
-        for frame, space in sorted(self.seen):
-            lines += self._frame_notes(frame, self.seen[frame, space], self.found.sources)
+        for frame, space in sorted(self.stats):
+            lines += self._frame_notes(frame, self.stats[frame, space], self.found.sources)
         return [*dict.fromkeys(lines), *self.found.notes, *self.path_notes()]
 
     def path_notes(self) -> list[str]:
@@ -405,14 +403,14 @@ class PoseAttacher:
 
     def findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
         """Return the notes on the paths without the findings; and these, with those on the poses of topics and frames."""
-        told = list(self._of_paths())
-        found = [note for _, note in told if isinstance(note, Finding)]
+        keyed = list(self._of_paths())
+        found = [note for _, note in keyed if isinstance(note, Finding)]
         if self.found is not None:
             from lidarcli.pose.fit import pose_findings
 
             jumping = {(each.topic, each.frame) for each in found if each.id == "steps"}
             found += pose_findings(self.found.sources, keys, jumping)
-        notes = [self._of_sensor(key, note) for key, note in told if not isinstance(note, Finding)]
+        notes = [self._of_sensor(key, note) for key, note in keyed if not isinstance(note, Finding)]
         return notes, found
 
     def _of_paths(self) -> Iterator[tuple[tuple[str, str], str | Finding]]:
@@ -438,10 +436,10 @@ class PoseAttacher:
         `world` and `topic` where sensors of the same frame have several worlds.
         """
         found: dict[str, dict[str, Any]] = {}
-        for frame in sorted({frame for frame, _ in self.seen}):
+        for frame in sorted({frame for frame, _ in self.stats}):
             paths = [(topic, path) for (topic, name), path in sorted(self.paths.items()) if name == frame]
             topics = [topic for topic, _ in paths] or [
-                seen.topic for (name, _), seen in sorted(self.seen.items()) if name == frame
+                stats.topic for (name, _), stats in sorted(self.stats.items()) if name == frame
             ]
             known = {topic: chain for topic in topics if (chain := self._way(topic, frame)) is not None}
             chains = [*known.values()]
@@ -459,10 +457,10 @@ class PoseAttacher:
                     found.setdefault(frame, {}).setdefault(key, {})[topic] = value
         return found
 
-    def _frame_notes(self, frame: str, seen: FrameStats, sources: PoseSources | GivenPaths) -> list[str]:
-        chain, others = sources.chain(frame, seen.topic), sources.alternatives(frame, seen.topic)
+    def _frame_notes(self, frame: str, stats: FrameStats, sources: PoseSources | GivenPaths) -> list[str]:
+        chain, others = sources.chain(frame, stats.topic), sources.alternatives(frame, stats.topic)
         name = frame or "without a name"
-        if chain is None and (alike := sources.alike(frame, seen.topic)):
+        if chain is None and (alike := sources.alike(frame, stats.topic)):
             return [alike_note(frame, alike, others)]
         from lidarcli.pose.fit import unplaced, way_findings
         from lidarcli.pose.sources import nearness
@@ -470,11 +468,12 @@ class PoseAttacher:
         if chain is None:
             return [unplaced(frame, others, "", sources.tracks).message]
         lines = [_chosen(chain, others)]
-        if seen.without:
-            lines.append(_gap(name, chain, seen))
-        if seen.tilt > TILTED:
-            lines.append(f"frame {name} leans by up to {np.rad2deg(seen.tilt):.0f} degrees: its poses are their projection")
-        links = [one for one in sources.tracks if one.is_link and nearness(one.topic, seen.topic) is not None]
+        if stats.without:
+            lines.append(_gap(name, chain, stats))
+        if stats.tilt > TILTED:
+            degrees = np.rad2deg(stats.tilt)
+            lines.append(f"frame {name} leans by up to {degrees:.0f} degrees: its poses are their projection")
+        links = [one for one in sources.tracks if one.is_link and nearness(one.topic, stats.topic) is not None]
         return lines + [found.message for found in way_findings(chain, links)]
 
 
@@ -488,7 +487,7 @@ def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:
 
 
 def _nowhere(sweeps: int, moving: bool, reverse: bool) -> SweepPoses:
-    """Return so many unknown poses, to be filled in; `moving`: with the way during each sweep, `reverse`: from its end."""
+    """Return unknown poses to fill in; `moving`: with the motion during each sweep, `reverse`: from its end."""
     x, y, yaw = (np.full(sweeps, np.nan) for _ in range(3))
     return SweepPoses(
         x,
@@ -515,17 +514,17 @@ def _chosen(chain: PoseChain, others: Sequence[str]) -> str:
     return line + (f"; also available: {some_of(others)} (--pose TOPIC)" if others else "")
 
 
-def _gap(name: str, chain: PoseChain, seen: FrameStats) -> str:
+def _gap(name: str, chain: PoseChain, stats: FrameStats) -> str:
     span = chain.span_ns
-    line = f"without a pose: {seen.without:,} of {seen.sweeps:,} sweeps of frame {name}"
+    line = f"without a pose: {stats.without:,} of {stats.sweeps:,} sweeps of frame {name}"
     if span is None:
         return line
     if span[0] > span[1]:
         return f"{line}; the links {chain.frames} are never known at the same time"
-    apart = max(span[0] - seen.last_ns, seen.first_ns - span[1])
+    apart = max(span[0] - stats.last_ns, stats.first_ns - span[1])
     records = chain.record_ns
-    together = records[0] <= seen.record_ns[1] and seen.record_ns[0] <= records[1]
-    if seen.without == seen.sweeps and apart > 0 and together:
+    together = records[0] <= stats.record_ns[1] and stats.record_ns[0] <= records[1]
+    if stats.without == stats.sweeps and apart > 0 and together:
         return (
             f"{line}; their header stamps and those of {chain.topics[0]} are {apart * SECOND:,.3f} s apart, though both "
             "were recorded at the same time: the clocks differ"

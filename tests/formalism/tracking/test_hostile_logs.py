@@ -12,7 +12,6 @@ import pytest
 
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, super_ellipse
 from lidarcli.sweeps import SweepBatch, SweepPoses
@@ -20,9 +19,6 @@ from tests.formalism.tracking.following import assert_same, assert_sums, batches
 from tests.formalism.tracking.hostile import hostile_logs
 from tests.formalism.tracking.test_tracking_steps import run
 from tests.places import ROOT
-from tests.sweeping import raw_sweeps
-
-NO_POINTS = "a view whose points are all beside its box has none, and another one's are read"
 
 
 def joined(log: list[SweepBatch]) -> SweepBatch:
@@ -88,26 +84,6 @@ def test_scenes_touch_nothing_outside_of_their_arrays() -> None:
     assert all(int(line) > 0 for line in done.stdout.split())
 
 
-def test_no_sweeps_no_beams_nothing_detected() -> None:
-    _, tracks = Tracker().finish()
-    assert len(tracks) == 0
-    empty = moving_log("room", 3).rows(np.empty(0, np.int64))
-    told = follow([empty, empty])
-    assert len(told.tracks) == 0
-    assert told.columns["track"].shape == (0,)
-    for ranges in (np.empty((40, 0)), np.full((40, 90), np.inf), np.full((40, 90), np.nan)):
-        told = follow(normalise(raw_sweeps(ranges), np.arange(40), RangeRules()))
-        assert len(told.tracks) == 0
-        assert (told.columns["objects"] == 0).all()
-
-
-def test_empty_batches_between_others_change_nothing() -> None:
-    log = moving_log("room", 3)
-    empty = log.rows(np.empty(0, np.int64))
-    pieces = batches(log, 90)
-    assert_same(follow(log), follow([empty, *(one for piece in pieces for one in (piece, empty, empty))]))
-
-
 def standing() -> SweepBatch:
     """Two things that stand, and a sensor that does as well."""
     return simulated(scene_of(make.box(2.0, 0.3, 0.6, 0.4), make.cylinder(-2.0, 1.0, 0.15)), 60, poses=True)
@@ -133,13 +109,6 @@ def test_sweeps_without_a_pose_have_no_tracks_and_end_none() -> None:
     assert told.tracks.hidden == pytest.approx([1.1, 1.1])
     assert told.tracks.sweeps.tolist() == [49, 49]
     assert not told.tracks.moved.any()
-
-
-@pytest.mark.parametrize("name", ["y", "yaw"])
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_pose_that_is_no_number_is_unknown(name: str, value: float) -> None:
-    told = follow(poses_of(standing(), 20, **{name: value}))
-    assert told.tracks.sweeps.tolist() == [59, 59]
 
 
 @pytest.mark.parametrize("kind", ["back", "still", "zero", "far"])

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import Parameters, detect
-from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, ROUND
-from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.results import END_OF_LOG, FREE, LEFT_VIEW
+from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, ROUND
+from lidarcli.formalism.tracking.results import END_OF_LOG, FREE
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import Waypoint, plan_route
 from lidarcli.simulation.scene import Course, Entity, Motion, super_ellipse
@@ -74,23 +73,6 @@ def test_past_a_driving_sensor_nothing_moves(thing: str, seed: int) -> None:
     assert (told.tracks.moved_at_ns == 0).all()
 
 
-@pytest.mark.parametrize("thing", ["box", "pillar", "person"])
-def test_past_a_driving_sensor_a_thing_stays_one(thing: str) -> None:
-    told = follow(simulated(scene_of(STANDING[thing], path=ROUND_TRIP), 400))
-    near = np.hypot(told.tracks.x - 0.2, told.tracks.y - 0.1) < 0.5
-    assert near.sum() == 1
-    assert told.tracks.sweeps[near] > 380
-    assert np.hypot(told.tracks.x - 0.2, told.tracks.y - 0.1)[near] < 0.05
-
-
-def test_the_size_of_a_box_is_known_once_all_of_it_was_seen() -> None:
-    told = follow(simulated(scene_of(STANDING["box"], path=ROUND_TRIP), 400))
-    assert told.tracks.length[0] == pytest.approx(0.7, abs=0.04)
-    assert told.tracks.width[0] == pytest.approx(0.4, abs=0.04)
-    assert np.cos(2 * (told.tracks.yaw[0] - 0.5)) > 0.99
-    assert told.tracks.shape[0] == PRISMATIC
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_everything_around_a_sensor_that_stands_stands(seed: int) -> None:
     # Legs of a chair that are thick enough to be seen from there.
@@ -102,37 +84,6 @@ def test_everything_around_a_sensor_that_stands_stands(seed: int) -> None:
     assert len(told.tracks) <= 2 * len(things)
     for thing in things:
         assert len(told.near(thing.x, thing.y)) >= 1
-
-
-@pytest.mark.parametrize(("yaw", "seed"), [(0.3, 0), (0.3, 4), (-0.8, 1)])
-def test_chairs_that_a_sensor_drives_by_are_no_agents(yaw: float, seed: int) -> None:
-    chairs = [
-        make.legged("chair", x, y, 0.45, 0.45, 0.03, yaw + turned)
-        for x, y, turned in ((-0.3, 0.2, 0.0), (0.9, 0.1, -0.8), (0.3, -0.7, 0.5))
-    ]
-    person = make.person(0.0, 0.0, motion=on_route((-4.0, 1.0, 0.5), (1.5, 1.0, 0.5), (4.2, -1.0, 3.0)))
-    fine = replace(SENSOR, beams=1440, angle_increment=TURN / 1440)
-    told = follow(simulated(scene_of(*chairs, person, path=ROUND_TRIP, sensor=fine), 200, seed))
-    assert len(np.unique(rows_of(told, main_agent(told))["sweep"])) > 190
-
-
-def test_who_makes_a_step_has_moved() -> None:
-    step = Waypoint(0.5, 2.0, 0.5, 8.0)
-    route = plan_route([Waypoint(0.0, 2.0, 0.5, 4.0), step], turn_rate=TURN, corner_radius=0.5)
-    told = follow(simulated(scene_of(make.person(0.0, 0.0, motion=Motion(route=route, ahead=False))), 120))
-    assert (rows_of(told, main_agent(told))["set"][-10:] == AGENT).all()
-
-
-def test_a_box_that_turns_in_place_does_not_jump() -> None:
-    box = make.box(2.0, 0.5, 0.8, 0.4, motion=Motion(yaw_rate=0.3))
-    told = follow(simulated(scene_of(box), 250))
-    numbers = told.near(2.0, 0.5, 0.6)
-    assert len(numbers) == 1
-    rows = rows_of(told, numbers[0])
-    assert len(rows["sweep"]) == 250
-    assert np.nanmax(np.hypot(rows["vx"], rows["vy"])) < 0.25
-    assert told.tracks.distance[numbers[0] - 1] < 0.8
-    assert np.hypot(told.tracks.x - 2.0, told.tracks.y - 0.5)[numbers[0] - 1] < 0.1
 
 
 @pytest.mark.parametrize("speed", [0.3, 0.8, 1.4])
@@ -189,15 +140,6 @@ def test_what_comes_out_from_behind_something_keeps_its_speed() -> None:
     assert len(told.tracks) == 2
 
 
-@pytest.mark.parametrize("radius", [0.05, 0.15])
-def test_behind_a_pillar_a_body_keeps_its_number(radius: float) -> None:
-    told = follow(simulated(scene_of(make.cylinder(0.0, 1.2, radius), going(-3.0, 2.6, 0.7, 0.0)), 85))
-    number = main_agent(told)
-    assert len(told.tracks) == 2
-    assert len(np.unique(told.row[told.of(number)])) > 70
-    assert told.tracks.end.tolist() == [END_OF_LOG] * 2
-
-
 def test_what_stands_behind_something_that_passes_keeps_its_number() -> None:
     told = follow(simulated(scene_of(make.cylinder(0.0, 2.8, 0.2), going(-3.0, 1.4, 0.8, 0.0)), 75))
     assert len(told.tracks) == 2
@@ -217,23 +159,10 @@ def test_what_is_gone_ends_as_free() -> None:
     assert told.tracks.moved.sum() == 0
 
 
-def test_what_comes_back_elsewhere_is_something_else() -> None:
-    gone = make.cylinder(2.0, 1.0, 0.2, motion=Motion(disappears=5.0))
-    new = make.cylinder(-2.5, -1.0, 0.2, motion=Motion(appears=5.0))
-    told = follow(simulated(scene_of(gone, new), 120))
-    assert told.tracks.end.tolist() == [FREE, END_OF_LOG]
-    assert told.tracks.moved.sum() == 0
-
-
 def partial() -> SweepBatch:
     """A sensor that looks ahead only, and a box that goes out of its view."""
     sensor = replace(SENSOR, beams=361, angle_min=-TURN / 8, angle_increment=TURN / 4 / 360)
     return simulated(scene_of(going(2.0, -0.5, 0.0, 0.8), sensor=sensor), 400)
-
-
-def test_what_goes_out_of_the_view_has_left_it() -> None:
-    told = follow(partial())
-    assert told.tracks.end[main_agent(told) - 1] == LEFT_VIEW
 
 
 def test_a_person_on_two_legs_is_one_track() -> None:
@@ -263,10 +192,6 @@ def test_two_persons_that_pass_each_other_keep_their_tracks() -> None:
     assert told.tracks.sweeps[told.tracks.moved].tolist() == [75, 75]
 
 
-def test_persons_are_one_track_from_their_first_row_on() -> None:
-    assert len(passing_persons().tracks) == 2
-
-
 @pytest.mark.parametrize("kind", ["chair", "table"])
 def test_a_thing_on_four_legs_is_one_legged_track(kind: str) -> None:
     leg = 0.05 if kind == "chair" else 0.07
@@ -279,20 +204,8 @@ def test_a_thing_on_four_legs_is_one_legged_track(kind: str) -> None:
     assert told.columns["objects"].max() >= 3
 
 
-def test_a_thing_on_legs_stays_legged_however_long_it_is_seen() -> None:
-    for thing, sweeps in ((make.person(1.6, 0.4, 0.3), 400), (make.legged("chair", 1.6, 0.4, 0.5, 0.5, 0.05), 3000)):
-        assert follow(simulated(scene_of(thing), sweeps)).tracks.shape.tolist() == [LEGGED]
-
-
 def test_a_pillar_is_round_and_as_wide_as_it_is() -> None:
     told = follow(simulated(scene_of(make.cylinder(1.5, 0.5, 0.2)), 60))
     assert told.tracks.shape.tolist() == [ROUND]
     assert told.tracks.length[0] == pytest.approx(0.4, abs=0.04)
     assert (told.tracks.x[0], told.tracks.y[0]) == (pytest.approx(1.5, abs=0.03), pytest.approx(0.5, abs=0.03))
-
-
-def test_with_less_significance_motion_is_told_earlier() -> None:
-    log = simulated(scene_of(going(-2.5, 2.0, 0.12, 0.0)), 200)
-    sure, hasty = (follow(log, track=TrackParameters(share)) for share in (1e-12, 0.1))
-    assert (sure.columns["set"] == AGENT).sum() <= (hasty.columns["set"] == AGENT).sum()
-    assert len(hasty.agents) == 1

@@ -34,11 +34,6 @@ def test_a_delay_is_told() -> None:
     assert notes(Estimate(0.12), [], poses=False) == []
 
 
-@pytest.mark.parametrize("estimate", [Estimate(0.01), Estimate(0.12, travelled=0.5), Estimate(0.0, 0.02, 0.02)])
-def test_what_is_small_or_hardly_driven_is_not_told(estimate: Estimate) -> None:
-    assert notes(estimate, []) == []
-
-
 def test_the_place_of_the_sensor_is_told_in_words() -> None:
     (line,) = notes(Estimate(0.0, -0.12, 0.05), [])
     assert "0.12 m behind and 0.05 m to the left of where its poses are told" in line

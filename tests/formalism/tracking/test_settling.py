@@ -54,18 +54,6 @@ def test_rows_change_hands_where_both_go_together_and_no_others() -> None:
     assert (owner[~together] == 2).all()
 
 
-def test_two_who_pass_each_other_stay_two() -> None:
-    sweep = PERSON_AT
-    _, other = settled((sweep, 6.0 - 0.1 * sweep, np.full(60, 0.4)))
-    assert (other == 2).all()
-
-
-def test_a_pole_that_a_person_passes_stays() -> None:
-    sweep = PERSON_AT
-    _, pole = settled((sweep, np.full(60, 3.0), np.full(60, 0.3)), moved=0)
-    assert (pole == 2).all()
-
-
 def test_two_persons_side_by_side_have_four_legs() -> None:
     # Each shows both legs.
     sweep = np.repeat(PERSON_AT, 2)

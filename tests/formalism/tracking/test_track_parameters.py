@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -17,21 +14,14 @@ from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.scene import Motion
 from tests.formalism.tracking.following import follow, scene_of, simulated
-from tests.places import ROOT
 from tests.sweeping import raw_sweeps
-from tests.waiting import HANG
 
 
 @pytest.mark.parametrize("share", [0.0, -1.0, 1e-13, 0.2, float("nan"), float("inf")])
 def test_a_significance_that_is_none_is_refused(share: float) -> None:
     with pytest.raises(OptionError, match="--significance"):
         TrackParameters(share)
-
-
-def test_parameters_are_told_as_plain_values() -> None:
-    assert TrackParameters(1e-3).as_dict() == {"significance": 1e-3, "memory": True}
 
 
 def test_a_batch_that_is_none_is_refused() -> None:
@@ -51,28 +41,6 @@ def test_what_is_gone_from_a_background_is_nothing_to_follow() -> None:
     (one,) = followed + rest
     assert len(tracks) == 1
     assert (one.track > 0).tolist() == (found.x > 0).tolist()
-
-
-def test_frames_are_named_by_first_sight() -> None:
-    log = simulated(scene_of(make.box(2.0, 0.0, 0.5, 0.5)), 20)
-    new = make.cylinder(-2.0, 0.5, 0.2, motion=Motion(appears=1.0))
-    later = simulated(scene_of(make.box(2.0, 0.0, 0.5, 0.5), new), 20)
-    both = replace(later, frame_ids=("b", "a"), frame=np.repeat(np.array([1, 0], np.int32), 10))
-    told = follow([replace(log, frame_ids=("a",)), both])
-    assert told.tracker.frames == ["a", "b"]
-    assert told.tracks.frame.tolist() == [0, 1, 1]
-    assert told.tracks.track.tolist() == [1, 2, 3]
-
-
-@pytest.mark.slow
-def test_a_header_with_hardly_any_increment_takes_no_time() -> None:
-    """Not compiled, a look at every bearing between two beams would take hours."""
-    module = "tests.formalism.tracking.test_track_parameters"
-    slowly = os.environ | {"LIDARCLI_COMPILED": "no"}
-    done = subprocess.run(
-        [sys.executable, "-m", module], cwd=ROOT, env=slowly, timeout=HANG, capture_output=True, check=False
-    )
-    assert done.returncode == 0
 
 
 def follow_hardly_turning() -> None:

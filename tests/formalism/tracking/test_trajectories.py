@@ -72,7 +72,7 @@ def test_what_moves_is_where_it_truly_was(run: Run) -> None:
 
 def test_the_way_of_a_track_goes_on_from_piece_to_piece() -> None:
     sweeps, track = Sweeps(), Track(number=3)
-    sweeps.add(np.arange(40, 60), np.arange(20) * 10**8, np.arange(20) / 10, posed=False)
+    sweeps.add(np.arange(40, 60), np.arange(20) * 10**8, np.arange(20) / 10, False, 0, True)
     way = np.zeros((10, 9))
     way[:, 0], way[:, 2], way[:, 4:7] = 0.1 * np.arange(10), 1.0, [4e-4, 1e-4, 9e-4]
     codes = np.full(10, 1, np.uint8)

@@ -52,16 +52,6 @@ def test_batches_of_any_size_give_the_same_bits(kind: Kind, driving: bool) -> No
         assert_same(told, follow(batches(log, size)))
 
 
-@pytest.mark.parametrize(("kind", "driving"), LOGS)
-def test_any_cuts_give_the_same_bits(kind: Kind, driving: bool) -> None:
-    rng = np.random.default_rng(1)
-    log = long_log(kind, driving)
-    told = follow(log)
-    for _ in range(3):
-        cuts = np.sort(rng.integers(0, len(log) + 1, int(rng.integers(1, 12))))
-        assert_same(told, follow(parts(log, cuts.tolist())))
-
-
 def test_room_for_more_is_made_without_changing_anything() -> None:
     # First hardly anything, then a crowd.
     few, crowd = moving_log("room", 3), moving_log("hall", 8)

@@ -64,10 +64,3 @@ def test_scipy_finds_the_same_cost() -> None:
         padded[np.arange(rows), columns + np.arange(rows)] = without
         i, j = optimize.linear_sum_assignment(padded)
         assert solved(cost, without)[1] == pytest.approx(padded[i, j].sum())
-
-
-def test_a_row_rather_stays_without_than_pays_more() -> None:
-    assert solved(np.array([[6.0], [5.0]]), 5.5)[0] == [-1, 0]
-    assert solved(np.array([[6.0, inf]]), 5.5)[0] == [-1]
-    # The second row may only have what the first would like best.
-    assert solved(np.array([[1.0, 2.0], [1.0, inf]]), 50.0)[0] == [1, 0]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,33 +140,3 @@ def test_the_centre_of_a_disc_is_behind_what_is_seen_of_it(sensor: Sensor, pose:
                 assert 0 < sides.var[at] < 0.01
             assert sides.half == pytest.approx(0.15, abs=0.02)
             assert sides.half_var > 0
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_of_a_disc_half_hidden_the_centre_is_a_radius_from_its_own_edge(side: float) -> None:
-    pose = (0.0, 0.0, 0.0, side)
-    post = make.cylinder(1.0, -0.12, 0.07)
-    meas, _ = seen_from(TURNING, pose, ROOM, make.cylinder(2.5, 0.0, 0.2), post)
-    k = view_at(meas, 2.4, 0.05)
-    assert measurement.is_partial(meas, k)
-    meas.shape[k] = measurement.detection.IRREGULAR
-    sides = EdgeMeasurement()
-    measurement.measure_disc(sides, meas, k, 0.2, 1e-4, 0.0)
-    assert (sides.z[0], sides.z[2]) == (pytest.approx(2.5, abs=0.02), pytest.approx(0.0, abs=0.02))
-    # It says nothing of its radius.
-    assert sides.half_var < 0
-
-
-def test_edges_beside_beams_without_a_return_are_its_own_while_these_are_steady() -> None:
-    sensor = replace(TURNING, range_max=8.0)
-    meas, _ = seen_from(sensor, (0.0, 0.0, 0.0, 1.0), make.box(2.0, 0.0, 0.4, 0.4))
-    assert (meas.start[0], meas.end[0]) == (measurement.OWN, measurement.OWN)
-    known = sides_of(meas, 0, 0.0)[1]
-    meas.steady = False
-    meas.start[0] = meas.end[0] = measurement.OPEN
-    measurement.classify_edges(meas)
-    assert meas.start[0] == measurement.OPEN
-    doubted = sides_of(meas, 0, 0.0)[1]
-    # The face is as sure as before, the ends are not.
-    assert doubted[0] == known[0]
-    assert doubted[2] == pytest.approx(known[2] + measurement.OPEN_EDGE_VAR)

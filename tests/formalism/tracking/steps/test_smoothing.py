@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.tracking import smoothing
-from lidarcli.formalism.tracking.results import BOX, DISC
 from lidarcli.formalism.tracking.smoothing import KEPT, STATE, Smoother
 
 Array = np.ndarray[Any, Any]
@@ -189,14 +188,6 @@ def test_a_steady_speed_is_found_and_a_body_that_stands_does_not_move() -> None:
     assert not moving.any()
 
 
-def test_before_the_onset_it_stands() -> None:
-    way = np.column_stack([0.08 * np.arange(60), np.zeros(60)])
-    path, moving = smooth(steady(way), np.full(KEPT, np.nan), 60, onset=25)
-    assert not path[:25][:, [2, 3, 7, 8]].any()
-    assert not moving[:25].any()
-    assert moving[25:].all()
-
-
 def test_one_leg_swings_beside_its_person() -> None:
     """Legs 0.4 m apart in turn, of which one is seen, are no person who runs from side to side."""
     swing = 0.2 * np.sign(np.sin(2 * math.pi * 0.1 * np.arange(80) / 1.1))
@@ -205,52 +196,3 @@ def test_one_leg_swings_beside_its_person() -> None:
     person, _ = smooth(seen._replace(legs=np.ones(80, np.uint8)), np.full(KEPT, np.nan), 80)
     thing, _ = smooth(seen, np.full(KEPT, np.nan), 80)
     assert np.abs(person[10:70, 2] - 1.0).max() < 0.25 < np.abs(thing[10:70, 2] - 1.0).max()
-
-
-def test_the_middle_between_two_sides_of_which_one_may_be_unknown() -> None:
-    assert smoothing.centre_of(1.0, 2.0, 0.04, 0.08, 0.7, 0.01) == (1.5, pytest.approx(0.03), 0.0)
-    # The error of the size is the same in every sweep: it is told apart, too.
-    assert smoothing.centre_of(1.0, 1.2, 0.04, -1.0, 0.7, 0.01) == (pytest.approx(1.7), pytest.approx(0.05), 0.01)
-    assert smoothing.centre_of(1.8, 2.0, -1.0, 0.04, 0.7, 0.01) == (pytest.approx(1.3), pytest.approx(0.05), 0.01)
-    assert smoothing.centre_of(1.0, 2.0, -1.0, -1.0, 0.7, 0.01) == (1.5, smoothing.UNKNOWN_VAR, 0.0)
-
-
-def test_sides_along_the_axes_of_a_body_are_a_place_in_the_world() -> None:
-    yaw = 0.6
-    c, s = math.cos(yaw), math.sin(yaw)
-    sighted: dict[str, Any] = {
-        "centred": np.zeros(1, np.int64),
-        "cos": np.array([c]),
-        "sin": np.array([s]),
-        "half_1": np.array([0.1]),
-        "half_2": np.array([0.1]),
-        "z": np.array([[1.0, 1.8, 0.3, 0.4]]),
-        "var": np.array([[0.02, 0.02, 0.01, -1.0]]),
-    }
-    smoother = Smoother(1, 1)
-    # Early sightings did not know how large it is: what is known in the end counts.
-    smoother.locate(0, sighted, np.zeros(1, np.int64), np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, False)
-    along, across, turn = 1.4, 0.55, np.array([[c, -s], [s, c]])
-    assert (smoother.place[0], smoother.place[1]) == pytest.approx((c * along - s * across, s * along + c * across))
-    noise, size = (turn @ np.diag(values) @ turn.T for values in ([0.01, 0.012], [0.0, 0.002]))
-    assert [smoother.noise[k] for k in range(3)] == pytest.approx(noise[[0, 0, 1], [0, 1, 1]])
-    assert [smoother.common[k] for k in range(3)] == pytest.approx(size[[0, 0, 1], [0, 1, 1]])
-    smoother.locate(0, sighted, np.zeros(1, np.int64), np.array([0.4, 0.25]), np.array([0.0, 0.002]), BOX, True)
-    assert smoother.noise[0] == pytest.approx(noise[0, 0] + smoothing.PART_VAR)
-
-
-def test_the_parts_of_one_sweep_are_one_place() -> None:
-    smoother = Smoother(4, 3)
-    places = np.array([[1.0, 0.0], [5.0, 5.0], [1.4, 0.2], [2.0, 1.0]])
-    sighted: dict[str, Any] = {name: np.zeros(4) for name in ("half_1", "half_2", "sin")}
-    sighted |= {"centred": np.ones(4, np.int64), "cos": np.ones(4)}
-    sighted |= {"z": np.repeat(places, 2, axis=1).copy(), "var": np.full((4, 4), 0.01)}
-    smoother.locate(0, sighted, np.arange(4), np.zeros(2), np.zeros(2), DISC, False)
-    parts = np.full(3, 9)
-    # Sweep 1 does not see it; sightings 0 and 2 are legs in sweep 0.
-    smoother.measure(np.array([2, 0, 3]), np.array([0, 0, 2]), parts, np.array([2, 1, 1], np.uint8))
-    assert parts.tolist() == [2, 0, 1]
-    assert (smoother.z[0], smoother.z[1]) == pytest.approx((1.2, 0.1))
-    assert smoother.r[0] == pytest.approx(0.005 + smoothing.LEGS_VAR)
-    assert (smoother.z[4], smoother.z[5]) == pytest.approx((2.0, 1.0))
-    assert smoother.r[6] == pytest.approx(0.01)
