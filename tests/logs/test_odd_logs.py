@@ -292,6 +292,18 @@ def test_a_bomb_of_a_gzip_csv_is_skipped(tmp_path: Path) -> None:
 # Files that change, and folders of all sorts.
 
 
+@pytest.mark.parametrize("upper", ["RUN.MCAP", "RUN.BAG", "RUN.DB3"])
+def test_suffixes_in_capitals(upper: str, tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    name = upper.lower()
+    message = scan([1.0, 2.0], encoding=WRITERS[name][0])
+    written(name, tmp_path, {"/scan": (LASERSCAN, [message] * 4)}).rename(folder / upper)
+    found = find_logs([str(folder), str(folder / upper)])
+    assert [source.name for source in found if isinstance(source, Source)] == ["RUN", "RUN"]
+    assert [inspect_log(source).scans[0].sweeps for source in found if isinstance(source, Source)] == [4, 4]
+
+
 def test_a_folder_of_all_kinds(tmp_path: Path) -> None:
     """ROS 1 and ROS 2 side by side, a pipe, a link in a circle, a bag without its metadata and what is no log."""
     for name, (encoding, write) in WRITERS.items():
