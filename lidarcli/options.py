@@ -687,9 +687,9 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
         "(2026-11-22T10:00:00Z).",
     ]
     view: Annotated[
-        Literal["all", "scene", "sweep", "difference", "polar"],
+        Literal["all", "scene", "sweep"],
         Option(PICTURE, VIEWS, VIEWS[0]),
-        "The scene from above, r(theta) with s(theta), the difference, polar, or scene and curves (all).",
+        "The scene from above, its curves r(theta) and s(theta) (sweep), or both (all).",
     ]
     topic: Annotated[str | None, Option(PICTURE, Text("NAME"), shown="the first by name"), "LaserScan topic to draw."]
     background: Annotated[
@@ -723,7 +723,7 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
     ]
     title: Annotated[bool, Option(LOOK, None, True), "Write a title above the picture."]
     legend: Annotated[bool, Option(LOOK, None, True), "Explain the marks in a legend."]
-    vertices: Annotated[bool, Option(LOOK, None, False), "Mark vertices and nearest points in the scene and in polar, too."]
+    vertices: Annotated[bool, Option(LOOK, None, False), "Mark vertices and nearest points in the scene, too."]
 
 
 class Reporting(Joining, total=False):
@@ -863,5 +863,5 @@ PLOT_RULES = (
     Rule(("tracks",), ("view=all|scene|map",), "is drawn in the scene; give --view all, scene or map", True),
     Rule(("zones",), ("view=all|scene",), "is drawn in the scene; give --view all or scene", True),
     Rule(("fps",), ("animate",), "is for --animate", True),
-    Rule(("vertices",), ("view=all|scene|polar",), "is for the scene; give --view all, scene or polar", True),
+    Rule(("vertices",), ("view=all|scene",), "is for the scene; give --view all or scene", True),
 )

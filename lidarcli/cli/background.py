@@ -14,7 +14,7 @@ from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import File, Option
 from lidarcli.options import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, TextOrJson, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 if TYPE_CHECKING:
     from lidarcli.formalism.background import Background
@@ -56,14 +56,14 @@ def build(messages: Messages, options: BuildCommand) -> int:
     logs = log_options(options)
 
     from lidarcli.pipeline.building import (
-        Building,
+        BackgroundBuilder,
         BuildOptions,
         draw_background,
         refuse_nothing,
         refuse_output,
         scene_notes,
     )
-    from lidarcli.pipeline.runs.outcomes import exit_code
+    from lidarcli.pipeline.runs.over_logs import exit_code
 
     path = place(options["output"])
     messages.begin(options)
@@ -71,7 +71,7 @@ def build(messages: Messages, options: BuildCommand) -> int:
     refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
     if options["dry_run"]:
         return print_reads(sources, [options["output"], figure] if figure else [options["output"]])
-    building = Building(
+    building = BackgroundBuilder(
         BuildOptions(*logs, distance=options["station_distance"], angle=math.radians(options["station_angle"]))
     )
     codes = []

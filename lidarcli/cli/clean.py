@@ -6,7 +6,7 @@ from lidarcli.cli.commands import command, usage_errors
 from lidarcli.cli.messages import Messages, of_one_log
 from lidarcli.option_forms import Argument
 from lidarcli.options import INPUT, Cleaning, Reported, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class CleanCommand(Reported, Cleaning, total=False):

@@ -15,7 +15,7 @@ from lidarcli.display import counted, moment, no_command
 from lidarcli.option_forms import Option, Rule, Text
 from lidarcli.options import FINDINGS, OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.screen import one_line
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 if TYPE_CHECKING:
     from lidarcli.findings import Finding
@@ -80,7 +80,7 @@ def info(say: Messages, told: InfoCommand) -> int:
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of
     from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
-    from lidarcli.pipeline.runs.outcomes import Failure, exit_code
+    from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 
     checks = understand_checks(told["check"], deep)
     paths = [place(name) for name in outputs]

@@ -5,7 +5,7 @@ from typing import Annotated
 from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import Messages, of_one_log
 from lidarcli.options import OVERLAY_RULES, OneLog, Overlaying, Overwrite, TextOrJson, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class OverlayCommand(OneLog, Overwrite, TextOrJson, Overlaying, total=False):

@@ -21,7 +21,7 @@ from lidarcli.cli.messages import Messages, counted_bar, standard_output
 from lidarcli.errors import OptionError
 from lidarcli.option_forms import Number, Option, Text, options_of
 from lidarcli.options import LOOK, PICTURE, PLOT_RULES, STDOUT, SWEEP, OneLog, Overwrite, Plotting, Window, output
-from lidarcli.stores.url import Place, place
+from lidarcli.stores import Place, place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Source
@@ -97,7 +97,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
   lidarcli plot run.mcap --at 2026-11-22T10:00:00Z
   lidarcli plot run.mcap --view scene --width 89 --no-title -o fig.pdf
   lidarcli plot run.bag --topic /front_scan --sweeps 0,50,100 -o front.svg
-  lidarcli plot run.mcap --sweep 50 --profile paper --view difference -o s.png
+  lidarcli plot run.mcap --sweep 50 --profile paper --view sweep -o s.png
   lidarcli plot run.mcap --sweep 9 --background empty.parquet -o change.png
   lidarcli plot run.mcap --sweep 80 --tracks run.tracks.parquet -o paths.png
   lidarcli plot run.mcap --sweep 80 --zones nav2.yaml -o zones.png

@@ -7,7 +7,7 @@ from lidarcli.cli.messages import Messages, counted_bar, of_one_log, standard_ou
 from lidarcli.display import counted
 from lidarcli.option_forms import Argument, File, Option, Rule, options_of
 from lidarcli.options import OUTPUT, STDOUT, Exporting, OneLog, Overwrite, Reading, Reported, Simulating, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class ExportCommand(Overwrite, Exporting, total=False):

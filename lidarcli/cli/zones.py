@@ -10,7 +10,7 @@ from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
 from lidarcli.options import GATES, STDOUT, ZONE_RULES, ManyLogs, Reported, Zoning, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
@@ -56,11 +56,11 @@ def zones(say: Messages, told: ZonesCommand) -> int:
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.zoning import zone_options
-    from lidarcli.pipeline.zoning import Gates, ZoneSummary, refuse_outputs, watch_files
+    from lidarcli.pipeline.zoning import ZoneSummary, judge, refuse_outputs, understand, watch_files
 
     with usage_errors():
         options = zone_options(told, logs, overwrite=told["overwrite"])
-        gates = Gates(options, told["check"])
+        checks = understand(options, told["check"])
     say.begin(told)
     sources = chosen_logs(say, told)
     if options.objects is not None and len(sources) != 1:
@@ -72,7 +72,7 @@ def zones(say: Messages, told: ZonesCommand) -> int:
     keep_freed_memory()
     say.of_missing_core()
     total = Total()
-    failed = False
+    failed, tables = False, []
 
     def tell(run: ZoneSummary) -> list[str]:
         where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
@@ -83,10 +83,10 @@ def zones(say: Messages, told: ZonesCommand) -> int:
             total.add(outcome)
             show(outcome, say, tell)
             if isinstance(outcome.summary, ZoneSummary):
-                gates.add(outcome.summary.tables)
+                tables += [outcome.summary.tables] if checks else []
             else:
                 failed = True
-    verdicts, unobserved = ([], ()) if failed else gates.verdicts()
+    verdicts, unobserved = ([], ()) if failed else judge(checks, tables)
     for line in unobserved:
         say.error("incomplete", line)
     for verdict in verdicts:

@@ -12,7 +12,7 @@ import numpy as np
 from lidarcli.choices import ECHOES
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.blocks import TOO_MANY, Locate, ScanLayout, as_singles, keep_sound, pad_intensities, pad_rows, split_rows
-from lidarcli.logs.times import DATE, S, to_ns
+from lidarcli.logs.cells import DATE, S, to_ns
 from lidarcli.ros.cursor import MAX_NAME, NAME_LONG
 from lidarcli.sweeps import Float32, Int64, RawSweeps
 

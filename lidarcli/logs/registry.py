@@ -22,7 +22,7 @@ from typing import Any, BinaryIO, cast
 
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES, Log, OpenOptions
-from lidarcli.logs.beginnings import is_carmen, is_json_lines
+from lidarcli.logs.text import is_carmen, is_json_lines
 from lidarcli.ros.bag_metadata import METADATA
 
 HEAD = 4096

@@ -17,6 +17,7 @@ from lidarcli.choices import ABOVE, INF, KEEP, MATCH, NAN
 from lidarcli.copying import MCAP, ROS1, ROS2, Copy, copy_log, replaced
 from lidarcli.display import counted
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.findings import LEAP
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.tracking.results import HIDDEN, VIEWS
 from lidarcli.formalism.tracking.tracker import share_moving
@@ -24,29 +25,24 @@ from lidarcli.formalism.zones import samples, seen
 from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import Locate
-from lidarcli.logs.clock import LEAP
 from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Polygon
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
-from lidarcli.pipeline.detecting import detect_beside, second_of_two
+from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.search import SUFFIXES
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, world_in
-from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.pipeline.overlay_sources import Cursor
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, rules_of
-from lidarcli.pipeline.reading.pose_sources import NO_POSES, NONE, Need
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NO_POSES, NONE, Need, PoseAttacher
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
-from lidarcli.pose.faults import Key
+from lidarcli.pose.fit import Key
 from lidarcli.range_rules import RangeRules
-from lidarcli.stores.url import Place, Url
+from lidarcli.stores import Place, Url
 from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
-from lidarcli.tabular.arrays import held, numbers
-from lidarcli.tabular.reading import file_metadata, note_value, read_columns
-from lidarcli.tabular.rows import constant
+from lidarcli.tabular.columns import constant, held, numbers, restamped
+from lidarcli.tabular.reading import TopicRows, file_metadata, note_value, read_columns
 from lidarcli.tabular.schemas import CLEANED, SCHEMAS
-from lidarcli.tabular.stamps import restamped
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_metadata, table_suffix
 from lidarcli.times import SECOND_NS
 from lidarcli.zone import WORLD
@@ -140,7 +136,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         outputs = (path, _table_path(path))
         new = stack.enter_context(NewFiles(outputs, options.overwrite, _bag(log, source, path)))
         private = new.part(path).with_name(f"{path.name}.tables")
-        pair, found = detect_beside(source, private, options.detect, progress)
+        pair, found = detect_to_temporary(source, private, options.detect, progress)
         notes = file_metadata(pair.sweeps)
         described = note_value(notes, SOURCE, dict)
         if joined := described.get("segments"):
@@ -152,7 +148,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
         blind = _blind(pair)
         _refuse_motion(log, pair, described, options, rules, blind)
-        chosen = choose(log, pair, options, rules, second_of_two(progress, source.size))
+        chosen = choose(log, pair, options, rules, second_half(progress, source.size))
         editing = _Editing(chosen, options.value)
         copy = Copy(editing, ReadReport())
         with writing(path):
@@ -277,7 +273,7 @@ def _refuse_motion(
         return
     detect = options.detect
     choice = TopicChoice(detect.read.topics, log.topics())
-    paths = Posing.of(log, NO_POSES, choice, rules, need=Need.MOVING).paths
+    paths = PoseAttacher.of(log, NO_POSES, choice, rules, need=Need.MOVING).paths
     tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "set", "sweeps")).to_pylist()
     for topic in unplaced:
         looks = [path for (name, _), path in paths.items() if name == topic]
@@ -430,11 +426,11 @@ def choose(
     temporary = _temporary(log, pair, options, rules) if "temporary" in options.remove else {}
     agents = _agents(pair) if "agents" in options.remove else {}
     found: dict[str, list[Chosen]] = {}
-    cursors: dict[str, Cursor] = {}
+    cursors: dict[str, TopicRows] = {}
     for batch in _batches(log, options, rules):
         topic = batch.topic
         if topic not in cursors:
-            cursors[topic] = Cursor(pair.objects, "objects", OBJECT_COLUMNS, topic)
+            cursors[topic] = TopicRows(pair.objects, "objects", OBJECT_COLUMNS, topic)
         rows = cursors[topic].until(int(batch.sweep[-1]) + 1)
         objects = Objects.of(rows, batch)
         reason = np.zeros(batch.ranges.shape, np.uint8)
@@ -830,7 +826,7 @@ def _temporary(log: Log, pair: TableSet, options: CleanOptions, rules: RangeRule
     if not stays:
         return {}
     topics = TopicChoice(options.detect.read.topics, log.topics())
-    posing = Posing.of(log, options.detect.poses, topics, rules, need=Need.MOVING)
+    posing = PoseAttacher.of(log, options.detect.poses, topics, rules, need=Need.MOVING)
     sensors = (
         ((whole.topic, frame), batch)
         for whole in _batches(log, options, rules)

@@ -18,7 +18,7 @@ from lidarcli import machine
 from lidarcli.cli.settings import version_text
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.reading import one_log
+from lidarcli.pipeline import detecting
 from lidarcli.screen import one_line
 from lidarcli.simulation.writers import write_log
 from tests.waiting import HANG, endless, wait_until
@@ -235,14 +235,14 @@ def test_no_input_and_no_command(lidarcli: Run) -> None:
 def test_bug_in_one_log_is_reported_and_the_rest_done(
     logs: Path, tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = one_log.open_source
+    real = detecting.open_source
 
     def buggy(source: Any, csv: Any) -> Any:
         if source.name == "two":
             raise ZeroDivisionError("oops")
         return real(source, csv)
 
-    monkeypatch.setattr(one_log, "open_source", buggy)
+    monkeypatch.setattr(detecting, "open_source", buggy)
     ran = lidarcli("-q", "detect", logs / "two.mcap", logs / "run.mcap", "-o", tmp_path)
     assert ran.code == 70
     assert ran.err.startswith("Traceback (most recent call last):\n")
@@ -376,7 +376,7 @@ def test_too_little_memory_is_no_bug(
         raise error
 
     inside = place == "open_source"
-    monkeypatch.setattr(one_log if inside else machine, place, fail)
+    monkeypatch.setattr(detecting if inside else machine, place, fail)
     ran = lidarcli("-q", "detect", logs / "run.mcap", "-o", tmp_path)
     assert ran.code == 3
     log = f"{logs / 'run.mcap'}: " if inside else ""

@@ -208,17 +208,6 @@ def test_a_joined_log_is_one_log_of_a_run(drive: Path, lidarcli: Run, tmp_path: 
     words = [line.split()[0] for line in lidarcli(*run, "--dry-run").out.splitlines()]
     assert words == ["read", "write", "write", "skip"]
     assert lidarcli("-q", *run).code == 0
-    sizes = [path.stat().st_size for path in (tmp_path / "bags" / "parts").iterdir()]
-    manifests = (tmp_path / "out" / "_lidarcli").glob("*.parquet")
-    rows = [row for file in sorted(manifests) for row in pq.read_table(file).to_pylist()]
-    assert [(row["log"], row["sweeps"]) for row in rows] == [
-        ("parts/drive", SWEEPS),
-        ("room", 100),
-        ("parts/drive", SWEEPS + 100),
-    ]
-    assert rows[-1]["size"] == sum(sizes)
-    # Without a manifest the tables tell it.
-    shutil.rmtree(tmp_path / "out" / "_lidarcli")
     read = [line for line in lidarcli(*run, "--dry-run").out.splitlines() if not line.startswith("write")]
     assert [line.split()[0] for line in read] == ["skip", "skip"]
 

@@ -79,17 +79,6 @@ def test_a_damaged_log_is_mapped_as_far_as_it_can_be_read(lidarcli: Run, walk: P
     assert json.loads(metadata[b"lidarcli.damage"])[0].startswith("cut.mcap: ")
 
 
-def test_a_damaged_database_is_mapped_as_far_as_it_can_be_read(lidarcli: Run, tmp_path: Path) -> None:
-    log = tmp_path / "cut.db3"
-    data = DRIVE.read_bytes()
-    log.write_bytes(data[: len(data) * 3 // 4])
-    ran = lidarcli("map", log, "-o", tmp_path / "m.yaml")
-    assert ran.code == 3
-    assert ran.err.startswith(f"lidarcli: {log}: ")
-    assert names(tmp_path) == ["cut.db3", "m.pgm", "m.yaml"]
-    assert len(occupied(tmp_path / "m.yaml")) > 100
-
-
 @pytest.mark.parametrize("kind", ["nothing", "zero"])
 @pytest.mark.parametrize("suffix", ["mcap", "yaml", "png", "ply"])
 def test_sweeps_that_see_nothing(lidarcli: Run, tmp_path: Path, kind: str, suffix: str) -> None:
@@ -102,25 +91,6 @@ def test_sweeps_that_see_nothing(lidarcli: Run, tmp_path: Path, kind: str, suffi
     assert (ran.code, counted in ran.err.splitlines(), out.exists()) == (0, True, True)
     if suffix == "yaml":
         assert read_map(out).occupied == 0
-
-
-@pytest.mark.parametrize("beams", [1, 2])
-def test_sweeps_of_few_beams(lidarcli: Run, tmp_path: Path, beams: int) -> None:
-    log, path = still(tmp_path, np.full((5, beams), 2.02, np.float32), angle_min=0.0)
-    thresholds = ("--min-move", 0, "--min-hits", 1, "--occupied-ratio", 0)
-    ran = lidarcli("map", log, "--poses", path, "-o", tmp_path / "m.yaml", *thresholds)
-    assert ran.code == 0
-    ahead, behind = {*range(40, 45)}, {*range(-41, -36)}
-    assert {i for i, _ in occupied(tmp_path / "m.yaml")} == ahead | (behind if beams == 2 else set())
-
-
-@pytest.mark.slow
-def test_a_sweep_of_many_beams(lidarcli: Run, tmp_path: Path) -> None:
-    log, path = still(tmp_path, np.full((3, 400_000), 4.0, np.float32))
-    ran = lidarcli("map", log, "--poses", path, "-o", tmp_path / "m.yaml", "--min-move", 0, "--min-hits", 1)
-    assert ran.code == 0
-    # Some cells of the circle are passed by the two other sweeps, which is not enough to free them.
-    assert len(occupied(tmp_path / "m.yaml")) > 8 * 4.0 / 0.05 - 20
 
 
 @pytest.mark.parametrize("step", [np.nan, np.inf, -np.inf, 1e30, -1e30, 1e-45])
@@ -205,19 +175,3 @@ def test_no_cell_outside_is_counted() -> None:
     command = [sys.executable, "-W", "ignore", "-c", BEYOND]
     ran = subprocess.run(command, cwd=ROOT, env=checked, capture_output=True, text=True, check=False)
     assert ran.stderr == ""
-
-
-def test_a_pose_that_jumps_far(lidarcli: Run, tmp_path: Path) -> None:
-    log, _ = still(tmp_path, np.full((9, 90), 3.0, np.float32))
-    (tmp_path / "p.tum").write_text("1700000000 0 0 0 0 0 0 1\n1700000001 1000000 0 0 0 0 0 1\n")
-    ran = lidarcli("map", log, "--poses", tmp_path / "p.tum", "-o", tmp_path / "m.yaml")
-    assert (ran.code, len(ran.err.splitlines())) == (2, 1)
-    assert f"{log}: the map would reach over " in ran.err
-    assert not (tmp_path / "m.yaml").exists()
-
-
-def test_a_pipe_with_a_path_from_a_file(process: Run, tmp_path: Path) -> None:
-    log, path = still(tmp_path, np.full((9, 90), 3.0, np.float32))
-    words = ("map", "-", "--poses", path, "-o", tmp_path / "m.yaml")
-    ran = process(*words, input=log.read_bytes())
-    assert (ran.returncode, (tmp_path / "m.yaml").exists()) == (0, True), ran.stderr

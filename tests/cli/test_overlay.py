@@ -25,9 +25,9 @@ from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs import open_log
 from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, ReadReport
 from lidarcli.maps import pgm_bytes, yaml_bytes
-from lidarcli.overlays import files
+from lidarcli.overlays import viewers
 from lidarcli.overlays.objects import PART
-from lidarcli.reports.palette import BLUE, VERMILION, on_dark
+from lidarcli.palette import BLUE, VERMILION, on_dark
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.overlays.reading import Read, read_back, stamp_ns
@@ -502,8 +502,8 @@ def test_a_full_disk_is_told_and_leaves_nothing(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(files.McapFile, "write", full)
-    monkeypatch.setattr(files.BagFile, "write", full)
+    monkeypatch.setattr(viewers.McapFile, "write", full)
+    monkeypatch.setattr(viewers.BagFile, "write", full)
     out = tmp_path / "out"
     ran = lidarcli("overlay", str(logs / "run.mcap"), "-o", str(out / f"o{suffix}"))
     assert ran.code == 5

@@ -54,7 +54,7 @@ def test_one_sweep(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_sweep_without_beams_is_an_empty_picture(lidarcli: Run, tmp_path: Path) -> None:
     write_log(tmp_path / "none.mcap", [raw_sweeps(np.zeros((9, 0), np.float32))])
-    for view in ("all", "scene", "sweep", "difference", "polar"):
+    for view in ("all", "scene", "sweep"):
         out = tmp_path / f"{view}.png"
         ran = lidarcli("plot", tmp_path / "none.mcap", "--sweep", 3, "--view", view, "-o", out)
         assert ran.code == 0
@@ -312,7 +312,7 @@ def test_an_animation_of_a_time(lidarcli: Run, logs: Path, tmp_path: Path) -> No
         (("--end", 5, "-o", "a.png"), 2, "--start and --end are for --animate without"),
         (("--fps", 5, "-o", "a.png"), 2, "--fps is for --animate"),
         (("--dpi", 300, "-o", "a.pdf"), 2, "--dpi is for .png and animations; .svg and .pdf have no pixels"),
-        (("--vertices", "--view", "sweep", "-o", "a.png"), 2, "give --view all, scene or polar"),
+        (("--vertices", "--view", "sweep", "-o", "a.png"), 2, "give --view all or scene"),
         (("--width", 10, "-o", "a.png"), 2, "Invalid value for '--width': 10 is below 40."),
         (("--fps", 60, "--animate", "-o", "a.gif"), 2, "Invalid value for '--fps': 60 is above 50."),
         (("--sweep", 20, "-o", "a.png"), 2, "no sweep 20 of /scan: the last one is 19"),
@@ -326,7 +326,7 @@ def test_an_animation_of_a_time(lidarcli: Run, logs: Path, tmp_path: Path) -> No
         (("--animate", "-o", "a.png"), 2, "a.png: the suffix has to be one of .gif, .mp4"),
         (("--sweeps", "1,2", "-o", "-"), 2, "standard output takes one picture"),
         (
-            ("--tracks", "run.tracks.parquet", "--view", "polar", "-o", "a.png"),
+            ("--tracks", "run.tracks.parquet", "--view", "sweep", "-o", "a.png"),
             2,
             "--tracks are drawn in the scene; give --view all or scene",
         ),

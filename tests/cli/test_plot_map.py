@@ -89,14 +89,14 @@ def test_points_of_a_sweep_lie_on_the_map() -> None:
         grid, shot = picture.grid, picture.snapshot
         assert grid is not None
         assert shot is not None
-        column = np.floor((shot.points[0] - grid.x) / grid.resolution).astype(int)
-        row = np.floor((shot.points[1] - grid.y) / grid.resolution).astype(int)
+        column = np.floor((shot.points[:, 0] - grid.x) / grid.resolution).astype(int)
+        row = np.floor((shot.points[:, 1] - grid.y) / grid.resolution).astype(int)
         near = [(grid.cells[j - 1 : j + 2, i - 1 : i + 2] == 100).any() for i, j in zip(column, row, strict=True)]
         assert len(near) > 300
         assert np.mean(near) > 0.94
         assert len(shot.boxes) >= 2
         (path,) = picture.paths
-        assert np.hypot(path[0] - shot.x, path[1] - shot.y).min() < 0.21
+        assert np.hypot(*(path - shot.pose[:2]).T).min() < 0.21
 
 
 @pytest.mark.slow
@@ -159,9 +159,10 @@ def test_the_world_of_a_sensor_that_stands_without_poses_is_its_frame(lidarcli: 
     stand = {(row["x"], row["y"]) for row in tracks if row["set"] == "O"}
     assert {(box.x, box.y) for box in picture.boxes} <= stand
     assert len(picture.boxes) >= 2
-    assert [number for number, _, _ in picture.agents] == [row["track"] for row in tracks if row["set"] == "A"]
+    assert [number for number, _ in picture.agents] == [row["track"] for row in tracks if row["set"] == "A"]
     ways = pq.read_table(tmp_path / "people.trajectories.parquet").to_pylist()
-    for number, x, y in picture.agents:
+    for number, path in picture.agents:
+        x, y = path.T
         mine = [(row["x"], row["y"]) for row in ways if row["track"] == number]
         assert [*zip(x.tolist(), y.tolist(), strict=True)] == mine
     # Of a sensor that drives nobody knows where its things are, be the path matched or not.
@@ -192,7 +193,7 @@ def test_tracks_of_other_topics_are_left_out(lidarcli: Run, tmp_path: Path) -> N
         read = ReadOptions(topics=frozenset({topic}))
         (picture,) = take_map(found, MapOptions(read), tracks=str(tmp_path)).pictures
         mine = [row for row in tracks if row["topic"] == topic]
-        assert [number for number, _, _ in picture.agents] == [row["track"] for row in mine if row["set"] == "A"]
+        assert [number for number, _ in picture.agents] == [row["track"] for row in mine if row["set"] == "A"]
         assert [box.name for box in picture.boxes] == [str(row["track"]) for row in mine if row["set"] == "O"]
         assert len(picture.paths) == 1
     assert lidarcli("-q", "track", log, "-o", tmp_path / "one", "--topic", "/scan").code == 0

@@ -340,16 +340,6 @@ def test_tracks_of_other_objects_are_told(lidarcli: Run, run: Path, tracked: Pat
     assert (ran.code, "not a table of lidarcli track: no column end" in ran.err) == (3, True)
 
 
-def test_tables_of_an_older_version(lidarcli: Run, run: Path) -> None:
-    newer = ["t", "vx", "vy", "moving", "label", "label_score"]
-    table = pq.read_table(run)
-    pq.write_table(table.drop_columns(newer), run)
-    ran = lidarcli("report", run, "--check", "objects == 30")
-    assert (ran.code, ran.err) == (0, "")
-    ran = lidarcli("report", run, "--check", "objects where label == box == 0")
-    assert (ran.code, "no column label, which a check asks for; an older version" in ran.err) == (3, True)
-
-
 def test_a_baseline_with_and_without_tracks(lidarcli: Run, run: Path, tracked: Path) -> None:
     ran = lidarcli("report", tracked, "--baseline", tracked, "--check", "delta.tracks == 0")
     assert (ran.code, "agents_at_once.max 2 2 0" in " ".join(ran.out.split())) == (0, True)
@@ -431,21 +421,6 @@ def test_the_nearest_beam(lidarcli: Run, tmp_path: Path) -> None:
     )
     for check in ("sweeps where nearest < 0.5 == 1", "sweeps where nearest is null == 1", "nearest.max == 2"):
         assert lidarcli("report", run, "--check", check).code == 0
-    older = write_run(tmp_path / "older", [sweep(0)], [])
-    sweeps = older.with_name("run.sweeps.parquet")
-    table = pq.read_table(sweeps)
-    pq.write_table(table.drop_columns(["nearest", "nearest_theta"]), sweeps)
-    assert lidarcli("report", older).code == 0
-    for check in ("nearest.min > 0.5", "nearest.p05 >= 0", "sweeps where nearest < 0.5 == 0"):
-        ran = lidarcli("report", older, "--check", check)
-        assert (ran.code, ran.out) == (3, "")
-        assert ran.err == (
-            f"lidarcli: {sweeps}: no column nearest, which a check asks for; an older version has written this table: "
-            "write it again\n"
-        )
-    assert lidarcli("report", run, older, "--check", "nearest.min > 0.1").code == 3
-    ran = lidarcli("report", run, "--baseline", older, "--check", "delta.nearest.min > 0")
-    assert (ran.code, ran.err.startswith(f"lidarcli: {sweeps}: no column nearest")) == (3, True)
 
 
 def test_checks_of_a_damaged_log_are_not_passed_in_silence(lidarcli: Run, run: Path, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ import pytest
 
 import lidarcli as package
 from lidarcli.simulation.writers import write_log
-from lidarcli.tabular.stamps import restamped
+from lidarcli.tabular.columns import restamped
 from tests.sweeping import START, STEP, raw_sweeps, round_room
 
 Run = Callable[..., Any]

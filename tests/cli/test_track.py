@@ -20,10 +20,9 @@ import pytest
 
 from lidarcli.choices import SIGNIFICANCE
 from lidarcli.cli import cli
-from lidarcli.cli.detect import detect
-from lidarcli.cli.track import track
+from lidarcli.cli.detect import detect, track
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.pipeline.objects import following
+from lidarcli.pipeline.objects import tracking
 from lidarcli.pipeline.runs import over_logs
 from lidarcli.tabular import SCHEMAS
 from tests.pipeline.patient import Patient
@@ -36,7 +35,7 @@ TABLES = ("objects", "sweeps", "tracks", "trajectories")
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every second object is an agent."""
-    monkeypatch.setattr(following, "Tracker", Patient)
+    monkeypatch.setattr(tracking, "Tracker", Patient)
 
 
 def names(folder: Path) -> list[str]:

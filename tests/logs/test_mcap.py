@@ -17,7 +17,7 @@ from lidarcli.logs import foxglove, mcap
 from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.sweeps import RawSweeps, concatenate
 from lidarcli.tabular.reading import file_metadata
 from lidarcli.tabular.writing import DAMAGE

@@ -28,7 +28,7 @@ from lidarcli.pipeline.detecting import detect_files, detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.ros.messages import ros2_definition
 from tests.logs.mcap_samples import chunks
 from tests.logs.scan_messages import scan

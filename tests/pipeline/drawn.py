@@ -13,7 +13,7 @@ import numpy as np
 from lidarcli.logs import open_log
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.reading.path_check import CheckedPath, check_paths
-from lidarcli.pipeline.reading.pose_sources import find_poses
+from lidarcli.pipeline.reading.posing import find_poses
 from lidarcli.range_rules import RangeRules
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make

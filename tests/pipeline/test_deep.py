@@ -15,8 +15,9 @@ from lidarcli.errors import OptionError
 from lidarcli.findings import Finding, transform_lines
 from lidarcli.logs.base import OpenOptions
 from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.reading.deep import DeepFindings, deep_findings
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make
@@ -428,9 +429,9 @@ def test_a_log_without_sweeps_has_no_finding(tmp_path: Path) -> None:
 
 
 def test_a_pipe_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidarcli.pipeline.reading.deep.open_source", lambda *_: FakeLog(size=None))
+    monkeypatch.setattr("lidarcli.pipeline.inspecting.open_source", lambda *_: FakeLog(size=None))
     with pytest.raises(OptionError, match="--deep reads a log twice"):
-        deep_findings(Source("-", "run"))
+        inspect_log(Source("-", "run"), deep=True)
 
 
 # --- real logs ------------------------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from lidarcli.pipeline.api.options import (
 from lidarcli.pipeline.cleaning import CleanOptions, clean_log
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.runs.over_logs import progress_of
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 @with_keywords

@@ -21,7 +21,7 @@ from lidarcli.pipeline.differing import Difference, diff_inputs, inputs_of, refu
 from lidarcli.pipeline.exporting import chosen, export_file, format_of
 from lidarcli.pipeline.inputs.tables import tables_to_export
 from lidarcli.simulation import Simulated, run
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 @with_keywords

@@ -28,18 +28,18 @@ from lidarcli.pipeline.api.options import (
     watched,
     with_keywords,
 )
-from lidarcli.pipeline.building import Building, BuildOptions, refuse_nothing, refuse_output
-from lidarcli.pipeline.detecting import Failed
+from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions, refuse_nothing, refuse_output
+from lidarcli.pipeline.detecting import ErrorCollector
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inspecting import info_dict, inspect_log
 from lidarcli.pipeline.mapping import MapOptions, MapRun
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.trajectories import PathOptions, read_path, refuse_path, write_path
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 from lidarcli.sweeps import SweepBatch
 
 
@@ -72,11 +72,11 @@ def read(log: Paths, **options: Unpack[Reading]) -> Iterator[SweepBatch]:
 
 def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBatch]:
     read, opening, poses = options
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     for source in sources:
         with failed.noted(source), open_source(source, opening) as log:
             masking = masking_of(log, read.rules, poses, read.topics)
-            posing = Posing.of(log, poses, TopicChoice(read.topics, log.topics()), masking.rules)
+            posing = PoseAttacher.of(log, poses, TopicChoice(read.topics, log.topics()), masking.rules)
             report = ReadReport()
             is_empty = True
             for batch in read_batches(log, replace(read, rules=masking.rules), report):
@@ -109,7 +109,7 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
     """
     read, opening, poses = log_options(options)
     sources = sources_of(log, options["join"])
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     found = []
     with watched(progress, sources) as report:
         for source in sources:
@@ -148,7 +148,7 @@ def background(
     OutputError
         The table cannot be written.
     """
-    building = Building(
+    building = BackgroundBuilder(
         BuildOptions(
             *log_options(options), distance=options["station_distance"], angle=math.radians(options["station_angle"])
         )
@@ -199,7 +199,7 @@ def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options
         **{name: value for name, value in options.items() if name not in options_of(Reading)},  # type: ignore[arg-type]
     )
     sources = sources_of(log, options["join"])
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     outputs = [place(each) for each in several(output)]
     with MapRun(sources, outputs, made_with) as run, watched(progress, sources) as report:
         for source in sources:

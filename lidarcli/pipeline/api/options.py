@@ -32,16 +32,16 @@ from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
-from lidarcli.pipeline.reading.pose_sources import NONE, PoseOptions
+from lidarcli.pipeline.reading.posing import NONE, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, summed
 from lidarcli.range_rules import RangeRules, parse_no_return
 from lidarcli.screen import Screen, byte_bar, count_bar
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.differing import DiffOptions
-    from lidarcli.pipeline.objects.following import TrackOptions
-    from lidarcli.pipeline.objects.options import DetectOptions
+    from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
 Values = Mapping[str, Any]
@@ -295,7 +295,7 @@ def detect_options(
     **more: Any,
 ) -> DetectOptions:
     """Return how objects are found; `parameters` replace the keywords of what an object is."""
-    from lidarcli.pipeline.objects.options import DetectOptions
+    from lidarcli.pipeline.objects.detection import DetectOptions
 
     background = background_options(options)
     catalogue = options["catalogue"]
@@ -318,7 +318,7 @@ def tracking_of(options: Values) -> TrackOptions:
     """Return how things are followed."""
     # These imports take long, and only tracking needs them.
     from lidarcli.formalism.parameters import TrackParameters
-    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
     how = TrackParameters(significance=options["significance"], memory=options["memory"])
     return TrackOptions(how, trajectories=options.get("trajectories", True))
@@ -328,7 +328,7 @@ def memory_of(options: Values) -> TrackOptions | None:
     """Return how `detect` judges things by all sweeps, if it does."""
     if not options["memory"]:
         return None
-    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
     return TrackOptions(tracks=False)
 

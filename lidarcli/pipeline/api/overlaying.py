@@ -26,7 +26,7 @@ from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.overlaying import OverlayOptions, refuse_overlay, write_overlay
 from lidarcli.pipeline.runs.over_logs import progress_of
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 @with_keywords(OVERLAY_RULES)

@@ -34,7 +34,7 @@ from lidarcli.tabular.schemas import BRIEF
 if TYPE_CHECKING:
     import pandas as pd
 
-    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
 LogsOrBatches = Paths | SweepBatch | Iterable[SweepBatch]
 

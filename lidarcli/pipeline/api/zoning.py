@@ -26,7 +26,7 @@ from lidarcli.pipeline.api.options import (
     watched,
     with_keywords,
 )
-from lidarcli.pipeline.detecting import Failed
+from lidarcli.pipeline.detecting import ErrorCollector
 from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.zoning import ZoneOptions, ZoneTables, refuse_options, watch
@@ -58,7 +58,7 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
         raise TypeError("zones() needs zones=FILE")
     how = zone_options(options, log_options(options))
     sources = sources_of(log, options["join"])
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     found: list[ZoneTables] = []
     with watched(progress, sources) as report:
         for source in sources:

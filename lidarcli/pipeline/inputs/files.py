@@ -12,7 +12,7 @@ from fnmatch import fnmatch, fnmatchcase
 from pathlib import Path, PurePosixPath
 
 from lidarcli.errors import UnreadableError, unreadable
-from lidarcli.stores.url import Place, State, Url, has_bucket, listing, place, read_object
+from lidarcli.stores import Place, State, Url, has_bucket, listing, place, read_object
 
 Objects = Mapping[Url, State]
 """Objects of a store, each with the state it was found in."""

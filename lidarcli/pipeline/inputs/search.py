@@ -23,7 +23,7 @@ from lidarcli.logs.joined import Numbered, natural, numbered
 from lidarcli.logs.registry import is_bag
 from lidarcli.pipeline.inputs.files import Objects, fixed_part, folder_of_pattern, matcher_of, matching, read_file
 from lidarcli.pipeline.inputs.sources import STDIN, MissingInput, Source, hold_one_sweep_each
-from lidarcli.stores.url import Place, State, Url, has_bucket, head, is_folder, is_url, listing, place
+from lidarcli.stores import Place, State, Url, has_bucket, head, is_folder, is_url, listing, place
 
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *TEXT_LOG_SUFFIXES)
 """Suffixes of logs in a folder that is searched; a file that is named is opened whatever its suffix."""
@@ -377,13 +377,13 @@ def _matching(text: str, pattern: Url) -> list[Source | MissingInput]:
 
 
 def _source(url: Url, name: str, objects: Objects) -> Source | MissingInput:
-    """Return an object as a log, unless its URL reads like one with options."""
+    """Return an object as a log, unless its URL reads like one with credentials."""
     try:
         is_same = place(str(url)) == url
     except OptionError:
         is_same = False
     if not is_same:
-        return _odd(url, "has an empty part (//)" if "//" in url.key else "reads like the options of a URL")
+        return _odd(url, "has an empty part (//)" if "//" in url.key else "reads like credentials")
     return Source(str(url), name, found=objects[url])
 
 
@@ -473,13 +473,6 @@ def _lines(listed: str) -> list[tuple[int, str]]:
 
 def _listed(line: str) -> list[Source | MissingInput]:
     """Return the logs that a line of a list names."""
-    where = place(line) if is_url(line) else None
-    if isinstance(where, Url) and where.options:
-        error = UnreadableError(
-            "a list takes no options of a URL (?endpoint_override=): they say where credentials are sent; name the log on "
-            "the command line, or set AWS_ENDPOINT_URL"
-        )
-        return [MissingInput(line, error)]
     return [_object(line)] if _is_object(line) else find_logs([line])
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, BinaryIO, Self, cast
+from typing import TYPE_CHECKING, Self
 
 from lidarcli.choices import JOIN
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
@@ -16,7 +15,7 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.joined import JoinedLog, Part
 from lidarcli.logs.segments import join
-from lidarcli.stores.url import State, Url, is_url, place
+from lidarcli.stores import State, Url, fetch, is_url, place
 from lidarcli.sweeps import RawSweeps
 
 if TYPE_CHECKING:
@@ -235,37 +234,15 @@ def open_stored(url: Url, files: Sequence[Url], opening: OpenOptions | None) -> 
 
 
 def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
-    """Open an object that is a log by itself."""
-    from lidarcli.logs.registry import HEAD, MCAP, ROS1
-    from lidarcli.stores.reading import StoreFile
-    from lidarcli.stores.url import PIECE
-
-    file = stack.enter_context(StoreFile(url))
-    stream = cast(BinaryIO, file)
-    head = file.read(HEAD) or b""
-    file.seek(0)
-    if head.startswith(MCAP):
-        from lidarcli.logs.mcap import McapLog
-
-        file.keep()
-        return McapLog(stream, opening, str(url), file.size)
-    if head.startswith(ROS1):
-        # Its reader makes a temporary file of a stream, which has no name: nothing is left of it whatever happens.
-        from lidarcli.logs.rosbag1 import Rosbag1Log
-
-        with _named(url, "-"):
-            return cast(Log, Rosbag1Log(stream, opening))
+    """Open an object that is a log by itself, copied to this machine first."""
     copy = _scratch(stack) / url.name
-    with copy.open("wb") as out:
-        shutil.copyfileobj(file, out, PIECE)
+    fetch(url, copy)
     with _named(url, str(copy)):
         return open_log(copy, opening=opening)
 
 
 def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack: ExitStack) -> Log:
     """Open a log of several objects, which are copied to this machine first."""
-    from lidarcli.stores.reading import fetch
-
     folder = _scratch(stack) / "log"
     # The folders below a pattern tell apart files of one name.
     base = _common_folder(files)
@@ -440,7 +417,7 @@ class SlicedLog(ChangedLog):
 
     def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         from lidarcli.logs.clouds import Slicer
-        from lidarcli.pose.tree import TreeLevels
+        from lidarcli.pose.sources import TreeLevels
 
         tracks = self.poses().tracks if self.size is not None else ()
         sensors = [topic.name for topic in self.topics() or () if topic.is_scan]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from base64 import b64decode, b64encode
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.files import Named, files_named
 from lidarcli.reports.columns import Origin, Rows
-from lidarcli.stores.url import Place, Url, place
+from lidarcli.stores import Place, place
 from lidarcli.tabular.reading import (
     MAKERS,
     HeldTable,
@@ -209,11 +209,9 @@ def _is_named_below(folder: str, file: Place) -> bool:
 
 def _table_of(file: Place) -> tuple[str, TableSet] | None:
     """Return the name of the table that a file is, by its path, and the tables of its log; None for other files."""
-    query = f"?{file.options}" if isinstance(file, Url) and file.options else ""
     for table in SCHEMAS:
         if file.name.endswith(table_suffix(table)):
-            words = str(file).removesuffix(query).removesuffix(f"{table}.parquet")
-            return table, TableSet(words, f".parquet{query}")
+            return table, TableSet(str(file).removesuffix(f"{table}.parquet"), ".parquet")
     if file.suffix != ".parquet":
         return None
     parts = str(file).split("/")
@@ -235,17 +233,6 @@ def read_table(table_set: TableSet, kind: str, columns: Iterable[str]) -> pa.Tab
     if not path.exists():
         raise UnreadableError(f"{path}: not there; lidarcli {MAKERS.get(kind, 'detect')} writes it")
     return read_columns(path, kind, SCHEMAS[kind], columns)
-
-
-def require(table_set: TableSet, kind: str, columns: Collection[str]) -> None:
-    """Refuse a table without these columns, which are null where an older version has written it."""
-    there = column_names(getattr(table_set, kind), kind) if columns else []
-    missing = sorted({*columns} - {*there})
-    if missing:
-        raise UnreadableError(
-            f"{getattr(table_set, kind)}: no column {', '.join(missing)}, which a check asks for; "
-            "an older version has written this table: write it again"
-        )
 
 
 def read_changes(path: Readable) -> pa.Table:
