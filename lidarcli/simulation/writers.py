@@ -9,10 +9,9 @@ import json
 import math
 import sqlite3
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from math import cos, sin
 from pathlib import Path
 from typing import IO, Any
@@ -552,13 +551,6 @@ def stamp_parts(block: RawSweeps, row: int) -> list[str]:
     return [str(part) for part in divmod(int(block.stamp_ns[row]), _S)]
 
 
-_COMPRESSIONS: dict[str, tuple[Iterable[str], str]] = {
-    "mcap": (MCAP_COMPRESSIONS, "zstd"),
-    "bag": (BAG_COMPRESSIONS, "none"),
-    "ros2": (FOLDER_COMPRESSIONS, "none"),
-    "ros2-mcap": (FOLDER_COMPRESSIONS, "none"),
-}
-"""Container → its compressions and the default; the others are not compressed."""
 BAG_FOLDERS = ("ros2", "ros2-mcap")
 """Containers that are a folder."""
 
@@ -577,6 +569,40 @@ def container_of(path: Path) -> str:
     )
 
 
+_CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
+    "mcap": {"encoding": tuple(ENCODINGS), "compression": tuple(MCAP_COMPRESSIONS)},
+    "bag": {"compression": tuple(BAG_COMPRESSIONS)},
+    "ros2": {"compression": tuple(FOLDER_COMPRESSIONS)},
+    "ros2-mcap": {"compression": tuple(FOLDER_COMPRESSIONS)},
+    "db3": {"compression": ("none",)},
+    "csv": {"layout": tuple(CSV_LAYOUTS), "compression": ("none",)},
+}
+"""Container → its options and their values."""
+
+
+def check_options(
+    path: Path,
+    container: str | None,
+    compression: str | None,
+    encoding: str | None,
+    layout: str | None,
+    clouds: bool = False,
+) -> str:
+    """Return the container of a log; raise OptionError for options that do not fit it."""
+    kind = container or container_of(path)
+    if kind not in _CHOICES:
+        raise OptionError(f"{path}: container '{kind}' is not one of {', '.join(CONTAINERS)}")
+    if clouds and kind == "csv":
+        raise OptionError(f"{path}: clouds do not apply to the container '{kind}'")
+    for option, value in (("encoding", encoding), ("layout", layout), ("compression", compression)):
+        choices = _CHOICES[kind].get(option, ())
+        if value is not None and not choices:
+            raise OptionError(f"{path}: {option} '{value}' does not apply to the container '{kind}'")
+        if value is not None and value not in choices:
+            raise OptionError(f"{path}: {option} '{value}' is not one of {', '.join(choices)} ({kind})")
+    return kind
+
+
 def write_log(
     path: str | Path,
     blocks: Iterable[RawSweeps],
@@ -592,68 +618,23 @@ def write_log(
     """Write sweeps into a new log; the same sweeps and options give the same bytes.
 
     `compression`: none, lz4, zstd for MCAP; none, bz2, lz4 for ROS 1 bags; none, zstd (the file), zstd-message for ROS 2
-    folders. `encoding` (MCAP): cdr, ros1, json, protobuf. `layout` (CSV): rostopic, wide. CSV has no place
-    for `poses`. `clouds`: point clouds instead of LaserScan, in logs of messages.
-    Raises OptionError for options that do not fit the container, OutputError for a path that exists.
+    folders. `encoding` (MCAP): cdr, ros1, json, protobuf. `layout` (CSV): rostopic, wide. CSV has no place for `poses`.
+    `clouds`: point clouds instead of LaserScan, in logs of messages. Raises OptionError for options that do not fit the
+    container, OutputError for a path that exists.
     """
     target = Path(path)
-    kind = container or container_of(target)
-    write = _writer(str(path), kind, compression, encoding, layout, chunk_size, poses, clouds)
+    kind = check_options(target, container, compression, encoding, layout, clouds)
     if target.exists() or target.is_symlink():
         raise OutputError(f"{path}: exists already")
-    write(target, blocks)
-
-
-def check_options(
-    path: Path,
-    container: str | None,
-    compression: str | None,
-    encoding: str | None,
-    layout: str | None,
-    clouds: bool = False,
-) -> None:
-    """Raise OptionError where `write_log` would, before any work is done."""
-    _writer(str(path), container or container_of(path), compression, encoding, layout, 1, None, clouds)
-
-
-def _writer(
-    path: str,
-    container: str,
-    compression: str | None,
-    encoding: str | None,
-    layout: str | None,
-    chunk_size: int,
-    poses: SimulatedPoses | None,
-    clouds: bool,
-) -> Callable[[Path, Iterable[RawSweeps]], None]:
-    """Check the options against the container and bind them to its writer."""
-
-    def one_of(option: str, value: str | None, choices: Sequence[str], default: str) -> str:
-        if value is None:
-            return default
-        if not choices:
-            raise OptionError(f"{path}: {option} '{value}' does not apply to the container '{container}'")
-        if value not in choices:
-            raise OptionError(f"{path}: {option} '{value}' is not one of {', '.join(choices)} ({container})")
-        return value
-
-    encodings = tuple(ENCODINGS) if container == "mcap" else ()
-    encode = one_of("encoding", encoding, encodings, "cdr")
-    if container != "csv":
-        one_of("layout", layout, (), "")
-    if clouds and container == "csv":
-        raise OptionError(f"{path}: clouds do not apply to the container '{container}'")
-    if container not in CONTAINERS:
-        raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")
-    compressions, default = _COMPRESSIONS.get(container, (("none",), "none"))
-    packed = one_of("compression", compression, tuple(compressions), default)
-    if container == "mcap":
-        return partial(write_mcap, encoding=encode, compression=packed, chunk_size=chunk_size, poses=poses, clouds=clouds)
-    if container == "bag":
-        return partial(write_bag, compression=packed, poses=poses, clouds=clouds)
-    if container in BAG_FOLDERS:
-        storage = "mcap" if container == "ros2-mcap" else "sqlite3"
-        return partial(write_folder, storage=storage, compression=packed, poses=poses, clouds=clouds)
-    if container == "db3":
-        return partial(write_db3, poses=poses, clouds=clouds)
-    return partial(write_csv, layout=one_of("layout", layout, tuple(CSV_LAYOUTS), next(iter(CSV_LAYOUTS))))
+    packed = {} if compression is None else {"compression": compression}
+    if kind == "mcap":
+        write_mcap(target, blocks, encoding=encoding or "cdr", chunk_size=chunk_size, poses=poses, clouds=clouds, **packed)
+    elif kind == "bag":
+        write_bag(target, blocks, poses=poses, clouds=clouds, **packed)
+    elif kind in BAG_FOLDERS:
+        storage = "mcap" if kind == "ros2-mcap" else "sqlite3"
+        write_folder(target, blocks, storage=storage, poses=poses, clouds=clouds, **packed)
+    elif kind == "db3":
+        write_db3(target, blocks, poses=poses, clouds=clouds)
+    else:
+        write_csv(target, blocks, layout or "rostopic")
