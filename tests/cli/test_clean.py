@@ -11,10 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
 
-from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLEANED
 from tests.places import SAMPLES
 from tests.sweeping import START, STEP, room_sweeps
+from tests.text_logs import write_log
 
 Run = Callable[..., Any]
 BOX = 30

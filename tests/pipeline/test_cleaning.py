@@ -23,11 +23,11 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.cleaning import REASONS, neighbours
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
-from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import Bool, Closure, Float64
 from tests.pipeline import drawn
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 from tests.sweeping import raw_sweeps, room_sweeps, round_room
+from tests.text_logs import write_log
 
 SENSOR = replace(SENSORS["1081"], noise=0.01, lost=0.003, lost_as="mixed", mixed_pixels=0.3)
 SLOWEST = 0.02
