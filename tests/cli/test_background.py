@@ -21,7 +21,6 @@ from tests.sweeping import raw_sweeps, round_room
 Run = Callable[..., Any]
 
 ROOM = SAMPLES / "room.mcap"
-EMPTY = ROOM.with_name("room_empty.mcap")
 
 
 def empty_room(count: int = 20, beams: int = 360, frame: str = "laser", first: float = -np.pi) -> RawSweeps:
@@ -127,21 +126,6 @@ def drifting(count: int = 60) -> RawSweeps:
     return raw_sweeps(ranges.astype(np.float32), angle_increment=np.float32(2 * np.pi / 360))
 
 
-def test_weak_support_is_told(tmp_path: Path, lidarcli: Run) -> None:
-    write_log(tmp_path / "crowd.mcap", [crowd()])
-    file = tmp_path / "b.parquet"
-    ran = lidarcli("background", "build", tmp_path / "crowd.mcap", "-o", file, "--pose", "none")
-    told = "support below 50%: 40 of 360 beams of /scan (laser): most sweeps saw something else there (--plot shows where)"
-    assert ran.code == 0
-    assert ran.err.splitlines()[1] == f"note: {told}"
-    r_e = np.array(pq.read_table(file)["r_e"].to_pylist())
-    assert r_e[100:140] == pytest.approx(4.0)
-    assert f"  note          {told}" in lidarcli("info", file).out.splitlines()
-    (told_of,) = json.loads(lidarcli("info", file, "--format", "json").out)
-    (sensor,) = told_of["sensors"]
-    assert (sensor["weak"], sensor["seems_moved"]) == (40, False)
-
-
 def test_a_sensor_that_moved_without_poses_is_told(tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "moved.mcap", [drifting()])
     file = tmp_path / "b.parquet"
@@ -217,24 +201,6 @@ def test_nothing_to_learn_from_writes_nothing(scene: Path, tmp_path: Path, lidar
     ran = lidarcli(*build, "--start", "60")
     assert (ran.code, ran.err.splitlines()[-1]) == (4, "lidarcli: no sweep to learn a background from")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_info_for_people(scene: Path, lidarcli: Run) -> None:
-    ran = lidarcli("info", scene / "empty.parquet")
-    assert (ran.code, ran.err) == (0, "")
-    assert ran.out.splitlines() == [
-        str(scene / "empty.parquet"),
-        f"  version       {package.__version__}",
-        "  from          empty.mcap (mcap)",
-        "  /scan (frame laser)",
-        "    beams       360 from -180.00 to 179.00 deg",
-        "    stations    1, pose unknown",
-        "    sweeps      20",
-        "    background  surface 359 (99.7%), open 1 (0.3%), unknown 0 (0.0%)",
-        "    r_e         4.00 to 4.00 m",
-        "    spread      0.000 m (median)",
-        "    support     100.0% (median), least 100.0%",
-    ]
 
 
 def test_info_for_programs(scene: Path, lidarcli: Run) -> None:
@@ -318,24 +284,47 @@ def test_subtract_writes_the_bytes_of_detect(
         assert lidarcli(*words, *asked[:3], "-o", "-").out.count('"change":"appeared"') == 30
 
 
-def test_a_stream(scene: Path, logs: Path, lidarcli: Run) -> None:
-    options = ("--background", scene / "empty.parquet", "-o", "-", "--end", "0.05")
-    ran = lidarcli("-q", "detect", logs / "run.mcap", *options)
-    rows = [json.loads(line) for line in ran.out.splitlines()]
-    assert [(row["change"], round(row["difference"], 3)) for row in rows] == [("appeared", -2.0), ("appeared", -2.5)]
+def test_detect_finds_what_is_new(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli("detect", logs / "run.mcap", "--background", scene / "empty.parquet", "-o", tmp_path, "--beams")
+    assert ran.code == 0
+    assert notes(ran.err) == ["compared with empty.parquet: 30 appeared"]
+    objects = pq.read_table(tmp_path / "run.objects.parquet")
+    assert objects["beam_i"].to_pylist() == [40, 200] * 10 + [40] * 10
+    assert objects["change"].to_pylist() == ["appeared"] * 30
+    assert objects["difference"].to_pylist() == pytest.approx([-2.0, -2.5] * 10 + [-2.0] * 10)
+    swept = pq.read_table(tmp_path / "run.sweeps.parquet")
+    assert swept["station"].to_pylist() == [0] * 20
+    sums = [swept[name].to_numpy() for name in ("object_beams", "agent_beams", "noise_beams")]
+    assert sum(sums).tolist() == swept["beams"].to_pylist()
+    beams = pq.read_table(tmp_path / "run.beams.parquet")
+    assert beams["difference"].to_pylist()[38:42] == pytest.approx([0.0, 0.0, -2.0, -2.0])
+    assert beams["difference"].to_pylist()[10] == pytest.approx(0.0)
+    parameters = json.loads(objects.schema.metadata[b"lidarcli.parameters"])
+    assert parameters["max_width"] is None
+    assert parameters["background"]["file"] == "empty.parquet"
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--removed",), "--removed, --any-frame and --station-... are for --background FILE"),
-        (("--station-distance", "1"), "--removed, --any-frame and --station-... are for --background FILE"),
-    ],
-)
-def test_options_of_a_background_need_one(logs: Path, lidarcli: Run, options: tuple[str, ...], message: str) -> None:
-    ran = lidarcli("detect", logs / "run.mcap", "-o", "-", *options)
-    assert ran.code == 2
-    assert message in ran.err
+def test_what_has_gone_is_there_when_it_is_asked_for(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    """The background of the first second, in which the second box had not left."""
+    early = tmp_path / "early.parquet"
+    assert lidarcli("-q", "background", "build", logs / "run.mcap", "-o", early, "--end", "0.95").code == 0
+    common = ("detect", logs / "run.mcap", "--background", early, "-o", tmp_path, "--overwrite")
+    assert notes(lidarcli(*common).err) == ["compared with early.parquet: 0 appeared"]
+    ran = lidarcli(*common, "--removed", "--beams")
+    assert ran.err.splitlines()[0] == f"{logs / 'run.mcap'}: 20 sweeps, 0 objects"
+    assert notes(ran.err) == ["compared with early.parquet: 0 appeared, 10 removed"]
+    # What has gone is no object of the sweep: its beams end on the wall behind it.
+    sweeps, beams = (pq.read_table(tmp_path / f"run.{table}.parquet") for table in ("sweeps", "beams"))
+    assert {*sweeps["objects"].to_pylist(), *sweeps["object_beams"].to_pylist()} == {0}
+    assert sweeps["noise_beams"].to_pylist() == sweeps["beams"].to_pylist()
+    assert {*beams["set"].to_pylist()} == {"S"}
+    assert beams["object"].null_count == beams.num_rows
+    objects = pq.read_table(tmp_path / "run.objects.parquet")
+    assert objects["sweep"].to_pylist() == list(range(10, 20))
+    assert set(objects["change"].to_pylist()) == {"removed"}
+    assert set(objects["beam_i"].to_pylist()) == {200}
+    assert objects["r_i"].to_pylist() == pytest.approx([1.5] * 10)
+    assert objects["difference"].to_pylist() == pytest.approx([2.5] * 10)
 
 
 def test_another_frame_is_refused_unless_told(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
@@ -430,15 +419,3 @@ def test_sweeps_without_a_station_are_counted(tmp_path: Path, lidarcli: Run) -> 
     assert notes(ran.err)[-1].endswith("40 of 40 sweeps of frame laser, not compared; 40 of them have no pose")
     ran = lidarcli("detect", away, "--background", route, "-o", "-", "--station-distance", "9", "--station-angle", "30")
     assert not any("without a station" in note for note in notes(ran.err))
-
-
-def test_the_samples(tmp_path: Path, lidarcli: Run) -> None:
-    """Empty room, then the same room with five things in it: each is found in every sweep, and nothing else."""
-    file = tmp_path / "empty.parquet"
-    assert lidarcli("-q", "background", "build", EMPTY, "-o", file).code == 0
-    assert lidarcli("-q", "detect", EMPTY, "--background", file, "-o", tmp_path, "--removed").code == 0
-    assert pq.read_table(tmp_path / "room_empty.objects.parquet").num_rows == 0
-    ran = lidarcli("detect", ROOM, "--background", file, "-o", tmp_path, "--removed")
-    assert notes(ran.err)[0].endswith(", 0 removed")
-    swept = pq.read_table(tmp_path / "room.sweeps.parquet").to_pandas()
-    assert (swept.objects == 5).mean() >= 0.95

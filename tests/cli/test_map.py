@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import errno
 import json
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,7 @@ from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps import CloudPoints, PlyWriter, read_map
 from lidarcli.pipeline.mapping import WRITERS
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLOUD
 from tests.cli.maps import COUNTED, DRIVE, FITS_NOTE, POSES_NOTE, Run, mapped, names, occupied, ply, still
@@ -109,19 +108,6 @@ def test_clouds(lidarcli: Run, tmp_path: Path) -> None:
     assert np.mean(there) > 0.985
 
 
-@pytest.mark.slow
-def test_everything_at_once_twice_and_quietly(lidarcli: Run, tmp_path: Path) -> None:
-    for folder in ("a", "b"):
-        outputs = [
-            word for name in ("m.yaml", "m.png", "m.mcap", "m.ply", "m.pcd") for word in ("-o", tmp_path / folder / name)
-        ]
-        ran = lidarcli("-q", "map", DRIVE, *outputs)
-        assert (ran.code, ran.out, ran.err) == (0, "", "")
-    assert names(tmp_path / "a") == ["m.mcap", "m.pcd", "m.pgm", "m.ply", "m.png", "m.yaml"]
-    for name in names(tmp_path / "a"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
-
-
 @pytest.mark.parametrize("size", [7, pytest.param(1, marks=pytest.mark.slow)])
 def test_batches_do_not_matter(tmp_path: Path, size: int) -> None:
     options: dict[str, Any] = {"free_no_return": 2.0, "voxel": 0.02}
@@ -153,15 +139,19 @@ def two_sensors(folder: Path) -> tuple[Path, Path]:
     return path, folder / "two.tum"
 
 
-def test_two_sensors_are_both_in_the_map(lidarcli: Run, tmp_path: Path) -> None:
+def test_clouds_of_two_sensors_have_the_same_points_whatever_the_batches(tmp_path: Path) -> None:
+    """Topics take turns by batches, and with them the points."""
     log, path = two_sensors(tmp_path)
-    ran = lidarcli("map", log, "--poses", path, "-o", tmp_path / "m.parquet", "--min-move", 0)
-    assert ran.code == 0
-    table = pq.read_table(tmp_path / "m.parquet")
-    assert Counter(table["topic"].to_pylist()) == {"/a": 20 * 90, "/b": 20 * 90}
-    ran = lidarcli("map", log, "--poses", path, "-o", tmp_path / "b.parquet", "--topic", "b")
-    assert ran.code == 0
-    assert set(pq.read_table(tmp_path / "b.parquet")["topic"].to_pylist()) == {"/b"}
+    found = []
+    for size in (768, 3):
+        out = tmp_path / f"{size}.parquet"
+        mapped([log], [out], ReadOptions(batch_size=size), poses=PoseOptions(file=str(path)))
+        order = [("topic", "ascending"), ("sweep", "ascending"), ("beam", "ascending")]
+        names = ["topic", "sweep", "beam", "x", "y"]
+        table = pq.read_table(out, columns=names)
+        found.append(table.set_column(0, "topic", table["topic"].cast("string")).sort_by(order))
+    assert found[0].equals(found[1])
+    assert len(found[0]) > 100
 
 
 def test_two_topics_of_one_frame_count_once(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
@@ -220,23 +210,3 @@ def test_a_cloud_that_cannot_be_written_ends_the_run(
     ran = lidarcli("map", log, log, *words)
     assert (ran.code, ran.out) == (5, "")
     assert names(tmp_path) == ["odd.mcap", "odd.tum"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("suffix", ["ply", "pcd", "parquet"])
-def test_no_room_for_a_cloud(walk: Path, tmp_path: Path, suffix: str) -> None:
-    """A limit on the size of files, met when the last bytes are written."""
-    command = ["sh", "-c", 'ulimit -f 1; exec "$@"', "sh", sys.executable, "-m", "lidarcli", "-q", "map"]
-    words = [str(walk / "walk.mcap"), "-o", str(tmp_path / f"m.{suffix}"), "--voxel", "0.5"]
-    ran = subprocess.run([*command, *words], capture_output=True, text=True, check=False)
-    assert (ran.returncode, len(ran.stderr.splitlines())) == (5, 1)
-    assert f"cannot write {tmp_path / f'm.{suffix}'}: " in ran.stderr
-    assert names(tmp_path) == []
-
-
-def test_names_of_files(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
-    for name in ("häß 'x' \"y\"", "two\nlines", "a: b #c", "-o"):
-        out = tmp_path / f"{name}.yaml"
-        assert lidarcli("-q", "map", walk / "walk.mcap", "-o", out).code == 0
-        assert out.with_suffix(".pgm").exists()
-        assert read_map(out).occupied == 1086

@@ -65,10 +65,18 @@ def test_what_exists_is_not_replaced_unasked(lidarcli: Run, tmp_path: Path, ther
     assert names(tmp_path) == ["m.pgm", "m.ply", "m.yaml"]
 
 
-def test_an_output_that_is_an_input(lidarcli: Run, logs: Path, walk: Path, tmp_path: Path) -> None:
-    log = tmp_path / "run.mcap"
-    log.write_bytes((walk / "walk.mcap").read_bytes())
-    before = log.read_bytes()
-    ran = lidarcli("map", log, "-o", log, "--overwrite")
-    assert (ran.code, ran.err) == (5, f"lidarcli: {log} is an input of this run ({log}); write elsewhere with -o\n")
-    assert log.read_bytes() == before
+@pytest.mark.parametrize(
+    ("words", "cause"),
+    [
+        (("--without-agents", "-o", "m.png"), "No such option '--without-agents'. Did you mean '--without'?"),
+        (
+            ("--without", "temporary", "-o", "m.png"),
+            "Invalid value for '--without': 'temporary' is not agents, which is all that a map leaves out.",
+        ),
+        (("--voxel", "0.1", "-o", "m.png"), "--voxel is for a point cloud: give -o with .ply, .pcd, .parquet"),
+    ],
+)
+def test_an_option_without_its_output(lidarcli: Run, words: tuple[str, ...], cause: str) -> None:
+    ran = lidarcli("map", DRIVE, *words)
+    assert ran.code == 2
+    assert cause in ran.err

@@ -1,4 +1,4 @@
-"""`lidarcli.read`, `info`, `background`, `map` and `poses`: sweeps of logs, and what they tell as a whole."""
+"""`lidarcli.read`, `info`, `background`, `map`, `poses` and `simulate`: logs, what they hold, and one made of a scene."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import read_batches
 from lidarcli.logs.options import TopicChoice, clouds_hint, no_scan_topic
 from lidarcli.option_forms import options_of
-from lidarcli.options import AnyPath, Inspecting, Learning, Mapping, Paths, Reading, parse_without
+from lidarcli.options import AnyPath, Inspecting, Learning, Mapping, Paths, Reading, Simulating, parse_without
 from lidarcli.pipeline.api.options import (
     LogOptions,
     Progress,
+    counting,
     log_options,
     paths_of,
     several,
@@ -39,6 +40,7 @@ from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.trajectories import PathOptions, read_path, refuse_path, write_path
+from lidarcli.simulation import Simulated, run
 from lidarcli.stores import place
 from lidarcli.sweeps import SweepBatch
 
@@ -254,3 +256,37 @@ def poses(
     for line in found.damage:
         warn(f"{source.label}: {line}")
     return found.table
+
+
+@with_keywords
+def simulate(
+    scene: AnyPath, output: AnyPath, overwrite: bool = False, *, progress: Progress = False, **options: Unpack[Simulating]
+) -> Simulated:
+    """Ray-cast a scene into a log, with the truth beside it.
+
+    Parameters
+    ----------
+    scene : scene file (TOML, samples/README.md)
+    output : log to write; its suffix names the container, no suffix a ROS 2 bag folder
+    overwrite : True to replace files that exist
+
+    Returns
+    -------
+    Simulated
+        `log`, `truth`, `truth_beams` and `true_map`, the files that were written, and the number of `sweeps`.
+
+    Raises
+    ------
+    UnreadableError
+        The scene cannot be read.
+    OptionError
+        The scene or a value has no meaning.
+    OutputError
+        A file exists, or cannot be written.
+    """
+    name = fspath(scene)
+    with counting(progress, name, "sweeps") as report:
+        made = run.simulate(name, fspath(output), overwrite=overwrite, progress=report, **options)
+    for note in made.notes:
+        warn(note)
+    return made
