@@ -99,7 +99,7 @@ def test_remissions_are_lines_of_their_own(tmp_path: Path) -> None:
     assert found.intensities is None
 
 
-@pytest.mark.parametrize("layout", sorted({*LAYOUTS} - {*WITH}))
+@pytest.mark.parametrize("layout", sorted({*LAYOUTS} - {*WITH, "drow"}))
 def test_other_layouts_have_no_place_for_them(layout: str, tmp_path: Path) -> None:
     name = "run" if layout == "per-sweep" else "run.csv"
     write_log(tmp_path / name, [lit()], container="csv", layout=layout)
