@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -17,15 +16,15 @@ TRANSFORM = "foxglove.FrameTransform"
 NUMBER_KINDS = ("", "u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8")
 """Types of the numbers of a point by their number, as numpy spells them."""
 
-_STAMP = "google.protobuf.Timestamp"
-_NUMBER = "foxglove.PackedElementField.NumericType"
+STAMP = "google.protobuf.Timestamp"
+NUMBER = "foxglove.PackedElementField.NumericType"
 _NUMBER_NAMES = ("UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64")
-_FIELDS: dict[str, tuple[tuple[str, str], ...]] = {
+FIELDS: dict[str, tuple[tuple[str, str], ...]] = {
     "foxglove.Vector3": (("x", "double"), ("y", "double"), ("z", "double")),
     "foxglove.Quaternion": (("x", "double"), ("y", "double"), ("z", "double"), ("w", "double")),
     "foxglove.Pose": (("position", "foxglove.Vector3"), ("orientation", "foxglove.Quaternion")),
     SCAN: (
-        ("timestamp", _STAMP),
+        ("timestamp", STAMP),
         ("frame_id", "string"),
         ("pose", "foxglove.Pose"),
         ("start_angle", "double"),
@@ -33,17 +32,17 @@ _FIELDS: dict[str, tuple[tuple[str, str], ...]] = {
         ("ranges", "double[]"),
         ("intensities", "double[]"),
     ),
-    POSE: (("timestamp", _STAMP), ("frame_id", "string"), ("pose", "foxglove.Pose")),
+    POSE: (("timestamp", STAMP), ("frame_id", "string"), ("pose", "foxglove.Pose")),
     TRANSFORM: (
-        ("timestamp", _STAMP),
+        ("timestamp", STAMP),
         ("parent_frame_id", "string"),
         ("child_frame_id", "string"),
         ("translation", "foxglove.Vector3"),
         ("rotation", "foxglove.Quaternion"),
     ),
-    "foxglove.PackedElementField": (("name", "string"), ("offset", "fixed32"), ("type", _NUMBER)),
+    "foxglove.PackedElementField": (("name", "string"), ("offset", "fixed32"), ("type", NUMBER)),
     CLOUD: (
-        ("timestamp", _STAMP),
+        ("timestamp", STAMP),
         ("frame_id", "string"),
         ("pose", "foxglove.Pose"),
         ("point_stride", "fixed32"),
@@ -52,32 +51,6 @@ _FIELDS: dict[str, tuple[tuple[str, str], ...]] = {
     ),
 }
 """Message type → its fields; their protobuf numbers count from 1."""
-
-_JSON_TYPES: dict[str, dict[str, Any]] = {
-    "double": {"type": "number"},
-    "string": {"type": "string"},
-    "fixed32": {"type": "integer", "minimum": 0},
-    "bytes": {"type": "string", "contentEncoding": "base64"},
-    _STAMP: {
-        "type": "object",
-        "title": "time",
-        "properties": {part: {"type": "integer", "minimum": 0} for part in ("sec", "nsec")},
-    },
-    _NUMBER: {"type": "integer", "minimum": 0, "maximum": len(NUMBER_KINDS) - 1},
-}
-
-
-def json_schema(name: str) -> str:
-    """The JSON schema of a message type."""
-
-    def of(kind: str) -> dict[str, Any]:
-        if kind.endswith("[]"):
-            return {"type": "array", "items": of(kind[:-2])}
-        if kind in _FIELDS:
-            return {"type": "object", "properties": {field: of(inner) for field, inner in _FIELDS[kind]}}
-        return _JSON_TYPES[kind]
-
-    return json.dumps({"title": name, **of(name)})
 
 
 @cache
@@ -95,7 +68,7 @@ def descriptors() -> FileDescriptorSet:
         "fixed32": field_type.TYPE_FIXED32,
         "bytes": field_type.TYPE_BYTES,
     }
-    for name, fields in _FIELDS.items():
+    for name, fields in FIELDS.items():
         message = file.message_type.add(name=name.partition(".")[2])
         for number, (field_name, kind) in enumerate(fields, 1):
             field = message.field.add(name=field_name, number=number, label=field_type.LABEL_OPTIONAL)
@@ -104,9 +77,9 @@ def descriptors() -> FileDescriptorSet:
             if kind in plain:
                 field.type = plain[kind]
                 continue
-            field.type = field_type.TYPE_ENUM if kind == _NUMBER else field_type.TYPE_MESSAGE
+            field.type = field_type.TYPE_ENUM if kind == NUMBER else field_type.TYPE_MESSAGE
             field.type_name = f".{kind}"
-            if kind == _NUMBER:
+            if kind == NUMBER:
                 values = message.enum_type.add(name=kind.rpartition(".")[2])
                 for value, value_name in enumerate(_NUMBER_NAMES):
                     values.value.add(name=value_name, number=value)
@@ -124,4 +97,4 @@ def classes() -> dict[str, Any]:
     pool = DescriptorPool()
     for file in descriptors().file:
         pool.Add(file)
-    return {name: GetMessageClass(pool.FindMessageTypeByName(name)) for name in _FIELDS}
+    return {name: GetMessageClass(pool.FindMessageTypeByName(name)) for name in FIELDS}

@@ -772,7 +772,9 @@ class Simulating(TypedDict, total=False):
         "none, lz4, zstd (mcap); none, bz2, lz4 (bag); none, zstd, zstd-message (ros2).",
     ]
     encoding: Annotated[
-        str | None, Option(LOG, Text("NAME"), shown="cdr"), "Messages of an mcap: cdr, ros1, json, protobuf."
+        Literal["cdr", "ros1"] | None,
+        Option(LOG, ("cdr", "ros1"), shown="cdr"),
+        "Messages of an mcap: of ROS 2 or of ROS 1.",
     ]
     layout: Annotated[
         Literal["rostopic", "wide"] | None,

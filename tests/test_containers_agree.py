@@ -15,7 +15,7 @@ import lidarcli
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_blocks
 from lidarcli.simulation.scene import load_scene
-from lidarcli.simulation.writers import ENCODINGS, MCAP_COMPRESSIONS
+from lidarcli.simulation.writers import MCAP_COMPRESSIONS
 from lidarcli.sweeps import RawSweeps, SweepBatch
 from tests.places import SAMPLES
 from tests.text_logs import LAYOUTS, write_log
@@ -28,7 +28,7 @@ INEXACT = ("json", "protobuf")
 """foxglove.LaserScan states the last bearing instead of the increment."""
 BEARING_ERROR = 1e-9
 """[rad], and the metres that follow from it, where a container states the last bearing, or each, but no increment."""
-CLOUD_ENCODINGS = ("cdr", "ros1", "json", "protobuf")
+ENCODINGS = ("cdr", "ros1", "json", "protobuf")
 CLOUD_ERROR = 1e-4
 """[m], [rad] and what follows from it where coordinates of points are rounded to float32."""
 
@@ -61,7 +61,7 @@ def cases() -> list[Case]:
         inexact, bare = layout in ("long", "per-sweep"), layout in ("wide", "drow")
         found.append(Case(name, options, not inexact, geometry=not bare))
     found.append(Case("run.csv.gz"))
-    found += [Case("run.mcap", {"encoding": encoding, "clouds": True}) for encoding in CLOUD_ENCODINGS]
+    found += [Case("run.mcap", {"encoding": encoding, "clouds": True}) for encoding in ENCODINGS]
     found += [Case(name, {"clouds": True}) for name in ("run.bag", "run", "run.db3")]
     found += [Case("run.jsonl"), Case("run.jsonl.gz")]
     found += [Case("run.log", exact=False), Case("run.clf.gz", exact=False)]

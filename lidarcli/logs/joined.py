@@ -46,6 +46,15 @@ def numbered(name: str) -> Numbered | None:
     return Numbered(log, _DATE.sub("", log), int(number), (suffix or "").lower())
 
 
+def natural(name: str) -> list[tuple[int, str]]:
+    """Sort key that puts `_2` before `_10`.
+
+    >>> sorted(["bag_10.db3", "bag_2.db3"], key=natural)
+    ['bag_2.db3', 'bag_10.db3']
+    """
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
 @dataclass(frozen=True, slots=True)
 class Part:
     """A part of a log."""

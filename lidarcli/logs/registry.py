@@ -9,6 +9,7 @@ import codecs
 import glob
 import io
 import os
+import re
 import select
 import stat
 import sys
@@ -21,8 +22,8 @@ from typing import Any, BinaryIO, cast
 
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES, Log, OpenOptions
-from lidarcli.logs.rosbag2 import is_bag, is_storage
 from lidarcli.logs.text import is_carmen, is_json_lines
+from lidarcli.ros.bag_metadata import METADATA
 
 HEAD = 4096
 """Number of bytes that a format is recognised by."""
@@ -33,6 +34,8 @@ SQLITE = b"SQLite format 3\0"
 MCAP = (b"\x89MCAP0\r\n", b"\x89MCAP0\n")
 ROS1 = (b"#ROSBAG V", b"#ROSRECORD")
 
+_STORAGE = re.compile(r"\.(db3|mcap)(\.(zstd|zst))?$", re.IGNORECASE)
+_PART = re.compile(r"(.+)_(\d+)\.(?:db3|db3\.zstd|mcap\.zstd)")
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
@@ -56,6 +59,25 @@ class Format:
     def load(self) -> Any:
         """Return the reader's class; imported only now, so that a log costs the libraries of its own container alone."""
         return getattr(import_module(self.module), self.reader)
+
+
+def is_storage(name: str) -> bool:
+    """Return True for the name of a storage file."""
+    return _STORAGE.search(name) is not None
+
+
+def is_bag(names: Iterable[str]) -> bool:
+    """Return True if the files of a folder are those of one bag, by their names.
+
+    A bag may have lost its metadata.yaml: then all logs in the folder are parts of one name, `NAME_0`, `NAME_1`, ...
+
+    >>> is_bag(["run_0.db3", "run_1.db3"]), is_bag(["monday.db3", "run_0.db3"])
+    (True, False)
+    """
+    names = list(names)
+    logs = [_PART.fullmatch(name) for name in names if name.lower().endswith(BINARY_SUFFIXES)]
+    stems = {part[1] if part else None for part in logs}
+    return METADATA in names or (len(stems) == 1 and None not in stems)
 
 
 def _is_rosbag2(head: bytes) -> bool:

@@ -31,8 +31,9 @@ from lidarcli.logs.base import (
     Topic,
     ros_type,
 )
-from lidarcli.logs.joined import Part, PartedLog
+from lidarcli.logs.joined import Part, PartedLog, natural
 from lidarcli.logs.laserscan import MessageBatcher, scan_type
+from lidarcli.logs.registry import is_storage
 from lidarcli.logs.rosbag2_salvage import (
     BEFORE_ALL,
     HEADER,
@@ -48,8 +49,6 @@ from lidarcli.newfiles import scratch_folder
 from lidarcli.ros.bag_metadata import METADATA, named_files
 from lidarcli.sweeps import RawSweeps
 
-_STORAGE = re.compile(r"\.(db3|mcap)(\.(zstd|zst))?$", re.IGNORECASE)
-_PART = re.compile(r"(.+)_(\d+)\.(?:db3|db3\.zstd|mcap\.zstd)")
 _PACKED = re.compile(r"\.(zstd|zst)$", re.IGNORECASE)
 
 
@@ -61,25 +60,6 @@ class Folder:
     notes: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
     """Files that the metadata lists and that do not exist."""
-
-
-def is_storage(name: str) -> bool:
-    """Return True for the name of a storage file."""
-    return _STORAGE.search(name) is not None
-
-
-def is_bag(names: Iterable[str]) -> bool:
-    """Return True if the files of a folder are those of one bag, by their names.
-
-    A bag may have lost its metadata.yaml: then all logs in the folder are parts of one name, `NAME_0`, `NAME_1`, ...
-
-    >>> is_bag(["run_0.db3", "run_1.db3"]), is_bag(["monday.db3", "run_0.db3"])
-    (True, False)
-    """
-    names = list(names)
-    logs = [_PART.fullmatch(name) for name in names if name.lower().endswith(BINARY_SUFFIXES)]
-    stems = {part[1] if part else None for part in logs}
-    return METADATA in names or (len(stems) == 1 and None not in stems)
 
 
 def read_folder(folder: Path) -> Folder:
@@ -108,15 +88,6 @@ def _unnamed(ordered: Collection[str], there: Collection[str]) -> list[str]:
     if not ordered:
         twins = {name for name in twins if _PACKED.search(name)}
     return [name for name in there if name not in ordered and name not in twins]
-
-
-def natural(name: str) -> list[tuple[int, str]]:
-    """Sort key that puts `_2` before `_10`.
-
-    >>> sorted(["bag_10.db3", "bag_2.db3"], key=natural)
-    ['bag_2.db3', 'bag_10.db3']
-    """
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
 def _matched(named: Iterable[str], there: Iterable[str]) -> tuple[dict[str, None], list[str]]:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 import gzip
 import io
-import json
-import math
 import sqlite3
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from math import cos, sin
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
@@ -25,10 +21,8 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys.store import Typestore
 
-from lidarcli import foxglove
 from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS
 from lidarcli.errors import OptionError, OutputError
-from lidarcli.foxglove import descriptors, json_schema
 from lidarcli.ros.mcap_file import start
 from lidarcli.ros.messages import (
     BAG_COMPRESSIONS,
@@ -53,7 +47,7 @@ class Encoding:
     """An encoding of sweeps and poses as bytes."""
 
     name: str
-    """`cdr`, `ros1`, `json` or `protobuf`."""
+    """`cdr` or `ros1`."""
     scan_type: str
     odometry_type: str
     tf_type: str
@@ -112,85 +106,6 @@ CDR = _ros("cdr", ROS2, ROS2.serialize_cdr, ros1=False)
 ROS1_BYTES = _ros("ros1", ROS1, ROS1.serialize_ros1, ros1=True)
 
 
-def number_or_word(value: float) -> float | str:
-    """Return a float as JSON has it: a word, as in the JSON mapping of protobuf, for what is no number there."""
-    if math.isfinite(value):
-        return value
-    return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
-
-
-def json_bytes(_: str, message: dict[str, Any]) -> bytes:
-    """Encode a message as JSON; numbers that are not finite become words."""
-    for name in ("ranges", "intensities"):
-        if name in message:
-            message[name] = [number_or_word(value) for value in message[name]]
-    return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
-
-
-def protobuf_bytes(name: str, message: dict[str, Any]) -> bytes:
-    """Encode a message of the published schemas as protobuf."""
-    stamp = message.pop("timestamp")
-    filled = foxglove.classes()[name](**message)
-    filled.timestamp.seconds, filled.timestamp.nanos = stamp["sec"], stamp["nsec"]
-    data: bytes = filled.SerializeToString(deterministic=True)
-    return data
-
-
-def stamp_of(stamp_ns: int) -> dict[str, int]:
-    """Return a time as a foxglove timestamp."""
-    return {"sec": stamp_ns // 10**9, "nsec": stamp_ns % 10**9}
-
-
-def _vector(x: float, y: float) -> dict[str, float]:
-    return {"x": x, "y": y, "z": 0.0}
-
-
-def _quaternion(yaw: float) -> dict[str, float]:
-    return {"x": 0.0, "y": 0.0, "z": sin(yaw / 2), "w": cos(yaw / 2)}
-
-
-def standing() -> dict[str, dict[str, float]]:
-    """Return the identity pose."""
-    return {"position": _vector(0.0, 0.0), "orientation": _quaternion(0.0)}
-
-
-def _foxglove(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encoding:
-    """Return the encoding that packs messages, given as plain dictionaries, in one way."""
-
-    def scans(raw: RawSweeps) -> list[bytes]:
-        last = raw.angle_min + (raw.beams - 1) * raw.angle_increment
-        return [pack(foxglove.SCAN, sweep(raw, row, float(last[row]))) for row in range(len(raw))]
-
-    def sweep(raw: RawSweeps, row: int, last: float) -> dict[str, Any]:
-        beams = raw.beams[row]
-        return {
-            "timestamp": stamp_of(int(raw.stamp_ns[row])),
-            "frame_id": raw.frame_ids[raw.frame[row]],
-            "pose": standing(),
-            "start_angle": float(raw.angle_min[row]),
-            "end_angle": last,
-            "ranges": raw.ranges[row, :beams].tolist(),
-            "intensities": [] if raw.intensities is None else raw.intensities[row, :beams].tolist(),
-        }
-
-    def odometry(rows: SimulatedPoses, row: int) -> bytes:
-        x, y, yaw = rows.poses[row].tolist()
-        pose = {"position": _vector(x, y), "orientation": _quaternion(yaw)}
-        stamp = stamp_of(int(rows.stamp_ns[row]))
-        return pack(foxglove.POSE, {"timestamp": stamp, "frame_id": rows.odometry.frame_id, "pose": pose})
-
-    def link(stamp_ns: int, parent: str, child: str, pose: tuple[float, float, float]) -> bytes:
-        frames = {"parent_frame_id": parent, "child_frame_id": child}
-        motion = {"translation": _vector(pose[0], pose[1]), "rotation": _quaternion(pose[2])}
-        return pack(foxglove.TRANSFORM, {"timestamp": stamp_of(stamp_ns), **frames, **motion})
-
-    return Encoding(name, foxglove.SCAN, foxglove.POSE, foxglove.TRANSFORM, scans, odometry, link)
-
-
-JSON = _foxglove("json", json_bytes)
-PROTOBUF = _foxglove("protobuf", protobuf_bytes)
-
-
 POINTCLOUD2 = "sensor_msgs/msg/PointCloud2"
 FLOOR, CEILING = -0.5, 2.0
 """Heights of what lies below and above the sensor [m]."""
@@ -204,18 +119,14 @@ _FLOAT32, _UINT16 = 7, 4
 
 def as_clouds(encoding: Encoding) -> Encoding:
     """Return the encoding that writes a point cloud for each sweep."""
-    if encoding in (CDR, ROS1_BYTES):
-        is_ros1 = encoding is ROS1_BYTES
-        serialize = ROS1.serialize_ros1 if is_ros1 else ROS2.serialize_cdr
-        return replace(
-            encoding,
-            scan_type=POINTCLOUD2,
-            scans=lambda raw: _ros_clouds(raw, ROS1 if is_ros1 else ROS2, serialize, is_ros1),
-        )
-    return replace(encoding, scan_type=foxglove.CLOUD, scans=lambda raw: _foxglove_clouds(raw, encoding))
+    is_ros1 = encoding is ROS1_BYTES
+    serialize = ROS1.serialize_ros1 if is_ros1 else ROS2.serialize_cdr
+    return replace(
+        encoding, scan_type=POINTCLOUD2, scans=lambda raw: _ros_clouds(raw, ROS1 if is_ros1 else ROS2, serialize, is_ros1)
+    )
 
 
-def _points(raw: RawSweeps, row: int) -> np.ndarray[tuple[int, int], np.dtype[Any]]:
+def cloud_points(raw: RawSweeps, row: int) -> np.ndarray[tuple[int, int], np.dtype[Any]]:
     """Return (3, B) points of one sweep: on the floor, at the height of the sensor, at the ceiling; NaN without a range."""
     beams = int(raw.beams[row])
     bearing = raw.angle_min[row] + raw.angle_increment[row] * np.arange(beams)
@@ -232,7 +143,7 @@ def _points(raw: RawSweeps, row: int) -> np.ndarray[tuple[int, int], np.dtype[An
     return points
 
 
-def _fields(floats: int, integers: int) -> list[tuple[str, int, int]]:
+def cloud_fields(floats: int, integers: int) -> list[tuple[str, int, int]]:
     """Return name, offset and type of the fields of a point."""
     kinds = (("x", floats), ("y", floats), ("z", floats), ("intensity", floats), ("ring", integers))
     offsets = {name: int(place[1]) for name, place in (_POINT.fields or {}).items()}
@@ -241,10 +152,10 @@ def _fields(floats: int, integers: int) -> list[tuple[str, int, int]]:
 
 def _ros_clouds(raw: RawSweeps, store: Any, serialize: Callable[[Any, str], Any], ros1: bool) -> list[bytes]:
     types = store.types
-    fields = [types["sensor_msgs/msg/PointField"](*each, 1) for each in _fields(_FLOAT32, _UINT16)]
+    fields = [types["sensor_msgs/msg/PointField"](*each, 1) for each in cloud_fields(_FLOAT32, _UINT16)]
     messages = []
     for row in range(len(raw)):
-        points = _points(raw, row)
+        points = cloud_points(raw, row)
         stamp = types["builtin_interfaces/msg/Time"](*divmod(int(raw.stamp_ns[row]), 10**9))
         header = types["std_msgs/msg/Header"](*([0] if ros1 else []), stamp, raw.frame_ids[raw.frame[row]])
         height, width = points.shape
@@ -254,28 +165,6 @@ def _ros_clouds(raw: RawSweeps, store: Any, serialize: Callable[[Any, str], Any]
         )
         messages.append(bytes(serialize(message, POINTCLOUD2)))
     return messages
-
-
-def _foxglove_clouds(raw: RawSweeps, encoding: Encoding) -> list[bytes]:
-    pack = json_bytes if encoding is JSON else protobuf_bytes
-    kinds = foxglove.NUMBER_KINDS
-    fields = [
-        {"name": name, "offset": offset, "type": kind}
-        for name, offset, kind in _fields(kinds.index("f4"), kinds.index("u2"))
-    ]
-    clouds = []
-    for row in range(len(raw)):
-        points = _points(raw, row).tobytes()
-        message = {
-            "timestamp": stamp_of(int(raw.stamp_ns[row])),
-            "frame_id": raw.frame_ids[raw.frame[row]],
-            "pose": standing(),
-            "point_stride": _POINT.itemsize,
-            "fields": fields,
-            "data": base64.b64encode(points).decode() if encoding is JSON else points,
-        }
-        clouds.append(pack(foxglove.CLOUD, message))
-    return clouds
 
 
 def outgoing(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None, encoding: Encoding) -> Iterator[Outgoing]:
@@ -315,47 +204,46 @@ def _ros1_schema(name: str) -> tuple[str, str, bytes]:
     return name.replace("/msg/", "/"), SchemaEncoding.ROS1, ros1_definition(name).encode()
 
 
-def _json_schema(name: str) -> tuple[str, str, bytes]:
-    return name, SchemaEncoding.JSONSchema, json_schema(name).encode()
+class McapEncoding(NamedTuple):
+    """A way to write an MCAP."""
+
+    messages: Encoding
+    name: str
+    """Name that a channel has for it."""
+    profile: str
+    """Profile of the file."""
+    schema_of: SchemaOf
 
 
-def _protobuf_schema(name: str) -> tuple[str, str, bytes]:
-    return name, SchemaEncoding.Protobuf, descriptors().SerializeToString(deterministic=True)
-
-
-ENCODINGS: dict[str, tuple[Encoding, str, str, SchemaOf]] = {
-    "cdr": (CDR, MessageEncoding.CDR, "ros2", _ros2_schema),
-    "ros1": (ROS1_BYTES, MessageEncoding.ROS1, "ros1", _ros1_schema),
-    "json": (JSON, MessageEncoding.JSON, "", _json_schema),
-    "protobuf": (PROTOBUF, MessageEncoding.Protobuf, "", _protobuf_schema),
+ENCODINGS = {
+    "cdr": McapEncoding(CDR, MessageEncoding.CDR, "ros2", _ros2_schema),
+    "ros1": McapEncoding(ROS1_BYTES, MessageEncoding.ROS1, "ros1", _ros1_schema),
 }
-"""Encoding → how to make bytes, what the channel calls it, the profile of the file, and its schemas."""
 
 
 def write_mcap(
     path: Path,
     blocks: Iterable[RawSweeps],
     *,
-    encoding: str = "cdr",
+    encoding: McapEncoding = ENCODINGS["cdr"],
     compression: str = "zstd",
     chunk_size: int = 1 << 20,
     poses: SimulatedPoses | None = None,
     clouds: bool = False,
 ) -> None:
     """Write an MCAP file, indexed and with checksums; with `clouds` its sweeps are point clouds."""
-    encode, channel_encoding, profile, schema_of = ENCODINGS[encoding]
-    encode = as_clouds(encode) if clouds else encode
+    encode = as_clouds(encoding.messages) if clouds else encoding.messages
     with path.open("xb") as file:
-        writer = start(file, profile, MCAP_COMPRESSIONS[compression], chunk_size)
+        writer = start(file, encoding.profile, MCAP_COMPRESSIONS[compression], chunk_size)
         schemas: dict[str, int] = {}
         channels: dict[str, int] = {}
         counts: dict[str, int] = {}
         for message in outgoing(blocks, poses, encode):
             if message.topic not in channels:
                 if message.type not in schemas:
-                    name, kind, text = schema_of(message.type)
+                    name, kind, text = encoding.schema_of(message.type)
                     schemas[message.type] = writer.register_schema(name, kind, text)
-                channels[message.topic] = writer.register_channel(message.topic, channel_encoding, schemas[message.type])
+                channels[message.topic] = writer.register_channel(message.topic, encoding.name, schemas[message.type])
             number = counts[message.topic] = counts.get(message.topic, -1) + 1
             writer.add_message(channels[message.topic], message.record_ns, message.data, message.stamp_ns, number)
         writer.finish()  # type: ignore[no-untyped-call]
@@ -552,13 +440,6 @@ def stamp_parts(block: RawSweeps, row: int) -> list[str]:
     return [str(part) for part in divmod(int(block.stamp_ns[row]), _S)]
 
 
-_COMPRESSIONS: dict[str, tuple[Iterable[str], str]] = {
-    "mcap": (MCAP_COMPRESSIONS, "zstd"),
-    "bag": (BAG_COMPRESSIONS, "none"),
-    "ros2": (FOLDER_COMPRESSIONS, "none"),
-    "ros2-mcap": (FOLDER_COMPRESSIONS, "none"),
-}
-"""Container → its compressions and the default; the others are not compressed."""
 BAG_FOLDERS = ("ros2", "ros2-mcap")
 """Containers that are a folder."""
 
@@ -577,6 +458,40 @@ def container_of(path: Path) -> str:
     )
 
 
+_CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
+    "mcap": {"encoding": tuple(ENCODINGS), "compression": tuple(MCAP_COMPRESSIONS)},
+    "bag": {"compression": tuple(BAG_COMPRESSIONS)},
+    "ros2": {"compression": tuple(FOLDER_COMPRESSIONS)},
+    "ros2-mcap": {"compression": tuple(FOLDER_COMPRESSIONS)},
+    "db3": {"compression": ("none",)},
+    "csv": {"layout": tuple(CSV_LAYOUTS), "compression": ("none",)},
+}
+"""Container → its options and their values."""
+
+
+def check_options(
+    path: Path,
+    container: str | None,
+    compression: str | None,
+    encoding: str | None,
+    layout: str | None,
+    clouds: bool = False,
+) -> str:
+    """Return the container of a log; raise OptionError for options that do not fit it."""
+    kind = container or container_of(path)
+    if kind not in _CHOICES:
+        raise OptionError(f"{path}: container '{kind}' is not one of {', '.join(CONTAINERS)}")
+    if clouds and kind == "csv":
+        raise OptionError(f"{path}: clouds do not apply to the container '{kind}'")
+    for option, value in (("encoding", encoding), ("layout", layout), ("compression", compression)):
+        choices = _CHOICES[kind].get(option, ())
+        if value is not None and not choices:
+            raise OptionError(f"{path}: {option} '{value}' does not apply to the container '{kind}'")
+        if value is not None and value not in choices:
+            raise OptionError(f"{path}: {option} '{value}' is not one of {', '.join(choices)} ({kind})")
+    return kind
+
+
 def write_log(
     path: str | Path,
     blocks: Iterable[RawSweeps],
@@ -592,68 +507,31 @@ def write_log(
     """Write sweeps into a new log; the same sweeps and options give the same bytes.
 
     `compression`: none, lz4, zstd for MCAP; none, bz2, lz4 for ROS 1 bags; none, zstd (the file), zstd-message for ROS 2
-    folders. `encoding` (MCAP): cdr, ros1, json, protobuf. `layout` (CSV): rostopic, wide. CSV has no place
-    for `poses`. `clouds`: point clouds instead of LaserScan, in logs of messages.
-    Raises OptionError for options that do not fit the container, OutputError for a path that exists.
+    folders. `encoding` (MCAP): cdr, ros1. `layout` (CSV): rostopic, wide. CSV has no place for `poses`.
+    `clouds`: point clouds instead of LaserScan, in logs of messages. Raises OptionError for options that do not fit the
+    container, OutputError for a path that exists.
     """
     target = Path(path)
-    kind = container or container_of(target)
-    write = _writer(str(path), kind, compression, encoding, layout, chunk_size, poses, clouds)
+    kind = check_options(target, container, compression, encoding, layout, clouds)
     if target.exists() or target.is_symlink():
         raise OutputError(f"{path}: exists already")
-    write(target, blocks)
-
-
-def check_options(
-    path: Path,
-    container: str | None,
-    compression: str | None,
-    encoding: str | None,
-    layout: str | None,
-    clouds: bool = False,
-) -> None:
-    """Raise OptionError where `write_log` would, before any work is done."""
-    _writer(str(path), container or container_of(path), compression, encoding, layout, 1, None, clouds)
-
-
-def _writer(
-    path: str,
-    container: str,
-    compression: str | None,
-    encoding: str | None,
-    layout: str | None,
-    chunk_size: int,
-    poses: SimulatedPoses | None,
-    clouds: bool,
-) -> Callable[[Path, Iterable[RawSweeps]], None]:
-    """Check the options against the container and bind them to its writer."""
-
-    def one_of(option: str, value: str | None, choices: Sequence[str], default: str) -> str:
-        if value is None:
-            return default
-        if not choices:
-            raise OptionError(f"{path}: {option} '{value}' does not apply to the container '{container}'")
-        if value not in choices:
-            raise OptionError(f"{path}: {option} '{value}' is not one of {', '.join(choices)} ({container})")
-        return value
-
-    encodings = tuple(ENCODINGS) if container == "mcap" else ()
-    encode = one_of("encoding", encoding, encodings, "cdr")
-    if container != "csv":
-        one_of("layout", layout, (), "")
-    if clouds and container == "csv":
-        raise OptionError(f"{path}: clouds do not apply to the container '{container}'")
-    if container not in CONTAINERS:
-        raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")
-    compressions, default = _COMPRESSIONS.get(container, (("none",), "none"))
-    packed = one_of("compression", compression, tuple(compressions), default)
-    if container == "mcap":
-        return partial(write_mcap, encoding=encode, compression=packed, chunk_size=chunk_size, poses=poses, clouds=clouds)
-    if container == "bag":
-        return partial(write_bag, compression=packed, poses=poses, clouds=clouds)
-    if container in BAG_FOLDERS:
-        storage = "mcap" if container == "ros2-mcap" else "sqlite3"
-        return partial(write_folder, storage=storage, compression=packed, poses=poses, clouds=clouds)
-    if container == "db3":
-        return partial(write_db3, poses=poses, clouds=clouds)
-    return partial(write_csv, layout=one_of("layout", layout, tuple(CSV_LAYOUTS), next(iter(CSV_LAYOUTS))))
+    packed = {} if compression is None else {"compression": compression}
+    if kind == "mcap":
+        write_mcap(
+            target,
+            blocks,
+            encoding=ENCODINGS[encoding or "cdr"],
+            chunk_size=chunk_size,
+            poses=poses,
+            clouds=clouds,
+            **packed,
+        )
+    elif kind == "bag":
+        write_bag(target, blocks, poses=poses, clouds=clouds, **packed)
+    elif kind in BAG_FOLDERS:
+        storage = "mcap" if kind == "ros2-mcap" else "sqlite3"
+        write_folder(target, blocks, storage=storage, poses=poses, clouds=clouds, **packed)
+    elif kind == "db3":
+        write_db3(target, blocks, poses=poses, clouds=clouds)
+    else:
+        write_csv(target, blocks, layout or "rostopic")

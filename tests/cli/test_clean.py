@@ -11,9 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
 
-from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLEANED
 from tests.sweeping import START, STEP, room_sweeps
+from tests.text_logs import write_log
 
 Run = Callable[..., Any]
 BOX = 30

@@ -21,11 +21,11 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.simulation.generate import simulate_blocks
 from lidarcli.simulation.scene import load_scene
-from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.copying.reading import bytes_that_differ, messages, ranges
 from tests.logs.scan_messages import scan
 from tests.places import SAMPLES
+from tests.text_logs import write_log
 
 SWEEPS = 60
 CONTAINERS: dict[str, tuple[str, dict[str, Any]]] = {

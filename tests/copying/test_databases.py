@@ -136,12 +136,6 @@ def test_an_index_of_the_log_is_not_computed_and_that_of_rosbag2_is_there(scans:
     assert indexes == [(b"timestamp_idx",)]
 
 
-def test_text_of_two_bytes_a_letter(scans: list[bytes], tmp_path: Path) -> None:
-    log = database(tmp_path / "run.db3", scans, encoding="UTF-16le")
-    names = "SELECT CAST(name AS BLOB) FROM topics"
-    assert asked(copied(log)[0], names) == asked(log, names)
-
-
 def test_rows_that_are_no_messages_stay(scans: list[bytes], tmp_path: Path) -> None:
     odd = (
         "INSERT INTO messages VALUES (100, 77, 5, x'00')",

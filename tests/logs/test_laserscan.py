@@ -19,9 +19,9 @@ from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.scan_messages import GEOMETRY, scan
 
 
-def decode(*arguments: Any) -> RawSweeps | None:
+def decode(*arguments: Any, **options: Any) -> RawSweeps | None:
     """The blocks of some messages as one."""
-    blocks = list(decode_blocks(*arguments))
+    blocks = list(decode_blocks(*arguments, **options))
     return concatenate(blocks) if blocks else None
 
 

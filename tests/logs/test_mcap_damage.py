@@ -82,19 +82,6 @@ def test_every_whole_message_before_a_cut_is_read(tmp_path: Path, options: dict[
             assert report.damage, cut
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("compression", ["lz4", "zstd"])
-def test_a_cut_in_a_compressed_log_leaves_a_prefix(tmp_path: Path, compression: str) -> None:
-    data = sample(N, compression=compression)
-    sizes = [end for _, end in samples.chunks(data)]
-    counts = after_chunks()
-    for cut in range(60, len(data), 29):
-        for found, report in both(data[:cut], tmp_path):
-            assert found == list(range(len(found)))
-            assert len(found) >= max((n for n, end in zip(counts, sizes, strict=True) if end <= cut), default=0)
-            assert report.damage
-
-
 @pytest.mark.parametrize("compression", ["lz4", "zstd"])
 def test_the_whole_blocks_of_a_cut_chunk_are_read(tmp_path: Path, compression: str) -> None:
     noise = np.random.default_rng(1).random((300, 1000), np.float32)
@@ -339,14 +326,6 @@ def test_a_record_that_cannot_be_is_passed(tmp_path: Path, extra: bytes) -> None
         [line] = lines(report)
         assert line.startswith(f"byte {place}: ")
         assert line.endswith(f"; reading goes on at byte {place + len(extra)}")
-
-
-def test_records_of_unknown_kinds_are_noted(tmp_path: Path) -> None:
-    extra = struct.pack("<BQ", 0x33, 4) + b"what" + struct.pack("<BQ", 0x83, 3) + b"own"
-    for found, report in both(with_extra(extra), tmp_path):
-        assert found == list(range(N))
-        assert not report.damage
-        assert report.notes == ["1 records of unknown kinds were ignored"]
 
 
 def test_many_tiny_records_do_not_pile_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

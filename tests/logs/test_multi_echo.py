@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 import lidarcli
@@ -79,16 +78,6 @@ def test_echoes_beyond_the_message_are_refused_intensities_are_not(encoding: str
 
 floats = st.floats(width=32, allow_infinity=True)
 lists = st.lists(st.lists(floats, max_size=4), max_size=6)
-
-
-@given(lists, lists, st.sampled_from(ECHOES), st.booleans())
-def test_any_message_is_read_as_one_field_after_the_other(echoes: Lists, strengths: Lists, echo: str, big: bool) -> None:
-    raw, report = read([scan([], echoes=echoes, strengths=strengths, big=big)], echo=echo)
-    assert raw is not None
-    ranges, intensities = chosen(echoes, strengths, echo)
-    np.testing.assert_array_equal(raw.ranges[0], np.float32(ranges))
-    np.testing.assert_array_equal(intensities_of(raw)[0], np.float32(intensities))
-    assert not report.refused
 
 
 def test_every_cut_of_a_message_is_refused_or_has_all_ranges() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import gzip
 import os
 import sqlite3
 import struct
@@ -25,7 +24,6 @@ import lidarcli
 from lidarcli.errors import NoScanError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, ReadReport
-from lidarcli.logs.text import MAX_LINE
 from lidarcli.pipeline.detecting import detect_files, detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
@@ -157,15 +155,6 @@ def test_intensities_are_kept_as_far_as_they_go(
 # Topics.
 
 
-def test_a_topic_without_messages(name: str, tmp_path: Path) -> None:
-    path = written(name, tmp_path, {"/scan": (LASERSCAN, [])})
-    info = inspect_log(Source(str(path), "run"))
-    assert [(topic.name, topic.type, topic.messages) for topic in info.topics] == [("/scan", LASERSCAN, 0)]
-    assert (info.exit_code, info.scans, info.damage) == (0, (), ())
-    summary = detect_to_files(Source(str(path), "run"), tmp_path, DetectOptions())
-    assert (summary.sweeps, summary.exit_code) == (0, 0)
-
-
 @pytest.mark.parametrize(("topic", "kind"), [("/tf", TF), ("/scan", CLOUD)])
 def test_a_log_without_a_laser_scan(name: str, topic: str, kind: str, tmp_path: Path) -> None:
     """Recordings called laserdata that hold only tf, and point clouds on /scan."""
@@ -274,22 +263,19 @@ def test_a_bomb_of_an_mcap_chunk_stays_below_what_is_believed(tmp_path: Path) ->
         assert peak < most, peak
 
 
-@pytest.mark.slow
-def test_a_bomb_of_a_gzip_csv_is_skipped(tmp_path: Path) -> None:
-    """Half a gibibyte of one line, then lines that are fine."""
-    head = b"time,r0,r1,r2\n1.0,1.0,2.0,3.0\n1.1,1.0,2.0,3.0\n"
-    (tmp_path / "plain.csv.gz").write_bytes(gzip.compress(head, mtime=0))
-    with gzip.open(tmp_path / "bomb.csv.gz", "wb", compresslevel=1) as file:
-        file.write(head)
-        for _ in range(32):
-            file.write(b"1" * (16 << 20))
-        file.write(b"\n1.2,1.0,2.0,3.0\n1.3,1.0,2.0,3.0\n")
-    found, said, peak = measured(tmp_path / "bomb.csv.gz", tmp_path / "plain.csv.gz")
-    assert (found, said) == (4, [f"line 4: longer than {MAX_LINE >> 20} MiB: skipped"])
-    assert peak < 100
-
-
 # Files that change, and folders of all sorts.
+
+
+@pytest.mark.parametrize("upper", ["RUN.MCAP", "RUN.BAG", "RUN.DB3"])
+def test_suffixes_in_capitals(upper: str, tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    name = upper.lower()
+    message = scan([1.0, 2.0], encoding=WRITERS[name][0])
+    written(name, tmp_path, {"/scan": (LASERSCAN, [message] * 4)}).rename(folder / upper)
+    found = find_logs([str(folder), str(folder / upper)])
+    assert [source.name for source in found if isinstance(source, Source)] == ["RUN", "RUN"]
+    assert [inspect_log(source).scans[0].sweeps for source in found if isinstance(source, Source)] == [4, 4]
 
 
 def test_a_folder_of_all_kinds(tmp_path: Path) -> None:

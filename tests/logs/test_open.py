@@ -56,17 +56,6 @@ def test_every_container_among_the_samples(sample: str, format_name: str) -> Non
         assert np.isfinite(concatenate(blocks).ranges).any()
 
 
-def test_csv_plain_and_packed_and_on_standard_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    packed = (SAMPLES / "people.csv.gz").read_bytes()
-    plain = tmp_path / "people"
-    plain.write_bytes(gzip.decompress(packed))
-    expected = sweeps(plain)
-    assert expected > 10
-    assert sweeps(SAMPLES / "people.csv.gz") == expected
-    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(plain.read_bytes())))
-    assert sweeps("-") == expected
-
-
 @pytest.mark.parametrize("sample", ["room.mcap", "corridor.bag"])
 def test_standard_input(sample: str, monkeypatch: pytest.MonkeyPatch) -> None:
     data = (SAMPLES / sample).read_bytes()
@@ -226,23 +215,6 @@ def test_the_first_format_that_claims_a_beginning(head: bytes, name: str) -> Non
     known = next(known for known in FORMATS if known.sniff(head))
     assert known.name == name
     assert callable(known.load())
-
-
-@pytest.mark.parametrize(
-    ("data", "cause"),
-    [
-        (b"\x89MCAP0\r\n", "an MCAP of its magic alone, without a record"),
-        (b"", "is empty"),
-        (bytes(99), f"not a log lidarcli knows; it reads {KNOWN}"),
-    ],
-)
-def test_a_named_pipe_without_a_log(tmp_path: Path, data: bytes, cause: str) -> None:
-    path = tmp_path / "pipe"
-    os.mkfifo(path)
-    writer = threading.Thread(target=lambda: path.write_bytes(data))
-    writer.start()
-    assert refusal(path) == f"{path}: {cause}"
-    writer.join()
 
 
 def test_a_pattern_is_one_log(tmp_path: Path) -> None:

@@ -169,30 +169,6 @@ def test_cut_before_the_index(tmp_path: Path) -> None:
 # Truncation: everything before the cut, nothing behind it.
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("codec", ["none", "bz2", "lz4"])
-def test_truncation_gives_the_prefix(tmp_path: Path, codec: str) -> None:
-    data = write_bag(tmp_path / "a.bag", 60, codec, strings=4)
-    if codec == "none":
-        ends = [(0, 0)] + [(data.index(scan(i)) + len(scan(i)), i + 1) for i in range(60)]
-    else:
-        # A chunk counts as soon as its last byte is there.
-        chunks = [(start, end) for start, op, end in records(data) if op == 5]
-        ends = [(0, 0)] + [(end, len(read(data[:end])[0])) for _, end in chunks]
-        assert ends[-1][1] == 60
-    before = -1
-    for size in [*range(13, len(data) - 1, 97), len(data) - 1]:
-        found, damage = read(data[:size])
-        assert found == list(range(len(found))), size
-        assert len(found) >= max(count for end, count in ends if end <= size), size
-        if codec == "none":
-            assert len(found) == max(count for end, count in ends if end <= size), size
-        assert len(damage) == 1, (size, damage)
-        assert re.search(r"; (all )?[\d,]+ messages were read", damage[0]), damage
-        assert len(found) >= before
-        before = len(found)
-
-
 def test_truncated_lz4_chunk_gives_its_unpacked_part(tmp_path: Path) -> None:
     rng = random.Random(1)
     writer = Writer(tmp_path / "a.bag")

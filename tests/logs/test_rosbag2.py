@@ -418,27 +418,6 @@ def test_metadata_that_is_no_file_is_not_opened(tmp_path: Path, kind: str) -> No
         assert log.report.notes == ["metadata.yaml is no file, the storage files were read without it"]
 
 
-@pytest.mark.slow
-def test_many_names_and_many_files(tmp_path: Path) -> None:
-    """Names are looked up: comparing each with every file took minutes."""
-    for part in range(300):
-        (tmp_path / f"bag_{part}.db3").touch()
-    metadata(tmp_path, [*(f"gone_{number}.db3" for number in range(60_000)), "bag_7.db3", "bag_7.db3"])
-    folder = read_folder(tmp_path)
-    assert [file.name for file in folder.files] == [f"bag_{part}.db3" for part in range(300)]
-    assert folder.missing == [f"gone_{number}.db3" for number in range(60_000)]
-
-
-def test_a_file_packed_since_the_metadata_was_written(tmp_path: Path) -> None:
-    split_bag(tmp_path / "bag", 2)
-    metadata(tmp_path / "bag", ["bag_0.db3", "bag_1.db3"])
-    file = tmp_path / "bag" / "bag_1.db3"
-    (tmp_path / "bag" / "bag_1.db3.zstd").write_bytes(zstandard.compress(file.read_bytes()))
-    assert read(tmp_path / "bag") == (list(range(10)), [])
-    file.unlink()
-    assert read(tmp_path / "bag") == (list(range(10)), [])
-
-
 def test_packed_and_unpacked_twins_are_read_once(tmp_path: Path) -> None:
     split_bag(tmp_path / "bag", 2)
     for part in range(2):

@@ -170,20 +170,6 @@ def test_sweeps_stay_as_they_are(block: RawSweeps) -> None:
     assert notes == []
 
 
-def test_blocks_of_sweeps_are_passed_on_as_they_come() -> None:
-    blocks = [turns(3, 360).rows(slice(row, row + 1)) for row in range(3)]
-    for got, want in zip(join(iter(blocks), ReadReport()), blocks, strict=True):
-        assert got is want
-
-
-def test_messages_that_wait_too_long_are_sweeps() -> None:
-    """Three turns of a beam or two each would be more messages than wait; nothing is joined in the end either."""
-    count, step = 5000, 2 * np.pi / 16_000
-    block = raw_sweeps(np.ones((count, 2)), angle_min=np.arange(count) * 2 * step, angle_increment=step)
-    got, notes = joined(block, 9)
-    assert (len(got), notes) == (count, [])
-
-
 def test_odd_numbers_end_in_sweeps_all_the_same() -> None:
     whole = cut(turns(8, 360, 0), 30)
     begin = whole.angle_min.copy()

@@ -16,18 +16,18 @@ import lidarcli
 from benchmarks.scenes.moving import Kind, moving_scene
 from benchmarks.scenes.random import SENSORS
 from lidarcli.cli import run
-from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.grid import compare
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.cleaning import REASONS, neighbours
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
-from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import Bool, Closure, Float64
 from tests.pipeline import drawn
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 from tests.sweeping import raw_sweeps, room_sweeps, round_room
+from tests.text_logs import write_log
 
 SENSOR = replace(SENSORS["1081"], noise=0.01, lost=0.003, lost_as="mixed", mixed_pixels=0.3)
 SLOWEST = 0.02
@@ -129,18 +129,6 @@ def test_who_stops_under_another_track_is_gone(kind: Kind, seed: int, tmp_path: 
 
 
 @pytest.mark.slow
-def test_a_note_on_a_path_names_its_topic_where_there_are_several(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log, out = tmp_path / "run.bag", tmp_path / "out.bag"
-    both = [replace(block, topic=topic) for block in drawn.driven() for topic in ("/front", "/rear")]
-    write_log(log, both, poses=drawn.told(drawn.round_about(np.arange(drawn.SWEEPS) / drawn.SENSOR.rate)))
-    assert run(["clean", str(log), "-o", str(out)]) == 0
-    notes = [line for line in capsys.readouterr().err.splitlines() if "fit the sweeps" in line]
-    assert [line.split()[1] for line in notes] == ["/front:", "/rear:"]
-
-
-@pytest.mark.slow
 def test_the_map_is_that_of_the_room_without_people(tmp_path: Path) -> None:
     scene = replace(moving_scene("people", 30, SENSOR), odometry=Odometry())
     found = cleaned(scene, tmp_path, 30)
@@ -198,15 +186,6 @@ def test_the_robot_itself_is_what_a_mask_tells(margin: int, tmp_path: Path) -> N
     assert taken(table, "margin") == [2 * margin] * 5
     gone = np.flatnonzero(np.isnan(ranges(tmp_path / "out.mcap")[0]))
     assert gone.tolist() == [*range(4 + margin), *range(354 - margin, 360)]
-
-
-@pytest.mark.slow
-def test_what_is_removed_may_be_a_list(tmp_path: Path) -> None:
-    log = tmp_path / "run.mcap"
-    write_log(log, [room_sweeps(count=80)])
-    for number, words in enumerate((["temporary"], ("temporary", "agents"), "temporary,agents")):
-        table = lidarcli.clean(log, tmp_path / f"{number}.mcap", remove=words, margin=0)
-        assert taken(table, "temporary") == [30] * 40 + [0] * 40
 
 
 @pytest.mark.slow
@@ -280,13 +259,6 @@ def test_only_the_statuses_of_beams_change_in_what_info_tells(tmp_path: Path, ca
         told.append({name: value for name, value in one.items() if name not in ("path", "size", "findings")})
         assert sum(statuses[0].values()) == 80 * 360
     assert told[0] == told[1]
-
-
-def test_a_range_that_no_message_can_be_asked_to_say(tmp_path: Path) -> None:
-    log = tmp_path / "run.mcap"
-    write_log(log, [room_sweeps()], encoding="protobuf")
-    with pytest.raises(OptionError, match="tells no range_max"):
-        lidarcli.clean(log, tmp_path / "out.mcap", value="above")
 
 
 @needs_real_logs

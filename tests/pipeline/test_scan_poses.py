@@ -10,7 +10,7 @@ import pytest
 from mcap.writer import Writer
 
 import lidarcli
-from lidarcli.foxglove import SCAN, json_schema
+from lidarcli.foxglove import SCAN
 from lidarcli.pipeline.inputs.tables import poses_of
 from lidarcli.sweeps import Float64
 from lidarcli.tabular.reading import note_value, notes_of
@@ -18,6 +18,7 @@ from lidarcli.tabular.writing import SOURCE
 from tests.pipeline.drawn import driven, round_about
 from tests.pose.test_namespaces import scan
 from tests.sweeping import START, STEP
+from tests.text_logs.foxglove import json_schema
 
 COUNT = 40
 

@@ -14,8 +14,8 @@ from lidarcli.pose.tracks import PoseRows
 from lidarcli.ros import cursor
 from lidarcli.simulation.generate import SimulatedPoses
 from lidarcli.simulation.scene import Odometry
-from lidarcli.simulation.writers import JSON, PROTOBUF
 from tests.pose.pose_messages import ODOMETRY, OLD_TF, POSE, TF, WITH_COVARIANCE, Maker, numbers
+from tests.text_logs.foxglove import JSON, PROTOBUF
 
 MAKERS = {"cdr": Maker("cdr"), "cdr, big endian": Maker("cdr", big_endian=True), "ros1": Maker("ros1")}
 POSES = [(1.0, 2.0, 0.3), (-4.0, 5.5, -3.0), (0.0, 0.0, 0.0), (1.0, -1.0, 0.5, 0.5, 0.5, 0.5, 0.5)]

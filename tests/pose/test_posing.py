@@ -22,12 +22,12 @@ from lidarcli.pipeline.reading.posing import NO_POSES, PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import SimulatedPoses, simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Scene, load_scene
-from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps, SweepBatch, SweepPoses
 from tests.fake_log import FakeLog
 from tests.places import SAMPLES
 from tests.pose.pose_messages import ODOMETRY, SECOND, odometry, pose_stamped, tf
 from tests.sweeping import START, raw_sweeps
+from tests.text_logs import write_log
 
 
 def drive() -> tuple[Scene, SimulatedPoses]:

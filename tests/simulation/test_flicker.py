@@ -53,19 +53,3 @@ def test_dark_things_flicker_more():
     gone = gone_of(SENSOR, tuple(things), seed=3)
     shares = [gone[:, entity[0] == number].mean() for number in range(8)]
     assert max(shares) > 2 * np.median(shares)
-
-
-def test_they_come_in_runs_and_change_from_sweep_to_sweep():
-    gone = gone_of(SENSOR)
-    runs = np.count_nonzero(gone[:, 1:] & ~gone[:, :-1])
-    assert gone.sum() / runs > 2.5
-    again = (gone[1:] & gone[:-1]).sum() / gone[1:].sum()
-    assert again < 0.6
-
-
-def test_the_other_faults_stay_as_they_are():
-    noisy = replace(SENSOR, noise=0.02, flicker=0.0)
-    plain, _, _ = simulate_sweep_arrays(Scene("", noisy, (ROOM,)), 5)
-    flickering, _, _ = simulate_sweep_arrays(Scene("", replace(noisy, flicker=0.3), (ROOM,)), 5)
-    kept = np.isfinite(flickering.ranges)
-    assert np.array_equal(flickering.ranges[kept], plain.ranges[kept])

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.scenes.random import SENSORS, random_scene, sensor_with
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, simulate_blocks, simulate_sweep_arrays
 from lidarcli.simulation.scene import Motion, Scene, Sensor
@@ -108,43 +107,3 @@ def test_mixed_pixels_lie_between_the_surfaces_and_belong_to_nobody():
     assert changed.tolist() == edges.tolist()
     assert ((raw.ranges[0, edges] > clean.ranges[0, edges]) & (raw.ranges[0, edges] < 3.1)).all()
     assert (entity[0, edges] == -1).all()
-
-
-@pytest.mark.parametrize("kind", ["room", "corridor", "hall"])
-def test_random_scenes_are_the_same_for_every_sensor(kind):
-    things = [random_scene(kind, 3, SENSORS[name]).entities for name in SENSORS]
-    for other in things[1:]:
-        assert [(e.kind, e.x, e.y, e.yaw) for e in other] == [(e.kind, e.x, e.y, e.yaw) for e in things[0]]
-    assert len(things[0]) > 3
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8))
-@pytest.mark.parametrize("kind", ["room", "corridor", "hall"])
-def test_nothing_in_a_random_scene_touches_anything(kind, seed):
-    """Outlines sampled densely: no point of one lies within a hand's breadth of another, or of the sensor."""
-    random = random_scene(kind, seed, sensor_with(SENSORS["361"], 0, 0))
-    share = np.linspace(0, 1, 30)[:, None]
-    outlines = []
-    for thing in random.entities:
-        around = thing.segments if thing.wall else make.rectangle(thing.length, thing.width)
-        local = np.concatenate([side[:2] + share * (side[2:] - side[:2]) for side in around])
-        cos, sin = np.cos(thing.yaw), np.sin(thing.yaw)
-        outlines.append(local @ [[cos, sin], [-sin, cos]] + [thing.x, thing.y])
-    for number, thing in enumerate(random.entities):
-        if thing.wall:
-            continue
-        for other, outline in enumerate(outlines):
-            if other != number:
-                gap = np.linalg.norm(outlines[number][:, None] - outline[None], axis=-1).min()
-                assert gap > (0.04 if random.entities[other].wall else 0.14)
-    raw, entity, _ = simulate_sweep_arrays(random, 1)
-    hit = entity[0] >= 0
-    assert raw.ranges[0, hit].min() > 0.39
-    assert np.isposinf(raw.ranges[0, ~hit]).all()
-
-
-@pytest.mark.slow
-def test_scenes_without_legs_have_none():
-    kinds = {e.kind for seed in range(10) for e in random_scene("hall", seed, SENSORS["361"], legged=False).entities}
-    assert kinds == {"box", "cylinder", "plant", "wall"}

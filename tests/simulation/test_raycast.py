@@ -96,14 +96,6 @@ def test_random_things_agree_with_the_slow_loop(seed):
     assert entity[0].tolist() == [hit for _, hit in slow]
 
 
-def test_velocity_appearing_and_leaving():
-    motion = Motion(velocity=(1.0, 0.0), appears=1.0, disappears=3.0)
-    seconds = np.array([0.0, 1.0, 2.0, 3.0])
-    ranges, entity = look([make.cylinder(2, 0, 0.5, motion)], [0.0], seconds=seconds)
-    assert ranges[:, 0].tolist() == [np.inf, 2.5, 3.5, np.inf]
-    assert entity[:, 0].tolist() == [-1, 0, 0, -1]
-
-
 def test_a_walkers_legs_swing_in_turn():
     motion = Motion(stride=0.4, cadence=1.0)
     walker = make.person(3, 0, 0.0, gap=0.4, leg=0.1, motion=motion)
@@ -126,13 +118,6 @@ def test_legs_as_entities_of_their_own_cast_the_same():
     apart, leg = look(legs, bearings, seconds=seconds)
     np.testing.assert_allclose(apart, whole, rtol=1e-9)
     assert (np.append(np.repeat(np.arange(4), [2, 4, 4, 1]), -1)[leg] == owner).all()
-
-
-def test_a_course_is_driven_at_constant_speed_facing_ahead():
-    course = Course(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]]), speed=0.5)
-    poses = course.poses(np.array([0.0, 2.0, 5.0, 12.0, 13.0]))
-    expected = [[0, 0, 0], [1, 0, 0], [2, 0.5, np.pi / 2], [0, 0, 0], [0.5, 0, 0]]
-    np.testing.assert_allclose(poses, expected, atol=1e-12)
 
 
 def test_the_super_ellipse_satisfies_its_equation():

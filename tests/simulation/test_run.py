@@ -3,7 +3,7 @@
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.errors import OptionError, OutputError, UnreadableError
+from lidarcli.errors import OptionError, OutputError
 from lidarcli.simulation import run, simulate
 from lidarcli.simulation.run import truth_paths
 
@@ -86,17 +86,6 @@ def test_a_bag_folder_is_replaced_and_any_other_folder_is_not(scene, tmp_path):
     assert (bag / "thesis.tex").read_text() == "mine"
 
 
-def test_a_folder_of_several_logs_is_not_taken_for_a_bag(scene, tmp_path):
-    folder = tmp_path / "recordings"
-    folder.mkdir()
-    for name in ("monday.mcap", "tuesday.mcap", "drive.db3"):
-        (folder / name).write_text("mine")
-    for container, words in (("db3", ""), ("ros2", " that holds more than a ROS 2 bag")):
-        with pytest.raises(OutputError, match=f"is a folder{words}"):
-            simulate(scene, folder, container=container, overwrite=True)
-    assert names(folder) == ["drive.db3", "monday.mcap", "tuesday.mcap"]
-
-
 def test_nothing_is_left_when_it_fails_half_way(scene, tmp_path, monkeypatch):
     def broken(*args, **options):
         raise OSError(28, "No space left on device")
@@ -106,26 +95,6 @@ def test_nothing_is_left_when_it_fails_half_way(scene, tmp_path, monkeypatch):
         simulate(scene, tmp_path / "log.mcap")
     assert str(caught.value) == f"cannot write {tmp_path}/log.mcap: No space left on device"
     assert names(tmp_path) == ["small.toml"]
-
-
-def test_bad_options(scene, tmp_path):
-    log = tmp_path / "log.mcap"
-    for options, message in [
-        ({"sweeps": 1, "duration": 1.0}, "--sweeps and --duration exclude each other: leave one out"),
-        ({"sweeps": -1}, "--sweeps must be at least 0 and at most 10,000,000, not -1"),
-        ({"duration": float("nan")}, "--duration must be at least 0 and at most 400,000,000 seconds, not nan"),
-        ({"seed": -1}, "--seed must be at least 0 and at most 9223372036854775807, not -1"),
-    ]:
-        with pytest.raises(OptionError) as caught:
-            simulate(scene, log, **options)
-        assert str(caught.value) == message
-    with pytest.raises(UnreadableError, match=r"nowhere\.toml: cannot read the scene"):
-        simulate(tmp_path / "nowhere.toml", log)
-    with pytest.raises(OutputError, match=r"^cannot write below .*/small\.toml: it is not a folder$"):
-        simulate(scene, scene / "log.mcap")
-    assert names(tmp_path) == ["small.toml"]
-    simulate(scene, tmp_path / "missing" / "log.mcap")
-    assert names(tmp_path / "missing") == ["log.mcap", "log.truth-beams.parquet", "log.truth.parquet"]
 
 
 def test_a_log_is_not_simulated_into_a_store(scene, tmp_path, monkeypatch):

@@ -167,25 +167,6 @@ def test_what_moves_appears_or_disappears_leaves_no_cell(tmp_path: Path) -> None
     assert {(i, k) for i, k in cells(empty, OCCUPIED) if 25 < i < 34 and 20 <= k < 28}
 
 
-def test_faults_of_the_sensor_make_no_difference() -> None:
-    things = room(-1.98, -1.47, 2.02, 1.53), replace(make.box(1, 1, 0.4, 0.3), lost=1.0)
-    perfect = Scene("", SENSOR, (things[0], replace(things[1], lost=0.0)))
-    expected = true_map(perfect, 2, CELL)
-    found = true_map(Scene("", FAULTY, things), 2, CELL)
-    assert np.array_equal(found.cells, expected.cells)
-    assert (found.x, found.y) == (expected.x, expected.y)
-
-
-def test_seed_and_noise_make_no_difference(tmp_path: Path) -> None:
-    written = []
-    for name, seed, noise in (("a", 1, 0.05), ("b", 2, 0.05), ("c", 1, 0.0)):
-        scene = scene_file(tmp_path, noise=noise)
-        simulate(scene, tmp_path / f"{name}.mcap", seed=seed, map=tmp_path / name / "true.yaml")
-        written.append([(tmp_path / name / file).read_bytes() for file in ("true.yaml", "true.pgm")])
-    assert written[0] == written[1] == written[2]
-    assert (tmp_path / "a.mcap").read_bytes() != (tmp_path / "b.mcap").read_bytes()
-
-
 CORNERS = np.array([[-2.03, -1.52], [2.04, -1.52], [2.04, 1.51], [-2.03, 1.51]])
 LOOP = Course(np.array([[-1.0, -0.8], [1.0, -0.8], [1.0, 0.8], [-1.0, 0.8]]), speed=1.0)
 ROUND = plan_route([Waypoint(x, y, 1.0) for x, y in LOOP.points.tolist()], loop=True)
@@ -218,25 +199,10 @@ def test_walls_of_a_driven_loop_are_thin(path: Any, turn: float) -> None:
         assert found == through
 
 
-def test_sweeps_that_take_no_time() -> None:
-    sensor = replace(SENSOR, beams=720, angle_increment=np.pi / 360)
-    walls = make.wall(np.vstack([CORNERS, CORNERS[:1]]))
-    found = true_map(Scene("", sensor, (walls,), LOOP), 80, CELL)
-    assert cells(found, OCCUPIED) == block(-41, -31, 40, 30) - block(-40, -30, 39, 29)
-    assert cells(found, FREE) == block(-40, -30, 39, 29)
-
-
 def test_a_beam_without_a_return_says_nothing() -> None:
     grid = true_map(Scene("", SENSOR, (make.wall([[1.02, -0.5], [1.02, 0.5]]),)), 1, CELL)
     assert {i for i, _ in cells(grid, OCCUPIED)} == {20}
     assert min(i for i, _ in cells(grid, FREE)) == 0
-
-
-def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    scene = load_scene(scene_file(tmp_path))
-    whole = true_map(scene, 9, CELL)
-    monkeypatch.setattr(truth, "_BLOCK_BEAMS", 1)
-    assert np.array_equal(true_map(scene, 9, CELL).cells, whole.cells)
 
 
 def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lidarcli: Callable[..., Any]) -> None:

@@ -19,7 +19,6 @@ from lidarcli.simulation.writers import (
     frame_of,
     geometry_texts,
     intensity_texts,
-    number_or_word,
     only_topic,
     seconds,
     shortest,
@@ -29,6 +28,7 @@ from lidarcli.simulation.writers import (
     write_lines,
 )
 from lidarcli.sweeps import Float64, Int64, RawSweeps
+from tests.text_logs.foxglove import ENCODINGS, number_or_word, write_foxglove
 
 _S = 1_000_000_000
 
@@ -380,6 +380,8 @@ def write_log(
         write_carmen(path, blocks, poses)
     elif kind in ("rplidar", "jsonl"):
         (write_rplidar if kind == "rplidar" else write_jsonlines)(path, blocks)
+    elif options.get("encoding") in ENCODINGS:
+        write_foxglove(path, blocks, poses=poses, **options)
     else:
         writers.write_log(path, blocks, container=kind, poses=poses, **options)
 

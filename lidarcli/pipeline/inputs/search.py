@@ -19,8 +19,8 @@ from lidarcli.display import counted
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
-from lidarcli.logs.joined import Numbered, numbered
-from lidarcli.logs.rosbag2 import is_bag, natural
+from lidarcli.logs.joined import Numbered, natural, numbered
+from lidarcli.logs.registry import is_bag
 from lidarcli.pipeline.inputs.files import Objects, fixed_part, folder_of_pattern, matcher_of, matching, read_file
 from lidarcli.pipeline.inputs.sources import STDIN, MissingInput, Source, hold_one_sweep_each
 from lidarcli.stores import Place, State, Url, has_bucket, head, is_folder, is_url, listing, place
