@@ -12,11 +12,11 @@ import pyarrow as pa
 
 from lidarcli import errors
 from lidarcli.cli import cli, settings
-from lidarcli.reports import figures, runs
+from lidarcli.reports import figures
 from lidarcli.simulation.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tabular import writing
 from lidarcli.tabular.background import GEOMETRY
-from lidarcli.tabular.schemas import BACKGROUND, CHANGES, CLEANED, CLOUD, POSES, RUNS, SCHEMAS
+from lidarcli.tabular.schemas import BACKGROUND, CHANGES, CLEANED, CLOUD, POSES, SCHEMAS
 
 NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page is stale. -->"
 
@@ -199,11 +199,6 @@ def tables_page() -> str:
         "the log.",
         "",
         *_schema(POSES),
-        "## runs",
-        "",
-        "`_lidarcli/run-*.parquet`, the manifest of a run over many logs ([fleet.md](fleet.md)). One row per log.",
-        "",
-        *_schema(RUNS),
         "## truth",
         "",
         "`<log>.truth.parquet`, written by `simulate`. One row per sweep and visible entity.",
@@ -235,7 +230,6 @@ def reports_page() -> str:
         (figures.OF_CHANGES, {}),
         (figures.OF_MAPS, {}),
         (figures.COMPARED, {}),
-        (runs.FIGURES, {}),
     ):
         rest = parts.pop(0).partition("\n\n")[2]
         entries = counts | {f"{name}.*": figure for name, figure in spreads.items()}

@@ -33,12 +33,10 @@ from lidarcli.reports.map_picture import MapPicture, map_figure
 from lidarcli.reports.palette import COLOURS, page_style, themed
 from lidarcli.reports.programs import clean
 from lidarcli.reports.report import TRACK_CELLS_RIGHT, Report, track_cells
-from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.summary import KINDS, Stream, Summary
 from lidarcli.reports.wording import number, share
 from lidarcli.reports.zones import ZonesPart
 from lidarcli.sweeps import Float64, Int64, UInt8
-from lidarcli.tabular.runs import Entry
 
 SCRIPTS = ("data", "pen", "scene", "curves", "charts", "timeline", "looking", "saving", "main")
 """Parts of the viewer, each after those that it needs."""
@@ -92,10 +90,8 @@ def render(report: Document, shown: Page | None = None) -> str:
     """Return the page; one of a `Report` needs what is shown of its sweeps."""
     if isinstance(report, Report) and shown is not None:
         return _page("report.html", report, report.summary.sources, **_shown(report, shown))
-    if isinstance(report, PartsReport):
-        return _page("runs.html", report, report.sources)
-    assert isinstance(report, RunsReport)
-    return _page("runs.html", report, report.summary.logs)
+    assert isinstance(report, PartsReport)
+    return _page("runs.html", report, report.sources)
 
 
 def _shown(report: Report, shown: Page) -> dict[str, Any]:
@@ -133,7 +129,7 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
     }
 
 
-def _page(template: str, report: Document, made: Iterable[Origin | Entry], **values: Any) -> str:
+def _page(template: str, report: Document, made: Iterable[Origin], **values: Any) -> str:
     """Return a page from one of the templates. Every text of a log is escaped by the template engine."""
     environment = Environment(
         loader=PackageLoader("lidarcli.reports"),

@@ -18,20 +18,16 @@ from lidarcli.reports.columns import Origin
 from lidarcli.reports.document import Case, Document, PartsReport
 from lidarcli.reports.figures import Histogram, plain_fields, plain_number
 from lidarcli.reports.report import Report
-from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.summary import Comparison, Standing, Stream, Summary
 from lidarcli.reports.wording import number
-from lidarcli.tabular.runs import Entry
 
 SCHEMA = "lidarcli.report/1"
 """The name of the schema; the number changes when a program that reads it may break."""
-RUNS_SCHEMA = "lidarcli.runs/1"
-"""Name of the schema of a report on runs."""
 
 
-def as_json(report: Report | RunsReport | PartsReport) -> str:
+def as_json(report: Report | PartsReport) -> str:
     """Return one JSON object; numbers have nine digits, null stands for what cannot be measured."""
-    values = _runs(report) if isinstance(report, RunsReport) else as_dict(report)
+    values = as_dict(report)
     return json.dumps(values, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
@@ -147,28 +143,6 @@ def _standing(one: Standing) -> dict[str, Any]:
 def _numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
     """Return figures by their names, with nine digits."""
     return {name: plain_number(value) for name, value in values.items()}
-
-
-def _runs(report: RunsReport) -> dict[str, Any]:
-    summary = report.summary
-    first, last = summary.span or (None, None)
-    return {
-        **_beginning(report, RUNS_SCHEMA),
-        "figures": _numbers(summary.figures),
-        "versions": list(summary.versions),
-        "first": None if first is None else stamp(first),
-        "last": None if last is None else stamp(last),
-        "logs": [_log(log) for log in summary.logs],
-    }
-
-
-def _log(log: Entry) -> dict[str, Any]:
-    return {
-        **plain_fields(log, "url", "log", "outcome", "exit_code", "message"),
-        "lidarcli": log.version,
-        **plain_fields(log, "size", "sweeps", "rows", "seconds"),
-        "ended": stamp(log.ended),
-    }
 
 
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -376,8 +376,6 @@ class TableFiles:
         self, paths: Mapping[str, Place], first_topic: str | None, overwrite: bool = True, stamps: str = NS
     ) -> None:
         self.paths = tuple(paths.values())
-        self.sizes: list[int] = []
-        """Bytes of each file, once it is published."""
         self._new = NewFiles(self.paths, overwrite)
         self._sinks: dict[str, ParquetSink] = {}
         with ExitStack() as stack:
@@ -402,7 +400,6 @@ class TableFiles:
             sink.hand_over()
         for sink in self._sinks.values():
             sink.finish(metadata)
-        self.sizes = [self._new.part(path).stat().st_size for path in self.paths]
         return self._new.publish()
 
     def __enter__(self) -> Self:

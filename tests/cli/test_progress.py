@@ -18,7 +18,6 @@ import pytest
 
 from lidarcli.cli import run
 from lidarcli.cli.messages import Messages, counted_bar
-from tests.cli.test_report_runs import row, write_manifest
 from tests.places import ROOT
 from tests.reports.runs import sweep, write_run
 
@@ -151,14 +150,6 @@ def test_report(tmp_path: Path) -> None:
         assert run(["report", str(tmp_path), "-o", out]) == 0
     assert re.search(r"^report [━╸╺]+ +20% 1/5 steps ", screen.plain)
     assert screen.plain.endswith(f"  wrote    {out}\r\n")
-
-
-def test_report_on_runs(tmp_path: Path) -> None:
-    for name in "ab":
-        write_manifest(tmp_path, name, [row(name)])
-    with terminal() as screen:
-        assert run(["report", str(tmp_path / "_lidarcli"), "-o", str(tmp_path / "a.txt")]) == 0
-    assert re.search(r"^report [━╸╺]+ +0% 0/2 steps ", screen.plain)
 
 
 def test_detect(tmp_path: Path) -> None:

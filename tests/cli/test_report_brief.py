@@ -13,7 +13,6 @@ from urllib.parse import unquote
 import pytest
 
 from lidarcli.reports.programs import command
-from tests.cli.test_report_runs import row, write_manifest
 from tests.reports.runs import START, TENTH, crossing, sweep, thing, write_run
 
 Run = Callable[..., Any]
@@ -148,16 +147,6 @@ def test_what_github_reads_is_what_was_meant(text: str) -> None:
 
 def test_github_spells_out_what_steers_a_terminal() -> None:
     assert command("error", "a", "\x1b[2J°\udcff") == "::error title=a::\\x1b[2J°\\udcff"
-
-
-def test_runs_in_short(lidarcli: Run, tmp_path: Path) -> None:
-    folder = write_manifest(tmp_path, "a", [row("good"), row("bad", "failed", "cut")]).parent
-    ran = lidarcli("report", folder, "--brief", "--check", "failed == 0")
-    assert ran.code == 1
-    assert ran.out.splitlines()[-1] == "1 run over 2 logs: 1 ok, 0 damaged, 1 failed, 100 sweeps"
-    ran = lidarcli("report", folder, "--format", "github", "--check", "failed == 0")
-    assert ran.out.startswith("::error title=lidarcli%3A check failed::failed == 0: expected == 0, found 1\n")
-    assert "\nFailed logs\n1 log, exit code 3: cut\n" in ran.out
 
 
 def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> None:

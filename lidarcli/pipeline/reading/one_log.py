@@ -63,10 +63,6 @@ class RunSummary:
     doubts: list[str] = field(default_factory=list)
     """Notes on the rules for ranges, and on sweeps that look wrong."""
     outputs: list[str] = field(default_factory=list)
-    output_sizes: list[int] = field(default_factory=list)
-    """Bytes of each output."""
-    rows: int = 0
-    """Rows of all tables that were written."""
     seconds: float = 0.0
 
     @property
