@@ -303,7 +303,7 @@ class _Work:
         r_e = found.r_e[0].astype(np.float64)
         return replace(
             picture,
-            detection=self._told(batch, self._subtracting(batch, per_beam=True)),
+            detection=self._told(batch, self._subtracting.detect(batch, per_beam=True)),
             background=np.where(np.isfinite(r_e), r_e, np.nan),
             difference=found.difference[0].astype(np.float64),
         )

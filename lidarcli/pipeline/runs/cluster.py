@@ -90,7 +90,7 @@ def connected(address: str) -> Iterator[distributed.Client]:
             target = _local(address, stack) if is_local(address) else _known(address)
             client = stack.enter_context(distributed.Client(target, set_as_default=False, timeout=CONNECT_S))
         except (OSError, RuntimeError) as err:
-            raise OptionError(f"--cluster {address}: cannot be reached: {_words(err)}") from err
+            raise OptionError(f"--cluster {address}: cannot be reached: {err}") from err
         try:
             client.wait_for_workers(1, timeout=FIRST_WORKER_S)
             builds = client.run(build)
@@ -98,7 +98,7 @@ def connected(address: str) -> Iterator[distributed.Client]:
             raise OptionError(f"--cluster {address}: has no worker; start some first") from err
         except Exception as err:
             # Workers may be anything, also without lidarcli.
-            raise OptionError(f"--cluster {address}: cannot be asked: {_words(err)}") from err
+            raise OptionError(f"--cluster {address}: cannot be asked: {err}") from err
         others = [
             f"{worker}: {what} {found.get(what)}, here {here}"
             for worker, found in sorted(builds.items())
@@ -261,11 +261,6 @@ def _do(name: str, source: Source | MissingInput) -> Outcome:
         return done
 
     return replace(outcome_of(source, work), source=None)
-
-
-def _words(err: Exception) -> str:
-    """Return an error as one line."""
-    return str(err).splitlines()[0] if str(err) else type(err).__name__
 
 
 @cache
