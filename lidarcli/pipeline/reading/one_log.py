@@ -7,7 +7,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
@@ -234,10 +233,7 @@ class Reading:
 
     def batches(self, progress: Progress | None = None) -> Iterator[SweepBatch]:
         """Return every batch with its poses; `progress` takes the position [bytes] once the caller is done with a batch."""
-        blocks = self._log.scans(self._batcher.topics, self._report)
-        # Not a loop: nothing of this file stands between the log and who pulls.
-        batches = chain(chain.from_iterable(map(self._batcher.take, blocks)), self._batcher.flush())
-        counted = map(self._count, self._read_ahead(map(self._attach, batches)))
+        counted = map(self._count, self._read_ahead(map(self._attach, self._batcher.batches())))
         return counted if progress is None else self._reported(counted, progress)
 
     def _attach(self, batch: SweepBatch) -> tuple[SweepBatch, int]:
