@@ -14,9 +14,10 @@ MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if 
 
 GROUND = {"_version", "choices", "columns", "errors", "native"}
 OPTIONS = {"option_forms", "options"}
-CORE = GROUND | {"display", "findings", "masks", "range_rules", "sweeps", "times", "zone"}
+CORE = GROUND | {"display", "findings", "masks", "palette", "range_rules", "sweeps", "times", "zone"}
 MAY_IMPORT = {
     "errors": set[str](),
+    "palette": {"choices"},
     "_version": set[str](),
     "choices": set[str](),
     "columns": set[str](),
@@ -34,7 +35,7 @@ MAY_IMPORT = {
     "native": set[str](),
     "ranges": {"native"},
     "display": set[str](),
-    "findings": set[str](),
+    "findings": {"sweeps"},
     "sweeps": {"columns", "display"},
     "masks": {"errors", "sweeps"},
     "zone": {"masks", "sweeps"},

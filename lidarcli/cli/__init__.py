@@ -27,7 +27,7 @@ COMMANDS = (
 HOMES = {
     "track": "detect",
     **dict.fromkeys(("config", "completion"), "settings"),
-    **dict.fromkeys(("poses", "export", "simulate"), "writing"),
+    **dict.fromkeys(("clean", "overlay", "poses", "export", "simulate"), "writing"),
 }
 
 SUPERSEDED = {"match": "give lidarcli diff RUN RUN..., which takes the same tables, and logs"}

@@ -64,16 +64,16 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
         ),
     ],
 )
-def info(say: Messages, told: InfoCommand) -> int:
+def info(messages: Messages, options: InfoCommand) -> int:
     """Show what is in a log: topics, sweeps, poses and findings.
 
     Reads every log from end to end: geometry, times and damage, too. LOG may also be a background (docs/background.md):
     its sensors, stations, beams and origin. JSON is a list with one object per LOG.
     """
-    refuse_no_logs(told)
-    kind, brief = told["format"], told["brief"]
-    deep, outputs = told["deep"], told["output"]
-    read, opening, poses = log_options(told)
+    refuse_no_logs(options)
+    kind, brief = options["format"], options["brief"]
+    deep, outputs = options["deep"], options["output"]
+    read, opening, poses = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, NoScanError, UnreadableError
     from lidarcli.logs.options import clouds_hint, no_scan_topic
@@ -82,38 +82,38 @@ def info(say: Messages, told: InfoCommand) -> int:
     from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
     from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 
-    checks = understand_checks(told["check"], deep)
+    checks = understand_checks(options["check"], deep)
     paths = [place(name) for name in outputs]
     if odd := [name for name, path in zip(outputs, paths, strict=True) if path.suffix not in FIXES]:
         raise click.UsageError(f"-o {odd[0]}: the suffix is none of {', '.join(FIXES)}")
-    sources = chosen_logs(say, told)
+    sources = chosen_logs(messages, options)
     if paths and len(sources) != 1:
         raise click.UsageError(f"-o is for one log, and these are {len(sources):,}")
-    if told["dry_run"]:
+    if options["dry_run"]:
         return print_reads(sources, [str(path) for path in paths])
     if paths:
-        refuse(paths, told["overwrite"], files_of(sources))
+        refuse(paths, options["overwrite"], files_of(sources))
     found: list[LogInfo | Learned] = []
     codes = []
     failed = False
-    with progress_bar(sources, say) as report:
+    with progress_bar(sources, messages) as report:
         for source, result in inspect_logs(sources, opening, read.rules, poses, report, deep, read.topics):
             if isinstance(result, Failure):
                 codes.append(result.exit_code)
                 failed = True
                 if result.trace:
-                    say.bug(result.trace)
-                say.error(source.label, result.error)
+                    messages.bug(result.trace)
+                messages.error(source.label, result.error)
                 continue
             if isinstance(result, LogInfo):
                 codes.append(result.exit_code)
                 for line in result.damage:
-                    say.error(source.label, line)
+                    messages.error(source.label, line)
                 if result.exit_code == NoScanError.exit_code:
-                    say.error(source.label, no_scan_topic() + clouds_hint(result.topics))
+                    messages.error(source.label, no_scan_topic() + clouds_hint(result.topics))
             found.append(result)
             if kind == "text":
-                with say.paused():
+                with messages.paused():
                     between = "\n" if len(found) > 1 else ""
                     click.echo(as_line(result) if brief else between + as_text(result))
     if kind == "json":
@@ -121,20 +121,20 @@ def info(say: Messages, told: InfoCommand) -> int:
     logs = [each for each in found if isinstance(each, LogInfo)]
     for path in paths if found else ():
         if logs and (text := fix_text(logs[0], path.suffix)):
-            say.notes(write_whole(path, text.encode(), told["overwrite"]))
-            say.wrote([path])
+            messages.notes(write_whole(path, text.encode(), options["overwrite"]))
+            messages.wrote([path])
         else:
-            say.info(f"{path} is not written: there is nothing to fix")
+            messages.info(f"{path} is not written: there is nothing to fix")
     verdicts = judge_checks(checks, logs)
     for verdict in verdicts:
         if not verdict.holds:
-            say.error(f"check failed: {verdict.failure}")
+            messages.error(f"check failed: {verdict.failure}")
     # Findings of a log that could not be opened are not known; those of a damaged one only get more.
     if not failed and not all(verdict.holds for verdict in verdicts):
         return CHECK_FAILED
     for each in logs if checks else ():
         if not each.scans:
-            say.error("incomplete", f"{each.path}: no sweep was read, and the checks saw nothing of it")
+            messages.error("incomplete", f"{each.path}: no sweep was read, and the checks saw nothing of it")
             codes.append(UnreadableError.exit_code)
     return exit_code(codes)
 
@@ -238,22 +238,22 @@ def as_json(infos: Sequence["LogInfo | Learned"]) -> str:
 
 def _finding_lines(found: "Finding") -> list[str]:
     """A finding in a line, and its fix below it."""
-    told = [f"  {found.level:<9}{found.id:<11}{found.message}"]
+    lines = [f"  {found.level:<9}{found.id:<11}{found.message}"]
     if found.fix is None:
-        return told
+        return lines
     if found.fix.kind == "transform":
-        return told + [f"    {line}" for line in found.fix.text.splitlines()]
+        return lines + [f"    {line}" for line in found.fix.text.splitlines()]
     # A mask takes many lines, and a file.
     text = "--mask FILE.toml, which -o FILE.toml writes" if found.fix.kind == "mask" else found.fix.text
-    return [*told, f"    fix: {text}"]
+    return [*lines, f"    fix: {text}"]
 
 
 def _pose_lines(info: "LogInfo") -> list[str]:
     """One line per pose topic with what it holds, and one with its frames."""
-    told = {source.topic: source for source in info.pose_sources}
+    known = {source.topic: source for source in info.pose_sources}
     lines = []
     for name in info.pose_topics:
-        if (source := told.get(name)) is None:
+        if (source := known.get(name)) is None:
             lines.append(_line("poses", name))
             continue
         rate = "" if source.rate is None else f", {source.rate:.2f} Hz, {source.span:.3f} s"
@@ -302,10 +302,10 @@ def _limits(least: "Span", greatest: "Span") -> str:
     """The ranges that the sensor declares; one that has no greatest range writes 0, inf or 3.4e38."""
     from lidarcli.range_rules import FARTHEST
 
-    told = f"{_span(least, '{:g}')} m"
+    nearest = f"{_span(least, '{:g}')} m"
     if not max(least.low, 0) < greatest.high <= FARTHEST:
-        return f"from {told}; the log tells no greatest range"
-    return f"{told} to {_span(greatest, '{:g}')} m"
+        return f"from {nearest}; the log tells no greatest range"
+    return f"{nearest} to {_span(greatest, '{:g}')} m"
 
 
 def _stamps(clock: "ClockInfo", sweeps: int) -> str:

@@ -111,6 +111,15 @@ def numbers(column: pa.Array | pa.ChunkedArray) -> NDArray[np.float64]:
     return np.where(there, values.astype(np.float64, copy=False), np.nan)
 
 
+def integers(rows: pa.RecordBatch, name: str) -> NDArray[np.int64]:
+    """Return a column of whole numbers or stamps [ns]; nulls are -1."""
+    column = rows[name]
+    if pa.types.is_timestamp(column.type):
+        column = column.view(pa.int64())
+    values, there = held(column)
+    return np.where(there, values, -1)
+
+
 def are(column: pa.DictionaryArray | pa.ChunkedArray, word: str) -> NDArray[np.bool_]:
     """Return (K,) where a column of names has this one.
 

@@ -14,11 +14,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
 from lidarcli.stores import Place, Url
+from lidarcli.tabular.columns import are, integers, plain
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES, INFINITE, NULLABLE, SCHEMAS
 
 T = TypeVar("T")
@@ -374,3 +376,53 @@ def _words(kind: pa.DataType) -> str:
 
 def _first_line(err: Exception) -> str:
     return (str(err).splitlines() or [type(err).__name__])[0]
+
+
+AGAIN = "write both again with lidarcli track"
+"""Way out where tables do not fit each other or their log."""
+
+
+class TopicRows:
+    """The rows of one topic of a table, taken in their order."""
+
+    def __init__(self, path: Readable, table: str, columns: tuple[str, ...], topic: str) -> None:
+        self._path = path
+        self._schema = read_schema(SCHEMAS[table], columns)
+        self._pieces = self._read(table, columns, topic)
+        self._rows: pa.RecordBatch | None = None
+
+    def until(self, sweep: int) -> pa.RecordBatch:
+        """Return the rows that are left of the sweeps before this one."""
+        taken = []
+        while (rows := next(self._pieces, None) if self._rows is None else self._rows) is not None:
+            count = int(np.searchsorted(integers(rows, "sweep"), sweep))
+            if count:
+                taken.append(rows.slice(0, count))
+            self._rows = rows.slice(count) if count < rows.num_rows else None
+            if self._rows is not None:
+                break
+        if len(taken) == 1:
+            return taken[0]
+        whole = pa.Table.from_batches(taken, self._schema).unify_dictionaries().combine_chunks()
+        return whole.to_batches()[0] if taken else pa.RecordBatch.from_pylist([], self._schema)
+
+    def rest(self) -> Iterator[pa.RecordBatch]:
+        """Yield all rows that are left."""
+        if self._rows is not None:
+            yield self._rows
+        yield from self._pieces
+
+    def _read(self, table: str, columns: tuple[str, ...], topic: str) -> Iterator[pa.RecordBatch]:
+        last = -1
+        for piece in read_pieces(self._path, table, SCHEMAS[table], columns):
+            mine = are(piece["topic"], topic)
+            rows = piece if mine.all() else piece.take(plain(np.flatnonzero(mine)))
+            if not rows.num_rows:
+                if last >= 0:
+                    return
+                continue
+            sweeps = integers(rows, "sweep")
+            if sweeps[0] < last or (np.diff(sweeps) < 0).any():
+                raise UnreadableError(f"{self._path}: its rows are not in the order of topic and sweep; {AGAIN}")
+            last = int(sweeps[-1])
+            yield rows

@@ -12,7 +12,7 @@ import pytest
 
 import lidarcli as package
 from lidarcli.simulation.writers import write_log
-from tests.sweeping import raw_sweeps, room_sweeps, round_room
+from tests.sweeping import raw_sweeps, room_sweeps
 
 NOTE = "most ranges of /scan are beyond 1,000 m: they are probably millimetres (--range-unit mm)"
 COMMANDS = {
@@ -50,12 +50,6 @@ def test_every_command_tells_it(lidarcli: Callable[..., Any], millimetres: Path,
     assert "--range-unit" not in f"{again.out}{again.err}"
 
 
-def test_python_warns_of_it(millimetres: Path) -> None:
-    for function in (package.detect, package.track, lambda log: list(package.read(log))):
-        with pytest.warns(UserWarning, match="most ranges of /scan are beyond 1,000 m"):
-            function("run.mcap")
-
-
 def test_degrees_are_refused(lidarcli: Callable[..., Any], tmp_path: Path) -> None:
     good = room_sweeps()
     many = replace(good, angle_increment=np.where(np.arange(20) < 5, 1.0, good.angle_increment))
@@ -64,14 +58,6 @@ def test_degrees_are_refused(lidarcli: Callable[..., Any], tmp_path: Path) -> No
     assert ran.code == 3
     assert "topic /scan: 5 messages left out: angle_increment is beyond 0.9 rad: probably degrees" in ran.err
     assert ": 15 sweeps, " in ran.err
-
-
-def test_info_tells_of_repeated_stamps(lidarcli: Callable[..., Any], tmp_path: Path) -> None:
-    rows = np.repeat(np.arange(10), 2)
-    write_log(tmp_path / "twice.mcap", [raw_sweeps(round_room(10)).rows(rows)])
-    ran = lidarcli("info", tmp_path / "twice.mcap")
-    assert "    stamps    10 of 20 are those of the sweep before; recorded 0.000 s" in ran.out
-    assert "increasing" not in ran.out
 
 
 @pytest.mark.usefixtures("undrawn")

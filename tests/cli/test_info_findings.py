@@ -13,14 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.cli.info import as_text
 from lidarcli.findings import Finding, Fix, transform_lines
-from lidarcli.logs.base import Topic
 from lidarcli.masks import Mask, Masks, Mount, Sector
-from lidarcli.pipeline.inspecting import LogInfo
 from lidarcli.pipeline.reading import deep
 from lidarcli.simulation.writers import write_log
-from tests.sweeping import raw_sweeps, room_sweeps
+from tests.sweeping import room_sweeps
 
 Run = Callable[..., Any]
 
@@ -74,16 +71,6 @@ def test_checks_count_the_findings_of_all_logs(lidarcli: Run, check: str, code: 
 
 
 @pytest.mark.usefixtures("folder")
-def test_every_check_that_fails_is_told(lidarcli: Run) -> None:
-    ran = lidarcli("info", "odd.mcap", "--check", "findings == 0", "--check", "findings >= 0", "--check", "findings > 9")
-    assert ran.code == 1
-    assert ran.err.splitlines() == [
-        "lidarcli: check failed: findings is 2, expected == 0",
-        "lidarcli: check failed: findings is 2, expected > 9",
-    ]
-
-
-@pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(
     ("check", "says"),
     [
@@ -101,21 +88,6 @@ def test_a_check_that_means_nothing(lidarcli: Run, check: str, says: str) -> Non
     ran = lidarcli("info", "fine.mcap", "--check", check)
     assert (ran.code, ran.out) == (2, "")
     assert says in ran.err
-
-
-def test_sweeps_without_beams(lidarcli: Run, folder: Path) -> None:
-    write_log(folder / "none.mcap", [raw_sweeps(np.zeros((9, 0), np.float32))])
-    ran = lidarcli("info", "none.mcap")
-    assert ran.code == 0
-    assert "    beams     0\n    view      0.00 deg from " in ran.out
-    assert ran.out.endswith("  findings\n  error    geometry   the sweeps of /scan have no beams\n")
-    assert lidarcli("info", "none.mcap", "--check", "findings.geometry == 0").code == 1
-
-
-@pytest.mark.usefixtures("folder")
-def test_a_check_of_what_only_deep_finds(lidarcli: Run) -> None:
-    assert lidarcli("info", "fine.mcap", "--brief", "--deep", "--check", "findings.body == 0").code == 0
-    assert lidarcli("info", "fine.mcap", "--brief", "--check", "findings.mount == 0").code == 0
 
 
 def test_checks_of_what_cannot_be_read_do_not_pass(lidarcli: Run, logs: Path, folder: Path) -> None:
@@ -140,7 +112,6 @@ def test_a_closer_look_reads_twice(process: Callable[..., Any], folder: Path) ->
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["-o", "robot.toml"], "-o writes what is learned from a log: add --mask auto or --deep"),
         (["--deep", "-o", "robot.json"], "-o robot.json: the suffix is none of .toml, .yaml"),
         (["odd.mcap", "--deep", "-o", "robot.toml"], "-o is for one log, and these are 2"),
     ],
@@ -187,18 +158,6 @@ def test_what_a_closer_look_mends_is_written(lidarcli: Run, folder: Path, monkey
     assert "never change" not in lidarcli("info", "odd.mcap").out
 
 
-def test_without_a_fault_no_file_is_written(lidarcli: Run, folder: Path) -> None:
-    raw = raw_sweeps(np.random.default_rng(2).normal(4.0, 0.01, (20, 360)))
-    write_log(folder / "plain.mcap", [raw])
-    ran = lidarcli("info", "plain.mcap", "--mask", "auto", "-o", "robot.toml", "-o", "filter.yaml")
-    assert ran.code == 0
-    assert ran.err.splitlines() == [
-        f"{name} is not written: there is nothing to fix" for name in ("robot.toml", "filter.yaml")
-    ]
-    assert not (folder / "robot.toml").exists()
-    assert not (folder / "filter.yaml").exists()
-
-
 @pytest.mark.parametrize("pose", [(-0.13, 0.0, 0.0), (1.25, -0.000001, 3.141593), (0.0, 12.5, -1.5)])
 @pytest.mark.parametrize("names", [("base_link", "laser"), ("my robot", "it's")])
 def test_both_commands_tell_one_transform(pose: tuple[float, float, float], names: tuple[str, str]) -> None:
@@ -217,11 +176,3 @@ def test_both_commands_tell_one_transform(pose: tuple[float, float, float], name
     assert (x, y, yaw) == pose
     assert (z, pitch, roll) == (0.0, 0.0, 0.0)
     assert tuple(old[9:]) == (told.frame_id, told.child_frame_id) == names
-
-
-def test_whatever_a_frame_is_called_a_finding_is_a_line() -> None:
-    info = LogInfo(
-        *("run", "mcap", "none", 1, (), (Topic("/scan", "sensor_msgs/msg/LaserScan", "cdr", 0),), (), (), (), (), (), ()),
-        findings=(Finding("frames", "hint", "/scan", "a\n::error", "frame a\n::error\x1b[31m"),),
-    )
-    assert as_text(info).splitlines()[-1].startswith("  hint     frames     frame a")

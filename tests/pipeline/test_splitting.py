@@ -26,7 +26,7 @@ from lidarcli.logs.base import Log
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.options import TopicChoice
 from lidarcli.machine import Threads
-from lidarcli.pipeline.building import Building, BuildOptions
+from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions
 from lidarcli.pipeline.detecting import detect_files, detect_stream, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects import detection
@@ -34,7 +34,7 @@ from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, Pa
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading import path_check
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.pipeline.reading.pose_sources import NO_POSES
+from lidarcli.pipeline.reading.posing import NO_POSES
 from lidarcli.pipeline.runs import over_logs, processes
 from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
@@ -125,7 +125,7 @@ def files(source: Source, folder: Path, options: DetectOptions) -> tuple[dict[st
 
 def background(source: Source) -> BackgroundOptions:
     """What the log itself teaches of its scene."""
-    building = Building(BuildOptions())
+    building = BackgroundBuilder(BuildOptions())
     building.add(source)
     return BackgroundOptions("drive.background.parquet", tuple(building.sensors()))
 

@@ -150,7 +150,7 @@ def stem_of(name: str) -> str:
 
 
 def is_one_log(folder: Path) -> bool:
-    """Tell whether a folder is one log: a ROS 2 bag, or CSV files with one sweep each."""
+    """Return whether a folder is one log: a ROS 2 bag, or CSV files with one sweep each."""
     try:
         names = sorted(item.name for item in folder.iterdir() if item.is_file())
     except OSError:
@@ -159,7 +159,7 @@ def is_one_log(folder: Path) -> bool:
 
 
 def are_one_log(folder: Place, names: Sequence[str]) -> bool:
-    """Tell whether a folder with files of these names is one log, as `is_one_log` does."""
+    """Return whether a folder with files of these names is one log, as `is_one_log` does."""
     if is_bag(names):
         return True
     if any(name.lower().endswith(BINARY_SUFFIXES) for name in names):
@@ -175,7 +175,7 @@ def left_out(left: Counter[str]) -> str:
 
 
 def _is_readable(path: Path) -> bool:
-    """Tell whether a file whose name does not say so is a log."""
+    """Return whether a file whose name does not say so is a log."""
     with suppress(LidarcliError, OSError):
         if stat.S_ISREG(path.stat().st_mode):
             open_log(path).close()
@@ -305,17 +305,12 @@ def find_stored(text: str) -> list[Source | MissingInput]:
             return _matching(text, url)
         objects = dict(listing(url))
         found = _stored_below(url, objects)
-        if not found:
-            return [MissingInput(text, UnreadableError(_why_none(url, objects)))]
-        return found
+        if found:
+            return found
+        why = "no such object or folder" if has_bucket(url) else "there is no such bucket"
+        return [MissingInput(text, UnreadableError(f"no log in this folder ({known_suffixes()})" if objects else why))]
     except UnreadableError as err:
         return [MissingInput(text, UnreadableError(str(err).removeprefix(f"{url}: ")))]
-
-
-def _why_none(url: Url, objects: Objects) -> str:
-    if objects:
-        return f"no log in this folder ({known_suffixes()})"
-    return "no such object or folder" if has_bucket(url) else "there is no such bucket"
 
 
 def _stored_below(base: Url, objects: Objects) -> list[Source | MissingInput]:
@@ -447,7 +442,7 @@ def choose(
 
 
 def is_in_shard(key: str, shard: Shard) -> bool:
-    """Tell whether a log of this name belongs to a share, whatever others there are.
+    """Return whether a log of this name belongs to a share, whatever others there are.
 
     >>> [key for key in ("run", "trip/run", "hall") if is_in_shard(key, (1, 2))]
     ['trip/run']
@@ -477,7 +472,7 @@ def _listed(line: str) -> list[Source | MissingInput]:
 
 
 def _is_object(line: str) -> bool:
-    """Tell whether a line can only be one log in a store, so that the store need not be asked before it is opened."""
+    """Return whether a line can only be one log in a store, so that the store need not be asked before it is opened."""
     if not is_url(line) or line.endswith("/"):
         return False
     url = place(line)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
@@ -167,7 +168,13 @@ def _opened_source(source: Source, opening: OpenOptions | None) -> Iterator[Log]
         with open_stored(url, [found for file in source.files if isinstance(found := place(file), Url)], opening) as log:
             yield log
         return
-    with _of_files(source.files, opening) if source.files else open_log(source.path, opening=opening) as log:
+    if source.files:
+        from lidarcli.logs.csv.log import CsvLog
+
+        with CsvLog(source.files, opening) as log:
+            yield log
+        return
+    with open_log(source.path, opening=opening) as log:
         yield log
 
 
@@ -184,14 +191,8 @@ def _joined(source: Source, opening: OpenOptions | None) -> Log:
     )
 
 
-def _of_files(files: Sequence[str], opening: OpenOptions | None) -> Log:
-    from lidarcli.logs.csv.log import CsvLog
-
-    return CsvLog(files, opening)
-
-
 def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
-    """Tell whether several text files are the sweeps of one log, as far as the first readable one shows."""
+    """Return whether several text files are the sweeps of one log, as far as the first readable one shows."""
     from lidarcli.logs.csv.layouts import PER_SWEEP, NamelessError
 
     if len(files) < 2:
@@ -245,7 +246,8 @@ def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack:
     """Open a log of several objects, which are copied to this machine first."""
     folder = _scratch(stack) / "log"
     # The folders below a pattern tell apart files of one name.
-    base = _common_folder(files)
+    shared = os.path.commonprefix([file.key.split("/")[:-1] for file in files])  # noqa: RUF071 (of parts, not of characters)
+    base = "".join(f"{part}/" for part in shared)
     copies = [folder / file.key.removeprefix(base) for file in files]
     for file, copy in zip(files, copies, strict=True):
         copy.parent.mkdir(parents=True, exist_ok=True)
@@ -262,17 +264,6 @@ def _scratch(stack: ExitStack) -> Path:
     from lidarcli.newfiles import scratch_folder
 
     return stack.enter_context(scratch_folder())
-
-
-def _common_folder(files: Sequence[Url]) -> str:
-    """Return the common beginning of the names of all files, up to a slash."""
-    folders = [file.key.split("/")[:-1] for file in files]
-    shared = []
-    for parts in zip(*folders, strict=False):
-        if len(set(parts)) > 1:
-            break
-        shared.append(parts[0])
-    return "".join(f"{part}/" for part in shared)
 
 
 @contextmanager
@@ -366,7 +357,7 @@ class SlicedLog(ChangedLog):
     """A `Log` that also makes sweeps of another one's point clouds; the level of each is found before the first sweep."""
 
     def __init__(self, log: Log, options: OpenOptions, part: Slice) -> None:
-        from lidarcli.logs.slicing import Bins
+        from lidarcli.logs.clouds import Bins
 
         super().__init__(log)
         self._part = part
@@ -416,8 +407,8 @@ class SlicedLog(ChangedLog):
                 report.add_new(own)
 
     def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        from lidarcli.logs.slicing import Slicer
-        from lidarcli.pose.tree import TreeLevels
+        from lidarcli.logs.clouds import Slicer
+        from lidarcli.pose.sources import TreeLevels
 
         tracks = self.poses().tracks if self.size is not None else ()
         sensors = [topic.name for topic in self.topics() or () if topic.is_scan]

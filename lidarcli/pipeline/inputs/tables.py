@@ -116,7 +116,10 @@ def find_tables(inputs: Iterable[Given]) -> FoundTables:
     problems = []
     for text in inputs:
         try:
-            found = _tables_given(text)
+            if isinstance(text, TableSet):
+                found = FoundTables([text], [], [])
+            else:
+                found = FoundTables([], [text], []) if isinstance(text, HeldTable) else _tables_named(text)
         except UnreadableError as err:
             problems.append(err)
             continue
@@ -159,12 +162,6 @@ def table_files(inputs: Iterable[str]) -> list[Place]:
     found = find_tables(inputs)
     changes = [path for path in found.changes if not isinstance(path, HeldTable)]
     return [*(getattr(table_set, table) for table_set in found.table_sets for table in SCHEMAS), *changes]
-
-
-def _tables_given(given: Given) -> FoundTables:
-    if isinstance(given, TableSet):
-        return FoundTables([given], [], [])
-    return FoundTables([], [given], []) if isinstance(given, HeldTable) else _tables_named(given)
 
 
 def _tables_named(text: str) -> FoundTables:
@@ -522,19 +519,15 @@ def _has_changes(value: Any) -> bool:
 
 
 def _joined(table_sets: Sequence[HeldTableSet]) -> list[HeldTableSet]:
-    """Return the pairs, those of one log as one where they hold other kinds, as what `track` and `zones` return."""
+    """Return table sets, those of one log as one where they hold other kinds, as what `track` and `zones` return."""
     found: list[HeldTableSet] = []
-    for table_set in table_sets:
-        same = next((k for k, one in enumerate(found) if _belong(one, table_set)), None)
-        if same is None:
-            found.append(table_set)
+    for new in table_sets:
+        same = [k for k, one in enumerate(found) if one.before == new.before and not one.held.keys() & new.held.keys()]
+        if same:
+            found[same[0]] = replace(new, held=found[same[0]].held | new.held)
         else:
-            found[same] = replace(table_set, held=found[same].held | table_set.held)
+            found.append(new)
     return found
-
-
-def _belong(one: HeldTableSet, other: HeldTableSet) -> bool:
-    return (one.before, one.after) == (other.before, other.after) and not one.held.keys() & other.held.keys()
 
 
 def _is_frame(value: Any) -> bool:
@@ -577,13 +570,7 @@ def _rows_of_log(table: pa.Table, log: str, logs: Sequence[str]) -> pa.Table:
     else:
         notes.pop(SOURCE)
     if DAMAGE in notes:
-        notes[DAMAGE] = json.dumps([*_lines_of(damage, log, logs)])
+        # Lines that name no log are the first one's.
+        owners = [next((each for each in logs if str(line).startswith(f"{each}: ")), logs[0]) for line in damage]
+        notes[DAMAGE] = json.dumps([line for line, owner in zip(damage, owners, strict=True) if owner == log])
     return table.replace_schema_metadata(notes)
-
-
-def _lines_of(damage: Sequence[Any], log: str, logs: Sequence[str]) -> Iterator[Any]:
-    """Yield the lines that name a log; those that name none are the first one's."""
-    for line in damage:
-        of = next((each for each in logs if str(line).startswith(f"{each}: ")), logs[0] if logs else log)
-        if of == log:
-            yield line
