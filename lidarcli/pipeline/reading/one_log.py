@@ -403,7 +403,7 @@ def opening_of(parameters: dict[str, Any]) -> OpenOptions:
 
 
 def _is_number(value: object) -> bool:
-    """Tell whether a value of the metadata, which anybody may have written, is a number to compute with."""
+    """Return whether a value of the metadata, which anybody may have written, is a number to compute with."""
     from lidarcli.tabular.reading import GREATEST_VALUE
 
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= GREATEST_VALUE
