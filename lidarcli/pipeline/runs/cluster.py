@@ -10,6 +10,7 @@ import logging
 import os
 import sys
 import time
+from asyncio import CancelledError
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -178,7 +179,10 @@ def outcomes(client: distributed.Client, sources: Sequence[Source | MissingInput
     try:
         while waiting or running or suspects:
             if time.monotonic() - looked > LOOK_S:
-                looked, window = time.monotonic(), WINDOW * max(1, size_of(client)[2])
+                looked = time.monotonic()
+                # A scheduler that is busy is asked again later.
+                with suppress(OSError, TimeoutError):
+                    window = WINDOW * max(1, size_of(client)[2])
             is_alone = not waiting and not running
             while (waiting and len(running) < window) or (is_alone and not running):
                 source = waiting.popleft() if waiting else suspects.popleft()
@@ -207,7 +211,8 @@ def _outcome(future: Any, source: Source | MissingInput, is_alone: bool) -> Outc
     try:
         outcome: Outcome = future.result()
         return replace(outcome, label=source.label, source=source)
-    except distributed.KilledWorker:
+    except (distributed.KilledWorker, CancelledError):
+        # The cluster may also have lost it.
         if not is_alone:
             return None
         code, error = (
