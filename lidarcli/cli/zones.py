@@ -1,4 +1,4 @@
-"""`lidarcli zones`: who or what was in a zone, when, and zoning near."""
+"""`lidarcli zones`: who or what was in a zone, when, and how near."""
 
 from typing import Annotated
 
@@ -41,7 +41,7 @@ class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
     rules=ZONE_RULES,
 )
 def zones(messages: Messages, options: ZonesCommand) -> int:
-    """Find who or what was in a zone, when, and zoning near.
+    """Find who or what was in a zone, when, and how near.
 
     Zones are polygons, circles and lines in the frame of the sensor, the robot or the
     world, of a TOML file or of Nav2's Collision Monitor, whose rules they follow. All
@@ -74,14 +74,14 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
     total = Total()
     failed, tables = False, []
 
-    def tell(run: ZoneSummary) -> list[str]:
+    def lines_of(run: ZoneSummary) -> list[str]:
         where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
         return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *(f"  {line}" for line in run.lines)]
 
     with progress_bar(sources, messages) as report:
         for outcome in watch_files(sources, folder, zoning, report):
             total.add(outcome)
-            show(outcome, messages, tell)
+            show(outcome, messages, lines_of)
             if isinstance(outcome.summary, ZoneSummary):
                 tables += [outcome.summary.tables] if checks else []
             else:

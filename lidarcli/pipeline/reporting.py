@@ -88,7 +88,7 @@ class ReportOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class Made:
+class PagedReport:
     """A report, and where the rows come from that it is about."""
 
     report: Report | PartsReport
@@ -101,7 +101,7 @@ def understand(options: ReportOptions, zones: Collection[str] | None = None) -> 
     return [parse_check(text, bool(options.baseline), zones=zones) for text in options.checks]
 
 
-def make_report(options: ReportOptions, viewer: bool = False, progress: Progress = None) -> Made:
+def make_report(options: ReportOptions, viewer: bool = False, progress: Progress = None) -> PagedReport:
     """Read the tables and make the report.
 
     Parameters
@@ -133,82 +133,39 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
         # Only now it is known which zones there are.
         checks = understand(options, run.zones.names)
     unseen = (*_unseen(checks, run.sources), *_unobserved(checks, run), *_unseen_changes(checks, changes))
-    of_changes = {} if changes is None else changes.figures
-    if not options.baseline:
-        summary = summarise(run)
-        verdicts = tuple(judge(check, summary.figures | of_changes, run) for check in checks)
-        report = Report(summary, changes=changes, verdicts=verdicts, unread=problems, unseen=unseen)
-        step()
-        return _with_page(report, run, pairs, options) if viewer else Made(report)
-    compared = [check for check in checks if check.name.startswith(DELTA)]
-    base_run, _, base_problems = _load(*base_found, compared, False, step)
-    if base_problems:
-        raise UnreadableError(f"baseline: {base_problems[0]}")
-    # Both runs share the edges of their histograms.
-    edges = edges_of(*(values_of(one, streams_of(one)) for one in (run, base_run)))
-    summary, baseline = summarise(run, edges), summarise(base_run, edges)
-    comparison = compare(run, summary, base_run, baseline)
-    values = summary.figures | comparison.figures | of_changes
-    verdicts = tuple(judge(check, values, run) for check in checks)
-    report = Report(summary, comparison, changes, verdicts=verdicts, unread=problems, unseen=unseen)
+    if options.baseline:
+        compared = [check for check in checks if check.name.startswith(DELTA)]
+        base_run, _, base_problems = _load(*base_found, compared, False, step)
+        if base_problems:
+            raise UnreadableError(f"baseline: {base_problems[0]}")
+        # Both runs share the edges of their histograms.
+        edges = edges_of(*(values_of(one, streams_of(one)) for one in (run, base_run)))
+        summary = summarise(run, edges)
+        report = Report(summary, compare(run, summary, base_run, summarise(base_run, edges)), changes)
+    else:
+        report = Report(summarise(run), None, changes)
+    verdicts = tuple(judge(check, report.figures, run) for check in checks)
+    report = replace(report, verdicts=verdicts, unread=problems, unseen=unseen)
     step()
-    return _with_page(report, run, pairs, options) if viewer else Made(report)
+    return _with_page(report, run, pairs, options) if viewer else PagedReport(report)
 
 
-def _with_page(report: Report, run: Run, pairs: Sequence[TableSet], options: ReportOptions) -> Made:
+def _with_page(report: Report, run: Run, pairs: Sequence[TableSet], options: ReportOptions) -> PagedReport:
     """Add the contents of the HTML to a report; a beams table that cannot be read is one problem more."""
     from lidarcli.pipeline.viewing import viewer_of
     from lidarcli.reports.html import Page
     from lidarcli.reports.map_picture import overview
 
-    seen = viewer_of(run, report.summary, pairs, options.logs, options.join)
-    report = replace(report, unread=(*report.unread, *seen.problems))
+    view = viewer_of(run, report.summary, pairs, options.logs, options.join)
+    report = replace(report, unread=(*report.unread, *view.problems))
     # Every log has a world of its own.
     above = overview(run.sweeps, run.tracks, run.trajectories) if len(run.sources) == 1 else None
-    return Made(report, Page(seen.data, above, seen.walls, seen.grid, _command(options)))
+    return PagedReport(report, Page(view.data, above, view.walls, view.grid, _command(options)))
 
 
 def _is_of_zones(pair: TableSet) -> bool:
     """Tell whether a log has tables of zones alone."""
     return (pair.zones.exists() or pair.events.exists()) and not (pair.objects.exists() or pair.sweeps.exists())
-
-
-def _with_zones(
-    pairs: Sequence[TableSet], problems: list[UnreadableError]
-) -> tuple[list[TableSet], dict[TableSet, TableSet]]:
-    """Return the tables of objects, and for some the tables of zones of the same log that lie in another folder.
-
-    `problems` gets an error for zones of which no objects are named, or those of several logs of one name.
-    """
-    found = [pair for pair in pairs if not _is_of_zones(pair)]
-    elsewhere: dict[TableSet, TableSet] = {}
-    for pair in pairs:
-        if pair in found:
-            continue
-        mine = [
-            one
-            for one in found
-            if one.log == pair.log and one not in elsewhere and not (one.zones.exists() or one.events.exists())
-        ]
-        if len(mine) == 1:
-            elsewhere[mine[0]] = pair
-            continue
-        problems.append(
-            UnreadableError(
-                f"{pair.events}: tables of zones need the objects table of their log, and {len(mine) or 'none'} of "
-                f"{pair.log} without zones {'is' if len(mine) < 2 else 'are'} named: name one, or tables of zones alone"
-            )
-        )
-    return found, elsewhere
-
-
-def _zones_of(pair: TableSet, origin: Origin) -> tuple[pa.Table, pa.Table]:
-    """Read the tables of zones of the log that tables of another folder are of."""
-    found = _read_zones(pair)
-    here = origin_of(pair, found[1])
-    if (here.log, here.size) != (origin.log, origin.size):
-        raise UnreadableError(f"{pair.events}: of another log than {origin.label}")
-    return found
 
 
 def _read_zones(pair: TableSet) -> tuple[pa.Table, pa.Table]:
@@ -250,7 +207,7 @@ def _report_parts(
     changes: ChangesPart | None,
     problems: Sequence[UnreadableError],
     options: ReportOptions,
-) -> Made:
+) -> PagedReport:
     """Report on zones, on changes, or on both, where there are no tables of objects."""
     kind = "changes" if zones is None else "zones"
     for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
@@ -268,7 +225,7 @@ def _report_parts(
         checks = [parse_zone_check(text, zones[0].names, others) for text in options.checks]
         verdicts = [judge_zones(check, report.figures, zones[0]) for check in checks]
         unseen = (*_unseen(checks, zones[1]), *unobserved(checks, zones[0]), *_unseen_changes(checks, changes))
-    return Made(replace(report, verdicts=tuple(verdicts), unseen=unseen))
+    return PagedReport(replace(report, verdicts=tuple(verdicts), unseen=unseen))
 
 
 def _zones_alone(
@@ -303,8 +260,8 @@ def _command(options: ReportOptions) -> str:
 
 def _names(paths: Sequence[Given]) -> list[str]:
     """Return the names of files, of many the first."""
-    told = [str(path.objects if isinstance(path, TableSet) else path) for path in paths]
-    names = [path.rstrip("/").split("/")[-1] or path for path in told]
+    full = [str(path.objects if isinstance(path, TableSet) else path) for path in paths]
+    names = [path.rstrip("/").split("/")[-1] or path for path in full]
     return names if len(names) <= NAMED else [*names[:NAMED], "..."]
 
 
@@ -323,7 +280,12 @@ def _load(
 ) -> tuple[Run, tuple[TableSet, ...], tuple[str, ...]]:
     """Read the rows of all tables that can be read; returns them with one line for each problem."""
     problems = [*problems]
-    pairs, elsewhere = _with_zones(pairs, problems)
+    problems += [
+        UnreadableError(f"{pair.events}: no objects table beside it: write both into one folder, or report on zones alone")
+        for pair in pairs
+        if _is_of_zones(pair)
+    ]
+    pairs = [pair for pair in pairs if not _is_of_zones(pair)]
     columns = {*OBJECT_COLUMNS, *columns_needed(checks, "objects"), *(VIEWER_COLUMNS if viewer else ())}
     sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps"), *(VIEWER_POSES if viewer else ())}
     # Without tracks their columns are not read.
@@ -359,9 +321,7 @@ def _load(
         if found is not None:
             tracks[len(read)] = found
         try:
-            if pair in elsewhere:
-                zones[len(read)] = _zones_of(elsewhere[pair], origin_of(pair, sweeps))
-            elif pair.zones.exists() or pair.events.exists():
+            if pair.zones.exists() or pair.events.exists():
                 zones[len(read)] = _read_zones(pair)
         except UnreadableError as err:
             problems.append(err)
@@ -369,7 +329,7 @@ def _load(
     if not read:
         raise nothing_read(problems)
     kept, sources, sweep_tables, object_tables = zip(*read, strict=True)
-    _refuse_missing(checks, kept, [elsewhere.get(pair, pair) for pair in kept])
+    _refuse_missing(checks, kept)
     things = Rows.join([*tracks.values()], [*tracks]) if tracks else None
     paths = Rows.join([*trajectories.values()], [*trajectories]) if trajectories else None
     zone_rows = zones_in(zones) if zones else None
@@ -402,17 +362,17 @@ def _unobserved(checks: Sequence[Check], run: Run) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _refuse_missing(checks: Sequence[Check], pairs: Sequence[TableSet], zoned: Sequence[TableSet]) -> None:
-    """Refuse a check of tracks, or of zones in `zoned`, where some log has none: it would speak of the others alone."""
+def _refuse_missing(checks: Sequence[Check], pairs: Sequence[TableSet]) -> None:
+    """Refuse a check of tracks or zones where some log has none: it would speak of the others alone."""
     for check in checks:
-        for needed, kind, way, named in (
-            (check.needs_tracks, "tracks", "track LOG", pairs),
-            (check.needs_zones, "zones", "zones LOG --zones FILE", zoned),
+        for needed, kind, how in (
+            (check.needs_tracks, "tracks", "track LOG"),
+            (check.needs_zones, "zones", "zones LOG --zones FILE"),
         ):
-            missing = [getattr(pair, kind) for pair in named if needed and not getattr(pair, kind).exists()]
+            missing = [getattr(pair, kind) for pair in pairs if needed and not getattr(pair, kind).exists()]
             if missing:
                 raise OptionError(
-                    f"--check '{check.expression}' asks for {kind}, but {missing[0]} is not there; lidarcli {way} writes it"
+                    f"--check '{check.expression}' asks for {kind}, but {missing[0]} is not there; lidarcli {how} writes it"
                 )
 
 
@@ -433,7 +393,7 @@ def encoded(words: str) -> bytes:
     return words.encode("utf-8", "backslashreplace")
 
 
-def render(made: Made, kind: str, colour: bool = False, brief: bool = False) -> str:
+def render(made: PagedReport, kind: str, colour: bool = False, brief: bool = False) -> str:
     """The report in one of `FORMATS`, `brief` in one of `SHORT_FORMATS`; for html, one of tables was made with `viewer`."""
     report = made.report
     if kind == "html":

@@ -1,4 +1,4 @@
-"""Counts of each sweep of a topic in each zone: a fold over batches, with some numbers for each sweep and zone."""
+"""Counts of each sweep in each zone, batch by batch."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ class Velocities(NamedTuple):
         return newest, int(np.count_nonzero(old))
 
 
-class Counting:
+class TopicCounter:
     """Folds the batches of one topic into a `TopicSeries`."""
 
     def __init__(self, series: TopicSeries, frames: Frames, masks: Masks, velocities: dict[str, Velocities | None]) -> None:
@@ -238,45 +238,45 @@ class Counting:
             place, velocity = places[each.zone.frame], velocities[each.zone.velocity_topic]
             each.append(placed=_four(place.at_stamp()), velocity=velocity)
             own = velocity if each.zone.frame == WORLD else velocity_of(velocity, place, carried)
-            look = _Look(batch, ranges, masks, place, objects, owners, own, series.count)
-            self._look(each, look, hidden)
+            placed = _PlacedSweeps(batch, ranges, masks, place, objects, owners, own, series.count)
+            self._count(each, placed, hidden)
         series.count += len(batch)
 
-    def _look(self, into: ZoneSeries, look: _Look, masked: Float32 | None) -> None:
+    def _count(self, into: ZoneSeries, sweeps: _PlacedSweeps, masked: Float32 | None) -> None:
         """Count what is in a zone."""
-        now = into.shapes.at(look.batch.stamp_ns)
-        count, parts = len(look.batch), len(into.places) if now is None else 1
+        now = into.shapes.at(sweeps.batch.stamp_ns)
+        count, parts = len(sweeps.batch), len(into.places) if now is None else 1
         points, away = np.zeros((count, parts), np.int32), np.zeros((count, parts), np.int32)
         nearest, bearing = (np.full((count, parts), np.nan, np.float32) for _ in range(2))
         x, y, ttc = (np.full((count, parts), np.nan) for _ in range(3))
-        whole, beams = look, np.zeros((count, parts), np.int32)
+        whole, beams = sweeps, np.zeros((count, parts), np.int32)
         for part, places in enumerate(into.places if now is None else [np.stack(into.places)[now]]):
-            beams[:, part] = look.reach(into.zone, places)
+            beams[:, part] = sweeps.reach(into.zone, places)
         for number, shape in enumerate(into.shapes.shapes):
-            part, look = number, whole
+            part, sweeps = number, whole
             if now is not None:
                 mine = now == number
                 if not mine.any():
                     continue
                 # A sweep without a place has no points.
                 there = replace(whole.place, x=np.where(mine, whole.place.x, np.nan))
-                part, look = 0, whole._replace(place=there)
-            found, its = look.inside(into.zone, shape)
+                part, sweeps = 0, whole._replace(place=there)
+            found, its = sweeps.inside(into.zone, shape)
             if into.zone.action == "approach":
-                found, times_to = look.approach(into.zone, shape, found, its)
+                found, times_to = sweeps.approach(into.zone, shape, found, its)
                 ttc[:, part] = np.fmin(ttc[:, part], times_to)
             counts = np.bincount(found.row, minlength=count)
             rows = np.flatnonzero(counts)
             points[rows, part] = counts[rows]
             if len(rows):
-                least = look.least(found)
+                least = sweeps.least(found)
                 at = found.row[least], found.beam[least]
-                nearest[rows, part] = look.ranges[at]
-                bearing[rows, part] = look.bearing(*at)
+                nearest[rows, part] = sweeps.ranges[at]
+                bearing[rows, part] = sweeps.bearing(*at)
                 x[rows, part], y[rows, part] = found.x[least], found.y[least]
-            into.hits.append(look.hits(found, part))
+            into.hits.append(sweeps.hits(found, part))
             if masked is not None:
-                under = candidates(look.batch, masked, look.place, shape)
+                under = candidates(sweeps.batch, masked, sweeps.place, shape)
                 away[:, part] += np.bincount(under.row, minlength=count).astype(np.int32)
         reached = np.maximum(beams, points)
         into.append(points=points, nearest=nearest, bearing=bearing, x=x, y=y, masked=away, reach=reached, ttc=ttc)
@@ -331,7 +331,7 @@ class Counting:
         return velocities
 
 
-class _Look(NamedTuple):
+class _PlacedSweeps(NamedTuple):
     """Sweeps of one frame, and where their sensor is in the frame of a zone."""
 
     batch: SweepBatch
@@ -372,8 +372,8 @@ class _Look(NamedTuple):
         fastest = float(np.nanmax(speed, initial=0.0))
         if zone.count == "agents" and self.objects is not None:
             fastest += float(np.nanmax(np.hypot(*self.objects.velocity.T), initial=0.0))
-        way = fastest * (zone.time_before_collision + zone.time_step)
-        near = candidates(self.batch, self.ranges, self.place, _around(shape, way))
+        reach = fastest * (zone.time_before_collision + zone.time_step)
+        near = candidates(self.batch, self.ranges, self.place, _around(shape, reach))
         return self._counted(zone, candidates(self.batch, self.ranges, self.place, shape)), self._counted(zone, near)
 
     def _counted(self, zone: Zone, found: Inside) -> Inside:
@@ -437,11 +437,11 @@ class _Look(NamedTuple):
         )
 
 
-def _around(shape: Circle | Polygon, way: float) -> Circle:
-    """Return a circle about the robot that holds a shape and all within some way of it."""
+def _around(shape: Circle | Polygon, reach: float) -> Circle:
+    """Return a circle about the robot that holds a shape and all within reach of it."""
     if isinstance(shape, Circle):
-        return Circle(0.0, 0.0, float(np.hypot(shape.x, shape.y)) + shape.radius + way)
-    return Circle(0.0, 0.0, float(np.hypot(*np.array(shape.corners).T).max()) + way)
+        return Circle(0.0, 0.0, float(np.hypot(shape.x, shape.y)) + shape.radius + reach)
+    return Circle(0.0, 0.0, float(np.hypot(*np.array(shape.corners).T).max()) + reach)
 
 
 def _carrier(sensor: SweepPoses, carried: SweepPoses) -> SweepPoses:

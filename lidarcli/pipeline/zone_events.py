@@ -1,10 +1,11 @@
-"""From what each sweep has in a zone to the events of the zone, and its rows in the table of zones."""
+"""The events of a zone, and its rows in the table of zones, from the counts of each sweep."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,9 +14,8 @@ from numpy.typing import NDArray
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones import Path, crossings, episodes, same_agents, visits
 from lidarcli.masks import Circle, Polygon
-from lidarcli.pipeline.reading.masking import REACH
 from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, UInt8
+from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
 from lidarcli.zone import WORLD, Line, Zone
 
@@ -25,8 +25,6 @@ BOTH_CROSS_NS = 1_000_000_000
 OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
 IN, OUT = DIRECTIONS
 _AGENT = SETS.index("A")
-SAME_SHARE, SAME_SPREAD, SAME_TURN = 0.9, 0.06, 0.1
-"""In this share of the sweeps the nearest point stays within such a distance [m] and bearing [rad]: perhaps the robot."""
 
 
 class AgentPaths(NamedTuple):
@@ -71,8 +69,6 @@ class ZoneEvents:
     one_sided: int | None = None
     """Of a line: how often an agent went through it that was not clear of it on both sides; None without tracks."""
     topics: Sequence[TopicSeries] = ()
-    always_same: bool = False
-    """True where the same beams have nearly the same range nearly all the time."""
     in_force: bool = True
     """False for a velocity_polygon none of whose polygons ever covered the velocity."""
 
@@ -123,7 +119,10 @@ class EventFinder:
         self.sweep = self._own("sweep")
         self.points_of = self._of_topics("points")
         self.points: Int64 = self.points_of.sum(axis=0)
-        self.numbers = self._number_agents()
+        self.has_tracks = any(one is not None for one in agents)
+        self.paths = [self._paths(*one) for one in zip(topics, self.series, agents, strict=True)]
+        """Of each topic the paths of its agents in the frame of the zone."""
+        self.numbers = same_agents(self.paths)
         self.hits = self._hit_rows()
 
     def _timeout(self, stamps: Int64) -> int:
@@ -178,53 +177,36 @@ class EventFinder:
         return found
 
     def _of_topics(self, name: str) -> Int64:
-        """Return (topics, N) a number of beams of the newest sweep of each topic; 0 on a line, which holds none."""
-        found = np.zeros((len(self.topics), len(self.own)), np.int64)
-        if not self.is_line:
-            for index in range(len(found)):
-                found[index] = self._picked(index, name, 0)
-        return found
+        """Return (topics, N) a number of beams of the newest sweep of each topic."""
+        return np.stack([self._picked(index, name, 0).astype(np.int64) for index in range(len(self.topics))])
 
     def find(self) -> ZoneEvents:
         """Return the events and the rows."""
         zone = self.zone
-        by_topic = [
-            np.full((5, len(self.own)), np.nan)
-            if self.is_line
-            else np.stack([self._picked(index, name, np.nan) for name in ("nearest", "bearing", "x", "y", "ttc")])
-            for index in range(len(self.topics))
-        ]
-        away = np.where(np.isnan(stacked := np.stack([each[0] for each in by_topic])), np.inf, stacked)
-        self.source = away.argmin(axis=0)
+        names = ("nearest", "bearing", "x", "y", "ttc")
+        values = np.stack([[self._picked(index, name, np.nan) for name in names] for index in range(len(self.topics))])
+        self.source = np.where(np.isnan(values[:, 0]), np.inf, values[:, 0]).argmin(axis=0)
         """(N,) topic of the nearest point."""
-        values = np.stack(by_topic)[self.source, :, np.arange(len(self.own))].T
-        self.nearest, self.bearing, self.x, self.y, _ = values
-        ttc = np.stack([each[4] for each in by_topic])
-        self.ttc = np.where(np.isnan(ttc).all(axis=0), np.nan, np.fmin.reduce(ttc, axis=0))
-        enough = ~np.isnan(self.ttc) if zone.action == "approach" else self.points >= zone.min_points
-        found = (
-            []
-            if self.is_line
-            else episodes(
-                enough,
-                self.time_ns,
-                trigger=zone.trigger,
-                release=zone.release,
-                hold_ns=round(zone.hold * SECOND_NS),
-                longest_gap_ns=max(self._timeout_ns),
-            )
+        self.nearest, self.bearing, self.x, self.y, _ = values[self.source, :, np.arange(len(self.own))].T
+        self.ttc = np.fmin.reduce(values[:, 4])
+        self.enough = ~np.isnan(self.ttc) if zone.action == "approach" else self.points >= zone.min_points
+        found = episodes(
+            self.enough,
+            self.time_ns,
+            trigger=zone.trigger,
+            release=zone.release,
+            hold_ns=round(zone.hold * SECOND_NS),
+            longest_gap_ns=max(self._timeout_ns),
         )
         active = np.zeros(len(self.own), np.bool_)
         for each in found:
             active[each.first : each.last + 1] = True
-        agents = self._agents()
-        self.agents = None if agents is None else self._per_row(agents).astype(np.int32)
+        self.agents = self._per_row(self._agents()).astype(np.int32) if self.has_tracks else None
         """(N,) agents in the zone; None without tracks."""
-        self.enough = enough
         events = [self._episode(each.first, each.last, each.cut) for each in found]
         events += self._stale()
         one_sided = None
-        if self.numbers is not None:
+        if self.has_tracks:
             own, one_sided = self._of_agents()
             events += own
         columns: dict[str, NDArray[Any] | None] = {
@@ -240,16 +222,7 @@ class EventFinder:
             "masked": self._of_topics("masked").sum(axis=0).astype(np.int32),
             "observed": self._observed(),
         }
-        return ZoneEvents(
-            zone,
-            events,
-            self.topic,
-            columns,
-            one_sided,
-            self.topics,
-            self._is_always_same(active),
-            bool((self.part >= 0).any()),
-        )
+        return ZoneEvents(zone, events, self.topic, columns, one_sided, self.topics, bool((self.part >= 0).any()))
 
     def _observed(self) -> Bool:
         """Return (N,) whether something in the zone could have made an event: enough beams reach it for long enough."""
@@ -262,16 +235,6 @@ class EventFinder:
         for begin, end in edges.reshape(-1, 2).tolist():
             observed[begin:end] = end - begin >= self.zone.trigger
         return observed
-
-    def _is_always_same(self, active: Bool) -> bool:
-        if np.count_nonzero(active) < max(SAME_SHARE * len(active), 10):
-            return False
-        low, high = np.nanpercentile(self.nearest[active], (5, 95))
-        if high > REACH:
-            return False
-        middle = np.nanmedian(self.bearing[active])
-        off = np.abs((self.bearing[active] - middle + 0.5 * TURN) % TURN - 0.5 * TURN)
-        return bool(high - low < SAME_SPREAD and np.mean(off < SAME_TURN) >= SAME_SHARE)
 
     # Whose points they are.
 
@@ -287,7 +250,7 @@ class EventFinder:
             right = hits.part[hit] == self.part[row]
             row, hit = row[right], hit[right]
             tracks, which = np.unique(hits.track[hit], return_inverse=True)
-            known = [(self.numbers or {}).get((index, track), -1) for track in tracks.tolist()]
+            known = [self.numbers.get((index, track), -1) for track in tracks.tolist()]
             agent = np.array(known, np.int64)[which]
             of_hit = (hits.set[hit], hits.track[hit], hits.object[hit], hits.points[hit])
             pieces.append(HitRows(row, np.full(len(row), index), agent, *of_hit))
@@ -329,22 +292,14 @@ class EventFinder:
 
     # Agents.
 
-    def _paths(self) -> list[dict[int, Path]] | None:
-        """Return for each topic the paths of its agents in the frame of the zone; None without tracks."""
-        if all(one is None for one in self.paths_of):
-            return None
-        found: list[dict[int, Path]] = []
-        for topic, series, tracked in zip(self.topics, self.series, self.paths_of, strict=True):
-            paths: dict[int, Path] = {}
-            if tracked is not None and len(tracked.track):
-                x, y = self._in_zone(topic, series, tracked)
-                stamps = topic.column("stamp_ns")[tracked.number]
-                begins = np.flatnonzero(np.diff(tracked.track, prepend=-1))
-                for begin, end in zip(begins, [*begins[1:], len(tracked.track)], strict=True):
-                    some = slice(int(begin), int(end))
-                    paths[int(tracked.track[begin])] = Path(stamps[some], x[some], y[some])
-            found.append(paths)
-        return found
+    def _paths(self, topic: TopicSeries, series: ZoneSeries, agents: AgentPaths | None) -> dict[int, Path]:
+        if agents is None:
+            return {}
+        x, y = self._in_zone(topic, series, agents)
+        stamps = topic.column("stamp_ns")[agents.number]
+        begins = np.flatnonzero(np.diff(agents.track, prepend=-1)).tolist()
+        pieces = (slice(*ends) for ends in pairwise([*begins, len(agents.track)]))
+        return {int(agents.track[some.start]): Path(stamps[some], x[some], y[some]) for some in pieces}
 
     def _in_zone(self, topic: TopicSeries, series: ZoneSeries, agents: AgentPaths) -> tuple[Float64, Float64]:
         """Return where agents are in the frame of the zone (N,) [m]."""
@@ -354,10 +309,6 @@ class EventFinder:
         own = _to_sensor(topic.column("pose")[agents.number], x, y)
         x, y = (np.where(agents.in_world, here, there) for here, there in zip(own, (x, y), strict=True))
         return _to_frame(series.column("placed")[agents.number], x, y)
-
-    def _number_agents(self) -> dict[tuple[int, int], int] | None:
-        self.paths = self._paths()
-        return None if self.paths is None else same_agents(self.paths)
 
     def _shapes(self, index: int) -> tuple[list[Circle | Polygon], Int64]:
         """Return the shapes of the zone, and which of them it has (S,) at each sweep of a topic, -1 for none."""
@@ -374,7 +325,6 @@ class EventFinder:
 
         Nothing shows that an agent was there whose path is hidden in the zone all the time.
         """
-        assert self.paths is not None
         if self.is_line:
             return
         for index, (paths, tracked) in enumerate(zip(self.paths, self.paths_of, strict=True)):
@@ -389,10 +339,8 @@ class EventFinder:
                     if in_view[visit.first : visit.last + 1].any():
                         yield index, track, visit.first, visit.last, visit.cut
 
-    def _agents(self) -> NDArray[np.intp] | None:
-        """Return (K,) sweeps, by row, once for each agent that is in the zone then; None without tracks."""
-        if self.paths is None or self.numbers is None:
-            return None
+    def _agents(self) -> NDArray[np.intp]:
+        """Return (K,) sweeps, by row, once for each agent that is in the zone then."""
         mine = (self.hits.set == _AGENT) & (self.hits.agent >= 0)
         pairs = [np.column_stack([self.hits.row[mine], self.hits.agent[mine]])]
         for index, track, first, last, _ in self._visits():
@@ -403,8 +351,6 @@ class EventFinder:
 
     def _of_agents(self) -> tuple[list[dict[str, Any]], int]:
         """Return visits or crossings, of an agent that two sensors see each once; and crossings seen on one side only."""
-        assert self.paths is not None
-        assert self.numbers is not None
         events: list[tuple[int, dict[str, Any]]] = []
         one_sided = 0
         if isinstance(shape := self.zone.shape, Line):
@@ -425,7 +371,6 @@ class EventFinder:
 
     def _of_path(self, index: int, track: int, first: int, last: int, kind: str) -> dict[str, Any]:
         """Return the event of a piece of the path of an agent."""
-        assert self.paths is not None
         path, topic = self.paths[index][track], self.topics[index]
         tracked = self.paths_of[index]
         assert tracked is not None

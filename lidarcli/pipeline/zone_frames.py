@@ -1,4 +1,4 @@
-"""Places of sensors in the frames of zones: by mounts of the zone file, by transforms of the log, by poses."""
+"""Places of sensors in the frames of zones, by mounts, transforms and poses; zones as pictures show them."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones, placed
 
 LONG_HELD = 1.0
 """A link that moves and is held for longer beyond its transforms has a note [s]."""
+COUNTED = {"things": ("O", "A"), "agents": ("A",)}
+"""Kind of beams that count in a zone → their sets."""
 
 
 @dataclass(slots=True)
@@ -178,10 +180,6 @@ def _resting(mount: Mount, count: int) -> SweepPoses:
     """Return one place for so many sweeps."""
     x, y, yaw = (np.full(count, value) for value in (mount.x, mount.y, mount.yaw))
     return SweepPoses(x, y, yaw, np.full(count, mount.upside_down))
-
-
-COUNTED = {"things": ("O", "A"), "agents": ("A",)}
-"""Kind of beams that count in a zone → their sets."""
 
 
 @record

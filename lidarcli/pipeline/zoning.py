@@ -1,11 +1,11 @@
-"""Options of `zones`, and zones as plain values."""
+"""`zones`: a pass over a log that counts what is in its zones, and the tables, lines and notes of it."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -29,9 +29,9 @@ from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once,
 from lidarcli.pipeline.zone_counting import (
     OBJECT_COLUMNS,
     OLDEST_NS,
-    Counting,
     Objects,
     Shapes,
+    TopicCounter,
     TopicSeries,
     Velocities,
     ZoneSeries,
@@ -54,6 +54,9 @@ from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones
 
 TABLES = ("events", "zones")
+NAMED = ("name", "frame", "action", "count", "min_points", "trigger", "release", "hold", "timeout")
+"""Fields of every zone in the metadata, beside those that it has."""
+_MASKED = "masks of the zone file hide beams, but no objects of --objects: give --mask where these are made, too"
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,48 +92,37 @@ class ZoneOptions:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all options that the result depends on, as plain values, for the tables' metadata."""
-        told: dict[str, Any] = {"zones": [zone_dict(zone) for zone in self.zones.zones], "find": self.has_objects}
-        if masks := plain(self.zones.masks):
-            told["zone_masks"] = masks
-        if self.zones.robot:
-            told["robot"] = self.zones.robot
-        if self.footprint is not None:
-            told["footprint"] = [[*corner] for corner in self.footprint.corners]
-        return self.detect.as_dict() | told
+        own: dict[str, Any] = {"zones": [*map(zone_dict, self.zones.zones)], "find": self.has_objects}
+        more: dict[str, Any] = {"zone_masks": plain(self.zones.masks), "robot": self.zones.robot}
+        more["footprint"] = None if self.footprint is None else self.footprint.corners
+        return self.detect.as_dict() | own | {name: value for name, value in more.items() if value}
 
 
 def zone_dict(zone: Zone) -> dict[str, Any]:
     """Return a zone as plain values; of its shape one of polygon, circle, line, or each of its polygons by name."""
-    shape = zone.shape
-    told: dict[str, Any] = {
-        name: getattr(zone, name)
-        for name in ("name", "frame", "action", "count", "min_points", "trigger", "release", "hold", "timeout")
-    }
-    if zone.topics:
-        told["topics"] = [*zone.topics]
-    if zone.action == "approach":
-        told |= {name: getattr(zone, name) for name in ("time_before_collision", "time_step")}
-    told |= {name: topic for name in ("shape_topic", "velocity_topic") if (topic := getattr(zone, name))}
+    ahead = ("time_before_collision", "time_step") if zone.action == "approach" else ()
+    topics = [name for name in ("shape_topic", "velocity_topic") if getattr(zone, name)]
+    found = {name: getattr(zone, name) for name in (*NAMED, *(("topics",) if zone.topics else ()), *ahead, *topics)}
     if zone.footprint is not None:
-        told["footprint"] = [[*corner] for corner in zone.footprint.corners]
-    match shape:
+        found["footprint"] = zone.footprint.corners
+    match zone.shape:
         case Polygon(corners):
-            told["polygon"] = [[*corner] for corner in corners]
-        case Circle(x, y, radius):
-            told["circle"] = {"x": x, "y": y, "radius": radius}
+            found["polygon"] = corners
+        case Circle():
+            found["circle"] = asdict(zone.shape)
         case Line(first, second):
-            told["line"] = [[*first], [*second]]
+            found["line"] = first, second
         case None:
-            told["polygons"] = {
+            found["polygons"] = {
                 case.name: {
-                    "polygon": [[*corner] for corner in case.shape.corners],
-                    "linear": [*case.linear],
-                    "turning": [*case.turning],
-                    **({} if case.direction is None else {"direction": [*case.direction]}),
+                    "polygon": case.shape.corners,
+                    "linear": case.linear,
+                    "turning": case.turning,
+                    **({} if case.direction is None else {"direction": case.direction}),
                 }
                 for case in zone.cases
             }
-    return told
+    return found
 
 
 def refuse_options(options: ZoneOptions) -> None:
@@ -154,7 +146,7 @@ def refuse_resting(zone: Zone) -> None:
         )
 
 
-class Watching:
+class ZoneReader:
     """One pass over a log that counts what is in its zones."""
 
     def __init__(self, log: Log, options: ZoneOptions, pair: TableSet | None) -> None:
@@ -178,9 +170,11 @@ class Watching:
         self._agents: dict[Key, AgentPaths | None] = {}
         self._worlds: dict[Key, str] = {}
         """Sensor → the fixed frame of its poses."""
-        self._counting: dict[Key, Counting] = {}
+        self._counting: dict[Key, TopicCounter] = {}
         self._report = ReadReport()
-        self._told = {zone.velocity_topic: self._velocities(zone) for zone in options.zones.zones if zone.velocity_topic}
+        self._known_velocities = {
+            zone.velocity_topic: self._velocities(zone) for zone in options.zones.zones if zone.velocity_topic
+        }
         self._lost: dict[str, NoScanError] = {}
         """Zones that cannot be judged in this log → why."""
         self._shapes: dict[str, Shapes] = {}
@@ -218,8 +212,8 @@ class Watching:
             return Shapes([zone.shape])
         if isinstance(zone.shape, Line) or zone.cases:
             return Shapes([case.shape for case in zone.cases])
-        told = polygons(self._log, zone.shape_topic, self._report)
-        if told is None:
+        messages = polygons(self._log, zone.shape_topic, self._report)
+        if messages is None:
             if (footprint := self._options.footprint or zone.footprint) is None:
                 raise NoScanError(
                     f"zone '{zone.name}' has the shape that {zone.shape_topic} tells, and the log has no such topic: "
@@ -228,7 +222,7 @@ class Watching:
             return Shapes([footprint])
         shapes: dict[tuple[tuple[float, float], ...], int] = {}
         times, parts = [], []
-        for each in told:
+        for each in messages:
             frames = self._frames.of_topic(zone.shape_topic)
             corners = frames.corners_in("", each.frame_id, each.stamp_ns, each.corners)
             if corners is None:
@@ -259,10 +253,10 @@ class Watching:
         for zone in self._zones:
             with self._judging(zone):
                 gaps += [*self._gaps(zone)]
-        settled = [one for zone in self._zones for one in self._settled(zone)]
+        by_zone = [one for zone in self._zones for one in self._events_in(zone)]
         left_out = [f"{error}; the others are judged" for error in self._lost.values()]
         summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *left_out]
-        return summary, settled, described
+        return summary, by_zone, described
 
     def _take(self, batch: SweepBatch, reading: Reading) -> None:
         """Count the sweeps of a batch."""
@@ -282,7 +276,7 @@ class Watching:
                     batch.first_ns,
                 )
                 frames = self._frames.of_topic(batch.topic)
-                self._counting[key] = Counting(series, frames, self._masks, self._told)
+                self._counting[key] = TopicCounter(series, frames, self._masks, self._known_velocities)
             objects = None if whole is None else whole.of_rows(rows)
             self._counting[key].add(mine, objects)
 
@@ -375,13 +369,13 @@ class Watching:
         # A path that is matched from the sweeps begins where its sensor was.
         named = {(world, sensor if world == MATCH else "") for (_, sensor), world in worlds.items()}
         if len(named) > 1:
-            told = ", ".join(f"{world} for {topic}" for (topic, _), world in sorted(worlds.items()))
+            listed = ", ".join(f"{world} for {topic}" for (topic, _), world in sorted(worlds.items()))
             raise NoScanError(
-                f"zone '{zone.name}' is in the world, and its sensors have each a world of its own ({told}): give the zone "
-                "one 'topic', or poses in one world (--pose TOPIC, --poses FILE)"
+                f"zone '{zone.name}' is in the world, and its sensors have each a world of its own ({listed}): give it one "
+                "'topic', or poses in one world (--pose TOPIC, --poses FILE)"
             )
 
-    def _settled(self, zone: Zone) -> Iterator[ZoneEvents]:
+    def _events_in(self, zone: Zone) -> Iterator[ZoneEvents]:
         """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
         counted_in = self._counted_in(zone)
         groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
@@ -441,14 +435,14 @@ class Watching:
             if zone.zone.frame == WORLD or frame_name(zone.zone.frame).rpartition("/")[2] in WORLDS
         }
         notes: dict[str, None] = {}
-        for frame, told in described.get("poses", {}).items():
+        for frame, poses in described.get("poses", {}).items():
             for (name, topic), where in sorted(fixed.items()):
-                if told.get("pose_verdict", {}).get(topic) == "rejected":
+                if poses.get("pose_verdict", {}).get(topic) == "rejected":
                     raise UnreadableError(
                         f"zone '{name}' is in the frame {where}, and the poses of {frame or 'the sensor'} contradict the "
                         f"sweeps of {topic}: nothing written; give other poses (--pose TOPIC, --poses FILE)"
                     )
-                if world_in(told, topic) == MATCH and where == WORLD:
+                if world_in(poses, topic) == MATCH and where == WORLD:
                     notes[f"zone '{name}' is in the world of the path that is matched from the sweeps of {topic}"] = None
         return [*notes]
 
@@ -474,10 +468,6 @@ def masked(log: Log, options: ZoneOptions) -> DetectOptions:
     mounts = frames.mounts_in({mask.frame for mask in zones.masks.masks if mask.frame})
     masks = Masks((*own.masks, *zones.masks.masks), (*frames.mounts, *mounts), own.path)
     return replace(detect, read=replace(detect.read, rules=replace(masking.rules, masks=masks)))
-
-
-_MASKED = "masks of the zone file hide beams, but no objects of --objects: give --mask where these are made, too"
-_SAME = "always the same beams at the same range: the robot's own body? (info --deep)"
 
 
 class ZoneTables(NamedTuple):
@@ -526,7 +516,7 @@ def watch(
         refuse(paths.values(), options.overwrite, options.inputs([source]))
     with ExitStack() as stack:
         found: RunSummary | None = None
-        told = options.as_dict()
+        parameters = options.as_dict()
         with open_source(source, options.detect.opening) as log:
             options = narrowed(log, options)
         pair = None if options.objects is None else one_table_set(options.objects)
@@ -537,23 +527,22 @@ def watch(
             pair, found = detect_to_temporary(source, private, finding, progress)
             progress = second_half(progress, source.size)
         log = stack.enter_context(open_source(source, options.detect.opening))
-        read, settled, described = Watching(log, options, pair).run(source, progress)
+        read, by_zone, described = ZoneReader(log, options, pair).run(source, progress)
         summary = ZoneSummary(**{name: getattr(read, name) for name in RunSummary.__dataclass_fields__})
         if found is not None:
             # Both passes tell of the same damage; the first one also of what it found.
             summary.damage = [*dict.fromkeys([*found.damage, *summary.damage])]
             summary.notes = [*dict.fromkeys([*found.notes, *summary.notes])]
-        metadata = table_metadata(told, described, summary.damage)
-        tables = _tables(source.name, settled, metadata)
+        metadata = table_metadata(parameters, described, summary.damage)
+        tables = _tables(source.name, by_zone, metadata)
         summary.tables = tables
-        names = _names(settled)
+        names = _names(by_zone)
         longest = max(map(len, names))
-        summary.lines = [f"{name:<{longest}}  {_words(each)}" for name, each in zip(names, settled, strict=True)]
+        summary.lines = [f"{name:<{longest}}  {_words(each)}" for name, each in zip(names, by_zone, strict=True)]
         summary.notes += [
             *options.zones.notes,
-            *_stale(settled, bool(options.zones.robot)),
+            *_stale(by_zone, bool(options.zones.robot)),
             *([_MASKED] if options.objects is not None and options.zones.masks.masks else ()),
-            *(f"{name}: {_SAME}" for name, each in zip(names, settled, strict=True) if each.always_same),
         ]
         if paths is not None:
             files = stack.enter_context(TableFiles(paths, None, options.overwrite, options.detect.stamps))
@@ -607,17 +596,17 @@ def judge(checks: Sequence[Check], tables: Sequence[ZoneTables]) -> tuple[list[V
     return [judge_zones(check, figures, rows) for check in checks], unobserved(checks, rows)
 
 
-def _tables(log: str, settled: Sequence[ZoneEvents], metadata: dict[bytes, bytes]) -> ZoneTables:
+def _tables(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes]) -> ZoneTables:
     """Return the tables of a log."""
-    events = [event for each in settled for event in each.events]
+    events = [event for each in by_zone for event in each.events]
     order = sorted(range(len(events)), key=lambda at: (events[at]["start"], at))
     rows = [events[at] | {"log": log, "event": number} for number, at in enumerate(order, 1)]
     found = pa.Table.from_batches([_event_rows(rows)], SCHEMAS["events"])
-    pieces = [_zone_rows(log, each) for each in settled]
+    pieces = [_zone_rows(log, each) for each in by_zone]
     zones = pa.Table.from_batches(pieces, SCHEMAS["zones"]).unify_dictionaries()
     if zones.num_rows:
         # By topic and sweep; zones of one sweep in the order of the file.
-        topics = np.concatenate([np.array([one.topic for one in each.topics])[each.topic] for each in settled])
+        topics = np.concatenate([np.array([one.topic for one in each.topics])[each.topic] for each in by_zone])
         zones = zones.take(pa.array(np.lexsort((np.asarray(zones["sweep"]), topics))))
     return ZoneTables(*(table.replace_schema_metadata(metadata) for table in (found, zones)))
 
@@ -628,44 +617,44 @@ def _event_rows(events: Sequence[Mapping[str, Any]]) -> pa.RecordBatch:
     return pa.RecordBatch.from_arrays(arrays, schema=schema)
 
 
-def _zone_rows(log: str, settled: ZoneEvents) -> pa.RecordBatch:
-    count = len(settled.topic)
+def _zone_rows(log: str, one: ZoneEvents) -> pa.RecordBatch:
+    count = len(one.topic)
     columns: dict[str, Any] = {
         "log": constant(log, count),
-        "topic": codes(settled.topic.astype(np.int32), tuple(one.topic for one in settled.topics)),
-        "zone": constant(settled.zone.name, count),
+        "topic": codes(one.topic.astype(np.int32), tuple(each.topic for each in one.topics)),
+        "zone": constant(one.zone.name, count),
     }
-    columns |= {name: values for name, values in settled.columns.items() if values is not None}
+    columns |= {name: values for name, values in one.columns.items() if values is not None}
     columns |= {name: answers(columns[name].astype(np.int8)) for name in ("active", "observed")}
     return FORMS["zones"].fill(columns, None, count)
 
 
-def _names(settled: Sequence[ZoneEvents]) -> list[str]:
+def _names(by_zone: Sequence[ZoneEvents]) -> list[str]:
     """Return a name for each zone, with its topic, or also its frame, where several sensors see one of their own."""
-    count = Counter(each.zone.name for each in settled)
+    count = Counter(each.zone.name for each in by_zone)
     names = [
-        each.zone.name if count[each.zone.name] == 1 else f"{each.zone.name} ({each.topics[0].topic})" for each in settled
+        each.zone.name if count[each.zone.name] == 1 else f"{each.zone.name} ({each.topics[0].topic})" for each in by_zone
     ]
     return [
         name if names.count(name) == 1 else f"{name} ({each.topics[0].frame_id})"
-        for name, each in zip(names, settled, strict=True)
+        for name, each in zip(names, by_zone, strict=True)
     ]
 
 
-def _words(settled: ZoneEvents) -> str:
+def _words(one: ZoneEvents) -> str:
     """Return what was in a zone, for people."""
-    zone, events = settled.zone, settled.events
-    columns = settled.columns
+    zone, events = one.zone, one.events
+    columns = one.columns
     observed = columns["observed"]
     assert observed is not None
-    if not settled.in_force:
+    if not one.in_force:
         return "none of its polygons covers the velocity"
     if not observed.any():
         return NEVER
     if isinstance(zone.shape, Line):
-        counts = [sum(event.get("direction") == way for event in events) for way in DIRECTIONS]
-        missed = f"; {settled.one_sided} seen on one side only" if settled.one_sided else ""
-        if settled.one_sided is None:
+        counts = [sum(event.get("direction") == direction for event in events) for direction in DIRECTIONS]
+        missed = f"; {one.one_sided} seen on one side only" if one.one_sided else ""
+        if one.one_sided is None:
             return "no tracks"
         return f"in {counts[0]}, out {counts[1]}{missed}"
     alarms = [event for event in events if event["kind"] in EVENT_KINDS[:2]]
@@ -683,18 +672,18 @@ def _words(settled: ZoneEvents) -> str:
     words = ", ".join(parts)
     by = {letter: sum(event["set"] == letter for event in alarms) for letter in ("A", "O", "S")}
     words_of = {"A": "agents", "O": "things", "S": "walls"}
-    told = [f"{words_of[letter]} {count}" for letter, count in by.items() if count]
-    words += f"; by {', '.join(told)}" if told else ""
+    causes = [f"{words_of[letter]} {count}" for letter, count in by.items() if count]
+    words += f"; by {', '.join(causes)}" if causes else ""
     if visits := sum(event["kind"] == "visit" for event in events):
         words += f"; {counted(visits, 'visit')}"
     return words
 
 
-def _stale(settled: Sequence[ZoneEvents], is_nav2: bool) -> list[str]:
+def _stale(by_zone: Sequence[ZoneEvents], is_nav2: bool) -> list[str]:
     """Return a line for each topic that told nothing for too long, be it in one zone or in several."""
     counts = Counter(
         (event["topic"], each.zone.timeout, each.zone.name)
-        for each in settled
+        for each in by_zone
         for event in each.events
         if event["kind"] == "stale"
     )

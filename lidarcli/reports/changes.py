@@ -28,9 +28,9 @@ COLUMNS = (
 FIRST = ("moved", "new", "gone", "uncertain", "known")
 """Statuses, those to look at first before the others."""
 CHANGES, CHANGES_OF_PAGE = 12, 500
-"""Most changes of a run that text and Markdown, and the page, show one by one."""
-DRAWN, DRAWN_CHANGES = 6, 2_000
-"""Most runs that a page draws, and most changes of each."""
+"""Most changes of a run that text and Markdown, and the page, show one by one; a page also draws no more."""
+DRAWN = 6
+"""Most runs that a page draws."""
 SEEN_TURN = math.radians(5.0)
 """Boxes of the same thing seen from other sides are turned by up to this angle [rad]."""
 
@@ -154,10 +154,10 @@ class ChangesPart(Part):
         sections = {"changed": Section("Changes from run to run", [Table(head, rows, range(2, len(head)))])}
         drawn: list[Block] = []
         for number, one in enumerate(pairs[:DRAWN], 1):
-            too_many = len(one.changes) > DRAWN_CHANGES
-            drawn.append(FromAbove(number, replace(one, changes=one.first(DRAWN_CHANGES)) if too_many else one))
+            too_many = len(one.changes) > CHANGES_OF_PAGE
+            drawn.append(FromAbove(number, replace(one, changes=one.first(CHANGES_OF_PAGE)) if too_many else one))
             if too_many:
-                drawn.append(Notes([(f"{DRAWN_CHANGES:,} of {len(one.changes):,} changes are drawn",)]))
+                drawn.append(Notes([(f"{CHANGES_OF_PAGE:,} of {len(one.changes):,} changes are drawn",)]))
         if len(pairs) > DRAWN:
             drawn.append(Notes([(f"and {counted(len(pairs) - DRAWN, 'more run')}",)]))
         sections["changes from above"] = Section("Changes from above", drawn, (PAGE,))

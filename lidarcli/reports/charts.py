@@ -22,8 +22,6 @@ COLOURS = ("blue", "vermilion", "green", "purple", "orange", "ink")
 DASHES = ((), (6, 3), (6, 3, 1, 3), (1, 2), (5, 2), (2, 2))
 HEAT = 5
 """Steps from pale to dark of a map."""
-SAME, ALIKE = 1e-3, 0.25
-"""Greatest relative difference of values that count as equal, and as about equal."""
 OVER_TIME = {
     "objects_per_sweep": ("Objects over time", "objects per sweep"),
     "agents_at_once": ("Agents over time", "agents in view"),
@@ -38,12 +36,6 @@ TITLES = {
     "width": ("Width of objects", "chord [m]"),
 }
 """Figure of a histogram → title and axis."""
-STEADY = {
-    **{name: TITLES[name][0] for name in ("objects_per_sweep", "range", "width")},
-    "d_th": "Threshold d_th",
-    "noise": "Noise σ of the ranges",
-}
-"""Figure that may be constant → its title then."""
 MOST_CELLS = 60
 """Most cells along a side of a map."""
 WIDEST = 1.5
@@ -73,56 +65,25 @@ class Chart:
     """Width by height of a map."""
 
 
-class Constant(NamedTuple):
-    """A figure that needs no chart."""
-
-    name: str
-    title: str
-    words: str
-
-
 def charts(report: Report, walls: Mapping[str, Walls]) -> Iterator[Chart]:
-    """Yield the charts that have something to show; a figure that is constant is one of `constants` instead.
+    """Yield the charts that have something to show.
 
     Parameters
     ----------
     walls : frame → surfaces, to be drawn below the maps
     """
     summary = report.summary
-    steady = {one.name for one in constants(report)}
     streams = summary.streams.all[:LINES]
     has_agents = any(np.nansum(stream.course.agents_max) for stream in streams)
     for name in OVER_TIME:
-        if streams and name not in steady and (name != "agents_at_once" or has_agents):
+        if streams and (name != "agents_at_once" or has_agents):
             yield _over_time(name, summary, streams)
     baseline = report.comparison.baseline.histograms if report.comparison else {}
     for name in TITLES:
-        if summary.histograms[name].counts.sum() and name not in steady:
+        if summary.histograms[name].counts.sum():
             yield _histogram(summary.histograms[name], baseline.get(name), summary.spreads[name])
     for found in summary.densities:
         yield _map(found, walls.get(found.frame))
-
-
-def constants(report: Report) -> list[Constant]:
-    """Return the figures that a chart would show as one flat line or one bar.
-
-    A figure of a comparison is never one: the baseline's may be another.
-    """
-    if report.comparison is not None:
-        return []
-    spreads = report.summary.spreads
-    found = ((name, title, _steady(name, spreads[name])) for name, title in STEADY.items() if spreads[name].count > 1)
-    return [Constant(name, title, words) for name, title, words in found if words]
-
-
-def _steady(name: str, spread: Spread) -> str:
-    """Return the value of a constant figure, or the range of noise that hardly varies, in words; empty for others."""
-    low, high = spread.min or 0.0, spread.max or 0.0
-    if high - low <= SAME * abs(high):
-        return f"{quantity(name, spread.mean)} always"
-    if name == "noise" and (spread.p95 or 0.0) - (spread.p05 or 0.0) <= ALIKE * (spread.p50 or 0.0):
-        return f"{quantity(name, spread.p05)} to {quantity(name, spread.p95)} (5 % and 95 % of the sweeps)"
-    return ""
 
 
 def _words(title: str, name: str, spread: Spread) -> str:

@@ -1,4 +1,13 @@
-"""Conditions on the rows of a table: `width > 0.5 and moving and not (shape == prismatic or track is null)`."""
+"""Gates on named figures: `sweeps >= 100`, `tracks where distance > 1 == 4`, `delta.objects between -5 and 5`.
+
+check      = measure ( sign number | "between" number "and" number )
+measure    = figure | ( "objects" | "sweeps" | "tracks" | "events" ) "where" condition
+condition  = term { "or" term }
+term       = factor { "and" factor }
+factor     = "not" factor | "(" condition ")" | comparison
+comparison = column sign value | column "between" number "and" number | column "is" [ "not" ] "null" | column
+sign       = "==" | "!=" | "<" | "<=" | ">" | ">="
+"""
 
 from __future__ import annotations
 
@@ -7,6 +16,7 @@ import operator
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -58,8 +68,14 @@ DEEPEST = 50
 """Most brackets that are open at once in a condition."""
 TRUTH = {"true": True, "false": False}
 KEYWORDS = frozenset({"and", "or", "not", "between", "is", "null", "where", *TRUTH})
-Truths = tuple[Bool, Bool]
-"""(K,) values, and (K,) True where they are known: a comparison with null is neither true nor false."""
+UNKNOWN = 0.5
+"""Truth of a comparison with null, between those of what is false and what is true."""
+OFFERED = 3
+"""Most figures that a message offers for an unknown one."""
+OF_TRACKS = frozenset({"vx", "vy", "moving"})
+"""Columns of the objects table that are empty without tracks: a check of them would always hold."""
+_COMPARISON = re.compile(r"\s*(==|!=|<=|>=|<|>|\bbetween\b)[^=!<>]*$")
+"""The end of a check, from its comparison on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,12 +154,13 @@ class Condition:
     """A condition: the columns that it needs, and its function of rows."""
 
     columns: frozenset[str]
-    judge: Callable[[Rows], Truths]
+    truth: Callable[[Rows], Float64]
+    """Returns (K,) 0, 1 or `UNKNOWN`."""
 
     def holds(self, rows: Rows) -> Bool:
         """Return (K,) rows for which the condition is known to hold."""
-        value, known = self.judge(rows)
-        return value & known
+        known: Bool = self.truth(rows) == 1.0
+        return known
 
 
 def column_names(table: str) -> list[str]:
@@ -153,17 +170,20 @@ def column_names(table: str) -> list[str]:
 
 def parse_condition(tokens: Tokens, table: str, depth: int = 0) -> Condition:
     """Parse `term or term or ...` to its end; `depth` brackets are open."""
-    found = [_term(tokens, table, depth)]
-    while tokens.take_if("or"):
-        found.append(_term(tokens, table, depth))
-    return found[0] if len(found) == 1 else _any_of(found)
+    return _joined(tokens, "or", np.maximum, lambda: _term(tokens, table, depth))
 
 
 def _term(tokens: Tokens, table: str, depth: int) -> Condition:
-    found = [_factor(tokens, table, depth)]
-    while tokens.take_if("and"):
-        found.append(_factor(tokens, table, depth))
-    return found[0] if len(found) == 1 else _all_of(found)
+    return _joined(tokens, "and", np.minimum, lambda: _factor(tokens, table, depth))
+
+
+def _joined(tokens: Tokens, word: str, join: np.ufunc, parse: Callable[[], Condition]) -> Condition:
+    """Parse conditions with a word between them."""
+    parts = [parse()]
+    while tokens.take_if(word):
+        parts.append(parse())
+    columns = frozenset[str]().union(*(part.columns for part in parts))
+    return Condition(columns, lambda rows: reduce(join, (part.truth(rows) for part in parts)))
 
 
 def _factor(tokens: Tokens, table: str, depth: int) -> Condition:
@@ -171,7 +191,7 @@ def _factor(tokens: Tokens, table: str, depth: int) -> Condition:
     while tokens.take_if("not"):
         negated = not negated
     found = _plain_factor(tokens, table, depth)
-    return _negated(found) if negated else found
+    return Condition(found.columns, lambda rows: 1.0 - found.truth(rows)) if negated else found
 
 
 def _plain_factor(tokens: Tokens, table: str, depth: int) -> Condition:
@@ -245,12 +265,12 @@ def _word(tokens: Tokens, column: Column) -> Condition:
         raise tokens.error(f"unknown {name}{choice}{nearest(token.text, known)}")
     tokens.take()
 
-    def judge(rows: Rows) -> Truths:
+    def truth(rows: Rows) -> Float64:
         codes, names = rows.words(name)
         equal = codes == names.index(token.text) if token.text in names else np.zeros(len(codes), bool)
-        return (equal if sign == "==" else ~equal), codes >= 0
+        return np.where(codes < 0, UNKNOWN, equal == (sign == "=="))
 
-    return Condition(frozenset({name}), judge)
+    return Condition(frozenset({name}), truth)
 
 
 def _truth(tokens: Tokens, name: str) -> Condition:
@@ -265,50 +285,19 @@ def _truth(tokens: Tokens, name: str) -> Condition:
 def _number(names: Sequence[str], test: Callable[[Float64], Bool]) -> Condition:
     """Return the condition that a test of a column holds, or of the sum of some columns."""
 
-    def judge(rows: Rows) -> Truths:
+    def truth(rows: Rows) -> Float64:
         values = rows.total(names)
-        return test(values), ~np.isnan(values)
+        return np.where(np.isnan(values), UNKNOWN, test(values))
 
-    return Condition(frozenset(names), judge)
+    return Condition(frozenset(names), truth)
 
 
 def _null(name: str, wanted: bool) -> Condition:
-    def judge(rows: Rows) -> Truths:
-        null = rows.table[name].is_null().to_numpy(zero_copy_only=False).astype(bool)
-        return null == wanted, np.ones(len(rows), bool)
+    def truth(rows: Rows) -> Float64:
+        null = rows.table[name].is_null().to_numpy(zero_copy_only=False)
+        return np.where(null == wanted, 1.0, 0.0)
 
-    return Condition(frozenset({name}), judge)
-
-
-def _negated(one: Condition) -> Condition:
-    def judge(rows: Rows) -> Truths:
-        value, known = one.judge(rows)
-        return ~value, known
-
-    return Condition(one.columns, judge)
-
-
-def _all_of(conditions: Sequence[Condition]) -> Condition:
-    """Join conditions by `and`: known to be false where one is, known to be true where all are."""
-
-    def judge(rows: Rows) -> Truths:
-        true, false = np.ones(len(rows), bool), np.zeros(len(rows), bool)
-        for condition in conditions:
-            value, known = condition.judge(rows)
-            true &= value & known
-            false |= ~value & known
-        return true, true | false
-
-    return Condition(_columns(conditions), judge)
-
-
-def _any_of(conditions: Sequence[Condition]) -> Condition:
-    """Join conditions by `or`: known to be true where one is, known to be false where all are."""
-    return _negated(_all_of([*map(_negated, conditions)]))
-
-
-def _columns(conditions: Sequence[Condition]) -> frozenset[str]:
-    return frozenset().union(*(condition.columns for condition in conditions))
+    return Condition(frozenset({name}), truth)
 
 
 def read_number(tokens: Tokens) -> float:
@@ -326,12 +315,6 @@ def read_limits(tokens: Tokens) -> tuple[float, float]:
     if low > high:
         raise tokens.error(f"{low:g} is above {high:g}: nothing is between them,", first)
     return low, high
-
-
-OFFERED = 3
-"""Most figures that a message offers for an unknown one."""
-OF_TRACKS = frozenset({"vx", "vy", "moving"})
-"""Columns of the objects table that are empty without tracks: a check of them would always hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -383,10 +366,6 @@ class Check:
         return bool(COMPARE[self.sign](value, self.low))
 
 
-_COMPARISON = re.compile(r"\s*(==|!=|<=|>=|<|>|\bbetween\b)[^=!<>]*$")
-"""The end of a check, from its comparison on."""
-
-
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """The result of a check."""
@@ -399,8 +378,8 @@ class Verdict:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain values."""
-        told = {"check": self.expression, "holds": self.holds, "expected": self.expected}
-        return told | {"found": figures.plain_number(self.found)}
+        shown = {"check": self.expression, "holds": self.holds, "expected": self.expected}
+        return shown | {"found": figures.plain_number(self.found)}
 
     @property
     def failure(self) -> str:
@@ -461,8 +440,6 @@ def parse_check(
     elif only is None:
         _known(tokens, token, compared, zones)
     elif token.text not in only:
-        if zones is not None:
-            _refuse_of_objects(tokens, token)
         raise _unknown(tokens, token, only, page, zones or ())
     if tokens.take_if("between"):
         sign = "between"
@@ -501,11 +478,11 @@ def _count(check: Check, condition: Condition, run: Run) -> float | None:
     return float(chosen.sum())
 
 
-def count_events(condition: Condition, watched: ZoneRows) -> float | None:
+def count_events(condition: Condition, zone_rows: ZoneRows) -> float | None:
     """Return the number of events for which a condition holds; None if no zone was ever observed."""
-    if not watched.zones.numbers("observed").any():
+    if not zone_rows.zones.numbers("observed").any():
         return None
-    return float(condition.holds(watched.events).sum())
+    return float(condition.holds(zone_rows.events).sum())
 
 
 def _asked_for(condition: Condition, run: Run) -> Bool:
@@ -562,17 +539,6 @@ def _known(tokens: Tokens, token: Token, compared: bool, zones: Collection[str] 
     known = [*names, *spreads]
     delta = [*figures.COMPARED, *(figures.DELTA + other for other in known)]
     raise _unknown(tokens, token, dict.fromkeys([*known, *of_changes, *delta]), zones=zones)
-
-
-def _refuse_of_objects(tokens: Tokens, token: Token) -> None:
-    """Refuse a figure of tables of objects where there are those of zones alone."""
-    name = token.text.removeprefix(figures.DELTA)
-    maker = "track" if name in figures.track_names() else "detect or track" if name in figures.names() else ""
-    if maker:
-        raise tokens.error(
-            f"unknown figure '{name}' of zones; it is of the tables of lidarcli {maker}, which report takes beside these;",
-            token,
-        )
 
 
 def _unknown(

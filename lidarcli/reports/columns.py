@@ -237,9 +237,8 @@ class Run:
 
     @cached_property
     def observed(self) -> NDArray[np.bool_]:
-        """(S,) sweeps that show anything; in tables of earlier versions those with a range."""
-        told = self.sweeps.numbers("observed")
-        return np.where(np.isnan(told), self.sweeps.numbers("valid") > 0, told > 0)
+        """(S,) sweeps that show anything."""
+        return self.sweeps.numbers("observed") > 0
 
     def observed_in(self) -> list[Sight]:
         """Return for each source how many sweeps show anything."""

@@ -22,6 +22,8 @@ TEXT, MARKDOWN, PAGE = "text", "markdown", "page"
 """Formats for people: the terminal, Markdown and HTML."""
 Line = tuple[str, ...]
 """A line of running text in parts, some of which are `Code`."""
+NAMES = frozenset({"zone", "kind", "by", "log", "status", "detail", "shape", "label", "end"})
+"""Columns of `table_of` that hold names, which are flush left; numbers are flush right."""
 
 
 class Code(str):
@@ -48,10 +50,6 @@ class Table:
     """Columns that are flush right."""
     more: str = ""
     """Rows that are left out, in words."""
-
-
-NAMES = frozenset({"zone", "kind", "by", "log", "status", "detail", "shape", "label", "end"})
-"""Columns of `table_of` that hold names, which are flush left; numbers are flush right."""
 
 
 def table_of(cells: Mapping[str, Sequence[str]], more: str = "") -> Table:
@@ -207,19 +205,19 @@ class Document(ABC):
         total = len(self.verdicts)
         if not total:
             return ""
-        return f"Checks: {failed or total} of {total} {'failed' if failed else 'passed'}{self._seen}"
+        return f"Checks: {failed or total} of {total} {'failed' if failed else 'passed'}{self._partly}"
 
     def check_cards(self) -> list[Card]:
         """Return the card of the checks; none without checks."""
         if not self.verdicts:
             return []
         failed = sum(not verdict.holds for verdict in self.verdicts)
-        words = f"{f'{failed} failed' if failed else 'all hold'}{self._seen}"
+        words = f"{f'{failed} failed' if failed else 'all hold'}{self._partly}"
         held = f"{len(self.verdicts) - failed} of {len(self.verdicts)}"
         return [Card("checks", held, words, alarming=not self.holds)]
 
     @property
-    def _seen(self) -> str:
+    def _partly(self) -> str:
         return ", on part of the data" if self.problems else ""
 
     @property

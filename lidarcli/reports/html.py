@@ -24,7 +24,7 @@ from lidarcli.display import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.palette import COLOURS, page_style, themed
-from lidarcli.reports.charts import charts, constants
+from lidarcli.reports.charts import charts
 from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.reports.document import NAMES, PAGE, Code, Document, FromAbove, PartsReport
 from lidarcli.reports.drawing import project_style
@@ -119,7 +119,6 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
         "overview": overview,
         "has_map": shown.grid is not None,
         "charts": drawn,
-        "constants": constants(report),
         "command": shown.command,
         "tracks": tracks,
         # Columns without a single entry are left out.

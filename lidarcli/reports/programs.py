@@ -7,7 +7,6 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -105,7 +104,7 @@ def _tracks(summary: Summary) -> dict[str, Any]:
             **{name.removeprefix("tracks."): counts for name, counts in tracked.kinds.items()},
         }
     if summary.labels:
-        found["labels"] = [asdict(label) for label in summary.labels]
+        found["labels"] = [vars(label) for label in summary.labels]
     return found if summary.zones is None else found | summary.zones.as_dict()
 
 
@@ -119,7 +118,7 @@ def _comparison(comparison: Comparison) -> dict[str, Any]:
         },
         "figures": _numbers(comparison.figures),
         "parameters": [{"name": name, "here": here, "baseline": there} for name, here, there in comparison.parameters],
-        "changes": [asdict(change) for change in comparison.changes],
+        "changes": [plain_fields(one, "log", "topic", "sweep", "before", "now") for one in comparison.changes],
     }
 
 

@@ -181,7 +181,7 @@ def _comparison(summary: Summary, comparison: Comparison) -> Iterator[tuple[str,
     yield "comparison", Section("Compared with the baseline", [table, Notes([*notes, (comparison.words,)])])
     if comparison.changes:
         changes = [
-            (one.log, one.topic, str(one.sweep), str(one.before), str(one.now), f"{one.difference:+d}")
+            (one.log, one.topic, str(one.sweep), str(one.before), str(one.now), f"{one.now - one.before:+d}")
             for one in comparison.changes
         ]
         table = Table(("log", "topic", "sweep", "before", "now", "change"), changes, (2, 3, 4, 5))
@@ -274,8 +274,8 @@ def _figures(summary: Summary) -> Iterator[tuple[str, Section]]:
         return
     head, right = ("", *SHOWN_STATISTICS), range(1, 7)
     yield "figures", Section("Figures", [Table(head, cells, right)], (TEXT, MARKDOWN), "Figures")
-    told = [(*row, words) for row, words in zip(cells, meanings, strict=True)]
-    yield "page of figures", Section("Figures", [Table((*head, "of"), told, right)], (PAGE,))
+    explained = [(*row, words) for row, words in zip(cells, meanings, strict=True)]
+    yield "page of figures", Section("Figures", [Table((*head, "of"), explained, right)], (PAGE,))
 
 
 def _kinds(summary: Summary) -> Iterator[tuple[str, Section]]:
@@ -290,8 +290,7 @@ def _kinds(summary: Summary) -> Iterator[tuple[str, Section]]:
 
 def _beams(summary: Summary) -> dict[str, int]:
     """Return the beams by status and then by set."""
-    told = worth_telling(summary.status)
-    status = {name.replace("_", " "): count for name, count in told.items()}
+    status = {name.replace("_", " "): count for name, count in worth_telling(summary.status).items()}
     return status | beams_by_set(summary)
 
 

@@ -1,4 +1,4 @@
-"""Sequences of sweeps: their courses over time, whether their sensors are alike, and the sweeps that stand out."""
+"""The figures of a run: sequences of sweeps, tracks, maps, sweeps that stand out, and two runs compared."""
 
 from __future__ import annotations
 
@@ -47,26 +47,40 @@ KINDS = {
     "most_lost": "most lost beams",
     "longest_gap": "longest gap before",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Timeline:
-    """Figures over time: T bins of equal numbers of sweeps, (T,) each."""
-
-    seconds: Float64
-    """Start of the bin, from the first stamp [s]."""
-    sweep: Int64
-    """First sweep of the bin."""
-    objects_mean: Float64
-    objects_min: Float64
-    objects_max: Float64
-    d_th: Float64
-    """Mean [m]."""
-    noise: Float64
-    lost_share: Float64
-    agents_mean: Float64
-    """Different agents in view; NaN without tracks."""
-    agents_max: Float64
+STATIC_SHARE = 0.001
+"""Greatest share of the beams in set A of a structured scene: errors of the tracking stay below."""
+MOBILE_SHARE = 0.25
+"""Greatest share of the beams in set A of a semi-structured scene: agents fill a quarter of the view."""
+KEPT = 100
+"""Most tracks that are kept one by one, for the tables of the report."""
+TRACK_COLUMNS = (
+    *("topic", "frame_id", "track", "set", "shape", "label", "first_sweep", "first_stamp", "sweeps"),
+    *("duration", "hidden", "length", "width", "distance", "speed_mean", "speed_max", "end"),
+)
+"""Columns of the tracks table that a summary reads."""
+SET_COLUMNS = {"object": "O", "agent": "A", "noise": "S"}
+DRAWN = ("range", "bearing", "width", "objects_per_sweep")
+"""Figures with a histogram."""
+OF_OBJECTS, OF_SWEEPS = (
+    {name: figure.column for name, figure in SPREADS.items() if figure.table == table} for table in ("objects", "sweeps")
+)
+"""Figure → column of the objects table, and of the sweeps table."""
+OBJECT_COLUMNS = ("set", "shape", "visibility", "change", "x", "y", "world_x", "world_y", "label", *OF_OBJECTS.values())
+"""Columns of the objects table that a summary reads."""
+TRACKED_COLUMNS = ("topic", "sweep", "track")
+"""Further columns of the objects table that a summary reads where there are tracks."""
+SWEEP_COLUMNS = (
+    *("log", "topic", "frame_id", "sweep", "stamp", "beams", "observed", *STATUSES),
+    *(*OF_SWEEPS.values(), "objects", *(f"{name}_beams" for name in SET_COLUMNS)),
+)
+"""Columns of the sweeps table that a summary reads."""
+SHOWN = 10
+NAMED = 3
+"""Most frames that are named."""
+CLOUD_BINS = "bins"
+"""Parameter of tables made of point clouds: beams of a sweep."""
+SAME_STAMP = 1_000_000
+"""Greatest difference of equal stamps [ns]: programs rewrite them in coarser units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +105,10 @@ class Stream:
     """[s]"""
     backward: int
     repeated: int
-    course: Timeline
+    course: Record
+    """Figures over time, (T,) each, in bins of equal numbers of sweeps: `seconds` from the first stamp and first `sweep` of
+    the bin, `objects_mean`, `objects_min` and `objects_max`, means of `d_th`, `noise` [m] and `lost_share`, and different
+    agents in view, `agents_mean` and `agents_max`, NaN without tracks."""
 
     @property
     def duration(self) -> float:
@@ -179,7 +196,7 @@ def _stream(run: Run, columns: Record, mine: Int64, names: tuple[str, str], step
     )
 
 
-def _course(columns: Record, mine: Int64) -> Timeline:
+def _course(columns: Record, mine: Int64) -> Record:
     """Sum up bins of equal numbers of sweeps, so that a clock that jumps makes no hole."""
     begin = np.unique(np.linspace(0, len(mine), min(COURSE_BINS, len(mine)), endpoint=False).astype(np.int64))
     size = np.diff(np.append(begin, len(mine)))
@@ -192,7 +209,7 @@ def _course(columns: Record, mine: Int64) -> Timeline:
         return found
 
     objects = columns.objects[mine]
-    return Timeline(
+    return Record(
         seconds=(columns.stamp[mine][begin] - columns.stamp[mine[0]]) * SECOND,
         sweep=columns.sweep[mine][begin],
         objects_mean=np.add.reduceat(objects, begin) / size,
@@ -296,46 +313,6 @@ def _around(score: Float64, row: int) -> slice:
     return slice(max(low, 0), high)
 
 
-STATIC_SHARE = 0.001
-"""Greatest share of the beams in set A of a structured scene: errors of the tracking stay below."""
-MOBILE_SHARE = 0.25
-"""Greatest share of the beams in set A of a semi-structured scene: agents fill a quarter of the view."""
-KEPT = 100
-"""Most tracks that are kept one by one, for the tables of the report."""
-TRACK_COLUMNS = (
-    *("topic", "frame_id", "track", "set", "shape", "label", "first_sweep", "first_stamp", "sweeps"),
-    *("duration", "hidden", "length", "width", "distance", "speed_mean", "speed_max", "end"),
-)
-"""Columns of the tracks table that a summary reads."""
-SET_COLUMNS = {"object": "O", "agent": "A", "noise": "S"}
-DRAWN = ("range", "bearing", "width", "objects_per_sweep")
-"""Figures with a histogram."""
-OF_OBJECTS, OF_SWEEPS = (
-    {name: figure.column for name, figure in SPREADS.items() if figure.table == table} for table in ("objects", "sweeps")
-)
-"""Figure → column of the objects table, and of the sweeps table."""
-OBJECT_COLUMNS = ("set", "shape", "visibility", "change", "x", "y", "world_x", "world_y", "label", *OF_OBJECTS.values())
-"""Columns of the objects table that a summary reads."""
-TRACKED_COLUMNS = ("topic", "sweep", "track")
-"""Further columns of the objects table that a summary reads where there are tracks."""
-SWEEP_COLUMNS = (
-    *("log", "topic", "frame_id", "sweep", "stamp", "beams", "observed", *STATUSES),
-    *(*OF_SWEEPS.values(), "objects", *(f"{name}_beams" for name in SET_COLUMNS)),
-)
-"""Columns of the sweeps table that a summary reads."""
-
-
-@dataclass(frozen=True, slots=True)
-class Label:
-    """A name of the catalogue, and the numbers of its tracks and objects."""
-
-    name: str
-    tracks: int | None
-    """None where nothing was tracked."""
-    objects: int
-    """Rows of the objects table."""
-
-
 @dataclass(frozen=True, slots=True)
 class TracksSummary:
     """The tracks of a run."""
@@ -401,14 +378,15 @@ def tracked_of(run: Run, streams: Streams) -> TracksSummary | None:
     )
 
 
-def labels_of(run: Run) -> tuple[Label, ...]:
-    """Return the names of the catalogue that occur, by name."""
+def labels_of(run: Run) -> list[Record]:
+    """Return each `name` of the catalogue that occurs, with numbers of `tracks`, None without any, and `objects`."""
     objects = run.objects.counts("label", run.is_object)
     tracks = {} if run.tracks is None else run.tracks.counts("label")
-    return tuple(
-        Label(name, None if run.tracks is None else tracks.get(name, 0), objects.get(name, 0))
-        for name in sorted({*objects, *tracks})
-    )
+    names = sorted({*objects, *tracks})
+    count = [None if run.tracks is None else tracks.get(name, 0) for name in names]
+    return [
+        Record(name=name, tracks=number, objects=objects.get(name, 0)) for name, number in zip(names, count, strict=True)
+    ]
 
 
 def _agent_share(run: Run) -> float | None:
@@ -461,7 +439,7 @@ class Summary:
     outliers: list[Record]
     tracked: TracksSummary | None
     """None without tracks tables."""
-    labels: tuple[Label, ...]
+    labels: list[Record]
     """Names of the catalogue that occur."""
     zones: ZonesPart | None
     """None without tables of zones."""
@@ -588,31 +566,6 @@ def _densities(run: Run, alike: bool) -> tuple[Density, ...]:
     return tuple(maps)
 
 
-SHOWN = 10
-NAMED = 3
-"""Most frames that are named."""
-CLOUD_BINS = "bins"
-"""Parameter of tables made of point clouds: beams of a sweep."""
-SAME_STAMP = 1_000_000
-"""Greatest difference of equal stamps [ns]: programs rewrite them in coarser units."""
-
-
-@dataclass(frozen=True, slots=True)
-class Change:
-    """A sweep with another number of objects than in the baseline."""
-
-    log: str
-    topic: str
-    sweep: int
-    before: int
-    now: int
-
-    @property
-    def difference(self) -> int:
-        """Number of objects more than in the baseline."""
-        return self.now - self.before
-
-
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """A run beside its baseline."""
@@ -622,8 +575,8 @@ class Comparison:
     """`delta.NAME` of every figure, and the names of `figures.COMPARED`."""
     parameters: tuple[tuple[str, str, str], ...]
     """(name, here, in the baseline) of the parameters that differ."""
-    changes: tuple[Change, ...]
-    """The greatest first, at most `SHOWN`."""
+    changes: list[Record]
+    """Sweeps with another number of objects, `now` and `before`, the greatest difference first, at most `SHOWN`."""
 
     @property
     def words(self) -> str:
@@ -646,8 +599,7 @@ def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Com
     OptionError
         The baseline is of other recordings.
     """
-    ids = _identities(run, base_run)
-    rows, base_rows = ids
+    rows, base_rows = _identities(run, base_run)
     here, there = run.objects_per_sweep, base_run.objects_per_sweep
     _, mine, theirs = np.intersect1d(rows, base_rows, return_indices=True)
     _refuse_others(run, base_run, mine, theirs)
@@ -663,17 +615,13 @@ def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Com
         before = baseline.figures.get(name)
         figures[DELTA + name] = None if value is None or before is None else value - before
     best = changed[np.argsort(-np.abs(difference[changed]), kind="stable")[:SHOWN]]
-    topic, topics = run.sweeps.words("topic")
-    sweep = run.sweeps.integers("sweep")
-    changes = tuple(
-        Change(
-            log=run.sources[int(run.sweeps.source[row])].log,
-            topic=topics[topic[row]],
-            sweep=int(sweep[row]),
-            before=int(there[other]),
-            now=int(here[row]),
-        )
-        for row, other in zip(mine[best].tolist(), theirs[best].tolist(), strict=True)
+    first = mine[best]
+    changes = run.sweeps.records(
+        first,
+        ("topic", "sweep"),
+        log=[run.sources[source].log for source in run.sweeps.source[first]],
+        before=there[theirs[best]].astype(np.int64).tolist(),
+        now=here[first].astype(np.int64).tolist(),
     )
     return Comparison(baseline, figures, _parameters(run.sources, base_run.sources), changes)
 

@@ -1,4 +1,4 @@
-"""Zones in a report: their figures, checks of them, and what tables and bands show of their events."""
+"""Zones as a part of a report: their figures, checks of them, and what tables and bands show of their events."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ WHO = {"A": "agents", "O": "things", "S": "walls"}
 """Set of the points of an event → what was in the zone."""
 AREA_CELLS = ("zone", "events", "active", "nearest", "observed", "by")
 """Columns of the table of areas; the first and the last one wrap."""
-WAY_CELLS = ("zone", "visits", "dwell", "in", "out", "observed")
+ENTRY_CELLS = ("zone", "visits", "dwell", "in", "out", "observed")
 """Columns of the table of visits and crossings."""
 NEVER = "never observed"
 ZONE_WORDS = {
@@ -91,8 +91,8 @@ def zones_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> ZoneRows:
     for source, (_, zones) in read.items():
         rows = Rows.join([zones])
         judged, log = {*rows.counts("zone")}, next(iter(rows.counts("log")), str(source))
-        told = note_value(notes_of(zones), PARAMETERS, dict).get("zones")
-        for one in told if isinstance(told, list) else ():
+        declared = note_value(notes_of(zones), PARAMETERS, dict).get("zones")
+        for one in declared if isinstance(declared, list) else ():
             if isinstance(one, dict) and isinstance(one.get("name"), str):
                 shapes.setdefault(one["name"], one)
                 left_out += [(log, one["name"])] if one["name"] not in judged else []
@@ -100,15 +100,15 @@ def zones_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> ZoneRows:
     return ZoneRows(events, zones, shapes, tuple(left_out))
 
 
-def figures_of(watched: ZoneRows) -> dict[str, float | None]:
+def figures_of(zone_rows: ZoneRows) -> dict[str, float | None]:
     """Return the figures `zones.NAME.X`, summed over logs: every name of `figures.zone_names` of each zone → value.
 
     It is None where there is nothing to measure. A zone that was never observed has `observed` alone.
     """
     found: dict[str, float | None] = {}
-    columns = {name: watched.zones.numbers(name) for name in NUMBERS}
-    for name in watched.names:
-        shape, values = watched.shapes.get(name), _values(watched, name, columns)
+    columns = {name: zone_rows.zones.numbers(name) for name in NUMBERS}
+    for name in zone_rows.names:
+        shape, values = zone_rows.shapes.get(name), _values(zone_rows, name, columns)
         missing = () if shape is None else OF_AREAS if "line" in shape else OF_LINES
         for full in zone_names(name):
             plain = full.removeprefix(f"{ZONES}{name}.")
@@ -124,11 +124,11 @@ def of_zone(rows: Rows, zone: str, *kinds: str) -> Bool:
     return chosen
 
 
-def _values(watched: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> dict[str, float | None]:
+def _values(zone_rows: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> dict[str, float | None]:
     """Return the figures of a zone without the beginning of their names; `columns`: `NUMBERS` of the rows of all zones."""
-    events, mine = watched.events, of_zone(watched.zones, zone)
+    events, mine = zone_rows.events, of_zone(zone_rows.zones, zone)
     of = {name: Spread.of(values[mine]) for name, values in columns.items()}
-    agents, observed = of["agents"], min((one.share for one in sights_of(watched, zone)), default=0.0)
+    agents, observed = of["agents"], min((one.share for one in sights_of(zone_rows, zone)), default=0.0)
     if not observed:
         names = (name.removeprefix(f"{ZONES}{zone}.") for name in zone_names(zone))
         return dict.fromkeys(names) | {"observed": 0.0}
@@ -142,7 +142,7 @@ def _values(watched: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> dic
         "points.max": of["points"].max,
         "ttc.min": of["ttc"].min,
         # Without tracks nobody knows who went across.
-        **{way: int((crossings & events.are("direction", way)).sum()) if agents.count else None for way in OF_LINES},
+        **{name: int((crossings & events.are("direction", name)).sum()) if agents.count else None for name in OF_LINES},
         "observed": observed,
     }
     spreads = {"duration": Spread.of(duration[alarms]), "agents_at_once": agents, "dwell": Spread.of(duration[visits])}
@@ -151,13 +151,13 @@ def _values(watched: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> dic
     return values
 
 
-def sights_of(watched: ZoneRows, zone: str) -> list[Sight]:
+def sights_of(zone_rows: ZoneRows, zone: str) -> list[Sight]:
     """Return how a zone was observed in each log that has it; those missing in gaps above `TIMEOUT` count, too."""
-    rows, mine = watched.zones, np.flatnonzero(of_zone(watched.zones, zone))
+    rows, mine = zone_rows.zones, np.flatnonzero(of_zone(zone_rows.zones, zone))
     (log, logs), observed, stamp = rows.words("log"), rows.numbers("observed"), rows.integers("stamp")
     key = rows.source.astype(np.int64) * max(len(logs), 1) + log
     mine = mine[np.lexsort((stamp[mine], key[mine]))]
-    found = [Sight(name, 0, 1) for name, left_out in watched.left_out if left_out == zone]
+    found = [Sight(name, 0, 1) for name, left_out in zone_rows.left_out if left_out == zone]
     for some in np.split(mine, np.flatnonzero(np.diff(key[mine])) + 1) if len(mine) else ():
         stamps: Int64 = np.unique(stamp[some])
         steps = np.diff(stamps) * 1e-9
@@ -168,20 +168,20 @@ def sights_of(watched: ZoneRows, zone: str) -> list[Sight]:
     return found
 
 
-def unobserved(checks: Sequence[Check], watched: ZoneRows) -> tuple[str, ...]:
+def unobserved(checks: Sequence[Check], zone_rows: ZoneRows) -> tuple[str, ...]:
     """Return a line for each zone of checks that was not observed all the time, unless one says how much is enough."""
     wanted: dict[str, None] = {}
     for check in checks:
         if check.condition is not None and check.name == "events":
             named = _ZONE_NAMED.findall(check.expression)
             is_any = not named or any(sign == "!" for sign, _ in named)
-            every = [*watched.names, *(name for _, name in watched.left_out)]
+            every = [*zone_rows.names, *(name for _, name in zone_rows.left_out)]
             wanted |= dict.fromkeys(every if is_any else [name for _, name in named])
         elif (of := zone_of(check.name)) is not None:
             wanted[of[0]] = None
     lines = []
     for name in wanted:
-        least = least_observed(sights_of(watched, name))
+        least = least_observed(sights_of(zone_rows, name))
         if least is None or accepts(checks, f"{ZONES}{name}.observed"):
             continue
         if not least.observed:
@@ -221,9 +221,9 @@ def parse_zone_check(expression: str, zones: Collection[str], others: Collection
     return check
 
 
-def judge_zones(check: Check, values: Mapping[str, float | None], watched: ZoneRows) -> Verdict:
+def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: ZoneRows) -> Verdict:
     """Hold a check against the figures of zones, or against the rows of their events."""
-    found = values.get(check.name) if check.condition is None else count_events(check.condition, watched)
+    found = values.get(check.name) if check.condition is None else count_events(check.condition, zone_rows)
     return verdict_of(check, found)
 
 
@@ -334,14 +334,14 @@ class ZonesPart(Part):
         logs = [source.log for source in self.sources]
         rows = [one.cells() for one in self.zones]
         areas = [row for row, one in zip(rows, self.zones, strict=True) if not one.is_line]
-        ways = [row for row in rows if {"visits", "in"} & {*row}]
+        entered = [row for row in rows if {"visits", "in"} & {*row}]
         blocks: list[Block] = [_table(areas, AREA_CELLS)] if areas else []
         for source, found in [*self.timelines.items()][:LOGS]:
             bands = [Band(one.zone, "" if one.action == "none" else one.action, one.events, one.visits) for one in found]
             blocks.append(Bands(logs[source] if len(self.timelines) > 1 else "", self.seconds[source], bands))
         if len(self.timelines) > LOGS:
             blocks.append(Notes([(f"and {counted(len(self.timelines) - LOGS, 'more log')}",)]))
-        blocks += [_table(ways, WAY_CELLS)] if ways else []
+        blocks += [_table(entered, ENTRY_CELLS)] if entered else []
         sections = {"zones": Section("Zones", blocks)}
         title = "Events of zones" + (", the worst first" if self.listed > 1 else "")
         for name, most, formats in (("events", EVENTS, (TEXT, MARKDOWN)), ("page of events", KEPT, (PAGE,))):
@@ -383,27 +383,27 @@ class ZonesPart(Part):
         }
 
 
-def zones_part(watched: ZoneRows, sources: Sequence[Origin]) -> ZonesPart:
+def zones_part(zone_rows: ZoneRows, sources: Sequence[Origin]) -> ZonesPart:
     """Sum up the zones of sources."""
-    figures, events = figures_of(watched), watched.events
-    actions = _actions(watched)
+    figures, events = figures_of(zone_rows), zone_rows.events
+    actions = _actions(zone_rows)
     duration = events.numbers("duration")
     found = []
-    for name in watched.names:
+    for name in zone_rows.names:
         alarms = of_zone(events, name, "occupied", "approach")
         found.append(
             ZoneSummary(
                 name=name,
                 action=actions.get(name, ""),
-                is_line=name in watched.lines,
+                is_line=name in zone_rows.lines,
                 figures={full.removeprefix(f"{ZONES}{name}."): figures[full] for full in zone_names(name)},
                 active=float(duration[alarms].sum()),
                 by=events.counts("set", alarms),
                 visits=int(of_zone(events, name, "visit").sum()),
             )
         )
-    stamp = watched.zones.integers("stamp")
-    present, begin = np.unique(watched.zones.source, return_index=True)
+    stamp = zone_rows.zones.integers("stamp")
+    present, begin = np.unique(zone_rows.zones.source, return_index=True)
     # Rows of a source follow each other.
     parts = zip(present.tolist(), np.split(stamp, begin[1:]), strict=False)
     spans = {source: (int(mine.min()), int(mine.max())) for source, mine in parts}
@@ -413,10 +413,10 @@ def zones_part(watched: ZoneRows, sources: Sequence[Origin]) -> ZonesPart:
         zones=tuple(found),
         events=_most_severe(events, [source.log for source in sources]),
         listed=len(_listed(events)),
-        sweeps=_sweeps(watched.zones),
+        sweeps=_sweeps(zone_rows.zones),
         starts_ns={source: first for source, (first, _) in spans.items()},
         seconds={source: (last - first) * 1e-9 for source, (first, last) in spans.items()},
-        timelines={source: tuple(_timelines(watched, source, span, actions)) for source, span in spans.items()},
+        timelines={source: tuple(_timelines(zone_rows, source, span, actions)) for source, span in spans.items()},
     )
 
 
@@ -429,11 +429,11 @@ def _sweeps(rows: Rows) -> int:
     return int(np.pad(counts, (0, -len(counts) % size)).reshape(-1, size).max(axis=1, initial=0).sum())
 
 
-def _actions(watched: ZoneRows) -> dict[str, str]:
+def _actions(zone_rows: ZoneRows) -> dict[str, str]:
     """Return the action of each zone, by the metadata or else by its events."""
-    zone, action = (watched.events.texts(name) for name in ("zone", "action"))
-    told = {name: str(shape["action"]) for name, shape in watched.shapes.items() if "action" in shape}
-    return dict(zip(zone, action, strict=True)) | told
+    zone, action = (zone_rows.events.texts(name) for name in ("zone", "action"))
+    declared = {name: str(shape["action"]) for name, shape in zone_rows.shapes.items() if "action" in shape}
+    return dict(zip(zone, action, strict=True)) | declared
 
 
 def _most_severe(rows: Rows, logs: Sequence[str]) -> list[Any]:
@@ -451,26 +451,28 @@ def _listed(rows: Rows) -> Int64:
     return np.flatnonzero(np.any([rows.are("kind", kind) for kind in LISTED], axis=0))
 
 
-def _timelines(watched: ZoneRows, source: int, span: tuple[int, int], actions: Mapping[str, str]) -> Iterator[ZoneTimeline]:
-    """Yield the course of each zone in a source."""
+def _timelines(
+    zone_rows: ZoneRows, source: int, span: tuple[int, int], actions: Mapping[str, str]
+) -> Iterator[ZoneTimeline]:
+    """Yield the timeline of each zone in a source."""
     first, last = span
-    events, rows = watched.events, watched.zones
+    events, rows = zone_rows.events, zone_rows.zones
     begin, end = (np.clip((events.integers(name) - first) / max(last - first, 1), 0.0, 1.0) for name in ("start", "end"))
     here = events.source == source
-    for name in watched.names:
+    for name in zone_rows.names:
         if not (of_zone(rows, name) & (rows.source == source)).any():
             continue
-        alarms, ways = (
+        alarms, entries = (
             _merged(begin[mine], end[mine])
             for mine in (
                 of_zone(events, name, "occupied", "approach") & here,
                 of_zone(events, name, "visit", "crossing") & here,
             )
         )
-        shape = watched.shapes.get(name, {})
+        shape = zone_rows.shapes.get(name, {})
         corners = _corners(shape)
         frame = str(shape["frame"]) if corners else ""
-        yield ZoneTimeline(name, actions.get(name, ""), alarms, ways, frame, corners)
+        yield ZoneTimeline(name, actions.get(name, ""), alarms, entries, frame, corners)
 
 
 def _corners(shape: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:

@@ -13,7 +13,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.formalism.detection import SHAPES
-from lidarcli.pipeline.reporting import FORMATS
 from tests import unprivileged
 from tests.places import SAMPLES
 from tests.reports.runs import START, TENTH, crossing, sweep, thing, write_run
@@ -29,36 +28,11 @@ def run(tmp_path: Path) -> Path:
     return write_run(tmp_path / "run", [sweep(k, count) for k, count in enumerate(counts)], objects)
 
 
-def test_text_on_standard_output(lidarcli: Run, run: Path) -> None:
-    ran = lidarcli("report", run)
-    assert (ran.code, ran.err) == (0, "")
-    assert max(map(len, ran.out.splitlines())) <= 80
-    assert "\x1b" not in ran.out
-    for words in (
-        "sweeps            20 in 1.9 s",
-        "objects           30, on average 1.5 per sweep",
-        "prismatic",
-        "run /scan (laser), 20 sweeps from 2023-11-14T22:13:20.000Z",
-    ):
-        assert words in ran.out
-
-
 def test_either_table_names_the_pair_and_folders_are_searched(lidarcli: Run, run: Path) -> None:
     sweeps = run.with_name("run.sweeps.parquet")
     wanted = lidarcli("report", run, "--format", "json").out
     for inputs in ([sweeps], [run.parent], [f"{run.parent}/*.parquet"], [run, sweeps, run.parent]):
         assert lidarcli("report", *inputs, "--format", "json").out == wanted
-
-
-def test_json(lidarcli: Run, run: Path) -> None:
-    found = json.loads(lidarcli("report", run, "--format", "json", "--check", "objects == 30").out)
-    assert found["schema"] == "lidarcli.report/1"
-    assert found["figures"]["objects_per_sweep.mean"] == 1.5
-    assert found["figures"]["width.max"] == 0.5
-    assert found["checks"] == [{"check": "objects == 30", "holds": True, "expected": "== 30", "found": 30}]
-    assert found["sources"][0]["parameters"] == {"profile": "robust", "every": 1}
-    assert found["streams"][0]["start"] == "2023-11-14T22:13:20.000Z"
-    assert found["comparison"] is None
 
 
 def test_checks_decide_the_exit_code(lidarcli: Run, run: Path) -> None:
@@ -77,20 +51,6 @@ def test_a_check_that_makes_no_sense_is_a_usage_error(lidarcli: Run, expression:
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.startswith(f"lidarcli: --check '{expression}': ")
     assert len(ran.err.splitlines()) == 1
-
-
-def test_junit_has_a_case_per_check(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    out = tmp_path / "report.xml"
-    checks = ["sweeps >= 20", "objects where width > 0.4 < 5"]
-    ran = lidarcli("-q", "report", run, "-o", out, *(word for check in checks for word in ("--check", check)))
-    assert ran.code == 1
-    suite = ET.parse(out).getroot()[0]
-    assert (suite.get("name"), suite.get("tests"), suite.get("failures")) == ("run", "2", "1")
-    cases = suite.findall("testcase")
-    assert [case.get("name") for case in cases] == checks
-    assert [[child.get("message") for child in case] for case in cases] == [[], ["expected < 5, found 10"]]
-    properties = {item.get("name"): item.get("value") for item in suite.iter("property")}
-    assert properties["objects"] == "30"
 
 
 @pytest.mark.parametrize("odd", ["\x01", "\udcff", "]]>", "<&\x1b2J", "\ufffe", "\t"])
@@ -170,61 +130,10 @@ def test_a_baseline(lidarcli: Run, run: Path, tmp_path: Path) -> None:
     assert (missing.code, missing.out) == (3, "")
 
 
-def test_an_empty_run_has_a_report_in_every_format(lidarcli: Run, tmp_path: Path) -> None:
-    run = write_run(tmp_path, [])
-    for kind in FORMATS:
-        assert lidarcli("report", run, "--format", kind).code == 0
-
-
-@pytest.mark.parametrize(
-    ("environment", "terminal", "coloured"),
-    [
-        ({}, True, True),
-        ({}, False, False),
-        ({"TERM": "dumb"}, True, False),
-        ({"NO_COLOR": "1"}, True, False),
-        ({"NO_COLOR": ""}, True, True),
-        ({"FORCE_COLOR": "1"}, False, True),
-        ({"FORCE_COLOR": "1", "NO_COLOR": "1", "TERM": "dumb"}, False, True),
-        ({"FORCE_COLOR": ""}, False, False),
-    ],
-)
-def test_colour(
-    lidarcli: Run, run: Path, monkeypatch: pytest.MonkeyPatch, environment: dict[str, str], terminal: bool, coloured: bool
-) -> None:
-    for name in ("NO_COLOR", "FORCE_COLOR"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("TERM", "xterm")
-    for name, value in environment.items():
-        monkeypatch.setenv(name, value)
-    monkeypatch.setattr("sys.stdout.isatty", lambda: terminal)
-    ran = lidarcli("report", run, "--check", "objects == 0")
-    assert ran.code == 1
-    assert ("\x1b[1;31mFAIL\x1b[0m" in ran.out) == ("\x1b" in ran.out) == coloured
-    assert ran.err == "lidarcli: check failed: objects is 30, expected == 0\n"
-
-
 @pytest.fixture
 def tracked(tmp_path: Path) -> Path:
     """The tables of `track`: a pallet, a person, a robot."""
     return write_run(tmp_path / "tracked", **crossing())
-
-
-def test_tracks_in_text(lidarcli: Run, tracked: Path) -> None:
-    ran = lidarcli("report", tracked)
-    assert (ran.code, ran.err) == (0, "")
-    assert max(map(len, ran.out.splitlines())) <= 80
-    for words in (
-        "tracks          3, 2 of them agents",
-        "agents at once  1.3 on average, at most 2",
-        "scene           semi-structured: most of what is seen stands (6.2 % of the beams",
-        "Tracks by shape",
-        "left view    █████████                     33.3 %            1",
-        "    2  agent   legged               0.70 s    0.70 m   1.20 m/s  left view",
-        "pallet       1       10",
-        "  agents  ▄▄▄▄▄███▄▄",
-    ):
-        assert words in ran.out
 
 
 def test_checks_of_tracks(lidarcli: Run, tracked: Path) -> None:

@@ -69,20 +69,6 @@ def test_brief_text(lidarcli: Run, run: Path, baseline: Path) -> None:
     assert lidarcli("report", run, "--brief").out == "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
 
 
-def test_brief_markdown_in_a_file(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    out = tmp_path / "report.md"
-    assert lidarcli("-q", "report", run, *CHECKS, "--brief", "-o", out).code == 1
-    assert out.read_text() == (
-        "## lidarcli report: run\n\n"
-        "**Checks: 1 of 2 failed.**\n\n"
-        "|  | check | found |\n"
-        "| --- | --- | ---: |\n"
-        "| passed | `sweeps >= 20` | 20 |\n"
-        "| **failed** | `objects == 3` | 20 |\n\n"
-        "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
-    )
-
-
 @pytest.mark.parametrize("kind", ["json", "junit", "html"])
 def test_brief_is_not_for_programs(lidarcli: Run, run: Path, tmp_path: Path, kind: str) -> None:
     out = tmp_path / "report.md"
@@ -126,10 +112,6 @@ def test_what_github_reads_is_what_was_meant(text: str) -> None:
     assert not {":", ","} & set(title)
 
 
-def test_github_spells_out_what_steers_a_terminal() -> None:
-    assert command("error", "a", "\x1b[2J°\udcff") == "::error title=a::\\x1b[2J°\\udcff"
-
-
 def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> None:
     warning = (
         "unlike sensors (5 to 20 Hz; 100 to 360 beams; frames front, laser): the figures pool all of them, and no map in "
@@ -162,14 +144,3 @@ def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> 
     assert f"Warning: {warning}</p>" in lidarcli("report", unlike, "--format", "html").out
     assert (found["warnings"], found["maps"]) == ([warning], [])
     assert [stream["beams"] for stream in found["streams"]] == [100, 100, 360]
-
-
-def test_like_sensors_are_pooled(lidarcli: Run, tmp_path: Path) -> None:
-    for name, beams, step in (("a", 100, 1.0), ("b", 101, 1.1)):
-        sweeps = [sweep(k, 1, log=name, beams=beams, stamp=START + int(step * TENTH) * k) for k in range(5)]
-        write_run(tmp_path, sweeps, [thing(k, 1, log=name) for k in range(5)], name=name)
-    text = lidarcli("report", tmp_path).out
-    assert "warning" not in text
-    for words in ("Where objects were, 2 logs over each other (sensor", "step [s]", "beams_per_object"):
-        assert words in text
-    assert json.loads(lidarcli("report", tmp_path, "--format", "json").out)["warnings"] == []

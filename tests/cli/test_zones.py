@@ -12,13 +12,14 @@ import pyarrow.parquet as pq
 import pytest
 
 import lidarcli as package
+from lidarcli.simulation import scene as make
+from lidarcli.simulation.scene import Course, Odometry
 from tests.cli.maps import Run, names
 from tests.interrupting import MOMENTS, ended, left
 from tests.pipeline.drawn import driven, round_about, told
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, round_room
-from tests.zones.runs import SENSOR, column, scans, scene_of, sweeps_of, walker, where, write_bag, zone_file
-from tests.zones.test_crossings import drawn_route
+from tests.zones.runs import SENSOR, column, odometry_of, scans, scene_of, sweeps_of, write_bag, zone_file
 
 STOP = """
 [[zone]]
@@ -110,40 +111,6 @@ def test_a_zone_behind_a_sensor_of_180_degrees(lidarcli: Run, tmp_path: Path) ->
     assert ran.code == 1
     assert "stop  never observed" in ran.err
     assert "nothing to measure" in ran.err
-
-
-@pytest.mark.slow
-def test_batches_and_processes_change_no_byte(lidarcli: Run, tmp_path: Path) -> None:
-    zones = zones_of(
-        tmp_path,
-        STOP + SIDE,
-        '[[zone]]\nname = "line"\nframe = "world"\nline = [[0.0, 0.0], [0.0, 4.0]]\n'
-        '[[zone]]\nname = "robot"\nframe = "robot"\naction = "approach"\ncircle = { x = 0, y = 0, radius = 0.8 }\n'
-        '[[zone]]\nname = "world"\nframe = "world"\ncircle = { x = 1, y = 0, radius = 1 }\n',
-    )
-    written = []
-    for number, options in enumerate(([], ["--jobs", "1"], ["--jobs", "2"])):
-        out = tmp_path / f"out{number}"
-        ran = lidarcli("zones", SAMPLES / "drive.db3", *zones, "-o", out, *options)
-        assert ran.code == 0, ran.err
-        written.append([(out / f"drive.{table}.parquet").read_bytes() for table in ("events", "zones")])
-    assert written[0] == written[1] == written[2]
-
-
-def test_several_logs(lidarcli: Run, log: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other.bag"
-    other.write_bytes(log.read_bytes())
-    zones = zones_of(tmp_path, STOP)
-    ran = lidarcli("zones", log, other, *zones, "--no-objects", "-o", tmp_path / "out", "--check", "zones.stop.events == 2")
-    assert ran.code == 0, ran.err
-    assert names(tmp_path / "out") == [
-        f"{log}.{table}.parquet" for log in ("other", "run") for table in ("events", "zones")
-    ]
-    both = package.zones([log, other], zones=zones[1::2], no_objects=True)
-    assert column(both.events, "log") == ["run", "other"]
-    assert column(both.events, "event") == [1, 1]
-    twice = lidarcli("zones", log, log, *zones, "--no-objects", "-o", tmp_path / "twice")
-    assert twice.code == 2
 
 
 def test_a_log_that_is_cut(lidarcli: Run, log: Path, tmp_path: Path) -> None:
@@ -244,43 +211,6 @@ def test_what_is_refused(lidarcli: Run, log: Path, tmp_path: Path, zone: str, op
 # Lines.
 
 
-def placed_route(rng: np.random.Generator, x: float) -> tuple[list[list[float]], list[tuple[float, float]], int, int]:
-    """A line and a route as `drawn_route` has them, about (x, 0) and on that side of the sensor."""
-    while True:
-        line, route, into, out = drawn_route(rng, margin=0.1)
-        if not into + out and rng.random() < 0.7:
-            continue
-        to = np.array([x, 0.0]) - np.mean([line.first, line.second], axis=0)
-        moved = np.array(route) + to
-        if (moved[:, 0] * np.sign(x) > 0.6).all() and (np.abs(moved) < 7.5).all():
-            ends = np.array([line.first, line.second]) + to
-            return ends.tolist(), [(float(a), float(b)) for a, b in moved], into, out
-
-
-@pytest.mark.slow
-def test_drawn_routes_through_the_whole_command(tmp_path: Path) -> None:
-    """40 people, two at a time on both sides of a sensor: they go in and out as their exact paths do."""
-    rng = np.random.default_rng(21)
-    wrong, total = [], 0
-    for number in range(20):
-        drawn = [placed_route(rng, x) for x in (3.7, -3.7)]
-        people = [walker(*route, speed=0.8) for _, route, _, _ in drawn]
-        scene = scene_of(*people, sweeps=600)
-        moves = [np.flatnonzero(np.diff(where(person, scene), axis=0).any(axis=1))[-1] for person in people]
-        scene = replace(scene, sweeps=int(max(moves)) + 5)
-        log = write_bag(tmp_path / f"{number}.bag", scans(sweeps_of(scene, number)))
-        zones = "".join(f'[[zone]]\nname = "{side}"\nline = {line}\n' for side, (line, *_) in enumerate(drawn))
-        events = package.zones(log, zones=str(zone_file(tmp_path, zones))).events
-        for side, (_, _, into, out) in enumerate(drawn):
-            ways = column(events, "direction", zone=str(side), kind="crossing")
-            found = ways.count("in"), ways.count("out")
-            total += into + out
-            if found != (into, out):
-                wrong.append((number, side, found, (into, out)))
-    assert wrong == []
-    assert total > 30
-
-
 def test_masks_of_the_zone_file_are_masks_of_the_search_for_agents(lidarcli: Run, tmp_path: Path) -> None:
     everywhere = "circle = { x = 0.0, y = 0.0, radius = 100.0 }\n"
     both = zone_file(tmp_path, f'[[zone]]\nname = "all"\n{everywhere}[[mask]]\n{everywhere}')
@@ -307,3 +237,22 @@ def test_of_several_logs_each_has_to_have_seen_a_zone(lidarcli: Run, log: Path, 
     ran = lidarcli("zones", log, half, "--zones", behind, "--no-objects", *check)
     assert ran.code == 1
     assert "check failed: zones.behind.events has nothing to measure, expected == 0" in ran.err
+
+
+@pytest.mark.slow
+def test_batches_of_any_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    path = Course(np.array([[-2.0, 0.0], [2.0, 0.0], [2.0, 2.0], [-2.0, 2.0]]), speed=1.0)
+    scene = scene_of(make.box(1.0, 1.0, 0.5, 0.5), make.box(3.0, 0.0, 0.5, 1.0), path=path, odometry=Odometry(), sweeps=60)
+    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)))
+    zones = zone_file(
+        tmp_path,
+        '[[zone]]\nname = "a"\nframe = "robot"\naction = "approach"\ncircle = { x = 0, y = 0, radius = 0.4 }\n'
+        '[[zone]]\nname = "w"\nframe = "world"\ncircle = { x = 1, y = 1, radius = 0.5 }\n',
+    )
+    found = []
+    for size in (720, 7 * 720, 1 << 20):
+        monkeypatch.setattr("lidarcli.logs.batches.BATCH_VALUES", size)
+        found.append(package.zones(log, zones=str(zones), no_objects=True))
+    assert found[0] == found[1] == found[2]
+    assert any(one is not None for one in column(found[0].zones, "ttc", zone="a"))
+    assert max(column(found[0].zones, "points", zone="w")) > 10

@@ -36,17 +36,6 @@ def test_info_is_what_the_command_prints(capfd: pytest.CaptureFixture[str]) -> N
         lidarcli.info("no.mcap")
 
 
-def test_a_report_as_values(tables: Path) -> None:
-    report = lidarcli.report(tables, check=["objects_per_sweep.p95 <= 12", "objects == 0"])
-    assert (report.figures["sweeps"], report.figures["tracks"]) == (100, 5)
-    assert [verdict.holds for verdict in report.checks] == [True, False]
-    assert not report.holds
-    assert report.problems == ()
-    assert repr(report) == "<report on room: 100 sweeps, 499 objects, 1 of 2 checks hold>"
-    assert report.as_dict()["figures"]["objects"] == 499
-    assert lidarcli.report(tables, check="sweeps == 100").holds
-
-
 def test_a_report_is_shown_and_written_as_the_command_does(
     tables: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -63,12 +52,6 @@ def test_a_report_is_shown_and_written_as_the_command_does(
     assert unescape(page.partition('srcdoc="')[2].partition('" sandbox')[0]) == files[1].read_text("utf-8")
     # Who has written no page gets one, too.
     assert lidarcli.report(tables, log=ROOM)._repr_html_() == page
-
-
-def test_a_baseline_in_python(tables: Path) -> None:
-    report = lidarcli.report(tables, baseline=tables, check="changed_sweeps == 0")
-    assert report.figures["delta.objects"] == 0
-    assert report.holds
 
 
 def test_what_no_report_can_be_made_of(tables: Path, tmp_path: Path) -> None:

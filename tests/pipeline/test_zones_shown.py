@@ -178,7 +178,7 @@ def test_plot_draws_zones(lidarcli: Run, logs: Path, tmp_path: Path, file: Path)
 def test_what_plot_refuses_of_zones(lidarcli: Run, logs: Path, tmp_path: Path, file: Path) -> None:
     for view in ("sweep", "map"):
         ran = lidarcli("plot", logs / "run.mcap", "--view", view, "--zones", file, "-o", tmp_path / "p.png")
-        assert (ran.code, "--zones are drawn in the scene; give --view all or scene" in ran.err) == (2, True)
+        assert (ran.code, "--zones" in ran.err) == (2, True)
     ran = lidarcli("plot", logs / "run.mcap", "--zones", tmp_path / "no.toml", "-o", tmp_path / "p.png")
     assert ran.code == 3
     assert ran.err == f"lidarcli: {tmp_path}/no.toml: cannot read the zone file: No such file or directory\n"

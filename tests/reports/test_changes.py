@@ -20,7 +20,7 @@ from lidarcli import palette
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.pipeline.inputs.tables import find_table_sets, find_tables, table_files
-from lidarcli.pipeline.reporting import FORMATS, Made, ReportOptions, make_report, render
+from lidarcli.pipeline.reporting import FORMATS, PagedReport, ReportOptions, make_report, render
 from lidarcli.reports.changes import changes_part, pairs_of
 from lidarcli.reports.document import PartsReport
 from lidarcli.reports.drawing import project_style
@@ -30,7 +30,7 @@ from lidarcli.reports.report import Report
 from lidarcli.sweeps import Float64
 from lidarcli.tabular.schemas import CHANGES
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, DAMAGE
-from tests.reports.runs import crossing, event, table, watch, write_run, write_zones
+from tests.reports.runs import crossing, table, write_run
 from tests.reports.test_labels import meet
 
 
@@ -77,7 +77,7 @@ def written(path: Path, *args: Any, **options: Any) -> Path:
     return path
 
 
-def made(*tables: Path, checks: Sequence[str] = (), viewer: bool = False) -> Made:
+def made(*tables: Path, checks: Sequence[str] = (), viewer: bool = False) -> PagedReport:
     return make_report(ReportOptions(tuple(map(str, tables)), tuple(checks)), viewer=viewer)
 
 
@@ -124,12 +124,6 @@ def test_without_metadata_the_rows_tell_the_runs() -> None:
     changed = changes_part([("c", told().replace_schema_metadata(None))])
     assert [one.title for one in changed.pairs] == ["monday to tuesday", "monday to wednesday"]
     assert changed.figures == FIGURES | {"overlap": None}
-
-
-def test_odd_metadata_is_no_error() -> None:
-    odd = [{"log_a": 3, "log_b": "tuesday"}, "monday", ALIGNMENTS[0] | {"dx": "far", "overlap": None}]
-    first, _ = pairs_of(told(alignments=odd))  # type: ignore[arg-type]
-    assert (first.before, first.dx, first.overlap) == ("monday", None, None)
 
 
 # Reports.
@@ -237,16 +231,6 @@ def test_changes_beside_objects_join_the_report(tmp_path: Path) -> None:
     assert not {"changes", "alignments"} & {*alone}
 
 
-@pytest.mark.slow
-def test_changes_beside_zones(tmp_path: Path) -> None:
-    events = write_zones(tmp_path, [event(1, "stop")], [watch(k, "stop") for k in range(3)])
-    found = made(events, written(tmp_path / "c.changes.parquet"), checks=["gone == 2", "zones.stop.events == 1"])
-    assert isinstance(found.report, PartsReport)
-    assert found.report.holds
-    for kind in FORMATS:
-        assert ("gone" if kind == "junit" else "wednesday") in render(found, kind)
-
-
 def test_most_changes_are_counted_alone(tmp_path: Path) -> None:
     rows = [change(k, "known", a=(0.1 * k, 0.0, 0.0), b=(0.1 * k, 0.0, 0.0)) for k in range(1, 31)]
     rows[-1] |= {"status": "gone", "x_b": None}
@@ -321,16 +305,6 @@ def test_checks_see_only_a_part_of_damaged_runs(tmp_path: Path) -> None:
     assert report.exit_code == 3
     assert "tuesday.mcap: chunk 3: cut" in report.unseen[0]
     assert made(path).report.exit_code == 0
-
-
-@pytest.mark.slow
-def test_a_table_without_changes(tmp_path: Path) -> None:
-    path = written(tmp_path / "c.changes.parquet", [], ALIGNMENTS[:1])
-    found = made(path, checks=["gone == 0"])
-    assert found.report.holds
-    assert "nothing stands in them, and no structure differs" in found.report.lines[0]
-    for kind in FORMATS:
-        assert render(found, kind)
 
 
 # Pictures.

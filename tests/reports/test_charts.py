@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from lidarcli.palette import COLOURS, HEAT, page_style
-from lidarcli.reports.charts import charts, constants
+from lidarcli.reports.charts import charts
 from lidarcli.reports.figures import Density
 from lidarcli.reports.ground import Walls
 from lidarcli.reports.report import Report
-from lidarcli.reports.summary import compare, summarise
+from lidarcli.reports.summary import summarise
 from tests.reports.runs import run_of, sweep, thing
 
 
@@ -38,21 +38,8 @@ def titles(report: Report) -> list[str]:
     return [chart.title for chart in charts(report, {})]
 
 
-def test_what_is_constant_is_a_line_of_text() -> None:
-    report = report_of(sweeps=[sweep(k, 1) for k in range(5)], objects=[thing(k, 1) for k in range(5)])
-    assert {one.title: one.words for one in constants(report)} == {
-        "Objects per sweep": "1 always",
-        "Range of objects": "2 m always",
-        "Width of objects": "0.4 m always",
-        "Threshold d_th": "0.1 m always",
-        "Noise σ of the ranges": "0.01 m always",
-    }
-    assert titles(report) == ["Bearing of objects", "Where objects were, sensor frame"]
-
-
-def test_what_varies_is_a_chart() -> None:
+def test_charts_of_a_run() -> None:
     report = report_of(**varied())
-    assert constants(report) == []
     assert titles(report) == [
         "Objects over time",
         "Threshold over time",
@@ -63,20 +50,6 @@ def test_what_varies_is_a_chart() -> None:
         "Width of objects",
         "Where objects were, sensor frame",
     ]
-
-
-def test_noise_that_is_about_the_same() -> None:
-    rows = [sweep(k, k % 2, noise=0.010 + 0.0001 * (k % 3)) for k in range(30)]
-    (words,) = [one.words for one in constants(report_of(sweeps=rows)) if one.name == "noise"]
-    assert words == "0.01 m to 0.0102 m (5 % and 95 % of the sweeps)"
-
-
-def test_a_comparison_keeps_its_charts() -> None:
-    run = run_of([sweep(k, 1) for k in range(5)], [thing(k, 1) for k in range(5)])
-    summary = summarise(run)
-    report = Report(summary, compare(run, summary, run, summary))
-    assert constants(report) == []
-    assert "Width of objects" in titles(report)
 
 
 def test_what_a_chart_holds() -> None:

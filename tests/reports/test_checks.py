@@ -232,45 +232,6 @@ def test_an_unknown_figure_names_the_nearest_and_where_all_are() -> None:
         )
 
 
-def test_an_unknown_column_lists_those_that_are_there() -> None:
-    with pytest.raises(
-        OptionError, match=r"unknown column 'size' of objects; available: log, topic, .*r_min.*range_min.*; at 'size'"
-    ):
-        parse_check("objects where size > 1 == 0")
-    with pytest.raises(OptionError, match=r"unknown column 'width' of sweeps; available: log, .*valid.*; at 'width'"):
-        parse_check("sweeps where width > 1 == 0")
-
-
-def test_the_nearest_name_is_offered() -> None:
-    for expression, words in (
-        (
-            "tracks where durration > 1 == 0",
-            r"unknown column 'durration' of tracks; did you mean duration\? available: log, .*end; at",
-        ),
-        (
-            "objects where widht > 1 == 0",
-            r"unknown column 'widht' of objects; did you mean width\? .*; at 'widht', column 15",
-        ),
-        ("agents_at_onse.max < 3", r"unknown figure 'agents_at_onse.max'; did you mean agents_at_once.max[ ,]"),
-        ("delta.objcts == 0", r"unknown figure 'delta.objcts'; did you mean delta.objects[ ,?]"),
-        ("tracks.duration > 3", r"tracks.duration has several values, choose one of \.mean"),
-    ):
-        with pytest.raises(OptionError, match=words):
-            parse_check(expression)
-
-
-def test_a_spread_needs_a_statistic() -> None:
-    with pytest.raises(OptionError, match=r"has several values, choose one of \.mean, \.std, \.min"):
-        parse_check("objects_per_sweep < 3")
-
-
-def test_delta_needs_a_baseline() -> None:
-    for expression in ("delta.objects == 0", "changed_sweeps == 0"):
-        with pytest.raises(OptionError, match="needs a --baseline to compare with"):
-            parse_check(expression)
-        assert parse_check(expression, compared=True).expected == "== 0"
-
-
 def test_only_the_columns_that_are_looked_at_are_read() -> None:
     checks = [parse_check("objects where width > 1 or not track is null == 0"), parse_check("sweeps > 3")]
     assert columns_needed(checks, "objects") == {"width", "track"}

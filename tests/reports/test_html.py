@@ -201,24 +201,6 @@ def test_the_viewer_knows_where_the_sensor_was() -> None:
     assert array(found["paths"]["seen"], np.uint8).tolist() == [1, 1, 0, 1, 1]
 
 
-def test_the_page_tells_of_tracks(lidarcli: Run, tmp_path: Path) -> None:
-    tables = write_run(tmp_path, **crossing())
-    assert lidarcli("report", tables, "-o", tmp_path / "a.html") == (0, "")
-    page = (tmp_path / "a.html").read_text("utf-8")
-    assert "<h3>Agents over time</h3>" in page
-    section = page[page.index('<section id="tracks">') : page.index("<h2>By label</h2>")]
-    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in section.split("<tr>")[2:]]
-    assert ["|".join(re.sub("<[^>]*>", "", cell) for cell in row) for row in rows] == [
-        "1|object|prismatic|pallet|0.00 s|0.90 s|10|0 s|0.40 x 0.20 m|0.00 m|0.00 m/s|0.00 m/s|end of log|show",
-        "2|agent|legged||0.00 s|0.70 s|8|0 s|0.40 x 0.20 m|0.70 m|1.00 m/s|1.20 m/s|left view|show",
-        "3|agent|round||0.50 s|0.40 s|5|0 s|0.40 x 0.20 m|0.20 m|0.50 m/s|0.50 m/s|end of log|show",
-    ]
-    plain = write_run(tmp_path / "plain", [sweep(0, 1)], [thing(0, 1)])
-    assert lidarcli("report", plain, "-o", tmp_path / "b.html") == (0, "")
-    page = (tmp_path / "b.html").read_text("utf-8")
-    assert not [words for words in ("Agents over time", 'id="tracks"', "By label", "of the tracks") if words in page]
-
-
 def test_long_logs_are_thinned_and_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = [sweep(k, 1) for k in range(1000)]
     rows[777] |= {"objects": 9}
@@ -278,14 +260,6 @@ def test_a_page_holds_and_shows_5000_sweeps_of_1081_beams(page: Page, tmp_path: 
     page.evaluate("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'End'}))")
     assert page.evaluate(WORDS).startswith("sweep 4999, ")
     assert page.complaints == []
-
-
-@pytest.mark.slow
-def test_the_same_tables_give_the_same_page(lidarcli: Run, room: Path) -> None:
-    again = room.with_name("again.html")
-    words = ("--check", "sweeps == 100", "--check", "objects < 5")
-    lidarcli("report", room.with_name("room.objects.parquet"), "-o", again, "--log", SAMPLES / "room.mcap", *words)
-    assert again.read_bytes() == room.read_bytes()
 
 
 @pytest.fixture(scope="module")

@@ -5,16 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidarcli.reports import figures, summary
+from lidarcli.reports import summary
 from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.reports.summary import Label, scene_of, summarise
+from lidarcli.reports.summary import scene_of, summarise
 from tests.reports.runs import crossing, run_of, sweep, thing, track
-
-
-def test_every_figure_of_tracks_has_its_name() -> None:
-    found = summarise(run_of(**crossing()))
-    assert list(found.figures) == [*figures.names(), *figures.track_names()]
-    assert list(summarise(run_of([sweep(0)])).figures) == figures.names()
 
 
 def test_figures_of_a_crossing() -> None:
@@ -58,7 +52,7 @@ def test_figures_of_a_crossing() -> None:
         (3, 5, 0.5, True),
     ]
     assert [one.track for one in tracked.most(2)] == [2, 3]
-    assert found.labels == (Label("pallet", 1, 10),)
+    assert [(one.name, one.tracks, one.objects) for one in found.labels] == [("pallet", 1, 10)]
 
 
 def test_agents_at_once_are_things_and_not_objects() -> None:
@@ -85,13 +79,8 @@ def test_what_kind_of_scene_it_is() -> None:
 
 def test_without_a_tracks_table_nothing_is_said_of_tracks() -> None:
     found = summarise(run_of([sweep(0, 1)], [thing(0, 1)]))
-    assert (found.tracked, found.labels) == (None, ())
+    assert (found.tracked, found.labels) == (None, [])
     assert found.figures["agents"] == 0
-
-
-def test_names_of_a_catalogue_count_without_tracks() -> None:
-    objects = [thing(0, 1, label="box"), thing(0, 2, label="box"), thing(0, 3), thing(0, 4, set="S", label="box")]
-    assert summarise(run_of([sweep(0, 3)], objects)).labels == (Label("box", None, 2),)
 
 
 def test_logs_with_and_without_tracks() -> None:

@@ -6,7 +6,6 @@ import csv
 import io
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import pytest
 
 from lidarcli.palette import COLOURS
 from tests.reports.browser import CHROMIUM, Page, browser
-from tests.reports.runs import START, crossing, sweep, thing, track, write_run
+from tests.reports.runs import START, crossing, sweep, thing, write_run
 from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.whole, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
@@ -188,23 +187,6 @@ def test_the_address_of_a_sweep(page: Page, made: Callable[..., Path]) -> None:
     assert page.complaints == []
 
 
-def test_the_thumb_stands_under_the_cursor(page: Page, made: Callable[..., Path]) -> None:
-    out = made(sweeps=[sweep(k, 1) for k in range(11)])
-    for width in (1280, 400):
-        page.open(out, width)
-        line, slider = box_of(page, "timeline"), box_of(page, "slider")
-        assert (line[0], line[2]) == (slider[0], slider[2])
-        # Both move by the width less that of the thumb, 16 pixels.
-        at = line[0] + 8 + 0.3 * (line[2] - 16)
-        click(page, (at, line[1] + 10))
-        assert page.evaluate(WORDS).startswith("sweep 3, ")
-        assert page.evaluate("document.getElementById('slider').value") == "3"
-        click(page, (line[0] + 8 + 0.9 * (line[2] - 16), slider[1] + 8))
-        assert page.evaluate(WORDS).startswith("sweep 9, ")
-        assert page.evaluate("document.getElementById('slider').getAttribute('aria-valuetext')").startswith("sweep 9")
-    assert page.complaints == []
-
-
 SCENE = "document.getElementById('scene').toDataURL()"
 
 
@@ -308,29 +290,6 @@ def test_a_sweep_is_saved(page: Page, made: Callable[..., Path]) -> None:
     assert saved(page, "png").startswith(b"\x89PNG")
     assert page.evaluate("savedAs") == "run-scan-1.png"
     assert page.evaluate("document.getElementById('save-beams').disabled") is True
-    assert page.complaints == []
-
-
-def test_no_number_covers_another(page: Page, made: Callable[..., Path]) -> None:
-    """Fourteen things within a decimetre, without tracks and with them."""
-    objects = [
-        thing(k, number, box_x=2.0 + 0.02 * (number % 4), box_y=0.02 * (number // 4), track=number)
-        for k in range(3)
-        for number in range(1, 15)
-    ]
-    for tracks in (None, [track(number) for number in range(1, 15)]):
-        things = [row if tracks else row | {"track": None} for row in objects]
-        page.open(made(sweeps=[sweep(k, 14) for k in range(3)], objects=things, tracks=tracks), 1280)
-        root = ET.fromstring(saved(page, "svg").decode())
-        drawn = [
-            (text.text, float(text.get("x", "nan")), float(text.get("y", "nan")))
-            for text in root.iter("{http://www.w3.org/2000/svg}text")
-            if "bold 12px" in text.get("style", "") and text.get("stroke") is None
-        ]
-        assert sorted(int(text or "") for text, *_ in drawn) == [*range(1, 15)]
-        for (one, x, y), (other, u, v) in combinations(drawn, 2):
-            wide = 3.8 * (len(one or "") + len(other or ""))
-            assert abs(x - u) >= wide or abs(y - v) >= 12.0, (one, other)
     assert page.complaints == []
 
 
@@ -444,14 +403,6 @@ def test_walls_in_the_world_frame(page: Page, tmp_path: Path) -> None:
     assert saved(page, "svg").count(cells) > 100
     assert "map (world frame)" in page.evaluate("document.getElementById('legend').textContent")
     assert page.complaints == []
-
-
-def test_keys_below_the_viewer_are_those_of_the_page(page: Page, made: Callable[..., Path]) -> None:
-    page.open(made(**crossing()), 800, 300)
-    page.evaluate("scrollTo(0, document.body.scrollHeight)")
-    awaited(page, WAIT)
-    press(page, "ArrowRight")
-    assert page.evaluate(WORDS).startswith("sweep 0, ")
 
 
 def test_a_log_of_one_sweep_and_one_whose_clock_stands(page: Page, made: Callable[..., Path]) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli.errors import NoScanError, OptionError
 from lidarcli.pipeline.zone_counting import velocity_of
 from lidarcli.pipeline.zoning import ZoneTables
 from lidarcli.ros.messages import Outgoing
@@ -240,20 +239,3 @@ def test_agents_come_with_their_own_velocity(tmp_path: Path) -> None:
     assert np.isfinite(ttc[soon]).mean() > 0.9
     assert np.nanmax(np.abs(ttc[soon] - way[soon])) < 0.45
     assert np.isnan(ttc[way > 2.7]).all()
-
-
-def test_a_robot_of_which_nothing_tells_the_velocity(tmp_path: Path) -> None:
-    scene, _ = straight(10)
-    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene)))
-    with pytest.raises(NoScanError, match=r"zone 'ahead' needs the velocity of the robot, which no poses tell: give"):
-        watched(log, APPROACH.replace('"robot"', '"sensor"'), no_objects=True, pose="none")
-    with pytest.raises(NoScanError, match="which neither /cmd_vel nor poses tell"):
-        lidarcli.zones(log, zones=str(zone_file(tmp_path, NAV2, "nav2.yaml")), no_objects=True, pose="none")
-
-
-def test_a_zone_in_the_world_does_not_approach(tmp_path: Path) -> None:
-    scene, _ = straight(10)
-    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)))
-    for frame in ("world", "odom"):
-        with pytest.raises(OptionError, match="zone 'ahead' approaches, and in the world it does not move"):
-            watched(log, APPROACH.replace('"robot"', f'"{frame}"'), no_objects=True)

@@ -71,19 +71,6 @@ def of(hits: str, **rules: int) -> list[tuple[int, int, bool]]:
     return [tuple(each) for each in episodes(enough, time_ns, **(default | rules))]
 
 
-def test_it_begins_with_the_sweep_that_completes_the_trigger() -> None:
-    assert of(".##.###.#", trigger=2) == [(2, 2, False), (5, 6, False)]
-    assert of("###.", trigger=3) == [(2, 2, True)], "it may have begun before the log"
-    assert of(".###.", trigger=3) == [(3, 3, False)]
-
-
-def test_it_ends_when_release_and_hold_are_over() -> None:
-    assert of(".#.#...", release=2) == [(1, 3, False)]
-    assert of(".#....#..", hold_ns=500_000_000) == [(1, 6, True)], "0.5 s are over when the next one is there"
-    assert of(".#.....#...", hold_ns=500_000_000) == [(1, 1, False), (7, 7, True)]
-    assert of(".#...#.", release=3, hold_ns=0) == [(1, 1, False), (5, 5, True)]
-
-
 def test_a_gap_ends_it() -> None:
     enough = np.ones(4, np.bool_)
     time_ns = np.array([0, 1, 10, 11], np.int64)

@@ -182,14 +182,6 @@ def test_a_monitor_is_read() -> None:
     )
 
 
-def test_a_detector_in_a_namespace_is_read() -> None:
-    read = read_text(DETECTOR)
-    assert read.zones == (
-        Zone("front", box(0.5, 0.5, 0.0), ROBOT, topics=("/robot1/scan",), velocity_topic="/robot1/cmd_vel_smoothed"),
-    )
-    assert (read.robot, read.notes) == ("base_footprint", ()), "the default of Nav2"
-
-
 def below(name: str, text: str) -> str:
     return f"{name}:\n" + "".join(f"  {line}\n" for line in text.splitlines())
 
@@ -206,12 +198,6 @@ def test_the_node_is_any_with_polygons() -> None:
         ("front", ("/robot1/scan",)),
         ("back", ("/scan",)),
     ]
-
-
-def test_points_of_a_text_are_rounded_as_in_nav2() -> None:
-    (told,) = read_text(DETECTOR.replace("0.0, -0.5", "0.1, -0.5")).zones
-    assert isinstance(told.shape, Polygon)
-    assert told.shape.corners[2] == (float(np.float32(0.1)), -0.5)
 
 
 def test_a_polygon_that_crosses_itself_is_noted() -> None:

@@ -80,14 +80,6 @@ def test_cases_cover_the_velocities_that_nav2_says() -> None:
     assert still > 1000
 
 
-def test_tested_times_are_sums_of_steps() -> None:
-    # Twenty steps of 0.1 s are a little more than 2 s, hence 2 s is not tested.
-    told = times(2.0, 0.1)
-    assert len(told) == 20
-    assert told[3] == 0.1 + 0.1 + 0.1
-    assert times(1.0, 0.25).tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("turns", [False, True])
 def test_approach_steps_are_those_of_nav2(turns: bool) -> None:
@@ -141,13 +133,6 @@ def test_agents_come_to_a_robot_that_stands() -> None:
     counts = collision_steps(Polygon(SQUARE), x, y, np.zeros(2, int), np.zeros((1, 3)), 3.0, 0.1, point_velocity=coming)
     assert first(counts, 3.0, 0.1) == pytest.approx(2.0, abs=0.11)
     assert counts.max() == 1
-
-
-def test_nothing_is_met_at_a_velocity_that_nobody_knows() -> None:
-    counts = collision_steps(
-        Circle(0.0, 0.0, 1.0), np.zeros(3), np.zeros(3), np.array([0, 1, 1]), np.array([[np.nan] * 3, [0.0] * 3]), 1, 0.5
-    )
-    assert counts.tolist() == [[0, 0, 0], [2, 2, 2]]
 
 
 def test_edges_that_cross_are_found() -> None:

@@ -13,7 +13,7 @@ from lidarcli.simulation.generate import START_NS
 from lidarcli.sweeps import RawSweeps
 from tests.cli.maps import Run
 from tests.sweeping import STEP, raw_sweeps
-from tests.zones.runs import column, polygon_at, rows, scans, transform_at, watched, write_bag, zone_file
+from tests.zones.runs import column, polygon_at, scans, watched, write_bag, zone_file
 
 NEAR = '[[zone]]\nname = "near"\ncircle = { x = 1.0, y = 0.0, radius = 0.5 }\n'
 SWEEPS = 60
@@ -74,13 +74,6 @@ def test_a_check_on_less_than_everything_ends_with_3(lidarcli: Run, case: str, t
         told = [word for check in checks for word in ("--check", check)]
         assert lidarcli("report", events, *told).code == code
         assert lidarcli(*words, "--overwrite", *told).code == code
-
-
-def test_a_check_that_fails_by_what_was_seen_ends_with_1(lidarcli: Run, tmp_path: Path) -> None:
-    raw = changed(changed(sweeps(), slice(10, 40), np.nan), slice(45, 50), 1.0)
-    words = ("zones", log_of(tmp_path, raw), "--zones", zone_file(tmp_path, NEAR), "--no-objects")
-    assert lidarcli(*words, "--check", "zones.near.events == 0").code == 1
-    assert lidarcli(*words, "--check", "zones.near.events == 1").code == 3
 
 
 @pytest.mark.parametrize(
@@ -154,16 +147,6 @@ def test_sweeps_that_are_missing_are_not_observed(lidarcli: Run, tmp_path: Path)
     assert lidarcli(*words, "--check", "zones.near.observed == 0.6").code == 0
 
 
-def test_a_world_zone_before_the_first_pose(lidarcli: Run, tmp_path: Path) -> None:
-    stamps = START_NS + STEP * np.arange(SWEEPS)
-    zone = zone_file(tmp_path, NEAR + 'frame = "world"\n')
-    for first, code in ((1, 0), (20, 3)):
-        links = [transform_at(int(at), "odom", "laser", (0.0, 0.0, 0.0), "/tf") for at in stamps[first:]]
-        log = log_of(tmp_path, sweeps(), links)
-        ran = lidarcli("zones", log, "--zones", zone, "--no-objects", "--pose", "/tf", "--check", "zones.near.events == 0")
-        assert ran.code == code, ran.err
-
-
 TOLD = """monitor:
   ros__parameters:
     base_frame_id: laser
@@ -195,20 +178,3 @@ def test_a_zone_without_area_and_one_that_cannot_be_judged(lidarcli: Run, tmp_pa
         assert lidarcli("report", tmp_path / "run.events.parquet", "--check", check).code in (code, 2)
     alone = zone_file(tmp_path, TOLD.replace("[a, b]", "[a]"), "alone.yaml")
     assert lidarcli("zones", bare, "--zones", alone, "--no-objects").code == 4
-
-
-def test_a_report_on_objects_knows_what_was_observed(lidarcli: Run, tmp_path: Path) -> None:
-    raw = DEAD["frozen"][0]
-    assert lidarcli("detect", log_of(tmp_path, raw), "-o", tmp_path).code == 0
-    table = pq.read_table(tmp_path / "run.sweeps.parquet")
-    assert [row["sweep"] for row in rows(table, observed=False)] == [*range(16, 40)]
-    report = ("report", tmp_path / "run.objects.parquet", "--check", "objects == 0")
-    ran = lidarcli(*report)
-    assert (ran.code, "run: 36 of 60 sweeps show anything; --check 'observed >= 0.6' accepts that" in ran.err) == (3, True)
-    assert lidarcli(*report, "--check", "observed >= 0.6").code == 0
-    assert lidarcli(*report, "--check", "observed > 0.9").code == 1
-    assert lidarcli("info", tmp_path / "run.bag", "--check", "findings.observed == 0").code == 1
-    empty = write_bag(tmp_path / "empty.bag", scans([sweeps().rows(slice(0, 1))]))
-    assert lidarcli("detect", empty, "-o", tmp_path, "--start", "5").code == 0
-    ran = lidarcli("report", tmp_path / "empty.objects.parquet", "--check", "objects == 0")
-    assert (ran.code, "empty: no sweep was read" in ran.out + ran.err) == (3, True)

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.zones import SAMPLES, bounds, distance_to, samples, seen
+from lidarcli.formalism.zones import SAMPLES, bounds, samples, seen
 from lidarcli.masks import Circle, Polygon
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import SweepPoses
-from lidarcli.zone import Line, inside
+from lidarcli.zone import inside
 from tests.sweeping import raw_sweeps, round_room
 
 SQUARE = Polygon(((1.0, -1.0), (3.0, -1.0), (3.0, 1.0), (1.0, 1.0)))
@@ -35,12 +35,6 @@ def test_samples_fill_a_shape_evenly(shape: Polygon | Circle) -> None:
         assert np.bincount(quarters).tolist() == pytest.approx([16] * 4, abs=4)
 
 
-def test_samples_of_a_line_lie_on_it() -> None:
-    places = samples(Line((0.0, 0.0), (6.4, 0.0)))
-    assert places[:, 0].tolist() == pytest.approx([0.05 + 0.1 * each for each in range(SAMPLES)])
-    assert not places[:, 1].any()
-
-
 @pytest.mark.parametrize("down", [False, True])
 def test_a_wall_hides_what_is_behind_it_and_the_view_ends(down: bool) -> None:
     # Half a turn ahead, a wall at 2 m to the left of the sensor's x axis, 4 m to its right.
@@ -53,9 +47,3 @@ def test_a_wall_hides_what_is_behind_it_and_the_view_ends(down: bool) -> None:
     assert told.tolist() == [True, False, True, False, False, True, False]
     turned = seen(batch, here(yaw=math.pi, down=down), -places * (1.0, -1.0 if down else 1.0))[0]
     assert turned.tolist() == told.tolist()
-
-
-def test_distances_are_those_to_the_nearest_edge() -> None:
-    x, y = np.array([0.0, 2.0, 4.0, 2.0]), np.array([0.0, 0.0, 2.0, -3.0])
-    assert distance_to(SQUARE, x, y).tolist() == pytest.approx([1.0, 0.0, math.sqrt(2.0), 2.0])
-    assert distance_to(Circle(2.0, 0.0, 1.0), x, y).tolist() == pytest.approx([1.0, 0.0, math.sqrt(8) - 1, 2.0])

@@ -14,7 +14,7 @@ from lidarcli.cli import run
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS
-from lidarcli.simulation.scene import Course, Scene, Sensor
+from lidarcli.simulation.scene import Course, Scene
 from lidarcli.sweeps import TURN, RawSweeps
 from tests.sweeping import STEP, raw_sweeps
 from tests.zones.runs import (
@@ -126,14 +126,6 @@ def test_one_of_two_lasers_falls_silent(frame: str, tmp_path: Path) -> None:
         ]
 
 
-def test_a_zone_names_its_topic(tmp_path: Path) -> None:
-    log = two(tmp_path / "two.bag", scene_of(make.cylinder(0.0, 1.5, 0.3), sweeps=5))
-    zone = '[[zone]]\nname = "one"\nframe = "sensor"\ncircle = { x = 0, y = 0, radius = 3 }\ntopic = "scan_rear"\n'
-    assert set(column(watched(log, zone, no_objects=True).zones, "topic")) == {"/scan_rear"}
-    with pytest.raises(NoScanError, match=r"zone 'one' is for /side, and no sweeps .* \(only of /scan_front, /scan_rear\)"):
-        watched(log, zone.replace("scan_rear", "/side"), no_objects=True)
-
-
 @pytest.mark.slow
 def test_an_agent_that_both_lasers_see_counts_once(tmp_path: Path) -> None:
     scene = scene_of(walker((3.0, 2.5), (-3.0, 2.2)), walker((-2.5, -3.0), (2.5, -3.2)), sweeps=75)
@@ -173,38 +165,10 @@ line = [[0.0, 1.0], [0.0, 4.0]]
     assert max(column(tables.zones, "things", zone="left")) == 1
 
 
-@pytest.mark.slow
-def test_two_sensors_whose_paths_are_matched_each_by_itself(tmp_path: Path) -> None:
-    """Each path begins at the origin of a world of its own."""
-    log = two(tmp_path / "two.bag", scene_of(make.cylinder(0.0, 1.5, 0.3), make.box(3.0, -1.0, 1.0, 0.5), sweeps=20))
-    zone = ROBOT_CIRCLE.replace('"robot"', '"world"')
-    with pytest.raises(NoScanError, match=r"a world of its own \(match for /scan_front, match for /scan_rear\)"):
-        watched(log, zone, no_objects=True, pose="match")
-    one = watched(log, zone + 'topic = "/scan_front"', no_objects=True, pose="match")
-    assert set(column(one.zones, "topic")) == {"/scan_front"}
-    assert max(column(one.zones, "points")) > 0
-
-
 # What is in view.
 
 
-def half(**sensor: Any) -> Sensor:
-    """A sensor that looks over 180 degrees."""
-    return replace(SENSOR, beams=361, angle_min=-np.pi / 2, angle_increment=np.pi / 360, **sensor)
-
-
 NAMES = ("behind", "beside", "ahead", "wall")
-
-
-def test_a_zone_behind_the_sensor_is_never_observed(tmp_path: Path) -> None:
-    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene_of(sensor=half(), sweeps=5))))
-    zones = "".join(
-        f'[[zone]]\nname = "{name}"\ncircle = {{ x = {x}, y = 0.0, radius = 1.0 }}\n'
-        for name, x in (("behind", -2.0), ("beside", 0.0), ("ahead", 2.0), ("wall", 8.0))
-    )
-    tables = watched(log, zones, no_objects=True)
-    observed = {name: {*column(tables.zones, "observed", zone=name)} for name in NAMES}
-    assert observed == {"behind": {False}, "beside": {True}, "ahead": {True}, "wall": {True}}
 
 
 def test_sweeps_that_turn_the_other_way_and_change_their_beams(tmp_path: Path) -> None:
@@ -311,17 +275,6 @@ monitor:
       min_points: 4
 {shape}
 """
-
-
-def test_exclusion_zones_of_nav2(tmp_path: Path) -> None:
-    log = write_bag(tmp_path / "a.bag", scans([body()]))
-    source = """, exclusion_zones: ["mast"] }
-    mast: { enabled: true, points: "[[-0.2, 0.1], [-0.2, -0.1], [-0.4, -0.1], [-0.4, 0.1]]\""""
-    for told, events in (("", 1), (source, 0), (source.replace("true", "false"), 1)):
-        text = NAV2.format(source=told, type="circle", shape="      radius: 0.5")
-        tables = lidarcli.zones(log, zones=str(zone_file(tmp_path, text, "nav2.yaml")), no_objects=True)
-        assert tables.events.num_rows == events
-        assert set(column(tables.zones, "masked")) == {0 if events else 8}
 
 
 def cases(slow: str, fast: str) -> str:
@@ -485,19 +438,6 @@ def test_two_frames_on_one_topic_are_two_sensors(tmp_path: Path) -> None:
         )
     assert told["one"] == told["two"]
     assert told["one"][2][0] > 500
-
-
-def test_zones_of_two_frames_on_one_topic_have_names_of_their_own(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scene = scene_of(sweeps=5)
-    blocks = [replace(block, topic="/scan") for name in ("front", "rear") for block in sensor_at(FRONT, name, scene, 0)]
-    log = write_bag(tmp_path / "one.bag", scans(blocks))
-    file = zone_file(tmp_path, ROBOT_CIRCLE.replace('"robot"', '"sensor"'))
-    assert run(["zones", str(log), "--zones", str(file), "--no-objects"]) == 0
-    told = capsys.readouterr().err
-    assert "near (/scan) (front)" in told
-    assert "near (/scan) (rear)" in told
 
 
 # --- transforms ---------------------------------------------------------------------------------------------

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from lidarcli.logs import open_log
-from lidarcli.logs.base import ReadReport, Topic
+from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.reading.posing import FEW_CORNERS, NOT_FINITE, POLYGON, TWIST, TWIST_STAMPED, polygons, velocities
 from lidarcli.ros.cursor import ENCAPSULATION, SHORT
 from tests.fake_log import FakeLog
-from tests.logs.test_odd_logs import WRITERS, written
-from tests.pose.pose_messages import ODOMETRY, SECOND, Maker, message, odometry
+from tests.pose.pose_messages import SECOND, Maker, message
 
 TEXT = "std_msgs/msg/String"
 BOX = [(0.5, 0.25), (0.5, -0.25), (-0.5, -0.25), (-0.5, 0.25)]
@@ -74,21 +71,6 @@ def test_a_stamped_twist_has_its_own_time_where_it_is_told(maker: Maker) -> None
     assert read(log) == ([2 * SECOND + 7, 9 * SECOND], [[0.5, 0.1, -0.25]] * 2, {})
 
 
-def test_odometry_tells_a_velocity() -> None:
-    log = FakeLog(messages=[odometry(2 * SECOND, "odom", "base_link", (1.0, 2.0, 0.5))])
-    assert read(log, "/odom") == ([2 * SECOND], [[0.5, 0.0, 0.0]], {})
-
-
-def test_a_log_without_the_topic_tells_nothing() -> None:
-    maker = Maker("cdr")
-    log = FakeLog(topics=[Topic("/cmd_vel", TEXT, "cdr")], messages=[message("/cmd_vel", TEXT, b"")])
-    assert velocities(log, "/cmd_vel", ReadReport()) is None
-    assert polygons(log, "/footprint", ReadReport()) is None
-    assert log.passes == 0, "the list of topics was enough"
-    other = FakeLog(messages=[message("/other", TWIST, twist(maker, 1.0, 0.0, 0.0))])
-    assert velocities(other, "/cmd_vel", ReadReport()) is None
-
-
 def test_bad_messages_are_counted_by_cause(maker: Maker) -> None:
     sound = twist(maker, 1.0, 0.0, 0.0)
     bad = [sound[:-1], twist(maker, np.nan, 0.0, 0.0), twist(maker, 0.0, 0.0, np.inf)]
@@ -132,26 +114,3 @@ def test_polygons_keep_their_frame_and_time(maker: Maker) -> None:
         (5 * SECOND, "odom", [list(corner) for corner in BOX]),
     ]
     assert dict(report.refused) == {("/footprint", FEW_CORNERS): 1, ("/footprint", NOT_FINITE): 1, ("/footprint", SHORT): 1}
-
-
-@pytest.mark.parametrize("name", WRITERS)
-def test_every_container_hands_them_out(name: str, tmp_path: Path) -> None:
-    maker = Maker(WRITERS[name][0])
-    topics = {
-        "/cmd_vel": (TWIST, [twist(maker, speed, 0.0, 0.5) for speed in (0.25, 0.5)]),
-        "/stamped": (TWIST_STAMPED, [twist(maker, 1.0, 0.0, 0.0, 7 * SECOND)]),
-        "/odom": (ODOMETRY, [maker.odometry(SECOND, "odom", "base", (0.0, 0.0, 0.0))]),
-        "/footprint": (POLYGON, [polygon(maker, SECOND, "base", BOX)]),
-    }
-    path = written(name, tmp_path, topics)
-    report = ReadReport()
-    with open_log(path) as log:
-        found = {topic: velocities(log, topic, report) for topic in topics}
-        shapes = polygons(log, "/footprint", report)
-    told = found["/cmd_vel"]
-    assert told is not None
-    assert (told[0].tolist(), told[1].tolist()) == ([0, 1], [[0.25, 0.0, 0.5], [0.5, 0.0, 0.5]])
-    assert [found[topic] is not None for topic in topics] == [True, True, True, False]
-    assert shapes is not None
-    assert shapes[0].corners.tolist() == [list(corner) for corner in BOX]
-    assert not report.refused

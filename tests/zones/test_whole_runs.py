@@ -14,19 +14,7 @@ from lidarcli.cli import run
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Odometry
 from lidarcli.sweeps import Float64
-from tests.zones.runs import (
-    column,
-    odometry_of,
-    rows,
-    scans,
-    scene_of,
-    sweeps_of,
-    walker,
-    watched,
-    where,
-    write_bag,
-    zone_file,
-)
+from tests.zones.runs import column, odometry_of, rows, scans, scene_of, sweeps_of, walker, watched, where, write_bag
 
 CIRCLE = """
 [[zone]]
@@ -81,25 +69,6 @@ def test_somebody_walks_through_a_circle(passed: tuple[Path, Float64]) -> None:
     assert max(table["agents"]) == max(table["things"]) == 1
     assert table["masked"] == [0] * 90
     assert set(table["observed"]) == {True}
-
-
-def counted_by_hand(log: Path) -> list[int]:
-    """The points of each sweep in the circle of `CIRCLE`."""
-    found = []
-    for batch in lidarcli.read(log):
-        x, y = batch.ranges * np.cos(batch.bearings()), batch.ranges * np.sin(batch.bearings())
-        found += np.sum(np.hypot(x - 3.0, y) < 1.0, axis=1).tolist()
-    return found
-
-
-def test_points_are_those_of_the_sweeps(passed: tuple[Path, Float64]) -> None:
-    tables = watched(passed[0], CIRCLE, no_objects=True)
-    assert column(tables.zones, "points") == counted_by_hand(passed[0])
-    for name in ("things", "agents", "ttc"):
-        assert column(tables.zones, name) == [None] * 90
-    (event,) = tables.events.to_pylist()
-    assert event["kind"] == "occupied"
-    assert [event[name] for name in ("set", "track", "label", "agents", "polygon", "direction", "ttc")] == ([None] * 7)
 
 
 @pytest.mark.slow
@@ -298,26 +267,3 @@ def test_a_visit_needs_a_sweep_that_sees_the_agent_and_a_crossing_none(tmp_path:
     # Hidden, the path is a guess between what was seen before and behind the box.
     assert abs(visit["last_sweep"] - np.flatnonzero(away <= 0.1)[-1]) <= 3
     assert column(tables.events, "direction", zone="line") == ["in"]
-
-
-@pytest.mark.slow
-def test_a_visit_that_the_end_of_the_log_cuts(tmp_path: Path) -> None:
-    scene = scene_of(walker((3.0, -3.0), (3.0, 3.0)), sweeps=33)
-    tables = watched(write_bag(tmp_path / "a.bag", scans(sweeps_of(scene))), CIRCLE)
-    for kind in ("visit", "occupied"):
-        (event,) = rows(tables.events, kind=kind)
-        assert (event["cut"], event["last_sweep"]) == (True, 32)
-
-
-@pytest.mark.slow
-def test_a_topic_that_repeats_another_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scene = scene_of(walker((4.0, -3.0), (2.0, 3.5)), sweeps=40)
-    again = scans(sweeps_of(scene, topic="/again"), record_after_ns=20_000_000)
-    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene)), again)
-    zones = zone_file(tmp_path, CIRCLE)
-    note = "  note     /again repeats /scan: 40 of 40 sweeps; --topic /scan reads them once"
-    for words in (("track", log, "-o", tmp_path), ("zones", log, "--zones", zones)):
-        assert run([str(word) for word in words]) == 0
-        assert capsys.readouterr().err.splitlines().count(note) == 1
-        assert run([*map(str, words), "--topic", "/scan", *(["--overwrite"] if "-o" in words else [])]) == 0
-        assert "/again" not in capsys.readouterr().err

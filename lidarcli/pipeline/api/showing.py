@@ -39,7 +39,7 @@ from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
 from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_pictures, write_pictures
-from lidarcli.pipeline.reporting import Made, ReportOptions, encoded, format_of, make_report, render, understand
+from lidarcli.pipeline.reporting import PagedReport, ReportOptions, encoded, format_of, make_report, render, understand
 from lidarcli.reports.checks import Verdict
 from lidarcli.reports.document import PartsReport
 from lidarcli.reports.picture import Axes, Figure, Picture, figure_of
@@ -161,7 +161,7 @@ class RunReport:
     problems : what could not be read, and damage that no check accepts, one line each
     """
 
-    _made: Made
+    _made: PagedReport
     _asked: ReportOptions
 
     @property
