@@ -249,7 +249,7 @@ def nothing(source: object, progress: object = None) -> Any:
     """Work that is none, with a summary as large as a real one."""
     from lidarcli.pipeline.reading.one_log import RunSummary
 
-    summary = RunSummary(sweeps=300, objects=1500, rows=1800, seconds=0.01)
+    summary = RunSummary(sweeps=300, objects=1500, seconds=0.01)
     summary.outputs = [f"/tables/{getattr(source, 'name', '')}.{table}.parquet" for table in ("objects", "sweeps")]
     return summary
 

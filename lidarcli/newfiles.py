@@ -353,7 +353,7 @@ def _refuse_place(folder: Path) -> None:
 
 
 def _is_device(path: Place) -> bool:
-    """Tell whether a name is that of a terminal, of /dev/null or the like, which is never replaced."""
+    """Return whether a name is that of a terminal, of /dev/null or the like, which is never replaced."""
     found = None if isinstance(path, Url) else _stat(path)
     return found is not None and stat.S_ISCHR(found.st_mode)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -104,23 +103,6 @@ except KeyboardInterrupt as err:
 @pytest.mark.parametrize(("number", "raised"), [("SIGINT", "KeyboardInterrupt"), ("SIGTERM", "Terminated")])
 def test_python_does_not_ignore_it_where_an_object_ends(number: str, raised: str) -> None:
     assert said(IGNORING.replace("NUMBER", number)) == f"{raised} []\n"
-
-
-@pytest.mark.slow
-def test_the_tests_of_interrupts_work_where_they_are_ignored() -> None:
-    """As below `nohup make test`: processes inherit it."""
-    test = f"{__file__}::{test_it_waits_for_an_import.__name__}"
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test]
-    ran = subprocess.run(
-        command,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
-        capture_output=True,
-        text=True,
-        timeout=HANG,
-        check=False,
-    )
-    assert ran.returncode == 0, ran.stdout
-    assert "2 passed" in ran.stdout
 
 
 IMPATIENT = """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -14,7 +13,6 @@ import pyarrow.ipc
 import pyarrow.parquet as pq
 import pytest
 
-import lidarcli as lidarcli_package
 from lidarcli import newfiles
 from lidarcli.cli import run
 from lidarcli.errors import OptionError, OutputError
@@ -204,22 +202,6 @@ def test_an_output_that_is_an_input_is_refused(
     assert f"{output} is an input of this run (" in line
     assert line.endswith("); write elsewhere with -o")
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-
-
-def test_a_background_has_no_name_of_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """`build -o *.mcap`, with the name forgotten, would replace the first log by the background of the others."""
-    log = tmp_path / "a.mcap"
-    shutil.copy(ROOM, log)
-    assert run(["background", "build", str(ROOM), "-o", str(log), "--overwrite"]) == 2
-    words = f"{log} is the name of a log; a background is a .parquet"
-    assert capsys.readouterr().err == f"lidarcli: {words}\n"
-    with pytest.raises(OptionError, match=f"^{re.escape(words)}$"):
-        lidarcli_package.background(ROOM, log)
-    linked = tmp_path / "linked.parquet"
-    linked.symlink_to(log)
-    with pytest.raises(OutputError, match="is an input of this run"):
-        lidarcli_package.background(log, linked)
-    assert log.read_bytes() == ROOM.read_bytes()
 
 
 def test_every_file_that_an_option_names_is_an_input(
@@ -412,7 +394,7 @@ def test_an_output_folder_that_is_removed_meanwhile(
     monkeypatch.setattr(TableFiles, "publish", removed)
     assert run(["-q", "detect", str(ROOM), "-o", str(out)]) == 5
     (line,) = said(capsys)
-    assert line == f"lidarcli: {ROOM}: cannot write {out}: No such file or directory"
+    assert line == f"lidarcli: {ROOM}: cannot write {out}/room.objects.parquet: No such file or directory"
     # What becomes of a log that is removed has nothing to do with it.
     refuse_lost(FileNotFoundError(2, "gone", str(ROOM)), out)
     with pytest.raises(OutputError, match="cannot write "):
@@ -465,24 +447,6 @@ def test_a_name_of_another_kind_of_file_is_refused(tmp_path: Path, name: str, ca
     assert list(tmp_path.iterdir()) == []
     assert run(["-q", "detect", str(ROOM), "-o", f"{tmp_path / name}/"]) == 0
     assert (tmp_path / name / "room.objects.parquet").is_file()
-
-
-def test_several_logs_into_one_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path, bad = tmp_path / "out.csv", tmp_path / "bad.mcap"
-    bad.write_bytes(ROOM.read_bytes()[:20])
-    logs = [str(ROOM), str(bad), str(ROOM.with_name("hall"))]
-    assert run(["-q", "detect", *logs, "-o", str(path)]) == 3
-    names = {line.split(",")[0] for line in path.read_text().splitlines()[1:]}
-    assert names == {"room", "hall"}
-    capsys.readouterr()
-
-
-def test_a_file_of_nothing_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bad = tmp_path / "bad.mcap"
-    bad.write_bytes(b"nothing")
-    assert run(["-q", "detect", str(bad), "-o", str(tmp_path / "out.csv")]) == 3
-    assert [path.name for path in tmp_path.iterdir()] == ["bad.mcap"]
-    capsys.readouterr()
 
 
 def test_nothing_waits_for_a_private_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

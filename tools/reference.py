@@ -16,7 +16,7 @@ from lidarcli.reports import figures
 from lidarcli.simulation.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tabular import writing
 from lidarcli.tabular.background import GEOMETRY
-from lidarcli.tabular.schemas import BACKGROUND, CHANGES, CLEANED, CLOUD, POSES, RUNS, SCHEMAS
+from lidarcli.tabular.schemas import BACKGROUND, CHANGES, CLEANED, CLOUD, POSES, SCHEMAS
 
 NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page is stale. -->"
 
@@ -199,11 +199,6 @@ def tables_page() -> str:
         "the log.",
         "",
         *_schema(POSES),
-        "## runs",
-        "",
-        "`_lidarcli/run-*.parquet`, the manifest of a run over many logs ([fleet.md](fleet.md)). One row per log.",
-        "",
-        *_schema(RUNS),
         "## truth",
         "",
         "`<log>.truth.parquet`, written by `simulate`. One row per sweep and visible entity.",

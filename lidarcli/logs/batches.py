@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from numbers import Integral
 
 import numpy as np
@@ -70,9 +71,7 @@ def read_batches(
 ) -> Iterator[SweepBatch]:
     """Yield the sweeps of a log as batches; parameters and errors as of `LogBatcher`."""
     with closing(LogBatcher(log, options, report, choice)) as batcher:
-        for block in log.scans(batcher.topics, report):
-            yield from batcher.take(block)
-        yield from batcher.flush()
+        yield from batcher.batches()
 
 
 class LogBatcher:
@@ -97,6 +96,7 @@ class LogBatcher:
             choice = TopicChoice(options.topics, log.topics())
             if choice.is_listed and (error := choice.error(every=True)) is not None:
                 raise error
+        self._log = log
         self._choice = choice
         self._options = options
         self._report = report
@@ -108,10 +108,11 @@ class LogBatcher:
         self._beyond: Counter[str] = Counter()
         """Sweeps of topics beyond `MAX_TOPICS`."""
 
-    @property
-    def topics(self) -> Collection[str] | None:
-        """Topics to read, as `Log.scans` takes them."""
-        return self._choice.asked
+    def batches(self) -> Iterator[SweepBatch]:
+        """Return the batches of the whole log."""
+        blocks = self._log.scans(self._choice.asked, self._report)
+        # Not a loop: nothing of this file stands between the log and who pulls.
+        return chain(chain.from_iterable(map(self.take, blocks)), self.flush())
 
     def take(self, block: RawSweeps) -> Iterator[SweepBatch]:
         """Take sweeps; yield the batches that they complete."""

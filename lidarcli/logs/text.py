@@ -234,8 +234,8 @@ class TextLog(ABC):
             yield from ()
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Yield blocks of sweeps in the order of the file within each topic."""
-        yield from self._sweeps(self._blocks(report), topics, report)
+        """Return blocks of sweeps in the order of the file within each topic."""
+        return self._sweeps(self._blocks(report), topics, report)
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Yield poses of the given types."""

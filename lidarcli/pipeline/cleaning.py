@@ -165,7 +165,6 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
             sink.finish(metadata)
         summary.notes += new.publish()
         summary.outputs = [str(each) for each in outputs]
-        summary.rows = summary.table.num_rows
     return summary
 
 

@@ -205,10 +205,10 @@ class Mapping:
             return
         # Maps of everything should not wait for these imports.
         from lidarcli.formalism.tracking.tracker import Tracker
-        from lidarcli.pipeline.objects.detection import object_finder
+        from lidarcli.pipeline.objects.detection import ObjectFinder
         from lidarcli.tabular.columns import beam_sets
 
-        find = object_finder(self.options.parameters, None)
+        find = ObjectFinder(self.options.parameters).find
         trackers: dict[str, tuple[Tracker, deque[tuple[SweepBatch, Detection]]]] = {}
         for batch in batches:
             if batch.topic not in trackers:

@@ -283,7 +283,7 @@ class _PictureMaker:
         r_e = found.r_e[0].astype(np.float64)
         return replace(
             picture,
-            detection=self._with_agents(batch, self._subtracting(batch, per_beam=True)),
+            detection=self._with_agents(batch, self._subtracting.detect(batch, per_beam=True)),
             background=np.where(np.isfinite(r_e), r_e, np.nan),
             difference=found.difference[0].astype(np.float64),
         )

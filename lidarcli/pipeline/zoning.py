@@ -551,8 +551,6 @@ def watch(
                     files.write(name, "", batch)
             summary.notes += files.publish(metadata)
             summary.outputs = [str(path) for path in files.paths]
-            summary.output_sizes = files.sizes
-            summary.rows = sum(table.num_rows for table in tables)
     return summary
 
 

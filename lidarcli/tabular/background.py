@@ -15,7 +15,7 @@ from lidarcli.newfiles import NewFiles
 from lidarcli.stores import Place
 from lidarcli.sweeps import Float64, SweepPoses
 from lidarcli.tabular.columns import codes, floats, plain
-from lidarcli.tabular.reading import GREATEST_VALUE, notes_of, parsed, read_columns
+from lidarcli.tabular.reading import GREATEST_VALUE, note_value, notes_of, parsed, read_columns
 from lidarcli.tabular.schemas import BACKGROUND
 from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, ParquetSink
 
@@ -101,19 +101,10 @@ def _refuse_ranges(path: Place, table: pa.Table) -> None:
 
 def _making(notes: Mapping[str, str]) -> dict[str, Any]:
     """Return the metadata on the making of a background, as far as it can be read."""
-    making: dict[str, Any] = {}
-    for key, kind in ((PARAMETERS, dict), (SOURCE, list), (DAMAGE, list)):
-        try:
-            value = parsed(notes[key])
-        except (KeyError, ValueError):
-            continue
-        if isinstance(value, kind):
-            making[key] = value
-    if SOURCE in making:
-        making[SOURCE] = [log for log in making[SOURCE] if isinstance(log, dict)]
-    if DAMAGE in making:
-        making[DAMAGE] = [str(line) for line in making[DAMAGE]]
-    return making
+    logs = [log for log in note_value(notes, SOURCE, list) if isinstance(log, dict)]
+    damage = [str(line) for line in note_value(notes, DAMAGE, list)]
+    making = {PARAMETERS: note_value(notes, PARAMETERS, dict), SOURCE: logs, DAMAGE: damage}
+    return {key: value for key, value in making.items() if value}
 
 
 def _geometry(sensor: Background) -> dict[str, Any]:

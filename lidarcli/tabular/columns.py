@@ -139,7 +139,7 @@ def _bits(data: pa.Buffer) -> NDArray[np.bool_]:
 
 
 def any_nan(values: NDArray[np.floating[Any]]) -> bool:
-    """Tell whether any of the (K,) values is NaN."""
+    """Return whether any of the (K,) values is NaN."""
     # The minimum is NaN where any value is: one pass, where `isnan(...).any()` takes two.
     return math.isnan(np.minimum.reduce(values, initial=0.0))
 

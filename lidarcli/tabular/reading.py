@@ -280,7 +280,7 @@ def _fitted(path: Readable, kind: str, field: pa.Field, column: pa.ChunkedArray)
 
 
 def _castable(found: pa.DataType, wanted: pa.DataType) -> bool:
-    """Tell whether values of one type can stand for those of the other, if each of them fits."""
+    """Return whether values of one type can stand for those of the other, if each of them fits."""
     if pa.types.is_null(found) or found.equals(wanted):
         return True
     if is_text(wanted):
@@ -335,7 +335,7 @@ def _refuse_values(place: str, field: pa.Field, column: pa.ChunkedArray) -> None
 
 
 def is_text(kind: pa.DataType) -> bool:
-    """Tell whether values of a type are text, in whatever form."""
+    """Return whether values of a type are text, in whatever form."""
     if pa.types.is_dictionary(kind):
         kind = kind.value_type
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_string_view(kind))

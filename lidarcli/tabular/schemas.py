@@ -326,28 +326,10 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("qw", "float64", "1", "its rotation, 0 or more"),
         Column("yaw", "float64", "rad", "direction of its x axis, seen from above"),
     ),
-    "runs": (
-        Column("log", "string", "", "name of the log, which its tables carry"),
-        Column("url", "string", "", "where it is: an absolute path, or the URL of an object"),
-        Column("size", "int64", "byte", "its size; null where unknown", nullable=True),
-        Column("etag", "string", "", "the store's mark of its content; null outside of stores", nullable=True),
-        Column("mtime", "stamp", "ns", "its last change; null where unknown", nullable=True),
-        Column("parameters", "string", "", "hash of all that the tables depend on beside the log"),
-        Column("version", "string", "", "version of lidarcli"),
-        Column("outcome", "text", "", "ok, damaged (read as far as it can be) or failed (no tables)"),
-        Column("exit_code", "int32", "1", "that of a run over this log alone"),
-        Column("message", "string", "", "why, where the outcome is not ok", nullable=True),
-        Column("outputs", _list(pa.string()), "", "files that were written", nullable=True),
-        Column("output_sizes", _list(pa.int64()), "byte", "size of each of them", nullable=True),
-        Column("sweeps", "int64", "1", "sweeps that were read; null where the log failed", nullable=True),
-        Column("rows", "int64", "1", "rows of all its tables; null where the log failed", nullable=True),
-        Column("seconds", "float64", "s", "how long it took; null where the log failed", nullable=True),
-        Column("ended", "stamp", "ns", "when it was done"),
-    ),
 }
 """Table → its columns, in order."""
 
-(OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, CLEANED, BACKGROUND, CHANGES, CLOUD, POSES, RUNS) = map(
+(OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, CLEANED, BACKGROUND, CHANGES, CLOUD, POSES) = map(
     schema_of, TABLES.values()
 )
 SCHEMAS = {

@@ -342,23 +342,18 @@ def table_suffix(table: str) -> str:
     return f".{table}.parquet"
 
 
-def table_path(folder: Place, log: str, table: str, layout: str | None = None, date: str | None = None) -> Place:
-    """Return `DIR/<log>.<table>.parquet`; `log` may hold the folders below the one that was given.
-
-    >>> table_path(Path("out"), "trip/run", "objects", BY_DATE, "2026-11-22").as_posix()
-    'out/objects/date=2026-11-22/trip/run.parquet'
-    """
-    if layout is None:
-        return folder / f"{log}{table_suffix(table)}"
-    day = f"date={date or NO_DATE}/" if layout == BY_DATE else ""
-    return folder / table / f"{day}{log}.parquet"
-
-
 def table_paths(
     folder: Place, log: str, tables: Sequence[str], layout: str | None = None, date: str | None = None
 ) -> dict[str, Place]:
-    """Return the path of each table of one log, as of `table_path`."""
-    return {table: table_path(folder, log, table, layout, date) for table in tables}
+    """Return `DIR/<log>.<table>.parquet` of each table of a log, whose name may hold the folders below the one given.
+
+    >>> table_paths(Path("out"), "trip/run", ["objects"], BY_DATE, "2026-11-22")["objects"].as_posix()
+    'out/objects/date=2026-11-22/trip/run.parquet'
+    """
+    if layout is None:
+        return {table: folder / f"{log}{table_suffix(table)}" for table in tables}
+    day = f"date={date or NO_DATE}/" if layout == BY_DATE else ""
+    return {table: folder / table / f"{day}{log}.parquet" for table in tables}
 
 
 class TableFiles:
@@ -376,8 +371,6 @@ class TableFiles:
         self, paths: Mapping[str, Place], first_topic: str | None, overwrite: bool = True, stamps: str = NS
     ) -> None:
         self.paths = tuple(paths.values())
-        self.sizes: list[int] = []
-        """Bytes of each file, once it is published."""
         self._new = NewFiles(self.paths, overwrite)
         self._sinks: dict[str, ParquetSink] = {}
         with ExitStack() as stack:
@@ -402,7 +395,6 @@ class TableFiles:
             sink.hand_over()
         for sink in self._sinks.values():
             sink.finish(metadata)
-        self.sizes = [self._new.part(path).stat().st_size for path in self.paths]
         return self._new.publish()
 
     def __enter__(self) -> Self:

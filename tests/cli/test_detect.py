@@ -42,11 +42,6 @@ def test_tables_and_summary(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     assert pq.read_table(tmp_path / "out" / names[2]).num_rows == 7200
 
 
-def test_quiet_says_nothing(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("-q", "detect", logs / "run.mcap", "-o", tmp_path)
-    assert (ran.code, ran.out, ran.err) == (0, "", "")
-
-
 def test_options_reach_the_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     options = "--profile paper --threshold 0.5 --min-beams 2 --max-width 3 --max-gap 1 --group-gap 0.1 --walls"
     options += " --topic /scan --start 0.5 --end 1.5 --every 2 --range 0.5 10 --no-return zero,50"

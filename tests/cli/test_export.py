@@ -90,13 +90,6 @@ def test_what_is_refused(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     assert "text.parquet: cannot be read as Parquet" in ran.err
 
 
-def test_an_undefined_stamp_is_empty(lidarcli: Run, tmp_path: Path) -> None:
-    stamps = pa.array([1_700_000_000_000_000_000, None], pa.timestamp("ns", "UTC"))
-    pq.write_table(pa.table({"moved_at": stamps}), tmp_path / "x.parquet")
-    ran = lidarcli("export", str(tmp_path / "x.parquet"), "-o", "-")
-    assert ran.out == 'moved_at\n2023-11-14T22:13:20.000000000Z\n""\n'
-
-
 def test_text_that_a_spreadsheet_would_run_is_told(lidarcli: Run, tmp_path: Path) -> None:
     """The data stay as the log has them, for pandas and joins by name; people are warned."""
     table = pa.table({"log": ["a", "-b"], "topic": pa.array(["=cmd|x", "/scan"]).dictionary_encode(), "x": [-1.0, 2.0]})

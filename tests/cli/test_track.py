@@ -74,30 +74,6 @@ def test_a_significance_that_is_none(logs: Path, lidarcli: Run, value: str) -> N
     assert "Invalid value for '--significance'" in ran.err
 
 
-def test_options_reach_the_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    options = "--significance 1e-7 --max-width 3 --start 0.5 --every 2"
-    assert lidarcli("-q", "track", logs / "run.mcap", "-o", tmp_path, *options.split()).code == 0
-    for table in TABLES:
-        metadata = pq.read_schema(tmp_path / f"run.{table}.parquet").metadata
-        parameters = json.loads(metadata[b"lidarcli.parameters"])
-        assert parameters["tracking"]["significance"] == 1e-7
-        assert (parameters["max_width"], parameters["start"], parameters["every"]) == (3.0, 0.5, 2)
-    sweeps = pq.read_table(tmp_path / "run.sweeps.parquet")
-    assert sweeps["t"].to_pylist() == [round(0.1 * k, 1) for k in sweeps["sweep"].to_pylist()]
-    assert sweeps["sweep"].to_pylist()[0] == 6
-
-
-@pytest.mark.parametrize("table", TABLES)
-def test_an_output_that_exists_is_refused(logs: Path, tmp_path: Path, lidarcli: Run, table: str) -> None:
-    path = tmp_path / f"run.{table}.parquet"
-    path.write_text("mine")
-    ran = lidarcli("track", logs / "run.mcap", "-o", tmp_path)
-    assert (ran.code, path.read_text(), names(tmp_path)) == (5, "mine", [path.name])
-    assert f"{path} exists" in ran.err
-    assert lidarcli("-q", "track", logs / "run.mcap", "-o", tmp_path, "--overwrite").code == 0
-    assert names(tmp_path) == sorted(f"run.{each}.parquet" for each in TABLES)
-
-
 def test_topics_are_followed_apart(logs: Path, tmp_path: Path, lidarcli: Run, patient: None) -> None:
     ran = lidarcli("track", logs / "two.mcap", "-o", tmp_path)
     assert ran.err.startswith(f"{logs / 'two.mcap'}: 40 sweeps, 60 objects (20 on moving things), 4 tracks (2 moving)")

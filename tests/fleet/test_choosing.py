@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.errors import OptionError
 from lidarcli.pipeline.inputs.search import choose, is_in_shard
 from lidarcli.pipeline.inputs.sources import Source
 from tests.conftest import Ran
@@ -30,12 +30,6 @@ def test_a_list_comes_from_standard_input(bags: Path, process: Callable[..., obj
     ran = process("detect", "--files-from", "-", "-o", tmp_path / "out", input=f"{bags}/one.mcap\n".encode())
     assert ran.returncode == 0, ran.stderr  # type: ignore[attr-defined]
     assert (tmp_path / "out" / "one.objects.parquet").exists()
-
-
-def test_a_list_that_is_not_there_is_one_line(lidarcli: Callable[..., Ran], tmp_path: Path) -> None:
-    ran = lidarcli("detect", "--files-from", tmp_path / "none.txt")
-    assert ran.code == 3
-    assert ran.err == f"lidarcli: {tmp_path}/none.txt: cannot be read: No such file or directory\n"
 
 
 def test_logs_keep_their_place_below_a_base(bags: Path) -> None:
@@ -67,17 +61,6 @@ def test_shares_are_of_like_size() -> None:
 @pytest.mark.parametrize("share", ["0/4", "5/4", "1", "a/b", "1/0"])
 def test_a_share_that_is_none_is_refused(share: str, lidarcli: Callable[..., Ran]) -> None:
     assert lidarcli("detect", "x.mcap", "--shard", share).code == 2
-
-
-def test_something_has_to_be_named(lidarcli: Callable[..., Ran]) -> None:
-    ran = lidarcli("detect")
-    assert ran.code == 2
-    assert "Missing argument 'LOG...'" in ran.err
-
-
-def test_a_list_of_nothing_is_told(tmp_path: Path) -> None:
-    with pytest.raises(UnreadableError, match=r"cannot be read: Is a directory"):
-        choose([], str(tmp_path))
 
 
 def test_a_dry_run_says_what_it_would_do_and_does_nothing(
@@ -132,20 +115,6 @@ def test_what_a_list_names_in_vain_is_told_with_its_line(bags: Path, tmp_path: P
     assert ran.code == 3
     assert f"lidarcli: {listed}: line 3: none.mcap: no such file or folder\n" in ran.err
     assert (tmp_path / "out" / "one.objects.parquet").exists()
-
-
-def test_nothing_to_do_is_told(tmp_path: Path, lidarcli: Callable[..., Ran]) -> None:
-    (tmp_path / "list").touch()
-    ran = lidarcli("detect", "--files-from", tmp_path / "list", "-o", tmp_path / "out")
-    assert (ran.code, ran.err) == (0, "0 logs\n")
-
-
-def test_a_log_is_not_below_itself(bags: Path) -> None:
-    with pytest.raises(OptionError, match="is not below --base"):
-        choose([str(bags / "one.mcap")], base=str(bags / "one.mcap"))
-    (bags / "..odd").mkdir()
-    (bags / "one.mcap").rename(bags / "..odd" / "one.mcap")
-    assert names(choose([str(bags / "..odd" / "one.mcap")], base=str(bags))) == ["..odd/one"]
 
 
 def test_a_log_that_a_pattern_names_twice_is_one(bags: Path) -> None:

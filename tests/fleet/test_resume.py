@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,6 @@ from lidarcli.simulation.writers import write_log
 from tests import unprivileged
 from tests.conftest import Ran
 from tests.fleet.conftest import tables
-from tests.places import SAMPLES
 from tests.sweeping import room_sweeps
 
 CommandLine = Callable[..., Ran]
@@ -84,12 +82,6 @@ def test_tables_of_another_log_are_not_replaced(bags: Path, tmp_path: Path, lida
     assert (out / "two.objects.parquet").exists()
 
 
-def test_shares_are_one_run(bags: Path, tmp_path: Path, lidarcli: CommandLine) -> None:
-    for number in (1, 2, 3):
-        assert lidarcli("detect", bags, "-o", tmp_path / "out", "--shard", f"{number}/3").code == 0
-    assert "6 done before" in lidarcli("detect", bags, "-o", tmp_path / "out", "--resume").err
-
-
 @pytest.mark.parametrize("layout", ["table", "date"])
 def test_tables_in_folders(layout: str, bags: Path, tmp_path: Path, lidarcli: CommandLine) -> None:
     flat, out = tmp_path / "flat", tmp_path / "out"
@@ -120,12 +112,6 @@ def test_files_that_parameters_name_are_older_than_the_tables(bags: Path, tmp_pa
     assert (ran.code, len(ran.err.splitlines())) == (3, 1)
 
 
-def test_names_that_are_no_text_are_done_once(bags: Path, tmp_path: Path, lidarcli: CommandLine) -> None:
-    (bags / "one.mcap").rename(bags / "caf\udce9.mcap")
-    assert lidarcli("detect", bags, "-o", tmp_path / "out", "--resume").code == 0
-    assert "6 done before" in lidarcli("detect", bags, "-o", tmp_path / "out", "--resume").err
-
-
 def test_a_log_that_has_another_day_now_is_there_once(tmp_path: Path, lidarcli: CommandLine) -> None:
     def log(first: int) -> None:
         sweeps = replace(room_sweeps(count=5), stamp_ns=np.arange(5) * 10**8 + first * 10**9)
@@ -143,13 +129,6 @@ def test_a_log_that_has_another_day_now_is_there_once(tmp_path: Path, lidarcli: 
     ran = lidarcli(*command[:-1])
     assert (ran.code, "date=2024-03-09/run.parquet exists; use --overwrite" in ran.err) == (5, True)
     assert {path.parent.name for path in (tmp_path / "out").rglob("run.parquet")} == days
-
-
-def test_a_bag_in_a_folder_is_known_by_its_tables(tmp_path: Path, lidarcli: CommandLine) -> None:
-    bag = tmp_path / "hall"
-    shutil.copytree(SAMPLES / "hall", bag)
-    assert lidarcli("detect", bag, "-o", tmp_path / "out").code == 0
-    assert "1 log, done before" in lidarcli("detect", bag, "-o", tmp_path / "out", "--resume").err
 
 
 @pytest.mark.slow

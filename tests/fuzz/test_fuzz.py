@@ -43,7 +43,6 @@ GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     "tables": (("tables",), 10),
     "names of tables": (("table-names",), 7),
     "settings": (("settings",), 20),
-    "manifests": (("manifests",), 12),
     "links": (("links",), 35),
     "two at once": (("twice",), 1),
 }

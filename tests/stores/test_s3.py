@@ -68,14 +68,6 @@ def test_credentials_stand_nowhere(store: Store, lidarcli: CommandLine, tmp_path
         assert secret.encode() not in written
 
 
-@pytest.mark.parametrize("url", ["s3://KEY:SECRET@robots/run.mcap", "s3://SECRET@robots/run.mcap"])
-def test_credentials_in_a_url_are_refused_and_not_repeated(url: str, lidarcli: CommandLine) -> None:
-    ran = lidarcli("detect", url)
-    assert ran.code == 2
-    assert "credentials do not belong in a URL" in ran.err
-    assert "SECRET" not in ran.err
-
-
 @pytest.mark.parametrize(
     ("pattern", "found"),
     [
@@ -224,12 +216,6 @@ def test_what_is_not_there_is_one_line(log: str, cause: str, store: Store, lidar
     assert ran.err.splitlines()[0] == f"lidarcli: {log}: {cause}"
 
 
-def test_a_bucket_that_is_not_there_takes_no_output(store: Store, lidarcli: CommandLine, tmp_path: Path) -> None:
-    ran = lidarcli("detect", SAMPLES / "room.mcap", "-o", "s3://nobody-has-this/tables")
-    assert ran.code == 5
-    assert ran.err.startswith("lidarcli: cannot write s3://nobody-has-this/tables: there is no such bucket")
-
-
 def test_a_store_that_is_not_there(store: Store, process: Callable[..., subprocess.CompletedProcess[bytes]]) -> None:
     environment = {**os.environ, "AWS_ENDPOINT_URL": "http://127.0.0.1:1"}
     ran = process("detect", "s3://robots/run.mcap", env=environment)
@@ -241,15 +227,6 @@ def test_a_store_that_is_not_there(store: Store, process: Callable[..., subproce
     ran = process("detect", SAMPLES / "room.mcap", "-o", "s3://robots/tables", env=environment)
     assert ran.returncode == 5
     assert b"cannot write s3://robots/tables: the store cannot be reached" in ran.stderr
-
-
-def test_a_damaged_log_has_tables_and_none_has_none(store: Store, logs: Path, lidarcli: CommandLine) -> None:
-    url = store.put("cut.mcap", (logs / "cut.mcap").read_bytes())
-    assert lidarcli("detect", url, "-o", f"s3://{store.bucket}/tables").code == 3
-    assert store.keys("tables") == ["tables/cut.objects.parquet", "tables/cut.sweeps.parquet"]
-    url = store.put("none.mcap", b"nothing")
-    assert lidarcli("detect", url, "-o", f"s3://{store.bucket}/none").code == 3
-    assert store.keys("none") == []
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import io
 import os
 import subprocess
 import sys
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.newfiles import NewFiles
 from lidarcli.tabular.writing import ROWS_PER_GROUP, ParquetSink
 
 
@@ -83,20 +81,3 @@ except OutputError as err:
     done = subprocess.run([sys.executable, "-c", script, str(path)], capture_output=True, text=True, check=True)
     assert done.stdout == f"cannot write {path}: File too large\n"
     assert list(tmp_path.iterdir()) == []
-
-
-def test_leaving_while_a_row_group_is_written(tmp_path: Path) -> None:
-    schema = pa.schema([pa.field("x", pa.int64())])
-    rows = pa.record_batch([pa.array(np.arange(3 * ROWS_PER_GROUP))], schema=schema)
-
-    def interrupted() -> None:
-        path = tmp_path / "x.parquet"
-        with NewFiles([path]) as new, ParquetSink(new.part(path), schema) as file:
-            file.write(rows)
-            raise KeyboardInterrupt
-
-    before = threading.active_count()
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert list(tmp_path.iterdir()) == []
-    assert threading.active_count() == before

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.cli import run
-from lidarcli.pipeline.reporting import VIEWER_COLUMNS
-from lidarcli.pipeline.viewing import BEAM_COLUMNS
-from lidarcli.reports.summary import OBJECT_COLUMNS, SWEEP_COLUMNS
 from lidarcli.tabular.background import GEOMETRY
 from lidarcli.tabular.reading import GREATEST_VALUE, MOST_WHOLE, read_columns
 from lidarcli.tabular.schemas import BACKGROUND, NULLABLE, OBJECTS, SCHEMAS
@@ -127,19 +123,6 @@ def test_what_other_programs_write_gives_the_same_report(
     assert '"raw":{' in page.read_text()
 
 
-def test_single_precision_is_read(tables: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    for kind in ("objects", "sweeps", "background"):
-        path = file_of(tables, kind)
-        table = pq.read_table(path)
-        for field in table.schema:
-            if pa.types.is_floating(field.type):
-                table = replaced(table, field.name, table[field.name].cast(pa.float32(), safe=False))
-        pq.write_table(table, path)
-    assert run(["report", str(tables / "room.objects.parquet"), "--check", "width.max > 0.5"]) == 0
-    assert run(["info", str(tables / "b.parquet")]) == 0
-    assert "/scan" in capfd.readouterr().out
-
-
 def test_a_background_by_another_program_needs_its_metadata(tables: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = file_of(tables, "background")
     table = pq.read_table(path)
@@ -236,15 +219,6 @@ def test_what_cannot_be_cast_is_one_line(
     assert (ran.out, ran.err) == ("", f"lidarcli: {path}: {message}\n")
 
 
-def test_text_that_is_no_utf8(tables: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    path = file_of(tables, "sweeps")
-    table = pq.read_table(path)
-    broken = pa.array([b"/\xff"] * table.num_rows).view(pa.string())
-    pq.write_table(replaced(table, "topic", broken), path)
-    assert run(["report", str(path)]) == 3
-    assert capfd.readouterr().err.startswith(f"lidarcli: {path}: column topic holds a value that is no text: ")
-
-
 def test_a_column_there_twice_and_one_that_is_missing(tables: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = file_of(tables, "sweeps")
     table = pq.read_table(path)
@@ -280,156 +254,6 @@ def test_only_columns_that_say_so_may_be_null() -> None:
     for kind, schema in ALL.items():
         said = {field.name for field in schema if b"null" in field.metadata[b"description"]}
         assert said == NULLABLE[kind] == {field.name for field in schema if field.nullable}
-
-
-def changes(count: int, column: pa.ChunkedArray) -> Iterator[tuple[str, Any]]:
-    """Columns that somebody may put in the place of a column."""
-    yield "doubles", pa.array(np.linspace(-1, 1, count))
-    yield "infinite", pa.array([np.inf, -np.inf] * count)[:count]
-    yield "huge", pa.array([1.7e308, -1.7e308] * count)[:count]
-    yield "tiny", pa.array([5e-324, -5e-324] * count)[:count]
-    yield "large", pa.array([GREATEST_VALUE, -GREATEST_VALUE] * count)[:count]
-    yield "nulls", pa.array([None] * count)
-    yield "some nulls", pa.array([*column.to_pylist()[:-1], None], column.type)
-    yield "ones", pa.array([1] * count)
-    yield "extremes", pa.array([2**63 - 1, -(2**63)] * count)[:count]
-    yield "greatest", pa.array([2**31 - 1] * count)
-    yield "times", pa.array([2**52] * count, pa.timestamp("s"))
-    yield "microseconds", pa.array([-(2**52)] * count, pa.timestamp("us", tz="Europe/Berlin"))
-    yield "texts", pa.array(["a\x01\x1b[2J]]>"] * count)
-    others = (
-        pa.array([True] * count),
-        pa.array([b"\xff"] * count),
-        pa.array([{"theta": "x"}] * count),
-        pa.array([[1.0]] * count),
-        pa.array([[[{"theta": 1.0, "r": None, "kind": None}]]] * count),
-        pa.array([2**64 - 1] * count, pa.uint64()),
-    )
-    yield "another type", others[hash_of(column) % len(others)]
-
-
-def hash_of(column: pa.ChunkedArray) -> int:
-    """A number that differs from column to column, not from run to run."""
-    return len(str(column.type)) + len(column) + column.null_count
-
-
-COMMANDS: dict[str, Callable[[Path, Path], list[list[str]]]] = {
-    "report": lambda folder, logs: [
-        *(
-            ["report", str(folder / "room.objects.parquet"), "--format", form, "--check", CHECK]
-            for form in ("text", "markdown", "json", "junit", "html")
-        ),
-        ["report", str(folder / "room.objects.parquet"), *("--format", "html", "--log", str(logs / "room.mcap"))],
-        ["report", str(folder / "base"), "--baseline", str(folder / "room.objects.parquet")],
-    ],
-    "background": lambda folder, logs: [
-        ["info", str(folder / "b.parquet")],
-        ["info", str(folder / "b.parquet"), "--format", "json"],
-        ["detect", str(logs / "room.mcap"), "--background", str(folder / "b.parquet"), "-o", "-"],
-    ],
-}
-CHECK = (
-    "objects where vertices > 0 and faces > 0 and track is null and world_x is null and frame_id != x "
-    "and s_i is not null and beam_f > 0 >= 0"
-)
-
-
-def survive(commands: list[list[str]], capfd: pytest.CaptureFixture[str], what: str) -> None:
-    """Every command ends with a documented code, one line per problem, and no warning."""
-    for command in commands:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            code = run(["-q", *command])
-        ran = capfd.readouterr()
-        assert code in (0, 1, 2, 3), f"{what}: {' '.join(command)}: {ran.err}"
-        lines = ran.err.splitlines()
-        assert all(line.startswith("lidarcli: ") and line.isprintable() for line in lines), (what, lines)
-        # A column is told of once, wherever it is used.
-        assert len(lines) == len(set(lines)) <= 2, (what, lines)
-        assert (code == 0) == (not lines), (what, code, lines)
-
-
-READ = {
-    "objects": {*OBJECT_COLUMNS, *VIEWER_COLUMNS, "vertices", "faces", "track", "frame_id", "s_i", "beam_f"},
-    "sweeps": {*SWEEP_COLUMNS},
-    "beams": {*BEAM_COLUMNS},
-    "background": {*BACKGROUND.names},
-}
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in READ for name in sorted(READ[kind])])
-def test_any_change_of_a_column_ends_with_a_documented_code(
-    original: Path, tables: Path, kind: str, name: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    path = file_of(tables, kind)
-    table = pq.read_table(path)
-    commands = COMMANDS["background" if kind == "background" else "report"](tables, original)
-    if kind == "beams":
-        # Only the page shows beams.
-        commands = commands[4:5]
-    for number, (what, values) in enumerate(changes(table.num_rows, table[name])):
-        pq.write_table(replaced(table, name, values), path)
-        # The figures are the same in all formats, which take turns.
-        survive([commands[(number + len(name)) % len(commands)]], capfd, f"{kind}.{name}: {what}")
-
-
-GEOMETRIES = [
-    "nonsense",
-    [1, 2],
-    {"topic": 1},
-    [[]],
-    [{}],
-    None,
-    *(
-        [{"topic": "/scan", "frame_id": "laser", **dict.fromkeys(("angle_min", "angle_increment"), 0.1), **more}]
-        for more in ({"beams": "x"}, {"beams": 10**30}, {"beams": None}, {})
-    ),
-]
-VALUES = [None, [], {}, "x", -1, 0, 0.5, 1e308, -1e308, 5e-324, 10**400, float("inf"), float("nan"), True, [[[]]]]
-
-
-@pytest.mark.whole
-def test_any_geometry_ends_with_a_documented_code(original: Path, tables: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    path = file_of(tables, "background")
-    table = pq.read_table(path)
-    entry = json.loads(table.schema.metadata[GEOMETRY.encode()])[0]
-    geometries = [*GEOMETRIES, *([{**entry, key: value}] for key in entry for value in VALUES)]
-    texts = [*map(json.dumps, geometries), "[" * 100_000, '[{"beams":' * 400, "\x00"]
-    commands = COMMANDS["background"](tables, original)
-    for number, text in enumerate(texts):
-        metadata = {**table.schema.metadata, GEOMETRY.encode(): text.encode()}
-        pq.write_table(table.replace_schema_metadata(metadata), path)
-        survive([commands[number % 3]], capfd, text[:200])
-    for key in ("lidarcli.source", "lidarcli.parameters", "lidarcli.damage", "lidarcli.version"):
-        for value in (*map(json.dumps, VALUES), "[" * 100_000, "[" * 300 + "]" * 300, '[{"name": []}]'):
-            metadata = {**table.schema.metadata, key.encode(): value.encode()}
-            pq.write_table(table.replace_schema_metadata(metadata), path)
-            survive(commands[:2], capfd, f"{key}: {value[:200]}")
-
-
-@pytest.mark.whole
-def test_any_metadata_of_a_run_ends_with_a_documented_code(
-    original: Path, tables: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    path = file_of(tables, "sweeps")
-    table = pq.read_table(path)
-    parameters = [{name: value} for name in ("csv", "range", "no_return") for value in (*VALUES, [None, None])]
-    parameters += [{"csv": {"fov": value, "range_scale": value}, "no_return": [value]} for value in VALUES]
-    parameters += [{"range": [value, value], "no_return": ["inf"]} for value in VALUES]
-    texts = [*map(json.dumps, [*VALUES, *parameters]), "[" * 100_000, "[" * 300 + "]" * 300]
-    commands = COMMANDS["report"](tables, original)
-    for number, (key, text) in enumerate(
-        [
-            *(("lidarcli.parameters", text) for text in texts),
-            *((f"lidarcli.{key}", text) for key in ("source", "damage") for text in texts[: len(VALUES)]),
-        ]
-    ):
-        metadata = {**table.schema.metadata, key.encode(): text.encode()}
-        pq.write_table(table.replace_schema_metadata(metadata), path)
-        # The parameters are what a log is read with.
-        command = commands[5] if key == "lidarcli.parameters" and number % 2 else commands[number % 5]
-        survive([command], capfd, f"{key}: {text[:200]}")
 
 
 @pytest.mark.slow

@@ -147,8 +147,3 @@ def test_rows_of_things() -> None:
     assert (two["track"], two["set"], two["label"], two["label_score"]) == (2, "A", "person", 0.75)
     assert two["moved_at"].value == two["first_stamp"].value == STAMPS[0]
     assert (two["last_stamp"].value, two["shape"], two["end"]) == (STAMPS[0] + 10**9, "round", "lost")
-
-
-def test_no_things_are_no_rows() -> None:
-    rows = tracks_rows("run", "/scan", things(0, 0, -1), ())
-    assert (rows.num_rows, rows.num_columns) == (0, len(CONTRACT["tracks"]))

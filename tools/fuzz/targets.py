@@ -10,7 +10,6 @@ from tools.fuzz.diffs import diff_targets
 from tools.fuzz.geometry import geometry_targets
 from tools.fuzz.hostile_logs import hostile_log_targets
 from tools.fuzz.links import link_targets
-from tools.fuzz.manifests import manifest_targets
 from tools.fuzz.maps import map_targets
 from tools.fuzz.masks import mask_targets
 from tools.fuzz.metadata import metadata_targets
@@ -43,7 +42,6 @@ TARGETS: dict[str, Target] = {
         *zone_targets(),
         *cleaning_targets(),
         *settings_targets(),
-        *manifest_targets(),
         *twice_targets(),
     )
 }

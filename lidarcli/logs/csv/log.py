@@ -58,7 +58,7 @@ class CsvLog(TextLog):
                 raise
         name = PER_SWEEP if self._files else self._layout.name
         self.format = f"csv ({name})"
-        times = time_notes(unit for scan in self._layout.scans for unit in scan.units.values())
+        times = time_notes([unit for scan in self._layout.scans for unit in scan.units.values()])
         self._note = "; ".join([f"CSV layout: {name}", *self._layout.notes, *times])
 
     def _open_files(self, path: str, options: OpenOptions | None) -> None:
@@ -88,13 +88,14 @@ class CsvLog(TextLog):
         return self.is_long and self._layout.name != RPLIDAR
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Yield blocks of sweeps in the order of the file."""
+        """Return blocks of sweeps in the order of the file."""
         report.notes.append(self._note)
         report.unread.update(self._layout.unread)
         if not self._files:
-            yield from super().scans(topics, report)
-        elif topics is None or self._layout.scans[0].topic in topics:
-            yield from _joined(self._sweeps_of_files(report))
+            return self._sweeps(self._blocks(report), topics, report)
+        if topics is None or self._layout.scans[0].topic in topics:
+            return _joined(self._sweeps_of_files(report))
+        return iter(())
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Return nothing: CSV holds sweeps alone."""

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import pyarrow as pa
 
@@ -33,7 +33,7 @@ from lidarcli.tabular.writing import table_paths
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+    from lidarcli.pipeline.objects.subtracting import BackgroundComparison, BackgroundOptions
     from lidarcli.pipeline.objects.tracking import TrackOptions
 
 OF_TRACKS = ("tracks", "trajectories")
@@ -60,7 +60,7 @@ class DetectOptions:
     """Also fill the column `why`."""
     overwrite: bool = False
     layout: str | None = None
-    """Layout of the tables below the folder, as of `table_path`."""
+    """Layout of the tables below the folder, as of `table_paths`."""
     stamps: str = NS
     """Unit of the stamps, as of `in_unit`."""
     jobs: int = 0
@@ -112,72 +112,55 @@ class DetectOptions:
         }
 
 
-class ObjectFinder(Protocol):
-    """Finds the objects of batches, in any order and in several threads at once, and counts for its notes."""
+class ObjectFinder:
+    """Finds the objects of batches, in any order and in several threads at once, and counts for its notes.
+
+    Without a background each sweep is looked at alone, otherwise differences are found; a catalogue adds labels.
+
+    Parameters
+    ----------
+    explain : also keep the features, for the column `why`; only without a background
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        background: BackgroundOptions | None = None,
+        catalogue: Catalogue | None = None,
+        *,
+        explain: bool = False,
+    ) -> None:
+        self._parameters = parameters
+        self._catalogue = catalogue
+        self._explain = explain
+        self._comparison: BackgroundComparison | None = None
+        if background is not None:
+            # Runs without a background should not wait for this import.
+            from lidarcli.pipeline.objects.subtracting import BackgroundComparison
+
+            self._comparison = BackgroundComparison(background, parameters)
 
     def admit(self, batch: SweepBatch) -> None:
-        """Refuse a batch for which it cannot be used; called in the order of the log, before anything is found in it."""
+        """Refuse a batch that cannot be compared; called in the order of the log, before anything is found in it."""
+        if self._comparison is not None:
+            self._comparison.admit(batch)
 
-    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection: ...
+    def find(self, batch: SweepBatch, per_beam: bool) -> Detection:
+        """Return the objects of a batch."""
+        if self._comparison is None:
+            found = detect(batch, self._parameters, per_beam=per_beam, explain=self._explain)
+        else:
+            found = self._comparison.detect(batch, per_beam)
+        if self._catalogue is None:
+            return found
+        from lidarcli.formalism.matching.catalogue import evidence_of
+
+        label, score = name(evidence_of(batch, found), self._catalogue)
+        return replace(found, label=label, label_score=score)
 
     def notes(self) -> list[str]:
         """Return notes in the end, a line each."""
-
-
-def object_finder(
-    parameters: Parameters,
-    background: BackgroundOptions | None,
-    catalogue: Catalogue | None = None,
-    *,
-    explain: bool = False,
-) -> ObjectFinder:
-    """Return the finder of objects in each sweep alone, or of differences from a background; a catalogue adds labels.
-
-    `explain`: also keep the features, for the column `why`; only without a background.
-    """
-    if catalogue is not None:
-        return _Named(object_finder(parameters, background, explain=explain), catalogue)
-    if background is None:
-        return _SweepAlone(parameters, explain)
-    from lidarcli.pipeline.objects.subtracting import BackgroundComparison
-
-    return BackgroundComparison(background, parameters)
-
-
-class _SweepAlone:
-    """Finds objects by the sweep alone."""
-
-    def __init__(self, parameters: Parameters, explain: bool) -> None:
-        self._parameters = parameters
-        self._explain = explain
-
-    def admit(self, batch: SweepBatch) -> None:
-        """Accept every batch."""
-
-    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
-        return detect(batch, self._parameters, per_beam=per_beam, explain=self._explain)
-
-    def notes(self) -> list[str]:
-        """Return no notes."""
-        return []
-
-
-class _Named:
-    """A finder whose objects have labels: indices into the names of the catalogue."""
-
-    def __init__(self, find: ObjectFinder, catalogue: Catalogue) -> None:
-        self._find = find
-        self._catalogue = catalogue
-        self.admit = find.admit
-        self.notes = find.notes
-
-    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
-        """The objects of a batch."""
-        from lidarcli.formalism.matching.catalogue import evidence_of
-
-        found = self._find(batch, per_beam)
-        label, score = name(evidence_of(batch, found), self._catalogue)
-        return replace(found, label=label, label_score=score)
+        return [] if self._comparison is None else self._comparison.notes()
 
 
 Rows = tuple[str, str, pa.RecordBatch]
@@ -219,13 +202,13 @@ class BatchDetector:
         catalogue = None if self._is_tracked else options.catalogue
         self._labels = names_in(catalogue)
         parameters = options.parameters if options.tracking is None else options.tracking.found_with(options.parameters)
-        self.find = object_finder(parameters, options.background, catalogue, explain=options.explain)
+        self.finder = ObjectFinder(parameters, options.background, catalogue, explain=options.explain)
 
     def detect(self, batches: Sequence[SweepBatch]) -> Part:
         """Return the rows of some batches."""
         part = Part()
         for batch in batches:
-            detection = self.find(batch, "beams" in self.tables)
+            detection = self.finder.find(batch, "beams" in self.tables)
             if not self._is_tracked:
                 part.counts.add_sets(detection)
             rows = [(table, batch.topic, self._rows(table, batch, detection)) for table in self.tables]
@@ -302,7 +285,7 @@ class ParallelDetection:
         left, busy = self._left
         waited = time.perf_counter() - left - (time.thread_time() - busy)
         self._waited += waited
-        self._detector.find.admit(batch)
+        self._detector.finder.admit(batch)
         self._ranges += batch.ranges.size
         self._batches.append(batch)
         if self._helpers is None:
@@ -330,7 +313,7 @@ class ParallelDetection:
 
     def notes(self) -> list[str]:
         """Return the notes of the finder, a line each."""
-        return self._detector.find.notes()
+        return self._detector.finder.notes()
 
     def _next_block(self) -> list[SweepBatch]:
         batches, self._batches = self._batches, []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
@@ -120,8 +119,8 @@ class BackgroundComparison:
             for frame, _, mine in batch.by_frame():
                 self._subtraction(mine, frame)
 
-    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
-        """The objects of a batch."""
+    def detect(self, batch: SweepBatch, per_beam: bool) -> Detection:
+        """Return the objects of a batch."""
         sigma = noise(batch)
         found = changes(batch, self.difference(batch, sigma), self._parameters, sigma, per_beam=per_beam)
         if found.change is not None:
@@ -218,7 +217,7 @@ def choose_sensor(options: BackgroundOptions, topic: str, frame: str) -> int:
         fitting = [i for i in fitting if _same(sensors[i].topic, topic)] or fitting
     if len(fitting) == 1:
         return fitting[0]
-    has = _listed([f"{sensor.frame_id or 'no frame'} ({sensor.topic})" for sensor in sensors])
+    has = ", ".join(f"{sensor.frame_id or 'no frame'} ({sensor.topic})" for sensor in sensors) or "nothing"
     if fitting:
         raise OptionError(
             f"{options.name} holds several sensors that may be frame {frame} of {topic}: {has}; "
@@ -233,10 +232,6 @@ def choose_sensor(options: BackgroundOptions, topic: str, frame: str) -> int:
 def _same(name: str, other: str) -> bool:
     """Compare names of frames or topics without leading slashes: old logs have none, and some drivers add one."""
     return name.lstrip("/") == other.lstrip("/")
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names) or "nothing"
 
 
 def _refuse_apart(name: str, sensor: Background, batch: SweepBatch, frame: str) -> None:

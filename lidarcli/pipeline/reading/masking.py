@@ -12,7 +12,7 @@ import numpy as np
 from lidarcli.display import counted
 from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
-from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector, same_name
 from lidarcli.pipeline.inputs.sources import read_pose_messages
@@ -163,7 +163,7 @@ def _count_ranges(
     posing = PoseAttacher.of(log, poses, choice, rules, need=Need.ALL)
     bodies: dict[tuple[str, str], _Body] = {}
     # The pass over all sweeps reports the damage.
-    for batch in read_batches(log, ReadOptions(topics, rules=rules), ReadReport(), choice):
+    for batch in LogBatcher(log, ReadOptions(topics, rules=rules), ReadReport(), choice).batches():
         for frame, _, mine in posing.attach(batch).by_frame():
             key = batch.topic, frame
             if key not in bodies:

@@ -7,7 +7,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
@@ -62,10 +61,6 @@ class RunSummary:
     doubts: list[str] = field(default_factory=list)
     """Notes on the rules for ranges, and on sweeps that look wrong."""
     outputs: list[str] = field(default_factory=list)
-    output_sizes: list[int] = field(default_factory=list)
-    """Bytes of each output."""
-    rows: int = 0
-    """Rows of all tables that were written."""
     seconds: float = 0.0
 
     @property
@@ -237,10 +232,7 @@ class Reading:
 
     def batches(self, progress: Progress | None = None) -> Iterator[SweepBatch]:
         """Return every batch with its poses; `progress` takes the position [bytes] once the caller is done with a batch."""
-        blocks = self._log.scans(self._batcher.topics, self._report)
-        # Not a loop: nothing of this file stands between the log and who pulls.
-        batches = chain(chain.from_iterable(map(self._batcher.take, blocks)), self._batcher.flush())
-        counted = map(self._count, self._read_ahead(map(self._attach, batches)))
+        counted = map(self._count, self._read_ahead(map(self._attach, self._batcher.batches())))
         return counted if progress is None else self._reported(counted, progress)
 
     def _attach(self, batch: SweepBatch) -> tuple[SweepBatch, int]:
@@ -411,7 +403,7 @@ def opening_of(parameters: dict[str, Any]) -> OpenOptions:
 
 
 def _is_number(value: object) -> bool:
-    """Tell whether a value of the metadata, which anybody may have written, is a number to compute with."""
+    """Return whether a value of the metadata, which anybody may have written, is a number to compute with."""
     from lidarcli.tabular.reading import GREATEST_VALUE
 
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= GREATEST_VALUE

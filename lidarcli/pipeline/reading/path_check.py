@@ -13,7 +13,7 @@ from lidarcli.choices import BEAM_ORDERS
 from lidarcli.display import counted, times
 from lidarcli.findings import Finding, Fix
 from lidarcli.logs.base import Log, ReadReport
-from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.reading.posing import Need
 from lidarcli.pose.fit import (
@@ -292,7 +292,7 @@ def check_paths(
 
 def _sweeps(log: Log, choice: TopicChoice, rules: RangeRules) -> Iterator[tuple[Key, SweepBatch]]:
     """Yield the sweeps of a log by topic and frame; the pass that makes the tables reports the damage."""
-    for batch in read_batches(log, ReadOptions(choice.wanted or None, rules=rules), ReadReport(), choice):
+    for batch in LogBatcher(log, ReadOptions(choice.wanted or None, rules=rules), ReadReport(), choice).batches():
         for frame, _, sweeps in batch.by_frame():
             yield (batch.topic, frame), sweeps
 

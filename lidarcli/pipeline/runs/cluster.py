@@ -10,6 +10,7 @@ import logging
 import os
 import sys
 import time
+from asyncio import CancelledError
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -90,7 +91,7 @@ def connected(address: str) -> Iterator[distributed.Client]:
             target = _local(address, stack) if is_local(address) else _known(address)
             client = stack.enter_context(distributed.Client(target, set_as_default=False, timeout=CONNECT_S))
         except (OSError, RuntimeError) as err:
-            raise OptionError(f"--cluster {address}: cannot be reached: {_words(err)}") from err
+            raise OptionError(f"--cluster {address}: cannot be reached: {err}") from err
         try:
             client.wait_for_workers(1, timeout=FIRST_WORKER_S)
             builds = client.run(build)
@@ -98,7 +99,7 @@ def connected(address: str) -> Iterator[distributed.Client]:
             raise OptionError(f"--cluster {address}: has no worker; start some first") from err
         except Exception as err:
             # Workers may be anything, also without lidarcli.
-            raise OptionError(f"--cluster {address}: cannot be asked: {_words(err)}") from err
+            raise OptionError(f"--cluster {address}: cannot be asked: {err}") from err
         others = [
             f"{worker}: {what} {found.get(what)}, here {here}"
             for worker, found in sorted(builds.items())
@@ -178,7 +179,10 @@ def outcomes(client: distributed.Client, sources: Sequence[Source | MissingInput
     try:
         while waiting or running or suspects:
             if time.monotonic() - looked > LOOK_S:
-                looked, window = time.monotonic(), WINDOW * max(1, size_of(client)[2])
+                looked = time.monotonic()
+                # A scheduler that is busy is asked again later.
+                with suppress(OSError, TimeoutError):
+                    window = WINDOW * max(1, size_of(client)[2])
             is_alone = not waiting and not running
             while (waiting and len(running) < window) or (is_alone and not running):
                 source = waiting.popleft() if waiting else suspects.popleft()
@@ -207,7 +211,8 @@ def _outcome(future: Any, source: Source | MissingInput, is_alone: bool) -> Outc
     try:
         outcome: Outcome = future.result()
         return replace(outcome, label=source.label, source=source)
-    except distributed.KilledWorker:
+    except (distributed.KilledWorker, CancelledError):
+        # The cluster may also have lost it.
         if not is_alone:
             return None
         code, error = (
@@ -261,11 +266,6 @@ def _do(name: str, source: Source | MissingInput) -> Outcome:
         return done
 
     return replace(outcome_of(source, work), source=None)
-
-
-def _words(err: Exception) -> str:
-    """Return an error as one line."""
-    return str(err).splitlines()[0] if str(err) else type(err).__name__
 
 
 @cache
