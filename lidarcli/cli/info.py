@@ -65,16 +65,16 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
         ),
     ],
 )
-def info(say: Messages, told: InfoCommand) -> int:
+def info(messages: Messages, options: InfoCommand) -> int:
     """Show what is in a log: topics, sweeps, poses and findings.
 
     Reads every log from end to end: geometry, times and damage, too. LOG may also be a background (docs/background.md):
     its sensors, stations, beams and origin. JSON is a list with one object per LOG.
     """
-    refuse_no_logs(told)
-    kind, brief = told["format"], told["brief"]
-    deep, outputs = told["deep"], told["output"]
-    read, opening, poses = log_options(told)
+    refuse_no_logs(options)
+    kind, brief = options["format"], options["brief"]
+    deep, outputs = options["deep"], options["output"]
+    read, opening, poses = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.newfiles import refuse, write_whole
@@ -82,27 +82,27 @@ def info(say: Messages, told: InfoCommand) -> int:
     from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
     from lidarcli.pipeline.runs.outcomes import Failure, exit_code
 
-    checks = understand_checks(told["check"], deep)
+    checks = understand_checks(options["check"], deep)
     paths = [place(name) for name in outputs]
     if odd := [name for name, path in zip(outputs, paths, strict=True) if path.suffix not in FIXES]:
         raise click.UsageError(f"-o {odd[0]}: the suffix is none of {', '.join(FIXES)}")
-    sources = chosen_logs(say, told)
+    sources = chosen_logs(messages, options)
     if paths and len(sources) != 1:
         raise click.UsageError(f"-o is for one log, and these are {len(sources):,}")
-    if told["dry_run"]:
+    if options["dry_run"]:
         return print_reads(sources, [str(path) for path in paths])
     if paths:
-        refuse(paths, told["overwrite"], files_of(sources))
+        refuse(paths, options["overwrite"], files_of(sources))
     infos: list[LogInfo | Learned] = []
     codes = []
-    with progress_bar(sources, say) as report:
+    with progress_bar(sources, messages) as report:
         for source, result in inspect_logs(sources, opening, read.rules, poses, report, deep, read.topics):
-            codes.append(_report(say, source.label, result))
+            codes.append(_report(messages, source.label, result))
             if isinstance(result, Failure):
                 continue
             infos.append(result)
             if kind == "text":
-                with say.paused():
+                with messages.paused():
                     between = "\n" if len(infos) > 1 else ""
                     click.echo(as_line(result) if brief else between + as_text(result))
     if kind == "json":
@@ -110,24 +110,24 @@ def info(say: Messages, told: InfoCommand) -> int:
     logs = [each for each in infos if isinstance(each, LogInfo)]
     for path in paths if infos else ():
         if logs and (text := fix_text(logs[0], path.suffix)):
-            say.notes(write_whole(path, text.encode(), told["overwrite"]))
-            say.wrote([path])
+            messages.notes(write_whole(path, text.encode(), options["overwrite"]))
+            messages.wrote([path])
         else:
-            say.info(f"{path} is not written: there is nothing to fix")
+            messages.info(f"{path} is not written: there is nothing to fix")
     failed = [verdict for verdict in judge_checks(checks, logs) if not verdict.holds]
     for verdict in failed:
-        say.error(f"check failed: {verdict.failure}")
+        messages.error(f"check failed: {verdict.failure}")
     # Findings of a log that could not be opened are not known; those of a damaged one only get more.
     if failed and len(infos) == len(sources):
         return CHECK_FAILED
     for each in logs if checks else ():
         if not each.scans:
-            say.error("incomplete", f"{each.path}: no sweep was read, and the checks saw nothing of it")
+            messages.error("incomplete", f"{each.path}: no sweep was read, and the checks saw nothing of it")
             codes.append(UnreadableError.exit_code)
     return exit_code(codes)
 
 
-def _report(say: Messages, label: str, result: "LogInfo | Learned | Failure") -> int:
+def _report(messages: Messages, label: str, result: "LogInfo | Learned | Failure") -> int:
     """Tell what went wrong with a log, and return its exit code."""
     from lidarcli.errors import NoScanError
     from lidarcli.logs.options import clouds_hint, no_scan_topic
@@ -136,15 +136,15 @@ def _report(say: Messages, label: str, result: "LogInfo | Learned | Failure") ->
 
     if isinstance(result, Failure):
         if result.trace:
-            say.bug(result.trace)
-        say.error(label, result.error)
+            messages.bug(result.trace)
+        messages.error(label, result.error)
         return result.exit_code
     if not isinstance(result, LogInfo):
         return 0
     for line in result.damage:
-        say.error(label, line)
+        messages.error(label, line)
     if result.exit_code == NoScanError.exit_code:
-        say.error(label, no_scan_topic() + clouds_hint(result.topics))
+        messages.error(label, no_scan_topic() + clouds_hint(result.topics))
     return result.exit_code
 
 
@@ -247,22 +247,22 @@ def as_json(infos: Sequence["LogInfo | Learned"]) -> str:
 
 def _finding_lines(found: "Finding") -> list[str]:
     """A finding in a line, and its fix below it."""
-    told = [f"  {found.level:<9}{found.id:<11}{found.message}"]
+    lines = [f"  {found.level:<9}{found.id:<11}{found.message}"]
     if found.fix is None:
-        return told
+        return lines
     if found.fix.kind == "transform":
-        return told + [f"    {line}" for line in found.fix.text.splitlines()]
+        return lines + [f"    {line}" for line in found.fix.text.splitlines()]
     # A mask takes many lines, and a file.
     text = "--mask FILE.toml, which -o FILE.toml writes" if found.fix.kind == "mask" else found.fix.text
-    return [*told, f"    fix: {text}"]
+    return [*lines, f"    fix: {text}"]
 
 
 def _pose_lines(info: "LogInfo") -> list[str]:
     """One line per pose topic with what it holds, and one with its frames."""
-    told = {source.topic: source for source in info.pose_sources}
+    sources = {source.topic: source for source in info.pose_sources}
     lines = []
     for name in info.pose_topics:
-        if (source := told.get(name)) is None:
+        if (source := sources.get(name)) is None:
             lines.append(_line("poses", name))
             continue
         rate = "" if source.rate is None else f", {source.rate:.2f} Hz, {source.span:.3f} s"
@@ -311,10 +311,10 @@ def _limits(least: "Span", greatest: "Span") -> str:
     """The ranges that the sensor declares; one that has no greatest range writes 0, inf or 3.4e38."""
     from lidarcli.range_rules import FARTHEST
 
-    told = f"{_span(least, '{:g}')} m"
+    limits = f"{_span(least, '{:g}')} m"
     if not max(least.low, 0) < greatest.high <= FARTHEST:
-        return f"from {told}; the log tells no greatest range"
-    return f"{told} to {_span(greatest, '{:g}')} m"
+        return f"from {limits}; the log tells no greatest range"
+    return f"{limits} to {_span(greatest, '{:g}')} m"
 
 
 def _stamps(clock: "ClockInfo", sweeps: int) -> str:

@@ -140,7 +140,7 @@ def test_a_closer_look_reads_twice(process: Callable[..., Any], folder: Path) ->
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["-o", "robot.toml"], "-o writes what is learned from a log: add --mask auto or --deep"),
+        (["-o", "robot.toml"], "writes what is learned from a log: add --mask auto or --deep"),
         (["--deep", "-o", "robot.json"], "-o robot.json: the suffix is none of .toml, .yaml"),
         (["odd.mcap", "--deep", "-o", "robot.toml"], "-o is for one log, and these are 2"),
     ],

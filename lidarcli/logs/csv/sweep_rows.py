@@ -507,8 +507,8 @@ class ListDecoder(Decoder):
         if ranges is None:
             self._damage(line, f"{shown(cells[scan.first].encode())} is no list of ranges")
             return None
-        beside = [_list_of(cells[column], lists) or b"" for column in scan.intensities.tolist()]
-        return _Record(line, ranges, b"".join(beside), cells)
+        intensities = [_list_of(cells[column], lists) or b"" for column in scan.intensities.tolist()]
+        return _Record(line, ranges, b"".join(intensities), cells)
 
     def _sweeps(self, scan: ScanColumns, records: list[_Record]) -> Iterator[RawSweeps]:
         parts = [_plain_list(record.ranges) for record in records]
@@ -581,16 +581,16 @@ def _numbers(cells: list[str]) -> tuple[np.ndarray, list[int]]:
     """Return each cell as the float32 a LaserScan holds, and the rows where it is none."""
     values = np.full(len(cells), np.nan)
     wrong = []
-    seen: dict[str, float] = {}
+    parsed: dict[str, float] = {}
     for row, cell in enumerate(cells):
-        if cell not in seen:
+        if cell not in parsed:
             try:
                 number = parse_number(cell.encode())
             except ValueError:
                 wrong.append(row)
                 continue
-            seen[cell] = np.nan if number is None else number
-        values[row] = seen[cell]
+            parsed[cell] = np.nan if number is None else number
+        values[row] = parsed[cell]
     with np.errstate(over="ignore"):
         return values.astype(np.float32).astype(np.float64), wrong
 
