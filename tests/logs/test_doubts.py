@@ -18,13 +18,13 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import IN_DEGREES
 from lidarcli.logs.scan_checks import MOST, ScanChecks
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import TURN, RawSweeps, concatenate
 from lidarcli.times import as_time
 from tests.fake_log import FakeLog
 from tests.logs.scan_messages import scan
 from tests.logs.test_odd_logs import written
 from tests.sweeping import START, STEP, raw_sweeps
+from tests.text_logs import write_log
 
 COUNT = 40
 HOUR = 3600 * 1_000_000_000

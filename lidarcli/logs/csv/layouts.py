@@ -154,7 +154,7 @@ class Layout:
 class NamelessError(UnreadableError):
     """A table has no names of columns."""
 
-    def __init__(self, message: str, per_sweep: bool) -> None:
+    def __init__(self, message: str, per_sweep: bool = False) -> None:
         super().__init__(message)
         self.per_sweep = per_sweep
         """True where its rows look like the beams of one sweep."""
