@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import lidarcli as package
 from lidarcli.simulation.writers import write_log
-from tests.sweeping import raw_sweeps, room_sweeps, round_room
+from tests.sweeping import room_sweeps
 
 NOTE = "most ranges of /scan are beyond 1,000 m: they are probably millimetres (--range-unit mm)"
 COMMANDS = {
@@ -50,12 +49,6 @@ def test_every_command_tells_it(lidarcli: Callable[..., Any], millimetres: Path,
     assert "--range-unit" not in f"{again.out}{again.err}"
 
 
-def test_python_warns_of_it(millimetres: Path) -> None:
-    for function in (package.detect, package.track, lambda log: list(package.read(log))):
-        with pytest.warns(UserWarning, match="most ranges of /scan are beyond 1,000 m"):
-            function("run.mcap")
-
-
 def test_degrees_are_refused(lidarcli: Callable[..., Any], tmp_path: Path) -> None:
     good = room_sweeps()
     many = replace(good, angle_increment=np.where(np.arange(20) < 5, 1.0, good.angle_increment))
@@ -64,32 +57,3 @@ def test_degrees_are_refused(lidarcli: Callable[..., Any], tmp_path: Path) -> No
     assert ran.code == 3
     assert "topic /scan: 5 messages left out: angle_increment is beyond 0.9 rad: probably degrees" in ran.err
     assert ": 15 sweeps, " in ran.err
-
-
-def test_info_tells_of_repeated_stamps(lidarcli: Callable[..., Any], tmp_path: Path) -> None:
-    rows = np.repeat(np.arange(10), 2)
-    write_log(tmp_path / "twice.mcap", [raw_sweeps(round_room(10)).rows(rows)])
-    ran = lidarcli("info", tmp_path / "twice.mcap")
-    assert "    stamps    10 of 20 are those of the sweep before; recorded 0.000 s" in ran.out
-    assert "increasing" not in ran.out
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_what_is_said_of_ranges_is_said_everywhere(
-    lidarcli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    note = "40.0% of the beams are beyond the greatest range of 2.5 m that the log tells, but look like measurements"
-    ranges = np.random.default_rng(3).uniform(1.0, 2.0, (20, 100))
-    ranges[:, 60:] += 2.0
-    block = raw_sweeps(ranges)
-    write_log(tmp_path / "run.mcap", [replace(block, range_max=np.full(20, 2.5, np.float32))])
-    for command in ("info", "detect", "plot"):
-        ran = lidarcli(*COMMANDS[command], "run.mcap")
-        assert f"{ran.out}{ran.err}".count(note) == 1
-    ran = lidarcli("map", "run.mcap", "-o", "m.yaml", "--pose", "none")
-    assert (ran.code, note in ran.err) == (3, False)
-    assert "no poses: --pose none leaves them out" in ran.err
-    for function in (package.detect, package.track, lambda log: list(package.read(log))):
-        with pytest.warns(UserWarning, match="40.0% of the beams are beyond the greatest range"):
-            function("run.mcap")

@@ -109,14 +109,6 @@ def test_every_key_is_described_and_no_other(unknown: bool) -> None:
             assert len(value) == 2, key
 
 
-def test_a_pair_is_the_least_and_the_most() -> None:
-    (log,) = json.loads(as_json([info()]))
-    (scan,) = log["scans"]
-    assert (scan["beams"], scan["range_max"]) == ([300, 360], [12.0, 30.0])
-    (log,) = json.loads(as_json([info(unknown=True)]))
-    assert log["scans"][0]["range_max"] == [12.0, None]
-
-
 def test_what_is_null_is_said_to_be() -> None:
     (log,) = json.loads(as_json([info(unknown=True)]))
     null = {key for key, value in keys(log) if value is None}
@@ -125,16 +117,3 @@ def test_what_is_null_is_said_to_be() -> None:
 
 def test_every_rule_is_explained() -> None:
     assert tuple(re.findall(r"^\| `(\w+)` \| (?:always|`--deep`) \|", PAGE, re.MULTILINE)) == IDS
-
-
-def test_units_stand_where_numbers_do() -> None:
-    without = {key for key, kind, unit, _ in ROWS if kind.startswith(("integer", "number", "pair")) and not unit}
-    assert without == set()
-    for key, _, unit, _ in ROWS:
-        assert key.endswith("_ns") == (unit == "ns"), key
-    assert [key for key, _, _, meaning in ROWS if not meaning] == []
-
-
-def test_the_words_of_closure_are_explained() -> None:
-    (row,) = [meaning for key, _, _, meaning in ROWS if key == "scans[].closure"]
-    assert re.findall(r"`(\w+)`", row) == [item.name.lower() for item in Closure]
